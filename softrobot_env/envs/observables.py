@@ -1,0 +1,93 @@
+"""What an agent can observe: one named quantity per key, in SI units, with finite bounds."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from gymnasium import spaces
+
+from softrobot_env.robots import RobotParams, TendonMap
+
+#: Curvature rates beyond this many curvature limits per second count as a failed simulation.
+RATE_LIMIT = 1000.0
+
+#: Fastest reference an environment accepts, in robot lengths per second.
+REFERENCE_SPEED = 10.0
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What the shapes and bounds of observables depend on."""
+
+    robot: RobotParams
+    tendon_map: TendonMap
+    n_pieces: int
+    n_preview: int
+
+    @property
+    def rate_limit(self) -> float:
+        """Largest curvature rate [1/(m s)] of the documented workspace."""
+        return RATE_LIMIT * self.robot.curvature_limit
+
+
+def _symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
+    high = np.broadcast_to(np.asarray(bound, dtype=np.float64), (size,))
+    return spaces.Box(-high, high, dtype=np.float64)
+
+
+def _position(size: int, robot: RobotParams) -> spaces.Box:
+    # The margin covers the rounding of a straight robot's tip.
+    return _symmetric(size, robot.length * (1 + 1e-9))
+
+
+def _tendon_length(sizes: Sizes) -> spaces.Box:
+    ends = np.array([t.end for t in sizes.robot.tendons])
+    radius = np.array([np.hypot(*t.offset) for t in sizes.robot.tendons])
+    change = ends * radius * sizes.robot.curvature_limit
+    return spaces.Box(ends - change, ends + change, dtype=np.float64)
+
+
+def _tendon_tension(sizes: Sizes) -> spaces.Box:
+    limit = np.array([t.tension_limit for t in sizes.robot.tendons])
+    return spaces.Box(np.zeros_like(limit), limit * (1 + 1e-9), dtype=np.float64)
+
+
+#: Space of every observable. In a planar robot positions are (x, z).
+OBSERVABLES: dict[str, Callable[[Sizes], spaces.Box]] = {
+    "tip_position": lambda s: _position(2, s.robot),
+    "tip_velocity": lambda s: _symmetric(2, s.rate_limit * s.robot.length**2),
+    "curvature": lambda s: _symmetric(s.n_pieces, s.robot.curvature_limit),
+    "curvature_rate": lambda s: _symmetric(s.n_pieces, s.rate_limit),
+    "tendon_tension": _tendon_tension,
+    "tendon_length": _tendon_length,
+    "reference": lambda s: _position(2, s.robot),
+    "reference_velocity": lambda s: _symmetric(2, REFERENCE_SPEED * s.robot.length),
+    "reference_preview": lambda s: _position(2 * s.n_preview, s.robot),
+    "previous_action": lambda s: _symmetric(s.tendon_map.n_inputs, 1.0),
+}
+
+#: What agents see unless they choose.
+DEFAULT_OBSERVABLES = (
+    "tip_position",
+    "tip_velocity",
+    "curvature",
+    "curvature_rate",
+    "reference",
+    "reference_velocity",
+    "reference_preview",
+    "previous_action",
+)
+
+
+def observation_space(names: tuple[str, ...], sizes: Sizes) -> spaces.Dict:
+    """Dict space of the named observables.
+
+    Raises:
+        ValueError: No name, an unknown name or a repeated one.
+    """
+    unknown = [n for n in names if n not in OBSERVABLES]
+    if unknown or not names or len(set(names)) < len(names):
+        raise ValueError(
+            f"observe needs distinct names out of {', '.join(OBSERVABLES)}; got {list(names)}"
+        )
+    return spaces.Dict({name: OBSERVABLES[name](sizes) for name in names})

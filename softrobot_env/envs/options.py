@@ -1,0 +1,54 @@
+"""Checked options of `reset`."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.robots import VARIABLE
+
+#: Option -> what it does; also the list in error messages.
+OPTIONS = {
+    "vary": f"factors on the robot's parameters, by name ({', '.join(VARIABLE)})",
+    "step_width": "width [m] of the step task",
+    "start_input": "reduced tendon inputs [N] in whose equilibrium the episode starts",
+    "start_curvature": "curvature [1/m] per piece at the start, at rest",
+}
+
+
+@dataclass(frozen=True)
+class ResetOptions:
+    """Options of one reset; see `OPTIONS`."""
+
+    vary: dict[str, float] = field(default_factory=dict)
+    step_width: float | None = None
+    start_input: np.ndarray | None = None
+    start_curvature: np.ndarray | None = None
+
+
+def parse_options(options: dict[str, Any] | None, n_inputs: int, n_pieces: int) -> ResetOptions:
+    """Check the options of `reset`.
+
+    Raises:
+        ValueError: Unknown option, wrong shape, a value that is not finite, or two starts.
+    """
+    given = dict(options or {})
+    unknown = sorted(set(given) - set(OPTIONS))
+    if unknown:
+        listed = "; ".join(f"{name}: {text}" for name, text in OPTIONS.items())
+        raise ValueError(f"unknown reset option {unknown[0]!r}; allowed are {listed}")
+    if "start_input" in given and "start_curvature" in given:
+        raise ValueError("give start_input or start_curvature, not both")
+    for name, size in (("start_input", n_inputs), ("start_curvature", n_pieces)):
+        if name in given:
+            given[name] = _vector(name, given[name], size)
+    if not isinstance(given.get("vary", {}), dict):
+        raise ValueError(f"option 'vary' must be a dict of factors, got {given['vary']!r}")
+    return ResetOptions(**given)
+
+
+def _vector(name: str, value: Any, size: int) -> np.ndarray:
+    array = np.asarray(value, dtype=float)
+    if array.shape != (size,) or not np.all(np.isfinite(array)):
+        raise ValueError(f"option {name!r} must be {size} finite numbers, got {value!r}")
+    return array

@@ -1,0 +1,48 @@
+"""The reward of tip tracking, as named terms."""
+
+from dataclasses import dataclass
+from math import exp
+
+
+@dataclass(frozen=True)
+class TrackingReward:
+    """Weights and scales of the reward terms; every term is dimensionless.
+
+    Attributes:
+        coarse_scale, fine_scale: [m], errors at which the two tracking terms fall to 1/e.
+        tracking, precision, effort, smoothness: Weights [1] of the terms.
+        failure: Reward [1] of a step that ends in failure.
+    """
+
+    coarse_scale: float = 0.05
+    fine_scale: float = 0.005
+    tracking: float = 0.5
+    precision: float = 0.5
+    effort: float = 0.01
+    smoothness: float = 0.05
+    failure: float = -10.0
+
+    def terms(self, error: float, action: list[float], previous: list[float]) -> dict[str, float]:
+        """Terms of a step that succeeded.
+
+        Args:
+            error: [m], distance between tip and reference at the end of the step.
+            action, previous: (n_inputs,) [1], this step's action and the one before.
+        """
+        effort = change = 0.0
+        for now, before in zip(action, previous, strict=True):
+            effort += now * now
+            change += (now - before) * (now - before)
+        return {
+            "tracking": self.tracking * exp(-error / self.coarse_scale),
+            "precision": self.precision * exp(-error / self.fine_scale),
+            "effort": -self.effort * effort / len(action),
+            "smoothness": -self.smoothness * change / len(action),
+            "failure": 0.0,
+        }
+
+    def failed_terms(self) -> dict[str, float]:
+        """Terms of a step that failed: the penalty alone."""
+        return dict.fromkeys(("tracking", "precision", "effort", "smoothness"), 0.0) | {
+            "failure": self.failure
+        }

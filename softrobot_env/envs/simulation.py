@@ -1,0 +1,72 @@
+"""Stepping a scene without ever hiding a diverged state."""
+
+import mujoco
+import numpy as np
+
+from softrobot_env.scene.build import Scene
+
+_DIVERGED = {
+    int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
+    int(mujoco.mjtWarning.mjWARN_BADQVEL): "velocity",
+    int(mujoco.mjtWarning.mjWARN_BADQACC): "acceleration",
+}
+_HEALTHY = bytes(4 * int(mujoco.mjtWarning.mjNWARNING))
+
+
+class Simulation:
+    """A scene's model and data, advanced one control period at a time.
+
+    MuJoCo evaluates kinematics and sensors at the start of a step, so after `mj_step` they lag
+    the state by one timestep. Here the last half step of a period is done at its end and the
+    rest of it at the start of the next one: the same work, and all read-outs are current.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.model = scene.model
+        self.data = mujoco.MjData(scene.model)
+        self._substeps = scene.timestep.substeps
+        # mj_step1/2 do not split a Runge-Kutta step.
+        self._splits = scene.timestep.integrator != "RK4"
+        self._warnings = self.data.warning.number
+
+    def __getstate__(self) -> dict:
+        # The view into MjData has to be taken anew in the copy.
+        return {k: v for k, v in self.__dict__.items() if k != "_warnings"}
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
+        self.model = self.data.model
+        self._warnings = self.data.warning.number
+
+    def reset(self, qpos: np.ndarray, ctrl: np.ndarray) -> None:
+        """Set a posture (nq,) [rad] at rest, with controls (nu,) in force."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = qpos
+        self.data.ctrl[:] = ctrl
+        mujoco.mj_forward(self.model, self.data)
+
+    def advance(self) -> None:
+        """Integrate over one control period with the controls in `data.ctrl`."""
+        model, data, substeps = self.model, self.data, self._substeps
+        if self._splits:
+            mujoco.mj_step2(model, data)
+            if substeps > 1:
+                mujoco.mj_step(model, data, substeps - 1)
+        else:
+            mujoco.mj_step(model, data, substeps)
+        mujoco.mj_step1(model, data)
+
+    def failure(self) -> str | None:
+        """What diverged and when, or None. MuJoCo's own reset is switched off in our scenes."""
+        if self._warnings.tobytes() == _HEALTHY:
+            return None
+        for index, quantity in _DIVERGED.items():
+            warning = self.data.warning[index]
+            if warning.number:
+                return (
+                    f"simulation diverged: {quantity} of DOF {warning.lastinfo} is not finite or "
+                    f"huge at t = {self.data.time:.3f} s ({self.scene.timestep.integrator}, "
+                    f"timestep {self.model.opt.timestep:g} s)"
+                )
+        return None

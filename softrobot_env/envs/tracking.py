@@ -1,0 +1,407 @@
+"""Tip tracking with one simulated robot."""
+
+from math import ceil, hypot
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+
+from softrobot_env.envs.observables import (
+    DEFAULT_OBSERVABLES,
+    OBSERVABLES,
+    REFERENCE_SPEED,
+    Sizes,
+    observation_space,
+)
+from softrobot_env.envs.options import ResetOptions, parse_options
+from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.simulation import Simulation
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams, TendonMap
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.config import SceneConfig, TipSensors
+from softrobot_env.scene.statics import equilibrium
+from softrobot_env.tasks import Task, make_task
+
+#: Control periods [s] an environment accepts.
+CONTROL_PERIODS = (1e-3, 0.2)
+
+#: Index of x and z, the coordinates of a planar robot.
+_PLANE = slice(0, 3, 2)
+
+
+class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
+    """Move the tip of a tendon-driven robot along a reference.
+
+    The action is a vector in [-1, 1], one entry per tendon pair. Times `input_scale` [N] it is the
+    reduced input of (6.5): positive pulls the tendon on the +x side, negative the opposite
+    one, and the redundancy is resolved by minimum tension, so tendons never push. It is held for
+    one `control_period`.
+
+    Observations are a dict of float64 vectors in SI units; positions are (x, z):
+
+    | key | size | what | unit |
+    |---|---|---|---|
+    | tip_position, tip_velocity | 2 | tip | m, m/s |
+    | curvature, curvature_rate | pieces | mean over each piece | 1/m, 1/(m s) |
+    | tendon_tension, tendon_length | tendons | applied tension, length inside the robot | N, m |
+    | reference, reference_velocity | 2 | reference now | m, m/s |
+    | reference_preview | 2 x preview | reference after each of the `preview` times | m |
+    | previous_action | inputs | action of the step before | 1 |
+
+    The reward is the sum of these terms, also in `info["reward_terms"]` (e is the distance of tip
+    and reference, a the action; weights and scales are those of `TrackingReward`):
+
+    | term | what | range |
+    |---|---|---|
+    | tracking | 0.5 exp(-e / 50 mm) | (0, 0.5] |
+    | precision | 0.5 exp(-e / 5 mm) | (0, 0.5] |
+    | effort | -0.01 mean(a^2) | [-0.01, 0] |
+    | smoothness | -0.05 mean((a - previous a)^2) | [-0.2, 0] |
+    | failure | -10 if the step failed, the other terms are then 0 | {-10, 0} |
+
+    An episode ends with `truncated` when the task's duration is over, and with `terminated` when
+    the simulation diverged or a piece bent sharper than 1 / outer radius, where its inner side
+    would fold. `info["failure"]` then says what and when, and the observation is the last
+    one before the failure.
+
+    `info` holds the error [m], time [s], tendon tension [N] and length [m], and reward terms.
+
+    Attributes:
+        task: The task, `task.robot` its nominal robot.
+        control_period: [s].
+        input_scale: (n_inputs,) [N], reduced input of a full-scale action.
+        model, data: The MuJoCo objects of the running scene.
+    """
+
+    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
+
+    def __init__(
+        self,
+        task: str | Task = "swing",
+        *,
+        control_period: float = 0.01,
+        observe: tuple[str, ...] | str = DEFAULT_OBSERVABLES,
+        preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
+        reward: TrackingReward | None = None,
+        pieces: int | None = None,
+        rule: str = "balanced2",
+        timestep: float | None = None,
+        integrator: str | None = None,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+    ) -> None:
+        """Build the environment.
+
+        Args:
+            task: Task or its name.
+            control_period: [s], between 1 ms and 200 ms.
+            observe: Names of the observables in an observation, or "all".
+            preview: Times [s] ahead of now of `reference_preview`.
+            reward: Weights and scales of the reward.
+            pieces, rule, timestep, integrator: See `SceneConfig`.
+            render_mode: None, "rgb_array" or "human".
+            width, height: Size of a frame in pixels.
+
+        Raises:
+            ValueError: An argument out of range; the message names what is allowed.
+        """
+        self.task = make_task(task) if isinstance(task, str) else task
+        self._check_arguments(control_period, preview, render_mode)
+        self.control_period = control_period
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / control_period))}
+        self._reward = TrackingReward() if reward is None else reward
+        self._preview = np.array(preview, dtype=float)
+        self._scene_options = {
+            "pieces": pieces,
+            "rule": rule,
+            "timestep": timestep,
+            "integrator": integrator,
+        }
+        self._frame_size = (width, height)
+        self._renderer = None
+        self._tendon_map = TendonMap(self.task.robot)
+        self.input_scale = self._tendon_map.input_scale
+        self._nominal = self._build_scene(self.task.robot)
+        self._make_spaces(tuple(OBSERVABLES) if observe == "all" else tuple(observe))
+        self._vary: dict[str, float] = {}
+        self._install(Simulation(self._nominal))
+        self._follow(self.task)
+        self._running = False
+
+    def _check_arguments(
+        self, control_period: float, preview: tuple[float, ...], render_mode: str | None
+    ) -> None:
+        low, high = CONTROL_PERIODS
+        if not low <= control_period <= high:
+            raise ValueError(
+                f"control_period must lie between {low:g} and {high:g} s, got {control_period!r}"
+            )
+        if len(preview) == 0 or min(preview) < 0 or not np.all(np.isfinite(preview)):
+            raise ValueError(f"preview needs one or more times >= 0 s, got {preview!r}")
+        modes = self.metadata["render_modes"]
+        if render_mode is not None and render_mode not in modes:
+            raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
+
+    def _build_scene(self, robot: RobotParams) -> Scene:
+        return build_scene(
+            SceneConfig(
+                robot=robot,
+                control_period=self.control_period,
+                sensors=(TipSensors(),),
+                **self._scene_options,
+            )
+        )
+
+    def _make_spaces(self, observe: tuple[str, ...]) -> None:
+        layout = self._nominal.layout
+        sizes = Sizes(self.task.robot, self._tendon_map, layout.pieces, len(self._preview))
+        self.observation_space = observation_space(observe, sizes)
+        self._n_inputs = self._tendon_map.n_inputs
+        self.action_space = spaces.Box(-1.0, 1.0, (self._n_inputs,), dtype=np.float32)
+        self._piece_average = layout.piece_average()
+        self._curvature_limit = self.task.robot.curvature_limit
+        self._rate_limit = sizes.rate_limit
+        self._full_length = np.array([0.0 if t.guides else t.end for t in self.task.robot.tendons])
+
+    # ------------------------------------------------------------------ simulation
+
+    def _install(self, simulation: Simulation) -> None:
+        """Make a simulation the running one."""
+        self._simulation = simulation
+        self.model, self.data = simulation.model, simulation.data
+        self._bind()
+
+    def _bind(self) -> None:
+        """Take views into the simulation's data, so that a step looks nothing up."""
+        data = self.data
+        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+        self._tendon_length, self._tension = data.ten_length, data.actuator_force
+        self._tip = data.sensordata[0:3][_PLANE]
+        self._tip_velocity = data.sensordata[3:6][_PLANE]
+        sources = {
+            "tip_position": lambda: self._tip.copy(),
+            "tip_velocity": lambda: self._tip_velocity.copy(),
+            "curvature": lambda: self._curvature,
+            "curvature_rate": lambda: self._curvature_rate,
+            "tendon_tension": lambda: self._tension.copy(),
+            "tendon_length": lambda: self._tendon_length + self._full_length,
+            "reference": lambda: self._reference[self._index].copy(),
+            "reference_velocity": lambda: self._reference_velocity[self._index].copy(),
+            "reference_preview": lambda: self._previews[self._index].copy(),
+            "previous_action": lambda: np.array(self._action),
+        }
+        self._readers = [(name, sources[name]) for name in self.observation_space]
+
+    def __getstate__(self) -> dict:
+        hidden = ("_readers", "_renderer", "_qpos", "_qvel", "_ctrl", "_tendon_length", "_tension")
+        hidden += ("_tip", "_tip_velocity", "model", "data")
+        return {k: v for k, v in self.__dict__.items() if k not in hidden}
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
+        self._renderer = None
+        self._install(self._simulation)
+
+    # ------------------------------------------------------------------ reference
+
+    def _follow(self, task: Task) -> None:
+        """Sample a task's reference at the control instants and the preview times after them."""
+        steps = ceil(task.duration / self.control_period - 1e-9)
+        times = np.arange(steps + 1) * self.control_period
+        ahead = np.round(np.add.outer(times, np.concatenate(([0.0], self._preview))), 9)
+        unique, where = np.unique(ahead, return_inverse=True)
+        position = task.trajectory.position(unique)[:, _PLANE][where].reshape(steps + 1, -1)
+        velocity = task.trajectory.velocity(times)[:, _PLANE]
+        self._check_reference(task, position, velocity)
+        self._current = task
+        self._last_index = steps
+        self._reference, self._previews = position[:, :2], position[:, 2:]
+        self._reference_points = self._reference.tolist()
+        self._reference_velocity = velocity
+
+    def _check_reference(self, task: Task, position: np.ndarray, velocity: np.ndarray) -> None:
+        length = self.task.robot.length
+        if np.abs(position).max() > length or np.abs(velocity).max() > REFERENCE_SPEED * length:
+            raise ValueError(
+                f"the reference of task {task.name!r} must stay within {length} m of the base in x "
+                f"and z, and below {REFERENCE_SPEED * length} m/s"
+            )
+
+    # ------------------------------------------------------------------ episodes
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode at rest.
+
+        Args:
+            seed: Seed of `np_random`. The episode itself has no randomness.
+            options: See `softrobot_env.envs.options.OPTIONS`; each holds for this episode only.
+                A varied robot starts in the posture of the nominal one, with the same tensions
+                (thesis sec. 6.6.3).
+
+        Raises:
+            ValueError: A bad option; the message names what is allowed.
+        """
+        super().reset(seed=seed)
+        parsed = parse_options(options, self._n_inputs, self._nominal.layout.pieces)
+        task = self._task_for(parsed)
+        start_input = self._start_input(parsed, task)
+        if parsed.vary != self._vary:
+            varied = self.task.robot.vary(**parsed.vary)
+            self._install(Simulation(self._build_scene(varied) if parsed.vary else self._nominal))
+            self._vary = dict(parsed.vary)
+        if task is not self._current:
+            self._follow(task)
+        self._begin(start_input, self._start_posture(parsed, start_input))
+        if self.render_mode == "human":
+            self.render()
+        return self._last_observation, self._info({})
+
+    def _task_for(self, options: ResetOptions) -> Task:
+        if options.step_width is None:
+            return self.task
+        if options.step_width == self._current.step_width:
+            return self._current
+        return make_task(self.task.name, options.step_width)
+
+    def _start_input(self, options: ResetOptions, task: Task) -> np.ndarray:
+        chosen = task.start_input if options.start_input is None else options.start_input
+        chosen = np.asarray(chosen, dtype=float)
+        if np.any(np.abs(chosen) > self.input_scale):
+            raise ValueError(
+                f"start_input must lie within +-{self.input_scale.tolist()} N, got {chosen.tolist()}"
+            )
+        return chosen
+
+    def _start_posture(self, options: ResetOptions, start_input: np.ndarray) -> np.ndarray:
+        """Hinge angles (nq,) [rad]."""
+        layout = self._nominal.layout
+        if options.start_curvature is None:
+            return equilibrium(self._nominal.model, self._tendon_map.tension(start_input))
+        if np.any(np.abs(options.start_curvature) > self._curvature_limit):
+            raise ValueError(f"start_curvature must lie within +-{self._curvature_limit} 1/m")
+        return options.start_curvature[layout.piece] * layout.weights
+
+    def _begin(self, start_input: np.ndarray, posture: np.ndarray) -> None:
+        self._simulation.reset(posture, self._tendon_map.tension(start_input))
+        self._action = (start_input / self.input_scale).tolist()
+        self._index = 0
+        self._running = True
+        self._measure()
+        self._last_observation = self._observe()
+
+    def step(
+        self, action: np.ndarray
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Apply an action (n_inputs,) in [-1, 1] for one control period.
+
+        Raises:
+            ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+            gymnasium.error.ResetNeeded: The episode is over or was never started.
+        """
+        values = self._checked(action)
+        self._ctrl[:] = self._tendon_map.tension(self.input_scale * action)
+        self._simulation.advance()
+        self._index += 1
+        previous, self._action = self._action, values
+        failure = self._simulation.failure() or self._measure()
+        if failure is not None:
+            return self._fail(failure)
+        terms = self._reward.terms(self._error, values, previous)
+        truncated = self._index >= self._last_index
+        self._running = not truncated
+        self._last_observation = observation = self._observe()
+        if self.render_mode == "human":
+            self.render()
+        return observation, sum(terms.values()), False, truncated, self._info(terms)
+
+    def _checked(self, action: np.ndarray) -> list[float]:
+        """The action as a list of floats."""
+        if not self._running:
+            raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
+        try:
+            values = action.tolist()
+            valid = len(values) == self._n_inputs
+            for value in values:
+                # False for NaN, and a TypeError for nested lists.
+                valid = valid and -1.0 <= value <= 1.0
+        except (AttributeError, TypeError):
+            valid = False
+        if not valid:
+            raise ValueError(
+                f"action must be an array of {self._n_inputs} numbers in [-1, 1], got {action!r} "
+                "(gymnasium.wrappers.ClipAction clips)"
+            )
+        return values
+
+    def _measure(self) -> str | None:
+        """Update error and curvatures; return what left the workspace, or None."""
+        x, z = self._tip.tolist()
+        x_ref, z_ref = self._reference_points[self._index]
+        self._error = hypot(x - x_ref, z - z_ref)
+        self._curvature = self._piece_average.dot(self._qpos)
+        self._curvature_rate = self._piece_average.dot(self._qvel)
+        values, limit = self._curvature.tolist(), self._curvature_limit
+        if max(values) > limit or min(values) < -limit:
+            return self._outside("curvature", values, limit, "1/m")
+        values, limit = self._curvature_rate.tolist(), self._rate_limit
+        if max(values) > limit or min(values) < -limit:
+            return self._outside("curvature_rate", values, limit, "1/(m s)")
+        return None
+
+    def _outside(self, name: str, values: list[float], limit: float, unit: str) -> str:
+        piece = int(np.argmax(np.abs(values)))
+        return (
+            f"left the workspace: {name} {values[piece]:.4g} {unit} of piece {piece + 1} is beyond "
+            f"+-{limit:g} {unit} at t = {self.data.time:.3f} s"
+        )
+
+    def _fail(
+        self, failure: str
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        self._running = False
+        terms = self._reward.failed_terms()
+        last = {name: value.copy() for name, value in self._last_observation.items()}
+        return last, sum(terms.values()), True, False, self._info(terms) | {"failure": failure}
+
+    def _observe(self) -> Observation:
+        return {name: read() for name, read in self._readers}
+
+    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+        return {
+            "time": self._index * self.control_period,
+            "error": self._error,
+            "tendon_tension": self._tension.copy(),
+            "tendon_length": self._tendon_length + self._full_length,
+            "reward_terms": terms,
+        }
+
+    # ------------------------------------------------------------------ pictures
+
+    def render(self) -> np.ndarray | None:
+        """Frame (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
+
+        Raises:
+            RenderError: No OpenGL (or, in mode "human", no display); says what to install.
+        """
+        if self.render_mode is None:
+            gymnasium.logger.warn(
+                'render() does nothing without a render mode; pass render_mode="rgb_array"'
+            )
+            return None
+        if self._renderer is None:
+            from softrobot_env.envs.renderer import make_renderer
+
+            self._renderer = make_renderer(self.render_mode, self._nominal.config, self._frame_size)
+        return self._renderer.draw(self._frame())
+
+    def close(self) -> None:
+        """Free the renderer; closing twice is harmless."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None

@@ -1,0 +1,312 @@
+"""Robots as data: geometry, material and tendons of each named robot, with sources.
+
+Frame: the straight robot lies along +z from its clamp at the origin; x and y are lateral.
+A planar robot bends in the x-z plane only and positive curvature bends it towards +x.
+"T" marks a value printed in the thesis, "I" one inferred from it by recomputation, "S" an
+assumption of this package.
+"""
+
+from dataclasses import dataclass, replace
+from math import inf, pi, sqrt
+
+import numpy as np
+
+#: Robot parameters that `RobotParams.vary` scales.
+VARIABLE = ("youngs_modulus", "density", "damping_time")
+
+#: Smallest positive root of cos(x) cosh(x) = -1: first mode of a clamped-free beam.
+_CLAMPED_FREE_ROOT = 1.8751040687119611
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A tendon at a constant offset from the neutral fibre, anchored at arc length `end`.
+
+    Attributes:
+        name: Unique name.
+        offset: (2,) [m], position (x, y) of the tendon in the cross-section.
+        end: [m], arc length at which the tendon is anchored.
+        group: Tendons of one group oppose each other (a pair, or three at 120 degrees).
+        tension_limit: [N], largest tension; also the full scale of an action.
+        guides: [m], increasing arc lengths of the guide discs between base and `end`.
+            Empty means a continuous channel: the limit of infinitely many guides, with
+            constant lever arm (the thesis' B(y) of sec. 6.2.2).
+        stiffness: [N/m] between drive and robot; inf where the tension is prescribed.
+        pretension: [N], smallest tension kept in the tendon.
+    """
+
+    name: str
+    offset: tuple[float, float]
+    end: float
+    group: int
+    tension_limit: float
+    guides: tuple[float, ...] = ()
+    stiffness: float = inf
+    pretension: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not self.tension_limit > self.pretension >= 0:
+            raise ValueError(
+                f"tendon {self.name!r}: need 0 <= pretension < tension_limit, got "
+                f"{self.pretension} and {self.tension_limit} N"
+            )
+        stations = (0.0, *self.guides, self.end)
+        if any(b <= a for a, b in zip(stations, stations[1:], strict=False)):
+            raise ValueError(
+                f"tendon {self.name!r}: guides must increase strictly between 0 and end, "
+                f"got guides {self.guides} and end {self.end} m"
+            )
+
+
+@dataclass(frozen=True)
+class RobotParams:
+    """A soft robot as a uniform circular beam with tendons; SI units.
+
+    Attributes:
+        name: Key in `ROBOTS`.
+        length: [m] of the flexible backbone.
+        outer_radius, inner_radius: [m] of the ring cross-section (inner 0: solid).
+        youngs_modulus: [Pa].
+        density: [kg/m3].
+        damping_time: mu [s] of stiffness-proportional damping D = mu K; 0 is undamped.
+        pieces: Number of equal pieces of the thesis' discretisation; curvature is
+            reported per piece.
+        poisson_ratio: [1].
+        tendons: Tendons, ordered by group.
+        gravity: (3,) [m/s2].
+    """
+
+    name: str
+    length: float
+    outer_radius: float
+    inner_radius: float
+    youngs_modulus: float
+    density: float
+    damping_time: float
+    pieces: int
+    poisson_ratio: float = 0.0
+    tendons: tuple[Tendon, ...] = ()
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.inner_radius < self.outer_radius:
+            raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
+        if min(self.length, self.youngs_modulus, self.density) <= 0 or self.damping_time < 0:
+            raise ValueError(
+                f"robot {self.name!r}: length, youngs_modulus and density must be positive, "
+                "damping_time zero or more"
+            )
+        if any(t.end > self.length * (1 + 1e-12) for t in self.tendons):
+            raise ValueError(f"robot {self.name!r}: a tendon ends beyond the robot's length")
+
+    @property
+    def area(self) -> float:
+        """Cross-section area A [m2]."""
+        return pi * (self.outer_radius**2 - self.inner_radius**2)
+
+    @property
+    def second_moment(self) -> float:
+        """Second moment of area I about a lateral axis [m4]."""
+        return pi / 4 * (self.outer_radius**4 - self.inner_radius**4)
+
+    @property
+    def bending_stiffness(self) -> float:
+        """EI [N m2]."""
+        return self.youngs_modulus * self.second_moment
+
+    @property
+    def torsional_stiffness(self) -> float:
+        """GJ [N m2]; for a circular section J = 2 I."""
+        return self.bending_stiffness / (1 + self.poisson_ratio)
+
+    @property
+    def mass_per_length(self) -> float:
+        """Rho A [kg/m]."""
+        return self.density * self.area
+
+    @property
+    def mass(self) -> float:
+        """Mass of the backbone [kg]."""
+        return self.mass_per_length * self.length
+
+    @property
+    def first_frequency(self) -> float:
+        """First undamped bending frequency [Hz] of the Euler-Bernoulli beam, (2.75)."""
+        wave = (_CLAMPED_FREE_ROOT / self.length) ** 2
+        return wave * sqrt(self.bending_stiffness / self.mass_per_length) / (2 * pi)
+
+    @property
+    def curvature_limit(self) -> float:
+        """Curvature [1/m] at which the inner side of the bend would fold: 1 / outer_radius."""
+        return 1 / self.outer_radius
+
+    def vary(self, **scales: float) -> "RobotParams":
+        """The same robot with some parameters multiplied by positive factors.
+
+        Args:
+            **scales: Factor [1] by parameter name, one of `VARIABLE`. A varied Young's
+                modulus keeps the damping time mu, hence scales D with K (sec. 6.6.3).
+
+        Raises:
+            ValueError: Unknown name, or a factor that is not finite and positive.
+        """
+        for name, scale in scales.items():
+            if name not in VARIABLE:
+                raise ValueError(f"cannot vary {name!r}; choose from {', '.join(VARIABLE)}")
+            if isinstance(scale, bool) or not 0 < float(scale) < inf:
+                raise ValueError(f"scale of {name!r} must be finite and positive, got {scale!r}")
+        return replace(self, **{n: getattr(self, n) * float(s) for n, s in scales.items()})
+
+
+class TendonMap:
+    """Resolves the actuation redundancy of opposing tendons (secs. 3.1.2 and 6.2.2).
+
+    Within a group the tensions that produce the reduced input u are known up to a common
+    tension; the map returns the smallest ones that respect the pretension:
+    F_k = max_j (F~_k - F~_j) + F_pre with F~ = pinv(Phi) u (audit of (3.3) to (3.5)).
+    For a pair this is (6.8): one tendon pulls, the other keeps its pretension.
+
+    Attributes:
+        phi: (n_inputs, n_tendons), reduced input u = phi @ tension.
+        input_scale: (n_inputs,) [N], reduced input of a full-scale action.
+    """
+
+    def __init__(self, robot: RobotParams) -> None:
+        groups = [t.group for t in robot.tendons]
+        if groups != sorted(groups):
+            raise ValueError(f"robot {robot.name!r}: order the tendons by group")
+        blocks = [[t for t in robot.tendons if t.group == g] for g in sorted(set(groups))]
+        self.phi = _block_diagonal([_directions(robot, block) for block in blocks])
+        self.input_scale = np.array([b[0].tension_limit - b[0].pretension for b in blocks])
+        self._pretension = np.array([t.pretension for t in robot.tendons])
+        self._differences = _group_differences(self.phi, [len(b) for b in blocks])
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of reduced inputs."""
+        return self.phi.shape[0]
+
+    def tension(self, reduced: np.ndarray) -> np.ndarray:
+        """Tensions (n_tendons,) [N] >= pretension for reduced inputs (n_inputs,) [N]."""
+        tension = np.maximum(self._differences[0].dot(reduced), 0.0)
+        for difference in self._differences[1:]:
+            np.maximum(tension, difference.dot(reduced), out=tension)
+        tension += self._pretension
+        return tension
+
+    def reduced(self, tension: np.ndarray) -> np.ndarray:
+        """Reduced inputs (..., n_inputs) [N] that tensions (..., n_tendons) [N] produce."""
+        return np.asarray(tension) @ self.phi.T
+
+
+def _directions(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
+    """Phi of one group: the side (+1 or -1) of the neutral fibre each tendon pulls to."""
+    offsets = np.array([t.offset for t in tendons])
+    if len(tendons) != 2 or np.any(offsets[:, 1] != 0) or offsets[:, 0].sum() != 0:
+        raise ValueError(
+            f"robot {robot.name!r}: a planar tendon group is a pair at offsets (r, 0) and (-r, 0), "
+            f"got {[t.offset for t in tendons]}"
+        )
+    return np.sign(offsets[:, :1].T)
+
+
+def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
+    shape = np.sum([b.shape for b in blocks], axis=0) if blocks else (0, 0)
+    out = np.zeros(shape)
+    row = column = 0
+    for block in blocks:
+        out[row : row + block.shape[0], column : column + block.shape[1]] = block
+        row, column = row + block.shape[0], column + block.shape[1]
+    return out
+
+
+def _group_differences(phi: np.ndarray, sizes: list[int]) -> list[np.ndarray]:
+    """Matrices (n_tendons, n_inputs) whose products with u are F~_k - F~_(k+shift)."""
+    spread = np.linalg.pinv(phi)
+    starts = np.cumsum([0, *sizes])
+    differences = []
+    for shift in range(1, max(sizes, default=1)):
+        other = [a + (k + shift) % n for a, n in zip(starts, sizes, strict=False) for k in range(n)]
+        differences.append(spread - spread[other])
+    return differences or [np.zeros((0, 0))]
+
+
+def _pair(group: int, end: float, radius: float, limit: float) -> tuple[Tendon, Tendon]:
+    """Upper (+x) and lower (-x) tendon of a planar pair."""
+    return (
+        Tendon(f"pair{group + 1}_up", (radius, 0.0), end, group, limit),
+        Tendon(f"pair{group + 1}_low", (-radius, 0.0), end, group, limit),
+    )
+
+
+#: Planar arm of ch. 6, Tab. 6.1. The printed radii are diameters (I: with 25 and 50 mm radii
+#: 20 N could not move the tip by the 200 mm of the step task). Density of ch. 2 and no gravity
+#: (I: buckling upright, rise time). 80 N covers the 55 N of the L-shape's corner (S: the thesis
+#: gives no limit for LQI and MPC).
+ARM = RobotParams(
+    name="arm",
+    length=0.5,
+    outer_radius=0.025,
+    inner_radius=0.0125,
+    youngs_modulus=7.32e5,
+    density=1070.0,
+    damping_time=0.05,
+    pieces=6,
+    tendons=tuple(
+        tendon
+        for group, end in enumerate((0.5 / 3, 1.0 / 3, 0.5))
+        for tendon in _pair(group, end, radius=0.025, limit=80.0)
+    ),
+)
+
+#: Cantilevers of Tab. 2.1 (T), horizontal under gravity; damping of the spiral runs (T). Poisson
+#: ratio 0 as in every model comparison (I). The thesis varies the number of pieces (S: 6).
+CANTILEVER_WEAK = RobotParams(
+    name="cantilever_weak",
+    length=0.5,
+    outer_radius=0.030,
+    inner_radius=0.0,
+    youngs_modulus=4.12e5,
+    density=1070.0,
+    damping_time=2.5e-3,
+    pieces=6,
+    gravity=(-9.81, 0.0, 0.0),
+)
+CANTILEVER_STIFF = replace(
+    CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040
+)
+
+ROBOTS = {robot.name: robot for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)}
+
+
+def get_robot(name: str) -> RobotParams:
+    """Look a robot up by name.
+
+    Raises:
+        ValueError: Unknown name; the message lists the known ones.
+    """
+    if name not in ROBOTS:
+        raise ValueError(f"unknown robot {name!r}; choose from {', '.join(ROBOTS)}")
+    return ROBOTS[name]
+
+
+def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> np.ndarray:
+    """Shape of a planar robot made of equal constant-curvature pieces.
+
+    Args:
+        robot: The robot; only its length is used.
+        curvature: (n_pieces,) [1/m] from the base to the tip.
+        points: Number of points per piece after its start.
+
+    Returns:
+        (1 + points * n_pieces, 3) [m], starting at the base.
+    """
+    curvature = np.asarray(curvature, dtype=float)
+    piece = robot.length / len(curvature)
+    # Half-angle form of an arc's chord: exact, and smooth where the curvature vanishes.
+    half = np.repeat(curvature, points) * piece / points / 2
+    tangent = np.concatenate(([0.0], np.cumsum(2 * half)))[:-1] + half
+    chord = piece / points * np.sinc(half / pi)
+    steps = np.stack([np.sin(tangent), np.zeros_like(tangent), np.cos(tangent)], axis=1)
+    return np.concatenate((np.zeros((1, 3)), np.cumsum(chord[:, None] * steps, axis=0)))
+

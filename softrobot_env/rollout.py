@@ -1,0 +1,56 @@
+"""The record of one episode, in the same form for simulation and hardware."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """One episode sampled at its control instants; T instants, the first at time 0.
+
+    Attributes:
+        time: (T,) [s].
+        reference: (T, 3) [m].
+        tip: (T, 3) [m].
+        action: (T, n_inputs) [1], the action in force just before each instant.
+        tendon_tension: (T, n_tendons) [N] really applied.
+        tendon_length: (T, n_tendons) [m] inside the robot.
+        curvature: (T, n_pieces) [1/m].
+        reward: (T,) [1], zero at the first instant.
+        policy_time: (T - 1,) [s] spent in `predict`.
+        wall_time: [s] the whole episode took, policy included.
+        source: "sim" or "real".
+        failure: What went wrong, or None.
+    """
+
+    time: np.ndarray
+    reference: np.ndarray
+    tip: np.ndarray
+    action: np.ndarray
+    tendon_tension: np.ndarray
+    tendon_length: np.ndarray
+    curvature: np.ndarray
+    reward: np.ndarray
+    policy_time: np.ndarray
+    wall_time: float
+    source: str = "sim"
+    failure: str | None = None
+
+    @property
+    def error(self) -> np.ndarray:
+        """Distance (T,) [m] between tip and reference, (6.34)."""
+        return np.linalg.norm(self.tip - self.reference, axis=1)
+
+    def save(self, path: str | Path) -> None:
+        """Write the record as a compressed npz file."""
+        values = {k: v for k, v in asdict(self).items() if v is not None}
+        np.savez_compressed(path, **values)
+
+    @classmethod
+    def load(cls, path: str | Path) -> "Rollout":
+        """Read a record that `save` wrote."""
+        with np.load(path) as data:
+            values = {k: v.item() if v.ndim == 0 else v for k, v in data.items()}
+        return cls(**values)

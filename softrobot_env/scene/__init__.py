@@ -1,0 +1,1 @@
+"""MuJoCo scenes of soft robots, built with MjSpec part by part."""

@@ -1,0 +1,112 @@
+"""Put a scene together: backbone, tendons, and only the optional parts that are listed."""
+
+from dataclasses import dataclass
+
+import mujoco
+
+from softrobot_env.scene import extras
+from softrobot_env.scene.chain import Chain, add_chain
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.quadrature import HingeLayout, place_hinges
+from softrobot_env.scene.tendons import add_tendons
+from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, modal_frequencies
+
+_INTEGRATORS = {
+    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+    "discrete": mujoco.mjtIntegrator.mjINT_DISCRETE,
+    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
+    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+}
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A compiled scene.
+
+    Attributes:
+        config: What was asked for.
+        layout: Where the hinges stand.
+        timestep: Integrator and timestep, and why.
+        model: The compiled model.
+    """
+
+    config: SceneConfig
+    layout: HingeLayout
+    timestep: TimestepChoice
+    model: mujoco.MjModel
+
+
+def build_scene(config: SceneConfig) -> Scene:
+    """Build and compile a scene.
+
+    Raises:
+        ValueError: A part does not fit the robot; the message says which and why.
+
+    Warns:
+        TimestepWarning: See `scene.timestep.choose_timestep`.
+    """
+    spec, layout = _assemble(config)
+    model = spec.compile()
+    choice = _timestep(config, model)
+    _apply(choice, model.opt)
+    return Scene(config, layout, choice, model)
+
+
+def scene_xml(config: SceneConfig) -> str:
+    """The scene as MJCF, ready for any MuJoCo viewer."""
+    spec, _ = _assemble(config)
+    _apply(_timestep(config, spec.compile()), spec.option)
+    return spec.to_xml()
+
+
+def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
+    layout = place_hinges(config.robot.length, config.n_pieces, config.rule)
+    spec = _empty_spec(config)
+    chain = add_chain(spec, config.robot, layout)
+    add_tendons(chain, config.robot, config.actuation)
+    _add_parts(chain, config)
+    return spec, layout
+
+
+def _timestep(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
+    return choose_timestep(
+        modal_frequencies(model),
+        config.robot.damping_time,
+        config.control_period,
+        config.timestep,
+        config.integrator,
+    )
+
+
+def _apply(choice: TimestepChoice, option: mujoco.MjOption) -> None:
+    option.timestep = choice.timestep
+    option.integrator = _INTEGRATORS[choice.integrator]
+
+
+def _empty_spec(config: SceneConfig) -> mujoco.MjSpec:
+    """Spec without contacts, constraints and MuJoCo's silent reset of a diverged state."""
+    spec = mujoco.MjSpec()
+    spec.modelname = config.robot.name
+    spec.compiler.degree = False
+    spec.option.gravity = config.robot.gravity
+    disable = mujoco.mjtDisableBit
+    spec.option.disableflags = int(
+        disable.mjDSBL_CONTACT | disable.mjDSBL_CONSTRAINT | disable.mjDSBL_AUTORESET
+    )
+    return spec
+
+
+def _add_parts(chain: Chain, config: SceneConfig) -> None:
+    for _ in config.sensors:
+        extras.add_tip_sensors(chain.spec)
+    for load in config.loads:
+        extras.add_load(chain, load)
+    for camera in config.cameras:
+        extras.add_camera(chain.spec, camera)
+    for path in config.paths:
+        extras.add_path(chain.spec, path)
+    for marker in config.markers:
+        extras.add_marker(chain.spec, marker)
+    if config.appearance is not None:
+        extras.add_appearance(chain, config.robot, config.appearance)

@@ -1,0 +1,126 @@
+"""What a scene contains. A part that is not listed is not built."""
+
+from dataclasses import dataclass, field
+
+from softrobot_env.robots import RobotParams
+
+#: How tendons can be driven.
+ACTUATIONS = ("tension", "length")
+
+#: Integrators a scene can use, by MuJoCo's names.
+INTEGRATORS = ("implicitfast", "discrete", "implicit", "Euler", "RK4")
+
+Rgba = tuple[float, float, float, float]
+
+
+@dataclass(frozen=True)
+class Camera:
+    """Fixed camera looking along +y at the bending plane.
+
+    Attributes:
+        name: Unique name.
+        center: (x, z) [m] in the middle of the picture.
+        height: [m] of the bending plane shown.
+    """
+
+    name: str
+    center: tuple[float, float]
+    height: float
+
+
+@dataclass(frozen=True)
+class Marker:
+    """Coloured ball without mass, at `position` (3,) [m], movable as a mocap body."""
+
+    name: str
+    position: tuple[float, float, float]
+    radius: float = 0.008
+    rgba: Rgba = (0.85, 0.2, 0.15, 1.0)
+
+
+@dataclass(frozen=True)
+class PathMarker:
+    """Line through `points` (k, 3) [m]."""
+
+    name: str
+    points: tuple[tuple[float, float, float], ...]
+    radius: float = 0.0015
+    rgba: Rgba = (0.25, 0.25, 0.3, 1.0)
+
+
+@dataclass(frozen=True)
+class Load:
+    """Dead load at arc length `station` [m]: fixed in the world's directions.
+
+    Becomes an actuator of the same name whose control scales the load (1: as given).
+
+    Attributes:
+        force: (3,) [N].
+        moment: (3,) [N m].
+    """
+
+    name: str
+    station: float
+    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class TipSensors:
+    """Position and velocity of the tip in `sensordata`, evaluated with the kinematics."""
+
+
+@dataclass(frozen=True)
+class Appearance:
+    """Visible body: links, drawn tendons, floor and lights. Adds no mass and no contacts."""
+
+    link_rgba: Rgba = (0.93, 0.75, 0.45, 1.0)
+    tendon_rgba: Rgba = (0.15, 0.3, 0.65, 1.0)
+
+
+@dataclass(frozen=True)
+class SceneConfig:
+    """A scene: the robot's discretisation and the parts to build.
+
+    Attributes:
+        robot: The robot.
+        pieces: Equal pieces the robot is cut into; the robot's own number unless given.
+        rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`.
+        actuation: "tension" (controls are tensions [N]) or "length" (controls are the lengths
+            [m] pulled in; tension = stiffness x stretch, never pushing).
+        control_period: [s], the timestep divides it.
+        timestep: [s], chosen by rule (`scene.timestep`) unless given.
+        integrator: One of `INTEGRATORS`, chosen by rule unless given.
+        sensors, cameras, markers, paths, loads, appearance: The optional parts.
+    """
+
+    robot: RobotParams
+    pieces: int | None = None
+    rule: str = "balanced2"
+    actuation: str = "tension"
+    control_period: float = 0.01
+    timestep: float | None = None
+    integrator: str | None = None
+    sensors: tuple[TipSensors, ...] = ()
+    cameras: tuple[Camera, ...] = ()
+    markers: tuple[Marker, ...] = ()
+    paths: tuple[PathMarker, ...] = ()
+    loads: tuple[Load, ...] = ()
+    appearance: Appearance | None = field(default=None)
+
+    def __post_init__(self) -> None:
+        if self.actuation not in ACTUATIONS:
+            raise ValueError(
+                f"unknown actuation {self.actuation!r}; choose from {', '.join(ACTUATIONS)}"
+            )
+        if self.integrator is not None and self.integrator not in INTEGRATORS:
+            raise ValueError(
+                f"unknown integrator {self.integrator!r}; choose from {', '.join(INTEGRATORS)}"
+            )
+        if not self.control_period > 0 or (self.timestep is not None and not self.timestep > 0):
+            raise ValueError("control_period and timestep must be positive")
+
+    @property
+    def n_pieces(self) -> int:
+        """Number of pieces really used."""
+        return self.robot.pieces if self.pieces is None else self.pieces

@@ -1,0 +1,75 @@
+"""Where the hinges of a chain stand, and how much of the beam each one represents.
+
+A chain of rigid links bends at isolated hinges; replacing the distributed curvature by them is a
+quadrature rule. Each rule places hinges symmetrically in a piece, at a distance g (in piece
+lengths) from its middle, with equal weights. Two errors of second order compete:
+
+* static: the rule integrates a curvature that varies along the piece with error ~ g^2 - 1/12,
+  zero for the Gauss points g = 1/sqrt(12);
+* geometric: links are chords, and a bent piece of constant curvature comes out too short by
+  ~ (1/3 - g) / 4, zero for g = 1/3.
+
+`balanced2` stands between the two, at the fifths of the piece. Under self-weight, tip moment, tip
+force and in motion it measured best (`softrobot benchmark accuracy`).
+"""
+
+from dataclasses import dataclass
+from math import sqrt
+
+import numpy as np
+
+#: Hinge offsets from the middle of a piece, in piece lengths, by rule.
+RULES: dict[str, tuple[float, ...]] = {
+    "midpoint": (0.0,),
+    "gauss2": (-1 / sqrt(12), 1 / sqrt(12)),
+    "balanced2": (-0.3, 0.3),
+    "chord2": (-1 / 3, 1 / 3),
+    "gauss3": (-sqrt(0.15), 0.0, sqrt(0.15)),
+}
+
+#: Shares of the piece the hinges represent, where they are not equal.
+_SHARES = {"gauss3": (5 / 18, 8 / 18, 5 / 18)}
+
+
+@dataclass(frozen=True)
+class HingeLayout:
+    """Hinges of a chain along the robot.
+
+    Attributes:
+        stations: (n,) [m], arc lengths of the hinges, increasing.
+        weights: (n,) [m], length of beam each hinge represents; they sum to the robot's length.
+        piece: (n,) index of the piece each hinge stands in.
+        pieces: Number of pieces.
+    """
+
+    stations: np.ndarray
+    weights: np.ndarray
+    piece: np.ndarray
+    pieces: int
+
+    def piece_average(self) -> np.ndarray:
+        """Matrix (pieces, n) [1/m] from hinge angles [rad] to mean curvatures [1/m]."""
+        length = self.weights.sum() / self.pieces
+        return (self.piece == np.arange(self.pieces)[:, None]) / length
+
+
+def place_hinges(length: float, pieces: int, rule: str) -> HingeLayout:
+    """Place the hinges of a robot of `length` [m] cut into equal pieces.
+
+    Raises:
+        ValueError: Unknown rule, or less than one piece.
+    """
+    if rule not in RULES:
+        raise ValueError(f"unknown hinge rule {rule!r}; choose from {', '.join(RULES)}")
+    if pieces < 1:
+        raise ValueError(f"need at least one piece, got {pieces}")
+    offsets = np.array(RULES[rule])
+    shares = np.array(_SHARES.get(rule, np.full(len(offsets), 1 / len(offsets))))
+    size = length / pieces
+    middles = size * (np.arange(pieces) + 0.5)
+    return HingeLayout(
+        stations=(middles[:, None] + size * offsets).ravel(),
+        weights=np.tile(size * shares, pieces),
+        piece=np.repeat(np.arange(pieces), len(offsets)),
+        pieces=pieces,
+    )

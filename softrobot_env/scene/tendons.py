@@ -1,0 +1,102 @@
+"""Tendons and their drives. Tensions pull: controls and actuator forces are never negative.
+
+Every actuator has gear -1, so that a positive force shortens its tendon; no other place knows.
+"""
+
+import math
+
+import mujoco
+
+from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.scene.chain import Chain
+
+_PULL = [-1.0, 0, 0, 0, 0, 0]
+
+
+def add_tendons(chain: Chain, robot: RobotParams, actuation: str) -> None:
+    """Add all tendons of the robot with one actuator each, named alike.
+
+    Raises:
+        ValueError: A tendon ends inside a piece, or is to be driven by length although its
+            stiffness is infinite.
+    """
+    for tendon in robot.tendons:
+        if tendon.guides:
+            route_through_guides(chain, tendon, tendon.name)
+        else:
+            _route_through_channel(chain, tendon)
+        if actuation == "tension":
+            _pull_by_tension(chain.spec, tendon)
+        else:
+            _pull_by_length(chain.spec, tendon, robot.curvature_limit * tendon.end)
+
+
+def _route_through_channel(chain: Chain, tendon: Tendon) -> None:
+    """Tendon in a continuous channel: its length changes by -r_x times the bending angle."""
+    piece_length = chain.length / chain.layout.pieces
+    last = tendon.end / piece_length
+    if abs(last - round(last)) > 1e-9:
+        raise ValueError(
+            f"tendon {tendon.name!r} ends inside a piece: choose the number of pieces so that "
+            f"{tendon.end:g} m is a multiple of their length, now {piece_length:g} m"
+        )
+    fixed = chain.spec.add_tendon(name=tendon.name)
+    for index, piece in enumerate(chain.layout.piece):
+        if piece < round(last):
+            fixed.wrap_joint(f"hinge{index}", -tendon.offset[0])
+
+
+def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsTendon:
+    """Add a straight-line tendon from the base through its guides to its end."""
+    spatial = chain.spec.add_tendon(name=name)
+    for index, station in enumerate((0.0, *tendon.guides, tendon.end)):
+        body, height = chain.locate(station)
+        site = body.add_site(
+            name=f"{name}_guide{index}", pos=[*tendon.offset, height], size=[1e-3, 0, 0]
+        )
+        spatial.wrap_site(site.name)
+    return spatial
+
+
+def straight_length(tendon: Tendon) -> float:
+    """Length [m] MuJoCo reports in the straight pose (a channel counts from zero)."""
+    return tendon.end if tendon.guides else 0.0
+
+
+def _add_actuator(spec: mujoco.MjSpec, tendon: Tendon) -> mujoco.MjsActuator:
+    return spec.add_actuator(
+        name=tendon.name,
+        target=tendon.name,
+        trntype=mujoco.mjtTrn.mjTRN_TENDON,
+        gear=_PULL,
+        ctrllimited=True,
+    )
+
+
+def _pull_by_tension(spec: mujoco.MjSpec, tendon: Tendon) -> None:
+    """Control = tension [N]."""
+    actuator = _add_actuator(spec, tendon)
+    actuator.set_to_motor()
+    actuator.ctrlrange = [0.0, tendon.tension_limit]
+
+
+def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, angle: float) -> None:
+    """Control = pulled-in length s [m]: F = max(0, F_pre + c (s - s_geo)), (2.91) to (2.99).
+
+    s_geo = straight length - length is the part of the pull that the bending robot follows;
+    under gear -1 MuJoCo's actuator length is minus the tendon length. The control range covers
+    bending by `angle` [rad] to either side at full tension.
+    """
+    if math.isinf(tendon.stiffness):
+        raise ValueError(f"tendon {tendon.name!r} needs a finite stiffness to be driven by length")
+    actuator = _add_actuator(spec, tendon)
+    stiffness = tendon.stiffness
+    actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+    actuator.gainprm[0] = stiffness
+    actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+    actuator.biasprm[0] = tendon.pretension - stiffness * straight_length(tendon)
+    actuator.biasprm[1] = -stiffness
+    actuator.forcelimited = True
+    actuator.forcerange = [0.0, tendon.tension_limit]
+    reach = angle * math.hypot(*tendon.offset) + tendon.tension_limit / stiffness
+    actuator.ctrlrange = [-reach, reach]

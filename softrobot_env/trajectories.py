@@ -1,0 +1,218 @@
+"""Reference trajectories of the tip: time -> position, velocity, acceleration.
+
+Every trajectory answers `position(t)`, `velocity(t)` and `acceleration(t)` for times of shape
+(n,) [s] with arrays (n, 3) [m, m/s, m/s2], is constant outside its motion, and gives the path it
+follows as points (k, 3) [m]. Where a trajectory has a kink (thesis sec. 6.6.1), velocity and
+acceleration are those just after it.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+
+class Trajectory(Protocol):
+    """What tasks need of a trajectory."""
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position (n, 3) [m] at times (n,) [s]."""
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Velocity (n, 3) [m/s] at times (n,) [s]."""
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Acceleration (n, 3) [m/s2] at times (n,) [s]."""
+
+    def path(self) -> np.ndarray:
+        """Points (k, 3) [m] on the path, in order, for drawing."""
+
+
+def _constant(value: tuple[float, float, float], t: np.ndarray) -> np.ndarray:
+    return np.broadcast_to(value, (*np.shape(t), 3)).astype(float)
+
+
+@dataclass(frozen=True)
+class Step:
+    """Jump from `start` to `target`, both (3,) [m], at time 0."""
+
+    start: tuple[float, float, float]
+    target: tuple[float, float, float]
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Start before time 0, target from time 0 on."""
+        before = np.asarray(t)[..., None] < 0
+        return np.where(before, self.start, self.target)
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Zero: the jump itself has no finite velocity."""
+        return _constant((0.0, 0.0, 0.0), t)
+
+    acceleration = velocity
+
+    def path(self) -> np.ndarray:
+        """The two end points."""
+        return np.array([self.start, self.target])
+
+
+@dataclass(frozen=True)
+class Polyline:
+    """Straight legs between waypoints at constant speed per leg, then at rest.
+
+    Attributes:
+        waypoints: (k, 3) [m].
+        times: (k,) [s] at which the waypoints are passed, increasing.
+    """
+
+    waypoints: tuple[tuple[float, float, float], ...]
+    times: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if len(self.waypoints) != len(self.times) or np.any(np.diff(self.times) <= 0):
+            raise ValueError("a polyline needs one increasing time per waypoint")
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Linear between the waypoints."""
+        points = np.array(self.waypoints)
+        return np.stack([np.interp(t, self.times, points[:, i]) for i in range(3)], axis=-1)
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Constant on each leg, zero outside."""
+        leg = np.searchsorted(self.times, t, side="right")
+        speed = np.diff(self.waypoints, axis=0) / np.diff(self.times)[:, None]
+        return np.concatenate((np.zeros((1, 3)), speed, np.zeros((1, 3))))[leg]
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Zero: all acceleration is in the kinks."""
+        return _constant((0.0, 0.0, 0.0), t)
+
+    def path(self) -> np.ndarray:
+        """The waypoints."""
+        return np.array(self.waypoints)
+
+
+@dataclass(frozen=True)
+class EqualForceCurve:
+    """Tip curve c(a) of the planar arm when its three tendon pairs pull alike (audit sec. 4).
+
+    The curvature is a * (3, 2, 1) [1/m] on the three thirds, a = F r_t / EI.
+
+    Attributes:
+        length: [m] of the arm.
+    """
+
+    length: float
+    _nodes: int = field(default=8, repr=False)
+
+    @cached_property
+    def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
+        """Weights and g(s), the tangent angle per unit a, at Gauss nodes on each third."""
+        x, w = np.polynomial.legendre.leggauss(self._nodes)
+        third = self.length / 3
+        local = third * (x + 1) / 2
+        angle = np.array([3 * local, 3 * third + 2 * local, 5 * third + local])
+        return np.tile(w * third / 2, 3), angle.ravel()
+
+    def derivative(self, a: np.ndarray, order: int) -> np.ndarray:
+        """Derivative of the tip with respect to a, order 0 to 2: (n, 3) for a of shape (n,)."""
+        weights, angle = self._quadrature
+        # z + i x is the integral of exp(i a g(s)) along the arm.
+        z = (1j * angle) ** order * np.exp(1j * np.multiply.outer(a, angle)) @ weights
+        return np.stack([z.imag, np.zeros_like(z.imag), z.real], axis=-1)
+
+    def parameter_at_distance(self, start: float, distance: float, limit: float = 1.7) -> float:
+        """Parameter a > start whose tip lies `distance` [m] (Euclidean) from that of `start`.
+
+        Raises:
+            ValueError: The curve up to parameter `limit` does not reach that far.
+        """
+        grid = np.linspace(start, limit, 2001)
+        reach = np.linalg.norm(self.derivative(grid, 0) - self.derivative(start, 0), axis=1)
+        if not 0 < distance <= reach[-1]:
+            raise ValueError(
+                f"step width must lie in (0, {1e3 * reach[-1]:.0f}] mm, got {1e3 * distance:g} mm"
+            )
+        a = np.interp(distance, reach, grid)
+        for _ in range(3):  # Newton; the table is already good to 1e-7
+            gap = self.derivative(a, 0) - self.derivative(start, 0)
+            size = np.linalg.norm(gap)
+            a -= (size - distance) * size / (gap @ self.derivative(a, 1))
+        return float(a)
+
+
+@dataclass(frozen=True)
+class CurveSweep:
+    """Run along an equal-force curve at constant speed, then rest.
+
+    Attributes:
+        curve: The curve.
+        half_length: [m], arc length from the straight pose to either end.
+        speed: [m/s].
+    """
+
+    curve: EqualForceCurve
+    half_length: float
+    speed: float
+
+    @property
+    def end_time(self) -> float:
+        """Time [s] at which the far end is reached."""
+        return 2 * self.half_length / self.speed
+
+    @property
+    def start_parameter(self) -> float:
+        """Curve parameter a [1/m] at time 0."""
+        return float(self._parameter(np.zeros(1))[0])
+
+    @cached_property
+    def _table(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arc length [m], curve parameter a and da/ds on a grid, odd about its middle."""
+        a = np.linspace(-2.0, 2.0, 101)
+        x, w = np.polynomial.legendre.leggauss(4)
+        step = a[1] - a[0]
+        nodes = a[:-1, None] + step * (x + 1) / 2
+        arc = np.concatenate(([0.0], np.cumsum(self._rate(nodes) @ w * step / 2)))
+        return arc - arc[len(a) // 2], a, 1 / self._rate(a)
+
+    def _rate(self, a: np.ndarray) -> np.ndarray:
+        return np.linalg.norm(self.curve.derivative(a, 1), axis=-1)
+
+    def _parameter(self, t: np.ndarray) -> np.ndarray:
+        """Curve parameter at times t: the table, inverted by cubic Hermite interpolation."""
+        arc, a, slope = self._table
+        moved = np.clip(self.speed * np.asarray(t), 0, 2 * self.half_length) - self.half_length
+        i = np.clip(np.searchsorted(arc, moved), 1, len(arc) - 1)
+        size = arc[i] - arc[i - 1]
+        u = (moved - arc[i - 1]) / size
+        left = (1 - u) ** 2 * ((1 + 2 * u) * a[i - 1] + u * size * slope[i - 1])
+        right = u**2 * ((3 - 2 * u) * a[i] - (1 - u) * size * slope[i])
+        return left + right
+
+    def _moving(self, t: np.ndarray) -> np.ndarray:
+        t = np.asarray(t)
+        return ((t >= 0) & (t < self.end_time))[..., None]
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Point on the curve, from (-x, z) through the straight pose to (x, z)."""
+        return self.curve.derivative(self._parameter(t), 0)
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Speed times the unit tangent while moving."""
+        tangent = self.curve.derivative(self._parameter(t), 1)
+        unit = tangent / np.linalg.norm(tangent, axis=-1, keepdims=True)
+        return np.where(self._moving(t), self.speed * unit, 0.0)
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Squared speed times the curvature vector of the path while moving."""
+        a = self._parameter(t)
+        first, second = self.curve.derivative(a, 1), self.curve.derivative(a, 2)
+        squared = np.sum(first**2, axis=-1, keepdims=True)
+        along = np.sum(first * second, axis=-1, keepdims=True)
+        bend = (second - first * along / squared) / squared
+        return np.where(self._moving(t), self.speed**2 * bend, 0.0)
+
+    def path(self) -> np.ndarray:
+        """Points every 10 mm of arc length."""
+        count = int(np.ceil(2 * self.half_length / 0.01)) + 1
+        return self.position(np.linspace(0.0, self.end_time, count))
