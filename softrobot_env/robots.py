@@ -179,7 +179,11 @@ class TendonMap:
         self.phi = _block_diagonal([_directions(robot, block) for block in blocks])
         self.input_scale = np.array([b[0].tension_limit - b[0].pretension for b in blocks])
         self._pretension = np.array([t.pretension for t in robot.tendons])
-        self._differences = _group_differences(self.phi, [len(b) for b in blocks])
+        self._pretensioned = bool(self._pretension.any())
+        differences = _group_differences(self.phi, [len(b) for b in blocks])
+        self._differences = differences
+        self._scaled = [d * self.input_scale for d in differences]
+        self._zero = np.zeros(len(robot.tendons))
 
     @property
     def n_inputs(self) -> int:
@@ -188,11 +192,23 @@ class TendonMap:
 
     def tension(self, reduced: np.ndarray) -> np.ndarray:
         """Tensions (n_tendons,) [N] >= pretension for reduced inputs (n_inputs,) [N]."""
-        tension = np.maximum(self._differences[0].dot(reduced), 0.0)
-        for difference in self._differences[1:]:
-            np.maximum(tension, difference.dot(reduced), out=tension)
-        tension += self._pretension
-        return tension
+        out = np.empty_like(self._zero)
+        self._write_largest(self._differences, reduced, out)
+        return out
+
+    def write_tension(self, action: np.ndarray, out: np.ndarray) -> None:
+        """Write the tensions of an action (n_inputs,) [1], 1 being full scale, into `out`."""
+        self._write_largest(self._scaled, action, out)
+
+    def _write_largest(
+        self, differences: list[np.ndarray], value: np.ndarray, out: np.ndarray
+    ) -> None:
+        low = self._zero
+        for difference in differences:
+            np.maximum(difference.dot(value), low, out=out)
+            low = out
+        if self._pretensioned:
+            out += self._pretension
 
     def reduced(self, tension: np.ndarray) -> np.ndarray:
         """Reduced inputs (..., n_inputs) [N] that tensions (..., n_tendons) [N] produce."""
@@ -272,9 +288,7 @@ CANTILEVER_WEAK = RobotParams(
     pieces=6,
     gravity=(-9.81, 0.0, 0.0),
 )
-CANTILEVER_STIFF = replace(
-    CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040
-)
+CANTILEVER_STIFF = replace(CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040)
 
 ROBOTS = {robot.name: robot for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)}
 
@@ -309,4 +323,3 @@ def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> n
     chord = piece / points * np.sinc(half / pi)
     steps = np.stack([np.sin(tangent), np.zeros_like(tangent), np.cos(tangent)], axis=1)
     return np.concatenate((np.zeros((1, 3)), np.cumsum(chord[:, None] * steps, axis=0)))
-

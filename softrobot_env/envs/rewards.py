@@ -1,7 +1,7 @@
 """The reward of tip tracking, as named terms."""
 
 from dataclasses import dataclass
-from math import exp
+from math import dist, exp, hypot
 
 
 @dataclass(frozen=True)
@@ -29,15 +29,12 @@ class TrackingReward:
             error: [m], distance between tip and reference at the end of the step.
             action, previous: (n_inputs,) [1], this step's action and the one before.
         """
-        effort = change = 0.0
-        for now, before in zip(action, previous, strict=True):
-            effort += now * now
-            change += (now - before) * (now - before)
+        size = len(action)
         return {
             "tracking": self.tracking * exp(-error / self.coarse_scale),
             "precision": self.precision * exp(-error / self.fine_scale),
-            "effort": -self.effort * effort / len(action),
-            "smoothness": -self.smoothness * change / len(action),
+            "effort": -self.effort * hypot(*action) ** 2 / size,
+            "smoothness": -self.smoothness * dist(action, previous) ** 2 / size,
             "failure": 0.0,
         }
 

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+from mujoco import mj_step, mj_step1, mj_step2
 
 from softrobot_env.scene.build import Scene
 
@@ -50,12 +51,11 @@ class Simulation:
         """Integrate over one control period with the controls in `data.ctrl`."""
         model, data, substeps = self.model, self.data, self._substeps
         if self._splits:
-            mujoco.mj_step2(model, data)
-            if substeps > 1:
-                mujoco.mj_step(model, data, substeps - 1)
-        else:
-            mujoco.mj_step(model, data, substeps)
-        mujoco.mj_step1(model, data)
+            mj_step2(model, data)
+            substeps -= 1
+        if substeps:
+            mj_step(model, data, substeps)
+        mj_step1(model, data)
 
     def failure(self) -> str | None:
         """What diverged and when, or None. MuJoCo's own reset is switched off in our scenes."""

@@ -162,7 +162,6 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self.observation_space = observation_space(observe, sizes)
         self._n_inputs = self._tendon_map.n_inputs
         self.action_space = spaces.Box(-1.0, 1.0, (self._n_inputs,), dtype=np.float32)
-        self._piece_average = layout.piece_average()
         self._curvature_limit = self.task.robot.curvature_limit
         self._rate_limit = sizes.rate_limit
         self._full_length = np.array([0.0 if t.guides else t.end for t in self.task.robot.tendons])
@@ -178,27 +177,32 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     def _bind(self) -> None:
         """Take views into the simulation's data, so that a step looks nothing up."""
         data = self.data
-        self._qpos, self._qvel, self._ctrl = data.qpos, data.qvel, data.ctrl
+        layout = self._nominal.layout
+        # Mean curvature of a piece: the angles of its hinges over its length.
+        self._hinge_angles = data.qpos.reshape(layout.pieces, -1)
+        self._hinge_rates = data.qvel.reshape(layout.pieces, -1)
+        self._per_length = np.full(self._hinge_angles.shape[1], 1 / layout.piece_length)
+        self._ctrl = data.ctrl
         self._tendon_length, self._tension = data.ten_length, data.actuator_force
         self._tip = data.sensordata[0:3][_PLANE]
         self._tip_velocity = data.sensordata[3:6][_PLANE]
         sources = {
-            "tip_position": lambda: self._tip.copy(),
-            "tip_velocity": lambda: self._tip_velocity.copy(),
+            "tip_position": self._tip.copy,
+            "tip_velocity": self._tip_velocity.copy,
             "curvature": lambda: self._curvature,
             "curvature_rate": lambda: self._curvature_rate,
-            "tendon_tension": lambda: self._tension.copy(),
+            "tendon_tension": self._tension.copy,
             "tendon_length": lambda: self._tendon_length + self._full_length,
-            "reference": lambda: self._reference[self._index].copy(),
-            "reference_velocity": lambda: self._reference_velocity[self._index].copy(),
-            "reference_preview": lambda: self._previews[self._index].copy(),
-            "previous_action": lambda: np.array(self._action),
+            "reference": lambda: self._rows[0][self._index],
+            "reference_velocity": lambda: self._rows[1][self._index],
+            "reference_preview": lambda: self._rows[2][self._index],
+            "previous_action": lambda: self._action_array,
         }
         self._readers = [(name, sources[name]) for name in self.observation_space]
 
     def __getstate__(self) -> dict:
-        hidden = ("_readers", "_renderer", "_qpos", "_qvel", "_ctrl", "_tendon_length", "_tension")
-        hidden += ("_tip", "_tip_velocity", "model", "data")
+        hidden = ("_readers", "_renderer", "_ctrl", "_hinge_angles", "_hinge_rates", "_tension")
+        hidden += ("_tendon_length", "_tip", "_tip_velocity", "model", "data")
         return {k: v for k, v in self.__dict__.items() if k not in hidden}
 
     def __setstate__(self, state: dict) -> None:
@@ -219,9 +223,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._check_reference(task, position, velocity)
         self._current = task
         self._last_index = steps
-        self._reference, self._previews = position[:, :2], position[:, 2:]
-        self._reference_points = self._reference.tolist()
-        self._reference_velocity = velocity
+        self._tables = (position[:, :2], velocity, position[:, 2:])
+        self._reference_points = position[:, :2].tolist()
 
     def _check_reference(self, task: Task, position: np.ndarray, velocity: np.ndarray) -> None:
         length = self.task.robot.length
@@ -289,15 +292,17 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _begin(self, start_input: np.ndarray, posture: np.ndarray) -> None:
         self._simulation.reset(posture, self._tendon_map.tension(start_input))
-        self._action = (start_input / self.input_scale).tolist()
+        self._action_array = start_input / self.input_scale
+        self._action = self._action_array.tolist()
+        # Observations hand out rows of the episode's own copy: nothing is shared, nothing copied
+        # again in a step.
+        self._rows = [table.copy() for table in self._tables]
         self._index = 0
         self._running = True
         self._measure()
         self._last_observation = self._observe()
 
-    def step(
-        self, action: np.ndarray
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply an action (n_inputs,) in [-1, 1] for one control period.
 
         Raises:
@@ -305,11 +310,13 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             gymnasium.error.ResetNeeded: The episode is over or was never started.
         """
         values = self._checked(action)
-        self._ctrl[:] = self._tendon_map.tension(self.input_scale * action)
-        self._simulation.advance()
+        self._action_array = array = action.astype(np.float64)
+        self._tendon_map.write_tension(array, self._ctrl)
+        simulation = self._simulation
+        simulation.advance()
         self._index += 1
         previous, self._action = self._action, values
-        failure = self._simulation.failure() or self._measure()
+        failure = simulation.failure() or self._measure()
         if failure is not None:
             return self._fail(failure)
         terms = self._reward.terms(self._error, values, previous)
@@ -344,26 +351,26 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         x, z = self._tip.tolist()
         x_ref, z_ref = self._reference_points[self._index]
         self._error = hypot(x - x_ref, z - z_ref)
-        self._curvature = self._piece_average.dot(self._qpos)
-        self._curvature_rate = self._piece_average.dot(self._qvel)
-        values, limit = self._curvature.tolist(), self._curvature_limit
-        if max(values) > limit or min(values) < -limit:
-            return self._outside("curvature", values, limit, "1/m")
-        values, limit = self._curvature_rate.tolist(), self._rate_limit
-        if max(values) > limit or min(values) < -limit:
-            return self._outside("curvature_rate", values, limit, "1/(m s)")
-        return None
+        self._curvature = curvature = self._hinge_angles.dot(self._per_length)
+        self._curvature_rate = rate = self._hinge_rates.dot(self._per_length)
+        # A norm bounds all entries, so the exact checks run only near the limits.
+        failure = None
+        if hypot(*curvature.tolist()) > self._curvature_limit:
+            failure = self._outside("curvature", curvature, self._curvature_limit, "1/m")
+        if failure is None and hypot(*rate.tolist()) > self._rate_limit:
+            failure = self._outside("curvature_rate", rate, self._rate_limit, "1/(m s)")
+        return failure
 
-    def _outside(self, name: str, values: list[float], limit: float, unit: str) -> str:
+    def _outside(self, name: str, values: np.ndarray, limit: float, unit: str) -> str | None:
         piece = int(np.argmax(np.abs(values)))
+        if abs(values[piece]) <= limit:
+            return None
         return (
             f"left the workspace: {name} {values[piece]:.4g} {unit} of piece {piece + 1} is beyond "
             f"+-{limit:g} {unit} at t = {self.data.time:.3f} s"
         )
 
-    def _fail(
-        self, failure: str
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def _fail(self, failure: str) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         self._running = False
         terms = self._reward.failed_terms()
         last = {name: value.copy() for name, value in self._last_observation.items()}

@@ -47,10 +47,10 @@ class HingeLayout:
     piece: np.ndarray
     pieces: int
 
-    def piece_average(self) -> np.ndarray:
-        """Matrix (pieces, n) [1/m] from hinge angles [rad] to mean curvatures [1/m]."""
-        length = self.weights.sum() / self.pieces
-        return (self.piece == np.arange(self.pieces)[:, None]) / length
+    @property
+    def piece_length(self) -> float:
+        """[m]"""
+        return float(self.weights.sum()) / self.pieces
 
 
 def place_hinges(length: float, pieces: int, rule: str) -> HingeLayout:
