@@ -6,8 +6,10 @@ A planar robot bends in the x-z plane only and positive curvature bends it towar
 assumption of this package.
 """
 
+from copy import copy
 from dataclasses import dataclass, replace
 from math import inf, pi, sqrt
+from numbers import Real
 
 import numpy as np
 
@@ -89,13 +91,17 @@ class RobotParams:
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not 0 <= self.inner_radius < self.outer_radius:
+        if not 0 <= self.inner_radius < self.outer_radius < inf:
             raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
-        if min(self.length, self.youngs_modulus, self.density) <= 0 or self.damping_time < 0:
+        for name in ("length", "youngs_modulus", "density"):
+            if not 0 < getattr(self, name) < inf:
+                raise ValueError(f"robot {self.name!r}: {name} must be finite and positive")
+        if not 0 <= self.damping_time < inf or not np.all(np.isfinite(self.gravity)):
             raise ValueError(
-                f"robot {self.name!r}: length, youngs_modulus and density must be positive, "
-                "damping_time zero or more"
+                f"robot {self.name!r}: damping_time must be zero or more, gravity finite"
             )
+        if self.pieces < 1:
+            raise ValueError(f"robot {self.name!r}: pieces must be 1 or more, got {self.pieces}")
         if any(t.end > self.length * (1 + 1e-12) for t in self.tendons):
             raise ValueError(f"robot {self.name!r}: a tendon ends beyond the robot's length")
 
@@ -145,7 +151,8 @@ class RobotParams:
 
         Args:
             **scales: Factor [1] by parameter name, one of `VARIABLE`. A varied Young's
-                modulus keeps the damping time mu, hence scales D with K (sec. 6.6.3).
+                modulus keeps the damping time mu, hence scales D with K (sec. 6.6.3). The
+                damping time alone may vanish.
 
         Raises:
             ValueError: Unknown name, or a factor that is not finite and positive.
@@ -153,9 +160,16 @@ class RobotParams:
         for name, scale in scales.items():
             if name not in VARIABLE:
                 raise ValueError(f"cannot vary {name!r}; choose from {', '.join(VARIABLE)}")
-            if isinstance(scale, bool) or not 0 < float(scale) < inf:
+            factor = as_number(scale)
+            undamped = name == "damping_time" and factor == 0
+            if factor is None or not (undamped or 0 < factor < inf):
                 raise ValueError(f"scale of {name!r} must be finite and positive, got {scale!r}")
         return replace(self, **{n: getattr(self, n) * float(s) for n, s in scales.items()})
+
+
+def as_number(value: object) -> float | None:
+    """The value as a float, None if it is no number (nor text, nor a truth value)."""
+    return float(value) if isinstance(value, Real) and not isinstance(value, bool) else None
 
 
 class TendonMap:
@@ -180,9 +194,7 @@ class TendonMap:
         self.input_scale = np.array([b[0].tension_limit - b[0].pretension for b in blocks])
         self._pretension = np.array([t.pretension for t in robot.tendons])
         self._pretensioned = bool(self._pretension.any())
-        differences = _group_differences(self.phi, [len(b) for b in blocks])
-        self._differences = differences
-        self._scaled = [d * self.input_scale for d in differences]
+        self._differences = _group_differences(self.phi, [len(b) for b in blocks])
         self._zero = np.zeros(len(robot.tendons))
 
     @property
@@ -190,25 +202,22 @@ class TendonMap:
         """Number of reduced inputs."""
         return self.phi.shape[0]
 
-    def tension(self, reduced: np.ndarray) -> np.ndarray:
+    def per_action(self) -> "TendonMap":
+        """The same map for actions: its `tension` takes multiples [1] of `input_scale`."""
+        scaled = copy(self)
+        scaled._differences = [d * self.input_scale for d in self._differences]
+        return scaled
+
+    def tension(self, reduced: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Tensions (n_tendons,) [N] >= pretension for reduced inputs (n_inputs,) [N]."""
-        out = np.empty_like(self._zero)
-        self._write_largest(self._differences, reduced, out)
-        return out
-
-    def write_tension(self, action: np.ndarray, out: np.ndarray) -> None:
-        """Write the tensions of an action (n_inputs,) [1], 1 being full scale, into `out`."""
-        self._write_largest(self._scaled, action, out)
-
-    def _write_largest(
-        self, differences: list[np.ndarray], value: np.ndarray, out: np.ndarray
-    ) -> None:
+        out = np.empty_like(self._zero) if out is None else out
         low = self._zero
-        for difference in differences:
-            np.maximum(difference.dot(value), low, out=out)
+        for difference in self._differences:
+            np.maximum(difference.dot(reduced), low, out=out)
             low = out
         if self._pretensioned:
             out += self._pretension
+        return out
 
     def reduced(self, tension: np.ndarray) -> np.ndarray:
         """Reduced inputs (..., n_inputs) [N] that tensions (..., n_tendons) [N] produce."""
@@ -222,6 +231,11 @@ def _directions(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
         raise ValueError(
             f"robot {robot.name!r}: a planar tendon group is a pair at offsets (r, 0) and (-r, 0), "
             f"got {[t.offset for t in tendons]}"
+        )
+    if len({(t.end, t.tension_limit, t.pretension) for t in tendons}) > 1:
+        raise ValueError(
+            f"robot {robot.name!r}: opposing tendons need the same end, tension_limit and "
+            f"pretension, unlike {' and '.join(t.name for t in tendons)}"
         )
     return np.sign(offsets[:, :1].T)
 

@@ -46,7 +46,8 @@ class Rollout:
     def save(self, path: str | Path) -> None:
         """Write the record as a compressed npz file."""
         values = {k: v for k, v in asdict(self).items() if v is not None}
-        np.savez_compressed(path, **values)
+        with Path(path).open("wb") as file:  # given a name, NumPy would append to it
+            np.savez_compressed(file, **values)
 
     @classmethod
     def load(cls, path: str | Path) -> "Rollout":

@@ -5,12 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.robots import VARIABLE
+from softrobot_env.robots import VARIABLE, as_number
 
 #: Option -> what it does; also the list in error messages.
 OPTIONS = {
     "vary": f"factors on the robot's parameters, by name ({', '.join(VARIABLE)})",
     "step_width": "width [m] of the step task",
+    "duration": "duration [s] of the episode instead of the task's",
     "start_input": "reduced tendon inputs [N] in whose equilibrium the episode starts",
     "start_curvature": "curvature [1/m] per piece at the start, at rest",
 }
@@ -22,6 +23,7 @@ class ResetOptions:
 
     vary: dict[str, float] = field(default_factory=dict)
     step_width: float | None = None
+    duration: float | None = None
     start_input: np.ndarray | None = None
     start_curvature: np.ndarray | None = None
 
@@ -32,8 +34,10 @@ def parse_options(options: dict[str, Any] | None, n_inputs: int, n_pieces: int) 
     Raises:
         ValueError: Unknown option, wrong shape, a value that is not finite, or two starts.
     """
+    if not isinstance(options, dict | None):
+        raise ValueError(f"options must be a dict, got {options!r}")
     given = dict(options or {})
-    unknown = sorted(set(given) - set(OPTIONS))
+    unknown = sorted(set(given) - set(OPTIONS), key=str)
     if unknown:
         listed = "; ".join(f"{name}: {text}" for name, text in OPTIONS.items())
         raise ValueError(f"unknown reset option {unknown[0]!r}; allowed are {listed}")
@@ -42,13 +46,26 @@ def parse_options(options: dict[str, Any] | None, n_inputs: int, n_pieces: int) 
     for name, size in (("start_input", n_inputs), ("start_curvature", n_pieces)):
         if name in given:
             given[name] = _vector(name, given[name], size)
+    for name in ("step_width", "duration"):
+        if name in given:
+            given[name] = _positive(name, given[name])
     if not isinstance(given.get("vary", {}), dict):
         raise ValueError(f"option 'vary' must be a dict of factors, got {given['vary']!r}")
     return ResetOptions(**given)
 
 
+def _positive(name: str, value: Any) -> float:
+    number = as_number(value)
+    if number is None or not 0 < number < np.inf:
+        raise ValueError(f"option {name!r} must be a positive number, got {value!r}")
+    return number
+
+
 def _vector(name: str, value: Any, size: int) -> np.ndarray:
-    array = np.asarray(value, dtype=float)
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        array = np.empty(0)
     if array.shape != (size,) or not np.all(np.isfinite(array)):
         raise ValueError(f"option {name!r} must be {size} finite numbers, got {value!r}")
     return array

@@ -61,12 +61,13 @@ class Simulation:
         """What diverged and when, or None. MuJoCo's own reset is switched off in our scenes."""
         if self._warnings.tobytes() == _HEALTHY:
             return None
-        for index, quantity in _DIVERGED.items():
-            warning = self.data.warning[index]
-            if warning.number:
-                return (
-                    f"simulation diverged: {quantity} of DOF {warning.lastinfo} is not finite or "
-                    f"huge at t = {self.data.time:.3f} s ({self.scene.timestep.integrator}, "
-                    f"timestep {self.model.opt.timestep:g} s)"
-                )
-        return None
+        raised = {name: self.data.warning[i] for i, name in _DIVERGED.items()}
+        raised = {name: warning for name, warning in raised.items() if warning.number}
+        if not raised:
+            return None
+        kinds = ", ".join(f"{name} of DOF {w.lastinfo}" for name, w in raised.items())
+        return (
+            f"simulation diverged in the control period ending at t = {self.data.time:.3f} s: not "
+            f"finite or huge are {kinds} ({self.scene.timestep.integrator}, timestep "
+            f"{self.model.opt.timestep:g} s)"
+        )

@@ -1,5 +1,6 @@
 """Tip tracking with one simulated robot."""
 
+from dataclasses import replace
 from math import ceil, hypot
 from typing import Any
 
@@ -15,6 +16,7 @@ from softrobot_env.envs.observables import (
     observation_space,
 )
 from softrobot_env.envs.options import ResetOptions, parse_options
+from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.interfaces import Observation
@@ -26,6 +28,12 @@ from softrobot_env.tasks import Task, make_task
 
 #: Control periods [s] an environment accepts.
 CONTROL_PERIODS = (1e-3, 0.2)
+
+#: What `_install` takes from a simulation anew; a copy or a pickle goes without.
+_REBUILT = frozenset(
+    "model data _advance _diverged _readers _renderer _ctrl _hinge_angles _hinge_rates _tension "
+    "_tendon_length _tip _tip_velocity".split()
+)
 
 #: Index of x and z, the coordinates of a planar robot.
 _PLANE = slice(0, 3, 2)
@@ -63,10 +71,11 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
 
     An episode ends with `truncated` when the task's duration is over, and with `terminated` when
     the simulation diverged or a piece bent sharper than 1 / outer radius, where its inner side
-    would fold. `info["failure"]` then says what and when, and the observation is the last
-    one before the failure.
+    would fold. `info["failure"]` then says what and when, and the observation is the one
+    before the failure, as the caller holds it.
 
-    `info` holds the error [m], time [s], tendon tension [N] and length [m], and reward terms.
+    `info` holds the error [m], time [s], tendon tension [N] and length [m], and reward terms; after
+    a divergence error and lengths may not be finite.
 
     Attributes:
         task: The task, `task.robot` its nominal robot.
@@ -124,13 +133,16 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._frame_size = (width, height)
         self._renderer = None
         self._tendon_map = TendonMap(self.task.robot)
+        self._pull = self._tendon_map.per_action().tension
         self.input_scale = self._tendon_map.input_scale
         self._nominal = self._build_scene(self.task.robot)
         self._make_spaces(tuple(OBSERVABLES) if observe == "all" else tuple(observe))
         self._vary: dict[str, float] = {}
+        self._current: Task | None = None
         self._install(Simulation(self._nominal))
         self._follow(self.task)
         self._running = False
+        self._last_observation: Observation | None = None
 
     def _check_arguments(
         self, control_period: float, preview: tuple[float, ...], render_mode: str | None
@@ -161,12 +173,18 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         sizes = Sizes(self.task.robot, self._tendon_map, layout.pieces, len(self._preview))
         self.observation_space = observation_space(observe, sizes)
         self._n_inputs = self._tendon_map.n_inputs
+        self._action_shape = (self._n_inputs,)
         self.action_space = spaces.Box(-1.0, 1.0, (self._n_inputs,), dtype=np.float32)
         self._curvature_limit = self.task.robot.curvature_limit
         self._rate_limit = sizes.rate_limit
         self._full_length = np.array([0.0 if t.guides else t.end for t in self.task.robot.tendons])
 
     # ------------------------------------------------------------------ simulation
+
+    @property
+    def scene(self) -> Scene:
+        """The scene of the running episode."""
+        return self._simulation.scene
 
     def _install(self, simulation: Simulation) -> None:
         """Make a simulation the running one."""
@@ -177,6 +195,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     def _bind(self) -> None:
         """Take views into the simulation's data, so that a step looks nothing up."""
         data = self.data
+        self._advance, self._diverged = self._simulation.advance, self._simulation.failure
         layout = self._nominal.layout
         # Mean curvature of a piece: the angles of its hinges over its length.
         self._hinge_angles = data.qpos.reshape(layout.pieces, -1)
@@ -201,9 +220,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._readers = [(name, sources[name]) for name in self.observation_space]
 
     def __getstate__(self) -> dict:
-        hidden = ("_readers", "_renderer", "_ctrl", "_hinge_angles", "_hinge_rates", "_tension")
-        hidden += ("_tendon_length", "_tip", "_tip_velocity", "model", "data")
-        return {k: v for k, v in self.__dict__.items() if k not in hidden}
+        return {k: v for k, v in self.__dict__.items() if k not in _REBUILT}
 
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
@@ -214,12 +231,14 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _follow(self, task: Task) -> None:
         """Sample a task's reference at the control instants and the preview times after them."""
-        steps = ceil(task.duration / self.control_period - 1e-9)
+        if task == self._current:
+            return
+        steps = max(1, ceil(task.duration / self.control_period - 1e-9))
         times = np.arange(steps + 1) * self.control_period
         ahead = np.round(np.add.outer(times, np.concatenate(([0.0], self._preview))), 9)
         unique, where = np.unique(ahead, return_inverse=True)
         position = task.trajectory.position(unique)[:, _PLANE][where].reshape(steps + 1, -1)
-        velocity = task.trajectory.velocity(times)[:, _PLANE]
+        velocity = task.trajectory.velocity(ahead[:, 0])[:, _PLANE]
         self._check_reference(task, position, velocity)
         self._current = task
         self._last_index = steps
@@ -252,25 +271,37 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         """
         super().reset(seed=seed)
         parsed = parse_options(options, self._n_inputs, self._nominal.layout.pieces)
+        # Everything that can be refused comes before anything is changed.
         task = self._task_for(parsed)
         start_input = self._start_input(parsed, task)
-        if parsed.vary != self._vary:
-            varied = self.task.robot.vary(**parsed.vary)
-            self._install(Simulation(self._build_scene(varied) if parsed.vary else self._nominal))
-            self._vary = dict(parsed.vary)
-        if task is not self._current:
-            self._follow(task)
-        self._begin(start_input, self._start_posture(parsed, start_input))
+        posture = self._start_posture(parsed, start_input)
+        simulation = self._simulation_for(parsed)
+        self._follow(task)
+        self._vary = dict(parsed.vary)
+        if simulation is not self._simulation:
+            self._install(simulation)
+        self._begin(start_input, posture)
         if self.render_mode == "human":
             self.render()
         return self._last_observation, self._info({})
 
     def _task_for(self, options: ResetOptions) -> Task:
-        if options.step_width is None:
-            return self.task
-        if options.step_width == self._current.step_width:
-            return self._current
-        return make_task(self.task.name, options.step_width)
+        task = self.task
+        if options.step_width is not None:
+            if task.step_width is None:
+                raise ValueError(f"step_width applies to the step task only, not to {task.name!r}")
+            wider = make_task("step", options.step_width)
+            task = replace(task, trajectory=wider.trajectory, step_width=wider.step_width)
+        if options.duration is not None:
+            task = replace(task, duration=options.duration)
+        return task
+
+    def _simulation_for(self, options: ResetOptions) -> Simulation:
+        """The running simulation if it is of the wanted robot, else a new one."""
+        if options.vary == self._vary:
+            return self._simulation
+        varied = self.task.robot.vary(**options.vary)
+        return Simulation(self._build_scene(varied) if options.vary else self._nominal)
 
     def _start_input(self, options: ResetOptions, task: Task) -> np.ndarray:
         chosen = task.start_input if options.start_input is None else options.start_input
@@ -311,16 +342,16 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         """
         values = self._checked(action)
         self._action_array = array = action.astype(np.float64)
-        self._tendon_map.write_tension(array, self._ctrl)
-        simulation = self._simulation
-        simulation.advance()
-        self._index += 1
+        self._pull(array, self._ctrl)
+        self._advance()
+        self._index = index = self._index + 1
         previous, self._action = self._action, values
-        failure = simulation.failure() or self._measure()
+        outside = self._measure()
+        failure = self._diverged() or outside
         if failure is not None:
             return self._fail(failure)
         terms = self._reward.terms(self._error, values, previous)
-        truncated = self._index >= self._last_index
+        truncated = index >= self._last_index
         self._running = not truncated
         self._last_observation = observation = self._observe()
         if self.render_mode == "human":
@@ -331,13 +362,12 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         """The action as a list of floats."""
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        try:
+        valid = isinstance(action, np.ndarray) and action.shape == self._action_shape
+        if valid and action.dtype.kind in "fiu":
             values = action.tolist()
-            valid = len(values) == self._n_inputs
             for value in values:
-                # False for NaN, and a TypeError for nested lists.
-                valid = valid and -1.0 <= value <= 1.0
-        except (AttributeError, TypeError):
+                valid = valid and -1.0 <= value <= 1.0  # False for NaN
+        else:
             valid = False
         if not valid:
             raise ValueError(
@@ -395,17 +425,28 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
 
         Raises:
             RenderError: No OpenGL (or, in mode "human", no display); says what to install.
+            gymnasium.error.ResetNeeded: Nothing was started yet.
         """
+        if self._last_observation is None:
+            raise gymnasium.error.ResetNeeded("call reset() before render()")
         if self.render_mode is None:
             gymnasium.logger.warn(
                 'render() does nothing without a render mode; pass render_mode="rgb_array"'
             )
             return None
         if self._renderer is None:
-            from softrobot_env.envs.renderer import make_renderer
-
             self._renderer = make_renderer(self.render_mode, self._nominal.config, self._frame_size)
         return self._renderer.draw(self._frame())
+
+    def _frame(self) -> Frame:
+        x, z = self._reference_points[self._index]
+        return Frame(
+            time=self.data.time,
+            qpos=self.data.qpos.copy(),
+            tension=self._tension.copy(),
+            target=np.array([x, 0.0, z]),
+            path=self._current.trajectory.path(),
+        )
 
     def close(self) -> None:
         """Free the renderer; closing twice is harmless."""

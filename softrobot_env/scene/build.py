@@ -9,7 +9,7 @@ from softrobot_env.scene.chain import Chain, add_chain
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 from softrobot_env.scene.tendons import add_tendons
-from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, modal_frequencies
+from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, linearize
 
 _INTEGRATORS = {
     "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
@@ -71,8 +71,7 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
 
 def _timestep(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
     return choose_timestep(
-        modal_frequencies(model),
-        config.robot.damping_time,
+        linearize(model),
         config.control_period,
         config.timestep,
         config.integrator,

@@ -1,21 +1,28 @@
 """Optional parts: sensors, loads, markers, cameras and the visible body."""
 
 from dataclasses import replace
-from math import radians, tan
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.scene.chain import TIP_SITE, Chain
 from softrobot_env.scene.config import Appearance, Camera, Load, Marker, PathMarker
+from softrobot_env.scene.skin import add_skin
 from softrobot_env.scene.tendons import route_through_guides
 
 TIP_POSITION_SENSOR = "tip_position"
 TIP_VELOCITY_SENSOR = "tip_velocity"
 TENDON_LINE = "{}_line"
 
-_FIELD_OF_VIEW = 20.0  # degrees; narrow, so that the picture is nearly free of perspective
+#: Radius [m] of a tendon's line.
+TENDON_WIDTH = 0.0025
+
+_CAMERA_DISTANCE = 1.5  # m
+_LINE_STEP = 0.02  # m between the points of a tendon's line
+_LINE_SPREAD = 0.45  # rad around the body between the lines of two groups
+_DARK = (0.22, 0.24, 0.28, 1.0)
 _WORLD_SITE = "world_axes"
 
 
@@ -65,81 +72,123 @@ def add_path(spec: mujoco.MjSpec, path: PathMarker) -> None:
 
 
 def add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
-    """Camera in front of the bending plane: x to the right, z up."""
-    distance = camera.height / 2 / tan(radians(_FIELD_OF_VIEW / 2))
+    """Orthographic camera in front of the bending plane: x to the right, z up."""
     spec.worldbody.add_camera(
         name=camera.name,
-        pos=[camera.center[0], -distance, camera.center[1]],
+        pos=[camera.center[0], -_CAMERA_DISTANCE, camera.center[1]],
         xyaxes=[1, 0, 0, 0, 0, 1],
-        fovy=_FIELD_OF_VIEW,
+        proj=mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC,
+        fovy=camera.height,
     )
 
 
 def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
-    """Visible links, base, wall and light, and a drawn line for every channel tendon."""
-    ends = np.concatenate(([0.0], chain.layout.stations, [robot.length]))
-    for body, start, end in zip(chain.bodies, ends, ends[1:], strict=False):
-        _add_visual(
-            body,
-            type=mujoco.mjtGeom.mjGEOM_CAPSULE,
-            fromto=[0, 0, 0, 0, 0, end - start],
-            size=[robot.outer_radius, 0, 0],
-            rgba=look.link_rgba,
-        )
+    """Visible body, base, wall and light, and a drawn line for every channel tendon."""
+    add_skin(chain, robot, look.link_rgba)
     for tendon in robot.tendons:
         _draw_tendon(chain, tendon, look)
+    for end in sorted({tendon.end for tendon in robot.tendons}):
+        _add_anchor_ring(chain, robot, end)
+    _add_base(chain.spec, robot)
     _add_surroundings(chain.spec, robot)
 
 
-def _draw_tendon(chain: Chain, tendon, look: Appearance) -> None:
+def _draw_tendon(chain: Chain, tendon: Tendon, look: Appearance) -> None:
     """Colour a guided tendon; give a channel tendon a line that carries no force."""
     line = chain.spec.tendon(tendon.name)
     if not tendon.guides:
-        step = chain.length / (4 * chain.layout.pieces)
-        guides = tuple(np.arange(step, tendon.end - step / 2, step))
-        drawn = replace(tendon, guides=guides)
+        count = round(tendon.end / _LINE_STEP)
+        guides = tuple(np.linspace(0, tendon.end, count + 1)[1:-1])
+        drawn = replace(tendon, guides=guides, offset=_drawn_offset(tendon))
         line = route_through_guides(chain, drawn, TENDON_LINE.format(tendon.name))
     line.rgba = look.tendon_rgba
-    line.width = 0.0025
+    line.width = TENDON_WIDTH
 
 
-def _add_visual(body: mujoco.MjsBody, **geom) -> None:
+def _drawn_offset(tendon: Tendon) -> tuple[float, float]:
+    """Position (x, y) [m] of a tendon's line on the surface.
+
+    Tendons of several groups share one channel; their lines are spread side by side towards
+    the viewer, so that each can be seen.
+    """
+    radius = float(np.hypot(*tendon.offset)) + TENDON_WIDTH / 2
+    angle = np.arctan2(tendon.offset[1], tendon.offset[0])
+    turn = -_LINE_SPREAD * tendon.group * (1 if tendon.offset[0] >= 0 else -1)
+    return radius * float(np.cos(angle + turn)), radius * float(np.sin(angle + turn))
+
+
+def _add_anchor_ring(chain: Chain, robot: RobotParams, station: float) -> None:
+    """Thin ring where tendons end."""
+    half = 0.0025
+    body, height = chain.locate(min(station, robot.length - 2 * half))
+    _add_visual(
+        body,
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        pos=[0, 0, height - half],
+        size=[robot.outer_radius + TENDON_WIDTH, half, 0],
+        rgba=_DARK,
+    )
+
+
+def _add_visual(body: mujoco.MjsBody, **geom: Any) -> None:
     """Geom that is only seen: no mass, no contacts."""
     body.add_geom(mass=0, contype=0, conaffinity=0, **geom)
 
 
+def _add_base(spec: mujoco.MjSpec, robot: RobotParams) -> None:
+    """Clamp block below the robot."""
+    for width, top, height in ((1.5, 0.25, 0.25), (2.6, -0.25, 0.6)):
+        size = width * robot.outer_radius
+        _add_visual(
+            spec.worldbody,
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[0, 0, (top - height) * robot.outer_radius],
+            size=[size, size, height * robot.outer_radius],
+            rgba=_DARK,
+        )
+
+
 def _add_surroundings(spec: mujoco.MjSpec, robot: RobotParams) -> None:
+    """Light, and a wall with a grid of 100 mm squares behind the robot."""
     spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
-    spec.visual.headlight.diffuse = [0.45, 0.45, 0.45]
-    spec.visual.headlight.specular = [0.1, 0.1, 0.1]
-    spec.worldbody.add_light(
-        pos=[-0.5, -2.0, 2.0], dir=[0.2, 1.0, -0.8], diffuse=[0.4, 0.4, 0.4], castshadow=True
+    spec.visual.headlight.diffuse = [0.28, 0.28, 0.28]
+    spec.visual.headlight.specular = [0.0, 0.0, 0.0]
+    direction = (0.4, 1.0, -0.5)
+    spec.worldbody.add_light(  # its shadow map is centred on the robot
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        pos=[-2 * direction[0], -2 * direction[1], robot.length / 2 - 2 * direction[2]],
+        dir=direction,
+        diffuse=[0.33, 0.33, 0.33],
+        specular=[0.2, 0.2, 0.2],
+        castshadow=True,
     )
+    # Hundreds of thin capsules make up the lines: coarse ones look the same and draw faster.
+    spec.visual.quality.numslices, spec.visual.quality.numstacks = 10, 4
+    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 2048, 2.0
+    spec.stat.extent = 1.6 * robot.length
+    spec.stat.center = [0, 0, robot.length / 2]
+    spec.visual.global_.azimuth = 90
+    spec.visual.global_.elevation = -5
+    _add_wall(spec, 2 * robot.outer_radius)
+
+
+def _add_wall(spec: mujoco.MjSpec, behind: float) -> None:
     spec.add_texture(
         name="grid",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.95, 0.95, 0.96],
-        rgb2=[0.91, 0.92, 0.94],
+        rgb1=[0.94, 0.945, 0.955],
+        rgb2=[0.905, 0.912, 0.925],
         width=256,
         height=256,
     )
-    grid = spec.add_material(name="grid", texrepeat=[10, 10], texuniform=True, reflectance=0.0)
+    grid = spec.add_material(name="grid", texrepeat=[10, 10], texuniform=True, specular=0.0)
     grid.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
-    behind = 2 * robot.outer_radius
     _add_visual(
         spec.worldbody,
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         pos=[0, behind, 0],
         quat=[0.7071067811865476, 0.7071067811865476, 0, 0],
-        size=[3, 3, 0.1],
+        size=[1.5, 1.5, 0.1],
         material="grid",
-    )
-    size = 1.6 * robot.outer_radius
-    _add_visual(
-        spec.worldbody,
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        pos=[0, 0, -robot.outer_radius],
-        size=[size, size, robot.outer_radius],
-        rgba=[0.3, 0.32, 0.36, 1],
     )

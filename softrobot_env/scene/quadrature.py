@@ -57,12 +57,12 @@ def place_hinges(length: float, pieces: int, rule: str) -> HingeLayout:
     """Place the hinges of a robot of `length` [m] cut into equal pieces.
 
     Raises:
-        ValueError: Unknown rule, or less than one piece.
+        ValueError: Unknown rule, or a number of pieces that is not a positive whole number.
     """
     if rule not in RULES:
         raise ValueError(f"unknown hinge rule {rule!r}; choose from {', '.join(RULES)}")
-    if pieces < 1:
-        raise ValueError(f"need at least one piece, got {pieces}")
+    if not (pieces >= 1 and pieces % 1 == 0):
+        raise ValueError(f"need a whole number of pieces, at least one, got {pieces}")
     offsets = np.array(RULES[rule])
     shares = np.array(_SHARES.get(rule, np.full(len(offsets), 1 / len(offsets))))
     size = length / pieces

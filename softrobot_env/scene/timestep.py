@@ -1,11 +1,12 @@
 """The rule that picks integrator and timestep from a robot's stiffness and damping.
 
-The chain, linearised about its straight pose, splits into modes with frequency w and damping
-rate mu w^2 (stiffness-proportional damping). On each mode the integrators act as
+The chain, linearised about its straight pose with taut tendons, is M q.. + D q. + K q = 0: K holds
+the hinges and the tendons driven by length, D only the hinges. For a step h the integrators are
 
-* implicitfast (and Euler, implicit): v+ = (v - h w^2 q) / (1 + h mu w^2), q+ = q + h v+, stable
-  while h < mu + sqrt(mu^2 + 4 / w^2);
-* RK4: stable while |R(h lambda)| <= 1 for both roots lambda of the mode;
+* implicitfast (and Euler, implicit): M (q+ - 2 q + q-) / h^2 + D (q+ - q) / h + K q = 0, stable
+  while 4 M / h^2 + 2 D / h - K is positive definite. On a mode of frequency w and damping rate
+  mu w^2 that is h < mu + sqrt(mu^2 + 4 / w^2); a stiff tendon brings K without D;
+* RK4: stable while |R(h lambda)| <= 1 for every root lambda of M lambda^2 + D lambda + K;
 * discrete: also implicit in the stiffness, hence stable for any h, but it damps all motion.
 
 The timestep is the largest divisor of the control period that is at most
@@ -20,7 +21,7 @@ steps that accuracy asks for; then the rule takes discrete and says that fast mo
 
 import warnings
 from dataclasses import dataclass
-from math import ceil, inf, pi, sqrt
+from math import ceil, inf, pi
 
 import mujoco
 import numpy as np
@@ -55,40 +56,74 @@ class TimestepChoice:
     reason: str
 
 
-def modal_frequencies(model: mujoco.MjModel) -> np.ndarray:
-    """Undamped angular frequencies (nv,) [rad/s], increasing, of the straight chain."""
+@dataclass(frozen=True)
+class LinearChain:
+    """The chain linearised about its straight pose.
+
+    Attributes:
+        mass: (nv, nv) [kg m2].
+        stiffness: (nv, nv) [N m], of the hinges and of tendons driven by length.
+        damping: (nv, nv) [N m s].
+    """
+
+    mass: np.ndarray
+    stiffness: np.ndarray
+    damping: np.ndarray
+
+    def frequencies(self) -> np.ndarray:
+        """Undamped angular frequencies (nv,) [rad/s], increasing."""
+        # As 1 / w^2, so that the slow modes are the accurate ones.
+        half = np.linalg.inv(np.linalg.cholesky(self.stiffness))
+        return 1 / np.sqrt(np.linalg.eigvalsh(half @ self.mass @ half.T)[::-1])
+
+
+def linearize(model: mujoco.MjModel) -> LinearChain:
+    """Linearise a scene about its straight pose, all tendons taut."""
     data = mujoco.MjData(model)
     mujoco.mj_forward(model, data)
     mass = np.zeros((model.nv, model.nv))
     mujoco.mj_fullM(model, data, mass)
-    scale = 1 / np.sqrt(model.jnt_stiffness)
-    return 1 / np.sqrt(np.linalg.eigvalsh(scale[:, None] * mass * scale)[::-1])
+    moment = np.zeros((model.nu, model.nv))
+    if model.nu:
+        mujoco.mju_sparse2dense(
+            moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+    springs = -model.actuator_biasprm[:, 1]  # force per length [N/m], zero for tension drives
+    stiffness = np.diag(model.jnt_stiffness) + moment.T @ (springs[:, None] * moment)
+    return LinearChain(mass, stiffness, np.diag(model.dof_damping))
 
 
-def stability_limit(integrator: str, frequencies: np.ndarray, damping_time: float) -> float:
+def stability_limit(integrator: str, chain: LinearChain) -> float:
     """Largest stable timestep [s] of the linearised chain, inf where there is none."""
     if integrator == "discrete":
         return inf
     if integrator == "RK4":
-        return min(_rk4_limit(w, damping_time) for w in frequencies)
-    return damping_time + sqrt(damping_time**2 + 4 / frequencies[-1] ** 2)
+        roots = _quadratic_roots(chain.mass, chain.damping, chain.stiffness)
+        return min(_rk4_limit(root) for root in roots)
+    # 4 M x^2 + 2 D x - K turns singular at x = 1 / h; half of the roots are positive.
+    roots = _quadratic_roots(4 * chain.mass, 2 * chain.damping, -chain.stiffness)
+    return float(1 / np.max(roots.real))
 
 
-def _rk4_limit(frequency: float, damping_time: float) -> float:
-    """First timestep at which RK4's amplification of a damped mode exceeds one."""
-    rate = damping_time * frequency**2 / 2
-    root = -rate + np.emath.sqrt(complex(rate**2 - frequency**2))
-    fastest = max((root, -2 * rate - root), key=abs)
-    # |R| <= 1 inside the stability region, which ends before |h lambda| = 3.
-    z = np.linspace(0, 3, 3001)[1:] * (fastest / abs(fastest))
+def _quadratic_roots(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    """Roots (2 n,) x of det(a x^2 + b x + c) = 0 for matrices (n, n)."""
+    n = len(a)
+    lower = -np.linalg.solve(a, np.hstack([c, b]))
+    return np.linalg.eigvals(np.vstack([np.eye(n, 2 * n, n), lower]))
+
+
+def _rk4_limit(root: complex) -> float:
+    """First timestep [s] at which RK4 amplifies a decaying motion exp(root t)."""
+    root = complex(min(root.real, 0.0), root.imag)  # rounding must not make an undamped mode grow
+    # |R| <= 1 inside the stability region, which ends before |h root| = 3.
+    z = np.linspace(0, 3, 3001)[1:] * (root / abs(root))
     growth = np.abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
     unstable = np.flatnonzero(growth > 1 + 1e-9)
-    return 3 * (unstable[0] if len(unstable) else 3000) / 3000 / abs(fastest)
+    return 3 * (unstable[0] if len(unstable) else 3000) / 3000 / abs(root)
 
 
 def choose_timestep(
-    frequencies: np.ndarray,
-    damping_time: float,
+    chain: LinearChain,
     control_period: float,
     timestep: float | None = None,
     integrator: str | None = None,
@@ -96,8 +131,7 @@ def choose_timestep(
     """Apply the rule of this module, or check what the caller fixed.
 
     Args:
-        frequencies: (nv,) [rad/s], increasing.
-        damping_time: mu [s].
+        chain: The linearised robot.
         control_period: [s].
         timestep: [s], rounded to a divisor of the control period (down); None applies the rule.
         integrator: MuJoCo's name; None applies the rule.
@@ -105,13 +139,13 @@ def choose_timestep(
     Warns:
         TimestepWarning: The choice is outside the stability bound, or stiffness forced discrete.
     """
-    period = 2 * pi / frequencies[0]
+    period = float(2 * pi / chain.frequencies()[0])
     accurate = min(ACCURACY * period, control_period)
     if integrator is None:
-        integrator, reason = _choose_integrator(frequencies, damping_time, accurate)
+        integrator, reason = _choose_integrator(chain, accurate)
     else:
         reason = f"{integrator} was asked for"
-    limit = stability_limit(integrator, frequencies, damping_time)
+    limit = stability_limit(integrator, chain)
     if timestep is None:
         step = min(accurate, SAFETY * limit)
         bound = "accuracy" if step == accurate else "stability"
@@ -131,10 +165,8 @@ def choose_timestep(
     return TimestepChoice(integrator, chosen, substeps, period, limit, reason)
 
 
-def _choose_integrator(
-    frequencies: np.ndarray, damping_time: float, accurate: float
-) -> tuple[str, str]:
-    limit = stability_limit("implicitfast", frequencies, damping_time)
+def _choose_integrator(chain: LinearChain, accurate: float) -> tuple[str, str]:
+    limit = stability_limit("implicitfast", chain)
     if SAFETY * limit * MAX_SUBSTEPS_RATIO >= accurate:
         return "implicitfast", "implicitfast is stable"
     warnings.warn(

@@ -1,0 +1,236 @@
+"""Closed forms and boundary-value solutions of a uniform cantilever, without MuJoCo.
+
+Frame as in `softrobot_env.robots`: the straight rod lies along +z from its clamp at the origin,
+bends in the x-z plane, and a positive moment or curvature bends it towards +x. Forces and points
+in the plane are pairs (x, z). All quantities are in SI units.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import cos, cosh, pi
+from typing import Any
+
+import numpy as np
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+
+_NODES = 101
+_TOLERANCE = 1e-9
+_MAX_NODES = 20000
+
+
+class ElasticaError(RuntimeError):
+    """The boundary-value solver did not converge at one of the load steps."""
+
+
+def euler_bernoulli_deflection(
+    length: float,
+    bending_stiffness: float,
+    distributed: float = 0.0,
+    force: float = 0.0,
+    moment: float = 0.0,
+) -> float:
+    """Small tip deflection [m] of a beam that only bends.
+
+    w = q L^4 / (8 EI) + F L^3 / (3 EI) + M L^2 / (2 EI) (Timoshenko, Strength of Materials).
+
+    Args:
+        length: L [m].
+        bending_stiffness: EI [N m2].
+        distributed: Uniform lateral load q [N/m].
+        force: Lateral tip force F [N].
+        moment: Tip moment M [N m].
+    """
+    sum_ = distributed * length**4 / 8 + force * length**3 / 3 + moment * length**2 / 2
+    return sum_ / bending_stiffness
+
+
+def timoshenko_deflection(
+    length: float,
+    bending_stiffness: float,
+    shear_stiffness: float,
+    distributed: float = 0.0,
+    force: float = 0.0,
+    moment: float = 0.0,
+) -> float:
+    """Small tip deflection [m] of a beam that bends and shears.
+
+    The Euler-Bernoulli deflection plus (q L^2 / 2 + F L) / (kappa G A).
+
+    Args:
+        length: L [m].
+        bending_stiffness: EI [N m2].
+        shear_stiffness: kappa G A [N], kappa being the shear coefficient.
+        distributed, force, moment: Loads as in `euler_bernoulli_deflection`.
+    """
+    bending = euler_bernoulli_deflection(length, bending_stiffness, distributed, force, moment)
+    return bending + (distributed * length**2 / 2 + force * length) / shear_stiffness
+
+
+def clamped_free_root(n: int) -> float:
+    """n-th positive root x [1] of cos(x) cosh(x) = -1, n = 1, 2, ...
+
+    The roots lie close to (n - 1/2) pi; dividing by cosh(x) keeps the function of order one.
+    """
+    if n < 1:
+        raise ValueError(f"modes are counted from 1, got {n}")
+    middle = (n - 0.5) * pi
+    return brentq(lambda x: cos(x) + 1 / cosh(x), middle - pi / 4, middle + pi / 4, xtol=1e-14)
+
+
+def euler_bernoulli_frequency(
+    length: float, bending_stiffness: float, mass_per_length: float, n: int = 1
+) -> float:
+    """n-th bending frequency [Hz], (x_n / L)^2 sqrt(EI / rho A) / (2 pi), thesis (2.75).
+
+    Args:
+        length: L [m].
+        bending_stiffness: EI [N m2].
+        mass_per_length: rho A [kg/m].
+        n: Mode, from 1.
+    """
+    wave = (clamped_free_root(n) / length) ** 2
+    return float(wave * np.sqrt(bending_stiffness / mass_per_length) / (2 * pi))
+
+
+def rayleigh_frequency(
+    length: float,
+    bending_stiffness: float,
+    mass_per_length: float,
+    rotary_inertia: float,
+    n: int = 1,
+) -> float:
+    """n-th bending frequency [Hz] of a beam with rotary inertia but no shear.
+
+    EI w'''' + rho A w.. - rho I w..'' = 0 with w = w' = 0 at the clamp and no moment,
+    EI w''' + omega^2 rho I w' = 0, at the free end; the root of the characteristic determinant
+    next below the Euler-Bernoulli value.
+
+    Args:
+        length: L [m].
+        bending_stiffness: EI [N m2].
+        mass_per_length: rho A [kg/m].
+        rotary_inertia: rho I [kg m].
+        n: Mode, from 1.
+    """
+    x = clamped_free_root(n)
+    slenderness = rotary_inertia / (mass_per_length * length**2)
+    # To first order the eigenvalue x^4 drops by slenderness times |w'|^2 / |w|^2 < x (x + 2).
+    upper, lower = x**4, x**4 / (1 + 2 * slenderness * x * (x + 2))
+    root = brentq(_rayleigh_determinant, lower, upper, args=(slenderness,), xtol=1e-12)
+    unit = bending_stiffness / (mass_per_length * length**4)
+    return float(np.sqrt(root * unit) / (2 * pi))
+
+
+def _rayleigh_determinant(lam: float, slenderness: float) -> float:
+    """Characteristic function of lam = omega^2 rho A L^4 / EI; w = sum of cos, cosh, sin, sinh."""
+    half = slenderness * lam / 2
+    spread = np.sqrt(half**2 + lam)
+    a, b = np.sqrt(half + spread), np.sqrt(spread - half)
+    # w = C (cos ax - cosh bx) + S (sin ax - a/b sinh bx) meets the clamp.
+    moment = [
+        -(a**2) * cos(a) - b**2 * cosh(b),
+        -(a**2) * np.sin(a) - a * b * np.sinh(b),
+    ]
+    slope = [-a * np.sin(a) - b * np.sinh(b), a * cos(a) - a * cosh(b)]
+    third = [a**3 * np.sin(a) - b**3 * np.sinh(b), -(a**3) * cos(a) - a * b**2 * cosh(b)]
+    shear = [t + 2 * half * s for t, s in zip(third, slope, strict=True)]
+    return float((moment[0] * shear[1] - moment[1] * shear[0]) / cosh(b))
+
+
+def arc_tip(length: float, curvature: float) -> np.ndarray:
+    """Tip (2,) [m] in (x, z) of a circular arc: (1 - cos kL, sin kL) / k, smooth at k = 0.
+
+    An inextensible rod under a pure tip moment M is such an arc with k = M / EI.
+
+    Args:
+        length: L [m].
+        curvature: k [1/m].
+    """
+    half = curvature * length / 2
+    chord = length * np.sinc(half / pi)
+    return chord * np.array([np.sin(half), np.cos(half)])
+
+
+@dataclass(frozen=True)
+class Elastica:
+    """Shape of a planar elastica.
+
+    Attributes:
+        station: (k,) [m], arc length.
+        angle: (k,) [rad] of the tangent from +z towards +x.
+        curvature: (k,) [1/m].
+        position: (k, 2) [m], (x, z).
+    """
+
+    station: np.ndarray
+    angle: np.ndarray
+    curvature: np.ndarray
+    position: np.ndarray
+
+    @property
+    def tip(self) -> np.ndarray:
+        """(2,) [m], (x, z)."""
+        return self.position[-1]
+
+
+def elastica(
+    length: float,
+    bending_stiffness: float,
+    weight: tuple[float, float] = (0.0, 0.0),
+    force: tuple[float, float] = (0.0, 0.0),
+    moment: float = 0.0,
+    load_steps: int = 5,
+) -> Elastica:
+    """Equilibrium of an inextensible, shear-free rod, however large its rotations.
+
+    With tangent angle t(s): EI t'' = -(q_x (L - s) + F_x) cos t + (q_z (L - s) + F_z) sin t,
+    t(0) = 0, EI t'(L) = M, x' = sin t, z' = cos t (balance of moments of the rod beyond s).
+    The loads are raised in equal steps so that the solution connected to the straight rod is
+    found.
+
+    Args:
+        length: L [m].
+        bending_stiffness: EI [N m2].
+        weight: (q_x, q_z) [N/m], dead load per length.
+        force: (F_x, F_z) [N], dead load at the tip.
+        moment: M [N m] at the tip, positive towards +x.
+        load_steps: Number of load steps.
+
+    Raises:
+        ElasticaError: The solver failed at a load step.
+    """
+    # Lengths in units of L, forces in EI / L^2.
+    unit = length**2 / bending_stiffness
+    q, f = np.array(weight) * length * unit, np.array(force) * unit
+    m = moment * length / bending_stiffness
+    # Every load step starts from a coarse mesh, or the refinement of all steps would add up.
+    s = np.linspace(0, 1, _NODES)
+    y = np.stack([0 * s, 0 * s, 0 * s, s])
+    for scale in np.arange(1, load_steps + 1) / load_steps:
+        rod = _solve(_rod(scale * q, scale * f), scale * m, s, y, scale)
+        y = rod.sol(s)
+    return Elastica(length * rod.x, rod.y[0], rod.y[1] / length, length * rod.y[2:].T)
+
+
+def _rod(q: np.ndarray, f: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Right-hand side of the state (angle, curvature, x, z) in units of the length."""
+
+    def derivative(s: np.ndarray, y: np.ndarray) -> np.ndarray:
+        fx, fz = q[:, None] * (1 - s) + f[:, None]
+        bend = -fx * np.cos(y[0]) + fz * np.sin(y[0])
+        return np.stack([y[1], bend, np.sin(y[0]), np.cos(y[0])])
+
+    return derivative
+
+
+def _solve(derivative: Callable, moment: float, s: np.ndarray, y: np.ndarray, scale: float) -> Any:
+    """`solve_bvp`'s result for a clamped base and a tip moment."""
+
+    def boundary(base: np.ndarray, tip: np.ndarray) -> np.ndarray:
+        return np.array([base[0], tip[1] - moment, base[2], base[3]])
+
+    result = solve_bvp(derivative, boundary, s, y, tol=_TOLERANCE, max_nodes=_MAX_NODES)
+    if not result.success:
+        raise ElasticaError(f"no elastica at {scale:.0%} of the load: {result.message}")
+    return result

@@ -1,0 +1,215 @@
+"""Tip error of the MuJoCo chain against independent beam models, with the time it costs.
+
+Static cases compare equilibria with closed forms and elastica solutions; the dynamic case compares
+a fast step of the arm with a converged solution. Every row says what it was compared with.
+"""
+
+from collections.abc import Callable, Iterator
+from time import perf_counter
+from typing import Any
+
+import mujoco
+import numpy as np
+from rich.table import Table
+
+from softrobot_env.benchmarks.static_cases import StaticCase, static_cases
+from softrobot_env.benchmarks.tension_step import (
+    DURATION,
+    Reference,
+    converged_reference,
+    start,
+    tip_motion,
+)
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.quadrature import RULES
+from softrobot_env.scene.statics import equilibrium
+
+Row = dict[str, Any]
+Progress = Callable[[str, int, int], None]
+
+#: Numbers of hinges, coarse to fine; a quick run stops after the second.
+HINGES = (6, 12, 24, 48)
+
+#: The arm's tendons end at thirds of its length, where pieces of three hinges must end too.
+HINGES_OF_THIRDS = (9, 18, 36)
+
+#: Timesteps [s] and integrators of the dynamic case.
+TIMESTEPS = (1e-3, 2e-3, 5e-3, 1e-2)
+DYNAMIC_INTEGRATORS = ("implicitfast", "discrete")
+
+_STEPS_TIMED = 200
+
+_Job = tuple[str, Callable[[], list[Row]]]
+
+
+def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
+    """Measure all cases, rules and resolutions.
+
+    Args:
+        quick: Only the two coarsest chains, and a coarser dynamic reference.
+        progress: Called with (description, done, total), or None.
+
+    Returns:
+        Rows with case, model, n (hinges), timestep [s], integrator, e_mean, e_max [m],
+        wall_time [s], step_time [s] per `mj_step`, reference. For a static case both errors are
+        the distance of the tips and wall_time is that of the equilibrium solve; for the dynamic
+        case they are mean and maximum over the motion, and wall_time is that of all its steps.
+    """
+    jobs = [*_static_jobs(quick), *_dynamic_jobs(quick)]
+    rows = []
+    for done, (description, job) in enumerate(jobs):
+        if progress is not None:
+            progress(description, done, len(jobs))
+        rows += job()
+    if progress is not None:
+        progress("done", len(jobs), len(jobs))
+    return rows
+
+
+def hinge_numbers(robot: RobotParams, rule: str, quick: bool = False) -> tuple[int, ...]:
+    """Numbers of hinges of a rule on a robot: tendons must end between pieces."""
+    thirds = len(RULES[rule]) == 3 and bool(robot.tendons)
+    numbers = HINGES_OF_THIRDS if thirds else HINGES
+    return numbers[:2] if quick else numbers
+
+
+def _static_jobs(quick: bool) -> Iterator[_Job]:
+    repeats = 2 if quick else 5
+    for case in static_cases():
+        for rule in RULES:
+            yield (
+                f"{case.name} {rule}",
+                lambda c=case, r=rule: [
+                    static_row(c, r, n, repeats) for n in hinge_numbers(c.robot, r, quick)
+                ],
+            )
+
+
+def _dynamic_jobs(quick: bool) -> Iterator[_Job]:
+    reference: list[Reference] = []
+    repeats = 3 if quick else 5
+
+    def compute_reference() -> list[Row]:
+        reference.append(converged_reference(quick))
+        return []
+
+    yield "tension_step reference", compute_reference
+    for rule in RULES:
+        for n in hinge_numbers(ARM, rule, quick):
+            yield (
+                f"tension_step {rule} {n}",
+                lambda r=rule, n=n: _dynamic_rows(r, n, reference[0], repeats),
+            )
+
+
+def _dynamic_rows(rule: str, n: int, reference: Reference, repeats: int) -> list[Row]:
+    return [
+        dynamic_row(rule, n, timestep, integrator, reference, repeats)
+        for integrator in DYNAMIC_INTEGRATORS
+        for timestep in TIMESTEPS
+    ]
+
+
+def static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> Row:
+    """Solve one static case on a chain of n hinges; times are the best of `repeats`."""
+    scene = build_scene(_config(case.robot, rule, n, loads=case.loads))
+    wall_time, posture = _best_time(lambda: equilibrium(scene.model, case.ctrl), repeats)
+    error = float(np.linalg.norm(tip_at(scene.model, posture) - case.tip))
+    step_time = _step_time(scene.model, posture, case.ctrl, repeats)
+    return _row(case.name, rule, scene, (error, error), wall_time, step_time, case.reference)
+
+
+def dynamic_row(
+    rule: str, n: int, timestep: float, integrator: str, reference: Reference, repeats: int = 1
+) -> Row:
+    """Simulate the tension step and compare it; the time is the best of `repeats`."""
+    scene = build_scene(_config(ARM, rule, n, timestep=timestep, integrator=integrator))
+    error = np.linalg.norm(tip_motion(scene) - reference.tips, axis=1)
+    wall_time = min(_stepping_time(scene) for _ in range(repeats))
+    step_time = wall_time * scene.timestep.timestep / DURATION
+    errors = float(error.mean()), float(error.max())
+    return _row("tension_step", rule, scene, errors, wall_time, step_time, reference.text)
+
+
+def _config(robot: RobotParams, rule: str, n: int, **options: Any) -> SceneConfig:
+    return SceneConfig(robot, pieces=n // len(RULES[rule]), rule=rule, **options)
+
+
+def tip_at(model: mujoco.MjModel, posture: np.ndarray) -> np.ndarray:
+    """Tip (2,) [m] in (x, z) of the chain in a posture (nq,) [rad]."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = posture
+    mujoco.mj_kinematics(model, data)
+    return data.site("tip").xpos[[0, 2]].copy()
+
+
+def _best_time(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
+    """Shortest time [s] of some repetitions, and the result of the last one."""
+    best, result = np.inf, None
+    for _ in range(repeats):
+        begin = perf_counter()
+        result = action()
+        best = min(best, perf_counter() - begin)
+    return best, result
+
+
+def _step_time(model: mujoco.MjModel, posture: np.ndarray, ctrl: np.ndarray, repeats: int) -> float:
+    """Time [s] of one `mj_step` from the equilibrium."""
+    data = mujoco.MjData(model)
+    data.qpos[:], data.ctrl[:] = posture, ctrl
+    best, _ = _best_time(lambda: mujoco.mj_step(model, data, _STEPS_TIMED), repeats)
+    return best / _STEPS_TIMED
+
+
+def _stepping_time(scene: Scene) -> float:
+    """Time [s] of all steps of the tension step, without reading anything out."""
+    simulation = start(scene)
+    steps = round(DURATION / scene.timestep.timestep)
+    return _best_time(lambda: mujoco.mj_step(scene.model, simulation.data, steps), 1)[0]
+
+
+def _row(
+    case: str,
+    rule: str,
+    scene: Scene,
+    errors: tuple[float, float],
+    wall_time: float,
+    step_time: float,
+    reference: str,
+) -> Row:
+    return {
+        "case": case,
+        "model": f"mujoco_chain/{rule}",
+        "n": scene.model.nv,
+        "timestep": scene.timestep.timestep,
+        "integrator": scene.timestep.integrator,
+        "e_mean": errors[0],
+        "e_max": errors[1],
+        "wall_time": wall_time,
+        "step_time": step_time,
+        "reference": reference,
+    }
+
+
+def table(rows: list[Row]) -> Table:
+    """The rows as a table for the terminal, in millimetres, milliseconds and microseconds."""
+    out = Table(title="Tip error against independent beam models")
+    for name in ("case", "model", "integrator"):
+        out.add_column(name)
+    for name in ("n", "timestep ms", "e mean mm", "e max mm", "wall time ms", "step us"):
+        out.add_column(name, justify="right")
+    for row in rows:
+        out.add_row(row["case"], row["model"], row["integrator"], str(row["n"]), *_figures(row))
+    return out
+
+
+def _figures(row: Row) -> list[str]:
+    return [
+        f"{1e3 * row['timestep']:.3g}",
+        f"{1e3 * row['e_mean']:.2g}",
+        f"{1e3 * row['e_max']:.2g}",
+        f"{1e3 * row['wall_time']:.2f}",
+        f"{1e6 * row['step_time']:.1f}",
+    ]

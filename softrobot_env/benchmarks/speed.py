@@ -1,0 +1,121 @@
+"""Environment steps per second, and what the Python side of a step costs.
+
+The overhead of an environment is the time of `env.step` minus that of the `mj_step` calls it makes.
+Ours and Gymnasium's own MuJoCo environments are timed in turns within one run, each by its best
+block, so that their ratio does not depend on the machine's load.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+import gymnasium
+import mujoco
+import numpy as np
+from rich.table import Table
+
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.registration import ENVIRONMENTS
+
+#: Gymnasium's environments to compare with; the first one is the yardstick.
+YARDSTICKS = ("HalfCheetah-v5", "Reacher-v5", "InvertedDoublePendulum-v5")
+
+_STEPS = 250  # per block; shorter than any episode here
+
+
+@dataclass
+class _Contestant:
+    """An environment under test and its best times [s] per control step."""
+
+    name: str
+    env: gymnasium.Env
+    action: np.ndarray
+    substeps: int
+    step_time: float = np.inf
+    raw_time: float = np.inf
+
+
+def run(quick: bool, progress: Callable[[str, int, int], None] | None = None) -> list[dict]:
+    """Time all registered environments and Gymnasium's; rows as DESIGN names them.
+
+    Args:
+        quick: Fewer repeats.
+        progress: Called with description, done, total.
+
+    Returns:
+        Rows with what, variant, n_envs, threads, steps_per_second, raw_steps_per_second, ratio
+        (of the two), overhead [s] and overhead_ratio (to the first yardstick).
+    """
+    contestants = [_contestant(name) for name in (*YARDSTICKS, *ENVIRONMENTS)]
+    rounds = 15 if quick else 60
+    for done in range(rounds):
+        if progress:
+            progress("env.step", done, rounds)
+        for contestant in contestants:
+            _time_block(contestant)
+    yardstick = _overhead(contestants[0])
+    return [_row(c, yardstick) for c in contestants]
+
+
+def _contestant(name: str) -> _Contestant:
+    env = gymnasium.make(name)
+    env.reset(seed=0)
+    bare = env.unwrapped
+    own = isinstance(bare, TrackingEnv)
+    substeps = round(bare.control_period / bare.model.opt.timestep) if own else bare.frame_skip
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
+    return _Contestant(name, env, action, substeps)
+
+
+def _time_block(contestant: _Contestant) -> None:
+    """One block of environment steps, then one of the same bare `mj_step` calls."""
+    env, action = contestant.env, contestant.action
+    env.reset(seed=0)
+    begin = perf_counter()
+    for _ in range(_STEPS):
+        _, _, terminated, truncated, _ = env.step(action)
+        if terminated or truncated:
+            env.reset()
+    middle = perf_counter()
+    model, data, substeps = env.unwrapped.model, env.unwrapped.data, contestant.substeps
+    for _ in range(_STEPS):
+        mujoco.mj_step(model, data, substeps)
+    end = perf_counter()
+    contestant.step_time = min(contestant.step_time, (middle - begin) / _STEPS)
+    contestant.raw_time = min(contestant.raw_time, (end - middle) / _STEPS)
+
+
+def _overhead(contestant: _Contestant) -> float:
+    return contestant.step_time - contestant.raw_time
+
+
+def _row(contestant: _Contestant, yardstick: float) -> dict:
+    return {
+        "what": "env.step",
+        "variant": contestant.name,
+        "n_envs": 1,
+        "threads": 1,
+        "steps_per_second": 1 / contestant.step_time,
+        "raw_steps_per_second": 1 / contestant.raw_time,
+        "ratio": contestant.raw_time / contestant.step_time,
+        "overhead": _overhead(contestant),
+        "overhead_ratio": _overhead(contestant) / yardstick,
+    }
+
+
+def table(rows: list[dict]) -> Table:
+    """The rows for the terminal."""
+    out = Table(header_style="bold")
+    headings = ("environment", "steps/s", "raw steps/s", "raw/env", "overhead us", "overhead ratio")
+    for heading in headings:
+        out.add_column(heading, justify="left" if heading == "environment" else "right")
+    for row in rows:
+        out.add_row(
+            row["variant"],
+            f"{row['steps_per_second']:.0f}",
+            f"{row['raw_steps_per_second']:.0f}",
+            f"{row['ratio']:.2f}",
+            f"{1e6 * row['overhead']:.1f}",
+            f"{row['overhead_ratio']:.2f}",
+        )
+    return out

@@ -1,0 +1,43 @@
+"""`softrobot`: the command line."""
+
+import argparse
+import importlib
+import sys
+
+#: Command -> (module in `softrobot_env.commands`, what it does).
+COMMANDS = {
+    "evaluate": "run policies on tasks; write report.json, report.md and plots",
+    "render": "write a video of a policy on a task",
+    "benchmark": "measure accuracy and speed",
+    "inspect": "print what a scene contains and what it leaves out",
+    "export": "write the MJCF of the registered scenes",
+}
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser with all commands."""
+    parser = argparse.ArgumentParser(
+        prog="softrobot", description="MuJoCo environments for tendon-driven soft robots."
+    )
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    for name, text in COMMANDS.items():
+        module = importlib.import_module(f"softrobot_env.commands.{name}")
+        command = commands.add_parser(
+            name, help=text, description=text, epilog=f"example: {module.EXAMPLE}"
+        )
+        module.add_arguments(command)
+        command.set_defaults(run=module.run)
+    return parser
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run a command; returns the exit status.
+
+    Bad arguments end with status 2 and the reason on standard error, failed episodes with 1.
+    """
+    args = build_parser().parse_args(argv)
+    try:
+        return args.run(args)
+    except (ValueError, ImportError, RuntimeError) as error:
+        print(f"softrobot {args.command}: {error}", file=sys.stderr)
+        return 2

@@ -1,0 +1,77 @@
+"""Arguments that several commands share."""
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from softrobot_env.robots import VARIABLE
+from softrobot_env.tasks import TASKS
+
+
+def add_task(parser: argparse.ArgumentParser) -> None:
+    """--task and --step-width."""
+    parser.add_argument("--task", choices=list(TASKS), default="swing", help="default: swing")
+    parser.add_argument(
+        "--step-width", type=positive, metavar="M", help="width [m] of the step task"
+    )
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """Discretisation and integration, as `SceneConfig` has them."""
+    group = parser.add_argument_group("scene")
+    group.add_argument(
+        "--control-period", type=positive, default=0.01, metavar="S", help="default: 0.01 s"
+    )
+    group.add_argument("--pieces", type=int, help="pieces of the robot; default: the robot's own")
+    group.add_argument("--rule", default="balanced2", help="hinge rule; default: balanced2")
+    group.add_argument("--timestep", type=positive, metavar="S", help="default: by rule")
+    group.add_argument("--integrator", help="MuJoCo integrator; default: by rule")
+
+
+def scene_options(args: argparse.Namespace) -> dict[str, object]:
+    """Keyword arguments of an environment from `add_scene`."""
+    names = ("control_period", "pieces", "rule", "timestep", "integrator")
+    return {name: getattr(args, name) for name in names}
+
+
+def add_out(parser: argparse.ArgumentParser, default: str) -> None:
+    """--out DIR."""
+    parser.add_argument(
+        "--out", type=Path, default=Path(default), metavar="DIR", help=f"default: {default}"
+    )
+
+
+def positive(text: str) -> float:
+    """A positive number."""
+    value = float(text)
+    if not 0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return value
+
+
+def variation(text: str) -> tuple[str, list[float]]:
+    """`name=1,2,3` as the name of a robot parameter and its factors."""
+    name, _, values = text.partition("=")
+    if name not in VARIABLE or not values:
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not NAME=F1,F2,... with NAME out of {', '.join(VARIABLE)}"
+        )
+    return name, [float(value) for value in values.split(",")]
+
+
+def names_or_all(known: list[str]) -> Callable[[str], str]:
+    """Converter that accepts the known names and "all", and lists them otherwise."""
+
+    def convert(text: str) -> str:
+        if text != "all" and text not in known:
+            raise argparse.ArgumentTypeError(
+                f"unknown name {text!r}; choose from {', '.join(known)}, all"
+            )
+        return text
+
+    return convert
+
+
+def expand_all(names: list[str], known: list[str]) -> list[str]:
+    """The names, with "all" standing for every known one."""
+    return list(known) if "all" in names else list(dict.fromkeys(names))

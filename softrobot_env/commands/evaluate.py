@@ -1,0 +1,187 @@
+"""`softrobot evaluate`: policies on tasks, with table, report and plots."""
+
+import argparse
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import Progress
+
+from softrobot_env.commands.arguments import (
+    add_out,
+    add_scene,
+    expand_all,
+    names_or_all,
+    positive,
+    scene_options,
+    variation,
+)
+from softrobot_env.control.registry import POLICIES, make_policy
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation import report
+from softrobot_env.evaluation.run import run_episode
+from softrobot_env.rollout import Rollout
+from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, make_task
+
+EXAMPLE = "softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5"
+
+#: Duration [s] of evaluated step responses: the thesis' 25 s lets slow policies settle.
+STEP_DURATION = 25.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """One episode to run."""
+
+    task: Task
+    policy: str
+    variation: dict[str, float]
+
+    @property
+    def label(self) -> str:
+        """For the progress bar."""
+        return f"{self.task.label}, {self.policy}"
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """An episode, its record and its row of the report."""
+
+    case: Case
+    rollout: Rollout
+    row: report.Row
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument(
+        "--tasks", nargs="+", type=names_or_all(list(TASKS)), default=["all"], metavar="TASK"
+    )
+    parser.add_argument(
+        "--policies",
+        nargs="+",
+        type=names_or_all(list(POLICIES)),
+        default=["all"],
+        metavar="POLICY",
+        help=f"out of {', '.join(POLICIES)}; default: all",
+    )
+    parser.add_argument(
+        "--step-widths",
+        nargs="+",
+        type=positive,
+        default=list(STEP_WIDTHS),
+        metavar="M",
+        help="widths [m] of the step task; default: 0.05 0.1 0.2",
+    )
+    parser.add_argument(
+        "--vary",
+        action="append",
+        type=variation,
+        default=[],
+        metavar="NAME=F1,F2",
+        help="factors on a parameter of the plant; controllers keep the nominal robot",
+    )
+    parser.add_argument("--no-plots", action="store_true", help="skip the plots")
+    parser.add_argument("--save-rollouts", action="store_true", help="also write npz records")
+    add_scene(parser)
+    add_out(parser, "out/evaluate")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 1 if any episode failed."""
+    console = Console()
+    cases = list(_cases(args))
+    outcomes = _run_cases(cases, args, console)
+    args.out.mkdir(parents=True, exist_ok=True)
+    rows = [outcome.row for outcome in outcomes]
+    report.write_json(args.out / "report.json", rows)
+    (args.out / "report.md").write_text(report.markdown(rows), encoding="utf-8")
+    if args.save_rollouts:
+        _save_rollouts(outcomes, args.out)
+    if not args.no_plots:
+        _plot(outcomes, args.out)
+    for table in report.tables(rows):
+        console.print(table)
+    console.print(f"Wrote {args.out}/report.json, report.md" + ("" if args.no_plots else ", plots"))
+    return int(any(row["failure"] for row in rows))
+
+
+def _cases(args: argparse.Namespace) -> Iterator[Case]:
+    variations = _variations(args.vary)
+    for task in _tasks(args):
+        for policy in expand_all(args.policies, list(POLICIES)):
+            for scales in variations:
+                yield Case(task, policy, scales)
+
+
+def _tasks(args: argparse.Namespace) -> Iterator[Task]:
+    for name in expand_all(args.tasks, list(TASKS)):
+        if name == "step":
+            yield from (make_task(name, width) for width in args.step_widths)
+        else:
+            yield make_task(name)
+
+
+def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
+    """Every combination of the varied parameters; factors of 1 count as nominal."""
+    names = [name for name, _ in given]
+    combinations = itertools.product(*(values for _, values in given))
+    return [{n: v for n, v in zip(names, c, strict=True) if v != 1} for c in combinations]
+
+
+def _run_cases(cases: list[Case], args: argparse.Namespace, console: Console) -> list[Outcome]:
+    environments: dict[str, TrackingEnv] = {}
+    outcomes = []
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("evaluate", total=len(cases))
+        for case in cases:
+            progress.update(bar, description=case.label)
+            name = case.task.name
+            if name not in environments:
+                environments[name] = TrackingEnv(name, observe="all", **scene_options(args))
+            outcomes.append(_run_case(environments[name], case))
+            progress.advance(bar)
+    return outcomes
+
+
+def _run_case(env: TrackingEnv, case: Case) -> Outcome:
+    policy = make_policy(case.policy, case.task.robot, env.control_period)
+    options: dict[str, object] = {"vary": case.variation}
+    if case.task.step_width is not None:
+        options |= {"step_width": case.task.step_width, "duration": STEP_DURATION}
+    rollout = run_episode(env, policy, seed=0, options=options)
+    row = report.make_row(rollout, case.task, case.policy, "mujoco", case.variation)
+    return Outcome(case, rollout, row)
+
+
+def _file_stem(outcome: Outcome) -> str:
+    parts = [report.task_label(outcome.row), outcome.case.policy]
+    parts += [f"{name}_{scale:g}" for name, scale in outcome.case.variation.items()]
+    return "_".join(parts).replace(" ", "_")
+
+
+def _save_rollouts(outcomes: list[Outcome], out: Path) -> None:
+    for outcome in outcomes:
+        outcome.rollout.save(out / f"{_file_stem(outcome)}.npz")
+
+
+def _plot(outcomes: list[Outcome], out: Path) -> None:
+    """Compare policies on each task, and variations of each policy where there are several."""
+    from softrobot_env.rendering.plots import plot_task
+
+    for label in dict.fromkeys(report.task_label(o.row) for o in outcomes):
+        of_task = [o for o in outcomes if report.task_label(o.row) == label]
+        stem = label.replace(" ", "_")
+        nominal = {o.case.policy: o.rollout for o in of_task if not o.case.variation}
+        if nominal:
+            plot_task(nominal, of_task[0].case.task, out, stem)
+        for policy in dict.fromkeys(o.case.policy for o in of_task):
+            varied = {
+                report.variation_label(o.row) or "nominal": o.rollout
+                for o in of_task
+                if o.case.policy == policy
+            }
+            if len(varied) > 1:
+                plot_task(varied, of_task[0].case.task, out, f"{stem}_{policy}_varied")

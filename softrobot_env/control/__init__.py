@@ -1,0 +1,1 @@
+"""Policies: the thesis' controllers and their extensions, one per file."""

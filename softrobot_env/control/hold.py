@@ -1,0 +1,20 @@
+"""Hold still: keep whatever action is in force at the start."""
+
+import numpy as np
+
+from softrobot_env.control.base import Controller
+from softrobot_env.interfaces import Observation
+
+
+class Hold(Controller):
+    """Repeat the action in force; the baseline that any controller has to beat."""
+
+    requires = ("previous_action",)
+
+    def start(self, observation: Observation) -> np.ndarray:
+        """The action to keep."""
+        return np.array(observation["previous_action"])
+
+    def act(self, observation: Observation, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The kept action."""
+        return state, state

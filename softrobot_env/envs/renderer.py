@@ -1,0 +1,277 @@
+"""Pictures of a running simulation, drawn from a scene of their own.
+
+The simulated scene has nothing to see. A renderer builds the visible scene of the same robot,
+copies the posture into it, and adds the reference, the target and the trail of the tip.
+"""
+
+import threading
+import time
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from softrobot_env.envs.opengl import OffscreenContext, RenderError, check_display
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.chain import TIP_SITE
+from softrobot_env.scene.config import Appearance, Camera, SceneConfig
+from softrobot_env.scene.extras import TENDON_LINE, TENDON_WIDTH
+
+__all__ = ["Frame", "RenderError", "Renderer", "make_renderer"]
+
+_CAMERA = "front"
+_WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's length
+_MAX_GEOMS = 2000
+_PATH_POINTS = 50
+_TRAIL_POINTS = 300
+_TRAIL_STEP = 0.008  # m between two points of the trail
+
+_SLACK = np.array([0.62, 0.67, 0.76, 1.0])
+_TIGHT = np.array([0.75, 0.0, 0.10, 1.0])
+_PATH = np.array([0.40, 0.42, 0.48, 1.0])
+_TARGET = np.array([0.05, 0.65, 0.30, 1.0])
+_WHITE = np.array([1.0, 1.0, 1.0, 1.0])
+_TRAIL = np.array([0.05, 0.30, 0.90, 1.0])
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a picture shows.
+
+    Attributes:
+        time: [s] since the episode began.
+        qpos: (nq,) [rad].
+        tension: (n_tendons,) [N].
+        target: (3,) [m], the reference now.
+        path: (k, 3) [m], the whole reference; two points are shown as points.
+    """
+
+    time: float
+    qpos: np.ndarray
+    tension: np.ndarray
+    target: np.ndarray
+    path: np.ndarray
+
+
+class Renderer(Protocol):
+    """Draws frames."""
+
+    def draw(self, frame: Frame) -> np.ndarray | None:
+        """Picture (height, width, 3) uint8, or None where it goes to a window."""
+
+    def close(self) -> None:
+        """Free what the renderer holds; closing twice is harmless."""
+
+
+def make_renderer(mode: str, config: SceneConfig, frame_size: tuple[int, int]) -> Renderer:
+    """Renderer of a render mode.
+
+    Args:
+        mode: "rgb_array" or "human".
+        config: The simulated scene.
+        frame_size: (width, height) of a picture in pixels.
+
+    Raises:
+        RenderError: There is no OpenGL, or in mode "human" no display.
+    """
+    if mode == "human":
+        return WindowRenderer(config)
+    return OffscreenRenderer(config, *frame_size)
+
+
+class OffscreenRenderer:
+    """Renders into arrays."""
+
+    def __init__(self, config: SceneConfig, width: int, height: int) -> None:
+        self._view = _View(config, width / height)
+        model = self._view.model
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        self._context = OffscreenContext(model, width, height)
+        self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
+        self._option = mujoco.MjvOption()
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = model.camera(_CAMERA).id
+
+    def draw(self, frame: Frame) -> np.ndarray:
+        """Picture (height, width, 3) uint8."""
+        view = self._view
+        view.update(frame)
+        mujoco.mjv_updateScene(
+            view.model,
+            view.data,
+            self._option,
+            None,
+            self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self._scene,
+        )
+        view.decorate(self._scene, frame)
+        return self._context.draw(self._scene)
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._context.close()
+
+
+class WindowRenderer:
+    """Shows frames in MuJoCo's viewer, not faster than real time."""
+
+    def __init__(self, config: SceneConfig) -> None:
+        """Open the window.
+
+        Raises:
+            RenderError: There is no display.
+        """
+        try:
+            check_display()  # the viewer's thread would wait for ever after a failure
+        except RenderError as error:
+            raise RenderError(
+                f'{error}; render_mode="human" needs one, render_mode="rgb_array" does not'
+            ) from None
+        from mujoco import viewer
+
+        self._view = _View(config, 4 / 3)
+        others = set(threading.enumerate())
+        self._window = viewer.launch_passive(
+            self._view.model, self._view.data, show_left_ui=False, show_right_ui=False
+        )
+        camera = self._window.cam
+        camera.lookat[:] = (0.0, 0.0, config.robot.length / 2)
+        camera.distance, camera.azimuth, camera.elevation = 2.2 * config.robot.length, 90.0, -8.0
+        self._threads = set(threading.enumerate()) - others
+        self._last = (0.0, 0.0)  # simulated and wall-clock time [s] of the last frame
+
+    def draw(self, frame: Frame) -> None:
+        """Update the window, after waiting until the frame is due."""
+        if not self._window.is_running():
+            return
+        self._wait(frame.time)
+        with self._window.lock():
+            self._view.update(frame)
+            self._window.user_scn.ngeom = 0
+            self._view.decorate(self._window.user_scn, frame)
+        self._window.sync()
+
+    def _wait(self, now: float) -> None:
+        simulated, wall = self._last
+        if now > simulated:
+            time.sleep(max(0.0, now - simulated - (time.perf_counter() - wall)))
+        self._last = (now, time.perf_counter())
+
+    def close(self) -> None:
+        """Close the window."""
+        self._window.close()
+        for thread in self._threads:  # still in OpenGL; leaving Python under it would crash
+            thread.join(timeout=5.0)
+
+
+class _View:
+    """The visible scene, its posture, and the trail of the tip."""
+
+    def __init__(self, config: SceneConfig, aspect: float) -> None:
+        length = config.robot.length
+        height = length * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
+        visible = replace(
+            config,
+            timestep=None,
+            integrator="discrete",  # stable for every robot; the view never integrates
+            sensors=(),
+            appearance=Appearance(),
+            cameras=(Camera(_CAMERA, (0.0, 0.48 * length), height),),
+        )
+        self.model = build_scene(visible).model
+        self.data = mujoco.MjData(self.model)
+        self._radius = config.robot.outer_radius
+        self._limit = np.array([t.tension_limit for t in config.robot.tendons])
+        self._lines = [_line_id(self.model, t.name) for t in config.robot.tendons]
+        self._tip = self.data.site(TIP_SITE).xpos
+        self._trail: list[np.ndarray] = []
+        self._time = 0.0
+
+    def update(self, frame: Frame) -> None:
+        """Take over posture and tensions; a diverged posture leaves the last one standing."""
+        if np.all(np.isfinite(frame.qpos)):
+            self.data.qpos[:] = frame.qpos
+        mujoco.mj_fwdPosition(self.model, self.data)
+        # The root shows small tensions, which are the usual ones.
+        share = np.sqrt(np.clip(frame.tension / self._limit, 0, 1))[:, None]
+        self.model.tendon_rgba[self._lines] = _SLACK + share * (_TIGHT - _SLACK)
+        self.model.tendon_width[self._lines] = TENDON_WIDTH * (0.8 + 0.7 * share[:, 0])
+        self._extend_trail(frame.time)
+
+    def _extend_trail(self, now: float) -> None:
+        if now < self._time:
+            self._trail.clear()
+        self._time = now
+        tip = self._tip.copy()
+        if not self._trail or np.linalg.norm(tip - self._trail[-1]) > _TRAIL_STEP:
+            self._trail.append(tip)
+            del self._trail[:-_TRAIL_POINTS]
+
+    def decorate(self, scene: mujoco.MjvScene, frame: Frame) -> None:
+        """Add reference, target, trail and tip, in layers in front of the body."""
+        layer = self._radius + 0.008 + 0.004 * np.arange(6)
+        if len(frame.path) > 2:
+            _add_line(scene, _in_front(_thinned(frame.path), layer[0]), 0.0016, _PATH)
+        else:
+            for point in _in_front(frame.path, layer[0]):
+                _add_disc(scene, point, 0.005, _PATH)
+        target = frame.target[None]
+        _add_disc(scene, _in_front(target, layer[1])[0], 0.014, _TARGET)
+        _add_disc(scene, _in_front(target, layer[2])[0], 0.010, _WHITE)
+        trail = np.array([*self._trail, self._tip])
+        _add_line(scene, _in_front(trail, layer[3]), 0.0022, _TRAIL)
+        _add_disc(scene, _in_front(trail[-1:], layer[5])[0], 0.006, _TRAIL)
+
+
+def _line_id(model: mujoco.MjModel, tendon: str) -> int:
+    """The drawn line of a tendon: its own for a channel, itself for guides."""
+    line = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON.value, TENDON_LINE.format(tendon))
+    return line if line >= 0 else model.tendon(tendon).id
+
+
+def _thinned(path: np.ndarray) -> np.ndarray:
+    """At most about `_PATH_POINTS` of a path's points, ends included."""
+    stride = max(1, len(path) // _PATH_POINTS)
+    return np.concatenate((path[:-1:stride], path[-1:]))
+
+
+def _in_front(points: np.ndarray, distance: float) -> np.ndarray:
+    """Points (k, 3) [m] moved towards the camera, which sees no difference in position."""
+    return points - np.array([0.0, distance, 0.0])
+
+
+def _add_line(scene: mujoco.MjvScene, points: np.ndarray, radius: float, rgba: np.ndarray) -> None:
+    for start, end in pairwise(points):
+        geom = _next_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), rgba)
+        if geom is None:
+            return
+        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE.value, radius, start, end)
+
+
+def _add_disc(scene: mujoco.MjvScene, center: np.ndarray, radius: float, rgba: np.ndarray) -> None:
+    """Thin disc facing the camera."""
+    size = np.array([radius, 0.0005, 0.0])
+    geom = _next_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, size, rgba)
+    if geom is not None:
+        geom.pos[:] = center
+        geom.mat[:] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+
+
+def _next_geom(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, size: np.ndarray, rgba: np.ndarray
+) -> mujoco.MjvGeom | None:
+    """A fresh geom at the end of the scene's list, or None when that is full."""
+    if scene.ngeom >= scene.maxgeom:
+        return None
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(
+        geom, kind.value, size, np.zeros(3), np.eye(3).ravel(), rgba.astype(np.float32)
+    )
+    geom.emission = 0.3  # lines keep their colour in any light
+    geom.category = mujoco.mjtCatBit.mjCAT_DECOR.value
+    scene.ngeom += 1
+    return geom

@@ -1,0 +1,1 @@
+"""Run policies, measure them as the thesis does, and report."""

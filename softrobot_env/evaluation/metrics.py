@@ -1,0 +1,105 @@
+"""Tracking and step metrics of thesis sec. 6.6."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softrobot_env.rollout import Rollout
+
+#: Part of a step response, at its end, whose mean is the steady-state value.
+_STEADY_WINDOW = 0.1
+
+#: Half width of the settling band, relative to the step.
+_BAND = 0.02
+
+
+@dataclass(frozen=True)
+class TrackingMetrics:
+    """Error of the tip (6.34) over an episode, all in [m]."""
+
+    e_mean: float
+    e_max: float
+    e_rms: float
+    e_final: float
+
+
+@dataclass(frozen=True)
+class StepMetrics:
+    """Characteristic quantities of a step response (Tabs. 6.2 to 6.4).
+
+    Attributes:
+        rise_time: [s] from 10 % to 90 % of the way to the steady-state value.
+        settling_time: [s] after which the response stays within 2 % of the way around the
+            steady-state value; None if it does not within the record.
+        overshoot: [1], largest excursion beyond the steady-state value over the way to it.
+        steady_state_error: [1], distance of steady-state value and target over the step width.
+    """
+
+    rise_time: float | None
+    settling_time: float | None
+    overshoot: float | None
+    steady_state_error: float
+
+
+def tracking_metrics(rollout: Rollout) -> TrackingMetrics:
+    """Mean, maximum, root mean square and last value of the tip error."""
+    error = rollout.error
+    return TrackingMetrics(
+        e_mean=float(error.mean()),
+        e_max=float(error.max()),
+        e_rms=float(np.sqrt(np.mean(error**2))),
+        e_final=float(error[-1]),
+    )
+
+
+def step_metrics(time: np.ndarray, tip: np.ndarray, target: np.ndarray) -> StepMetrics:
+    """Metrics of the tip's projection onto the direction of the step.
+
+    Args:
+        time: (T,) [s], the step happens at time 0.
+        tip: (T, 3) [m], the first row is where the step starts.
+        target: (3,) [m].
+    """
+    way = target - tip[0]
+    response = (tip - tip[0]) @ way / (way @ way)
+    window = max(1, round(_STEADY_WINDOW * len(response)))
+    steady = float(response[-window:].mean())
+    error = abs(1 - steady)
+    if steady <= _BAND:  # it never left the start: rise and overshoot have no meaning
+        return StepMetrics(None, None, None, error)
+    relative = response / steady
+    return StepMetrics(
+        rise_time=_rise_time(time, relative),
+        settling_time=_settling_time(time, relative, window),
+        overshoot=max(0.0, float(relative.max()) - 1),
+        steady_state_error=error,
+    )
+
+
+def _rise_time(time: np.ndarray, relative: np.ndarray) -> float | None:
+    crossings = [_first_crossing(time, relative, level) for level in (0.1, 0.9)]
+    return None if None in crossings else crossings[1] - crossings[0]
+
+
+def _first_crossing(time: np.ndarray, response: np.ndarray, level: float) -> float | None:
+    """Time at which the response first reaches a level, interpolated between samples."""
+    above = np.flatnonzero(response >= level)
+    if len(above) == 0:
+        return None
+    i = above[0]
+    if i == 0:
+        return float(time[0])
+    share = (level - response[i - 1]) / (response[i] - response[i - 1])
+    return float(time[i - 1] + share * (time[i] - time[i - 1]))
+
+
+def _settling_time(time: np.ndarray, relative: np.ndarray, window: int) -> float | None:
+    outside = np.flatnonzero(np.abs(relative - 1) > _BAND)
+    if len(outside) == 0:
+        return 0.0
+    last = outside[-1]
+    if last >= len(time) - window:  # still leaving the band where the steady value is taken
+        return None
+    gap = np.abs(relative[last : last + 2] - 1)
+    share = (gap[0] - _BAND) / (gap[0] - gap[1])
+    return float(time[last] + share * (time[last + 1] - time[last]))

@@ -1,0 +1,188 @@
+"""Videos of episodes: frames with a caption, written as mp4 or gif."""
+
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from softrobot_env.interfaces import Policy
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    import gymnasium
+
+#: File name suffixes a video can have.
+SUFFIXES = (".mp4", ".gif")
+
+_INK = (35, 38, 46)
+_PAPER = (255, 255, 255)
+
+
+def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> int:
+    """Write frames to a video file.
+
+    Args:
+        path: Ends in one of `SUFFIXES`; folders are made as needed. An mp4 is H.264 in yuv420p,
+            which every player reads; its width and height are rounded down to even numbers.
+        frames: Arrays (height, width, 3) uint8 of one size, used one at a time.
+        fps: Frames per second. A gif stores hundredths of seconds between frames.
+
+    Returns:
+        Number of frames written.
+
+    Raises:
+        ValueError: Another suffix, no frame, or fps not positive.
+        ImportError: imageio is not installed.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ValueError(f"a video file must end in {' or '.join(SUFFIXES)}, got {path.name!r}")
+    if not fps > 0:
+        raise ValueError(f"fps must be positive, got {fps!r}")
+    imageio = _import_imageio()
+    iterator = iter(frames)
+    first = next(iterator, None)
+    if first is None:
+        raise ValueError(f"there are no frames to write to {path.name!r}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    count = 0
+    with imageio.get_writer(path, **_writer_options(suffix, fps)) as writer:
+        for frame in _chain(first, iterator):
+            writer.append_data(_even(frame) if suffix == ".mp4" else frame)
+            count += 1
+    return count
+
+
+def _writer_options(suffix: str, fps: float) -> dict[str, Any]:
+    if suffix == ".gif":
+        return {"duration": 1000 / fps, "loop": 0}
+    return {
+        "fps": fps,
+        "codec": "libx264",
+        "pixelformat": "yuv420p",
+        "quality": 8,
+        "macro_block_size": 1,
+        "ffmpeg_log_level": "error",
+    }
+
+
+def _import_imageio() -> "ModuleType":
+    try:
+        import imageio.v2 as imageio
+        import imageio_ffmpeg  # noqa: F401
+    except ImportError as error:
+        raise ImportError(_missing("imageio[ffmpeg]")) from error
+    return imageio
+
+
+def _missing(package: str) -> str:
+    return f"videos need {package}: pip install softrobot_env[viz]"
+
+
+def _chain(first: np.ndarray, rest: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
+    yield first
+    yield from rest
+
+
+def _even(frame: np.ndarray) -> np.ndarray:
+    """The frame without an odd last row or column: chroma has half the resolution."""
+    height, width = frame.shape[:2]
+    return frame[: height - height % 2, : width - width % 2]
+
+
+def caption(frame: np.ndarray, lines: Iterable[str]) -> np.ndarray:
+    """Copy of a frame (height, width, 3) uint8 with lines of text in its upper left corner.
+
+    Raises:
+        ImportError: Pillow is not installed.
+    """
+    try:
+        from PIL import Image, ImageDraw, ImageFont
+    except ImportError as error:
+        raise ImportError(_missing("pillow")) from error
+    image = Image.fromarray(frame)
+    size = max(10, frame.shape[0] // 28)
+    font = ImageFont.load_default(size)
+    ImageDraw.Draw(image).multiline_text(
+        (size, size), "\n".join(lines), _INK, font, stroke_width=2, stroke_fill=_PAPER, spacing=6
+    )
+    return np.asarray(image)
+
+
+def record(
+    env: "gymnasium.Env",
+    policy: Policy,
+    fps: float = 30.0,
+    *,
+    title: str | None = None,
+    options: dict[str, Any] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Iterator[np.ndarray]:
+    """Run one episode and yield captioned frames.
+
+    Args:
+        env: Environment with render mode "rgb_array".
+        policy: A policy; it sees only the observables it `requires`, if it says so.
+        fps: Frames per second of simulated time; the environment draws no others.
+        title: First line of the caption; the task's label unless given.
+        options: Passed to `reset`.
+        progress: Called after every step with the share of the episode done, in [0, 1].
+
+    Yields:
+        Frames (height, width, 3) uint8: one at the start, then one every 1 / fps. Where the
+        control period is longer than that, frames repeat. A failure adds a frame that names it.
+
+    Raises:
+        ValueError: The environment does not render arrays, or fps is not positive.
+    """
+    if env.render_mode != "rgb_array" or not fps > 0:
+        raise ValueError(
+            'record needs an environment with render_mode="rgb_array" and a positive fps, got '
+            f"render_mode={env.render_mode!r} and fps={fps!r}"
+        )
+    return _frames(env, policy, fps, title, options or {}, progress or (lambda share: None))
+
+
+def _frames(
+    env: "gymnasium.Env",
+    policy: Policy,
+    fps: float,
+    title: str | None,
+    options: dict[str, Any],
+    progress: Callable[[float], None],
+) -> Iterator[np.ndarray]:
+    task = env.unwrapped.task
+    duration = options.get("duration", task.duration)
+    written = 0
+    for info in _episode(env, policy, options):
+        due = int(info["time"] * fps + 1e-6) + 1
+        if due > written or "failure" in info:
+            picture = caption(env.render(), _caption_lines(title or task.label, info))
+            yield from [picture] * max(1, due - written)
+            written = max(due, written)
+        progress(min(1.0, info["time"] / duration))
+
+
+def _episode(
+    env: "gymnasium.Env", policy: Policy, options: dict[str, Any]
+) -> Iterator[dict[str, Any]]:
+    """Step through an episode, yielding each `info`."""
+    observation, info = env.reset(options=options)
+    yield info
+    names = getattr(policy, "requires", None)
+    state, start, over = None, np.array([True]), False
+    while not over:
+        seen = observation if names is None else {name: observation[name] for name in names}
+        action, state = policy.predict(seen, state, start, True)
+        start = np.array([False])
+        observation, _, terminated, truncated, info = env.step(action)
+        over = terminated or truncated
+        yield info
+
+
+def _caption_lines(title: str, info: dict[str, Any]) -> list[str]:
+    lines = [title, f"t = {info['time']:.2f} s   error = {1e3 * info['error']:.1f} mm"]
+    return lines + ([info["failure"]] if "failure" in info else [])

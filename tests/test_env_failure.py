@@ -1,0 +1,202 @@
+"""A failed simulation is reported, never hidden."""
+
+from dataclasses import replace
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.robots import ARM
+from softrobot_env.scene.timestep import TimestepWarning
+from softrobot_env.tasks import make_task
+
+FULL = np.ones(3, np.float32)
+ZERO = np.zeros(3, np.float32)
+
+
+@pytest.fixture(autouse=True)
+def _elsewhere(tmp_path, monkeypatch):
+    """MuJoCo writes its log of warnings into the working directory."""
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def unstable(make_env):
+    """Environment whose explicit steps are far too long for an undamped arm."""
+    robot = replace(ARM, damping_time=0.0, name="undamped")
+    task = replace(make_task("swing"), robot=robot)
+    with pytest.warns(TimestepWarning, match=r"RK4 is beyond the stability limit"):
+        return make_env(
+            task=task, integrator="RK4", timestep=0.02, control_period=0.02, observe="all"
+        )
+
+
+@pytest.fixture
+def env(make_env):
+    env = make_env(observe="all")
+    env.reset()
+    return env
+
+
+def run_until_over(env, policy, limit=3000):
+    """All results of an episode, the last one being its end."""
+    results = []
+    while len(results) < limit:
+        results.append(env.step(policy(results)))
+        if results[-1][2] or results[-1][3]:
+            return results
+    raise AssertionError("the episode did not end")
+
+
+def check_failed(env, results, start, text):
+    """The contract of a failed step."""
+    observation, reward, terminated, truncated, info = results[-1]
+    assert (terminated, truncated) == (True, False)
+    assert text in info["failure"]
+    assert f"t = {env.data.time:.3f} s" in info["failure"]
+    assert reward == -10
+    assert info["reward_terms"] == {
+        "tracking": 0,
+        "precision": 0,
+        "effort": 0,
+        "smoothness": 0,
+        "failure": -10,
+    }
+    assert env.observation_space.contains(observation)
+    assert all(np.all(np.isfinite(v)) for v in observation.values())
+    before = results[-2][0] if len(results) > 1 else start
+    for name, value in before.items():
+        np.testing.assert_array_equal(observation[name], value)
+    assert all("failure" not in r[4] for r in results[:-1])
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(ZERO)
+
+
+def test_divergence_ends_the_episode(unstable):
+    start, _ = unstable.reset()
+    # A kick beyond what MuJoCo accepts (1e10), before the posture leaves the workspace.
+    unstable.data.qvel[:] = 1e12
+    results = run_until_over(unstable, lambda _: ZERO)
+    check_failed(unstable, results, start, "simulation diverged")
+    assert "RK4" in results[-1][4]["failure"]
+    assert "0.02" in results[-1][4]["failure"]
+
+
+def test_an_unstable_integration_never_passes_for_a_success(unstable):
+    """Left alone it leaves the workspace or diverges, whichever comes first."""
+    start, _ = unstable.reset()
+    results = run_until_over(unstable, lambda _: FULL)
+    failure = results[-1][4]["failure"]
+    check_failed(unstable, results, start, failure[:10])
+    assert failure.startswith(("simulation diverged", "left the workspace"))
+    assert len(results) < 750
+
+
+def test_a_new_episode_after_a_failure(unstable):
+    first, _ = unstable.reset()
+    lengths = []
+    for _ in range(2):
+        lengths.append(len(run_until_over(unstable, lambda _: FULL)))
+        start, info = unstable.reset()
+        assert "failure" not in info
+        for name, value in first.items():
+            np.testing.assert_array_equal(start[name], value)
+    assert lengths[0] == lengths[1]
+
+
+@pytest.mark.parametrize("field", ["qpos", "qvel"])
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1e300])
+@pytest.mark.parametrize("integrator", ["implicitfast", "discrete", "RK4"])
+def test_a_broken_state_is_reported_at_once(field, value, integrator, make_env):
+    timestep = 5e-5 if integrator == "RK4" else None
+    env = make_env(observe="all", integrator=integrator, timestep=timestep)
+    env.reset()
+    last = [env.step(ZERO) for _ in range(3)]
+    getattr(env.data, field)[2] = value
+    results = [*last, env.step(ZERO)]
+    check_failed(env, results, None, "simulation diverged")
+
+
+def test_a_broken_force_is_reported(env):
+    """The state is still fine when the acceleration is not."""
+    start, _ = env.reset()
+    env.data.qfrc_applied[:] = 1e300
+    check_failed(env, [env.step(ZERO)], start, "simulation diverged")
+
+
+def test_mujoco_does_not_reset_behind_our_back(env):
+    assert env.model.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    for _ in range(10):
+        env.step(ZERO)
+    env.data.qpos[0] = np.nan
+    env.step(ZERO)
+    # A silent reset would have set time and state back to zero.
+    assert env.data.time == pytest.approx(11 * 0.01, abs=1e-9)
+    assert np.isnan(env.data.qpos).any()
+
+
+def test_leaving_the_workspace_ends_the_episode(env):
+    """Pumping in step with the motion bends a piece beyond 1 / outer radius."""
+    start, _ = env.reset()
+
+    def pump(results):
+        rate = results[-1][0]["curvature_rate"].sum() if results else 1.0
+        return FULL if rate >= 0 else -FULL
+
+    results = run_until_over(env, pump)
+    check_failed(env, results, start, "left the workspace")
+    failure = results[-1][4]["failure"]
+    curvature = np.array([env.data.qpos[2 * k : 2 * k + 2].sum() * 12 for k in range(6)])
+    piece = int(np.argmax(np.abs(curvature)))
+    assert abs(curvature[piece]) > 40
+    assert f"{curvature[piece]:.4g} 1/m of piece {piece + 1}" in failure
+    assert "40 1/m" in failure
+    assert all(np.abs(r[0]["curvature"]).max() <= 40 for r in results)
+
+
+@pytest.mark.parametrize(("bend", "over"), [(39.9, False), (40.1, True)])
+@pytest.mark.parametrize("piece", [0, 3, 5])
+def test_the_limit_is_that_of_one_piece(bend, over, piece, make_env):
+    """One bent piece in a straight arm, held by generalised forces that balance its springs."""
+    env = make_env(control_period=1e-3)
+    env.reset(options={"start_input": [0.0, 0.0, 0.0]})
+    env.data.qpos[:] = 0
+    env.data.qpos[2 * piece : 2 * piece + 2] = bend / 24
+    env.data.qfrc_applied[:] = env.model.jnt_stiffness * env.data.qpos
+    mujoco.mj_forward(env.model, env.data)
+    *_, terminated, _, info = env.step(ZERO)
+    assert terminated == over
+    assert ("failure" in info) == over
+    if over:
+        assert f"of piece {piece + 1}" in info["failure"]
+
+
+def test_penalty_is_the_rewards(make_env):
+    env = make_env(reward=TrackingReward(failure=-3.5))
+    env.reset()
+    env.data.qpos[0] = np.nan
+    _, reward, terminated, _, info = env.step(ZERO)
+    assert terminated
+    assert reward == info["reward_terms"]["failure"] == -3.5
+
+
+def test_failure_in_the_last_step_is_a_failure(make_env):
+    env = make_env("SoftRobot/ArmStep-v0", control_period=0.2)
+    env.reset()
+    for _ in range(24):
+        env.step(ZERO)
+    env.data.qpos[0] = np.nan
+    *_, terminated, truncated, info = env.step(ZERO)
+    assert (terminated, truncated) == (True, False)
+    assert "failure" in info
+
+
+def test_info_of_a_divergence_is_honest(env):
+    """Time and applied tensions are known; where the tip went is not, and no number says so."""
+    env.step(ZERO)
+    env.data.qpos[0] = np.nan
+    *_, info = env.step(ZERO)
+    assert np.isfinite(info["time"]) and np.all(np.isfinite(info["tendon_tension"]))
+    assert np.isnan(info["error"])

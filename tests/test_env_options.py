@@ -1,0 +1,378 @@
+"""Options of `reset`: what they change, for how long, and what they refuse."""
+
+from dataclasses import replace
+from math import ceil, inf, nan
+
+import numpy as np
+import pytest
+
+from softrobot_env.envs.options import OPTIONS
+from softrobot_env.robots import ARM, VARIABLE, centerline
+from softrobot_env.scene.timestep import TimestepWarning
+from softrobot_env.tasks import STEP_WIDTHS, make_task
+
+STEP = "SoftRobot/ArmStep-v0"
+SWING = "SoftRobot/ArmSwing-v0"
+
+#: [m], by how much six pieces of two hinges each may miss the exact shape. A piece bent by an
+#: angle t comes out short by (1/3 - 0.3) / 4 t^2 of its length (`scene.quadrature`): with 20 N in
+#: every pair t is at most 0.6, 0.4 and 0.2 on the thirds, 0.8 mm in all.
+CHAIN_ERROR = 1e-3
+
+
+def hold_episode(env, action):
+    """Observations of an episode under a constant action."""
+    action = np.asarray(action, np.float32)
+    seen, over = [], False
+    while not over:
+        observation, _, terminated, over, _ = env.step(action)
+        assert not terminated
+        seen.append(observation)
+    return seen
+
+
+def same(first, second):
+    return all(np.array_equal(first[k], second[k]) for k in first) and first.keys() == second.keys()
+
+
+def running_state(env):
+    """What a plain reset has to restore."""
+    model = env.model
+    fields = (model.jnt_stiffness, model.dof_damping, model.body_mass, model.body_inertia)
+    return [np.array(f) for f in fields] + [env.data.qpos.copy(), env.data.ctrl.copy()]
+
+
+# ---------------------------------------------------------------- the start
+
+
+def test_the_start_is_an_equilibrium(env_id, make_env, hold_action):
+    """Holding the start input keeps the arm still through the whole episode."""
+    env = make_env(env_id, observe="all")
+    start, _ = env.reset()
+    np.testing.assert_array_equal(start["tip_velocity"], 0)
+    np.testing.assert_array_equal(start["curvature_rate"], 0)
+    seen = hold_episode(env, hold_action(env))
+    drift = [np.hypot(*(o["tip_position"] - start["tip_position"])) for o in seen]
+    # float32 actions round the tension by 80 N * 6e-8, and a newton moves the tip below 0.1 m.
+    assert max(drift) < 1e-6
+
+
+def test_the_start_is_on_the_reference(env_id, make_env):
+    env = make_env(env_id)
+    observation, _ = env.reset()
+    before = env.task.trajectory.position(np.array([-1.0]))[0, [0, 2]]
+    assert np.hypot(*(observation["tip_position"] - before)) < CHAIN_ERROR
+
+
+@pytest.mark.parametrize(
+    ("force", "tip"),
+    [
+        ((0, 0, 20), (0.2636, 0.3905)),
+        ((0, 20, 0), (0.2438, 0.4167)),
+        ((20, 0, 0), (0.1611, 0.4699)),
+        ((5, 5, 5), (0.1750, 0.4603)),
+        ((20, 20, 20), (0.3863, 0.0338)),
+        ((-20, 0, 0), (-0.1611, 0.4699)),
+    ],
+)
+def test_start_input_gives_the_equilibria_of_the_audit(force, tip, make_env):
+    env = make_env(SWING, observe="all")
+    observation, info = env.reset(options={"start_input": force})
+    assert np.hypot(*(observation["tip_position"] - tip)) < CHAIN_ERROR
+    # beta_12 = (F1 + F2 + F3) r / EI, beta_34 = (F2 + F3) r / EI, beta_56 = F3 r / EI
+    bend = np.cumsum(np.array(force, float)[::-1])[::-1] * 0.025 / ARM.bending_stiffness
+    np.testing.assert_allclose(observation["curvature"], np.repeat(bend, 2), atol=1e-9)
+    np.testing.assert_array_equal(observation["tip_velocity"], 0)
+    np.testing.assert_allclose(observation["previous_action"] * 80, force, atol=1e-12)
+    np.testing.assert_allclose(
+        info["tendon_tension"].reshape(3, 2) @ [1, -1], force, rtol=1e-12, atol=1e-12
+    )
+    drift = hold_episode(env, np.array(force) / 80)[-1]["tip_position"]
+    assert np.hypot(*(drift - observation["tip_position"])) < 1e-6
+
+
+def test_full_tension_has_an_equilibrium(make_env):
+    env = make_env(SWING)
+    for signs in np.array(np.meshgrid([1, -1], [1, -1], [1, -1])).reshape(3, -1).T:
+        observation, _ = env.reset(options={"start_input": 80.0 * signs})
+        bend = np.cumsum(80.0 * signs[::-1])[::-1] * 0.025 / ARM.bending_stiffness
+        np.testing.assert_allclose(observation["curvature"], np.repeat(bend, 2), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "curvature", [[0.0] * 6, [3, -3, 1, 0, 0, -5.5], [7.0] * 6, [40.0] * 6, [-40.0] * 6]
+)
+def test_start_curvature(curvature, make_env):
+    env = make_env(SWING, observe="all")
+    observation, info = env.reset(options={"start_curvature": curvature})
+    assert env.observation_space.contains(observation)
+    np.testing.assert_allclose(observation["curvature"], curvature, atol=1e-12)
+    np.testing.assert_array_equal(observation["curvature_rate"], 0)
+    if np.max(np.abs(curvature)) < 10:  # at the limit a hinge turns by 1.7 rad: no arc any more
+        tip = centerline(ARM, np.array(curvature, float))[-1, [0, 2]]
+        assert np.hypot(*(observation["tip_position"] - tip)) < 2 * CHAIN_ERROR
+    # The tendons keep the task's start input.
+    start = np.array(env.task.start_input)
+    np.testing.assert_allclose(info["tendon_tension"].reshape(3, 2) @ [1, -1], start, rtol=1e-12)
+
+
+def test_start_curvature_out_of_equilibrium_moves(make_env):
+    env = make_env(SWING)
+    observation, _ = env.reset(options={"start_curvature": np.zeros(6)})
+    moved = env.step(np.zeros(3, np.float32))[0]
+    np.testing.assert_allclose(moved["tip_position"], observation["tip_position"], atol=1e-12)
+    env.reset(options={"start_curvature": np.full(6, 2.0)})
+    moved = env.step(np.zeros(3, np.float32))[0]
+    assert moved["tip_velocity"][0] < -1e-3  # springs back
+
+
+# ---------------------------------------------------------------- step width and duration
+
+
+@pytest.mark.parametrize("width", [*STEP_WIDTHS, 0.0731, 1e-3])
+def test_step_width(width, make_env):
+    env = make_env(STEP)
+    observation, info = env.reset(options={"step_width": width})
+    task = make_task("step", width)
+    target = task.trajectory.position(np.zeros(1))[0, [0, 2]]
+    np.testing.assert_allclose(observation["reference"], target, atol=1e-12)
+    assert info["error"] == pytest.approx(width, abs=1e-4)  # the start is off by the chain's error
+    assert env.task.step_width == 0.05
+    observation, _ = env.reset()
+    nominal = env.task.trajectory.position(np.zeros(1))[0, [0, 2]]
+    np.testing.assert_allclose(observation["reference"], nominal, atol=1e-12)
+
+
+@pytest.mark.parametrize("duration", [0.001, 0.01, 0.013, 2.0, 20.0])
+def test_duration(duration, env_id, make_env, hold_action):
+    env = make_env(env_id)
+    env.reset(options={"duration": duration})
+    seen = hold_episode(env, hold_action(env))
+    assert len(seen) == ceil(duration / 0.01 - 1e-9)
+    end = env.task.trajectory.position(np.array([len(seen) * 0.01]))[0, [0, 2]]
+    np.testing.assert_allclose(seen[-1]["reference"], end, atol=1e-9)
+    env.reset()
+    assert len(hold_episode(env, hold_action(env))) == env.task.duration / 0.01
+
+
+def test_a_tiny_duration_is_one_step(make_env, hold_action):
+    env = make_env(STEP)
+    env.reset(options={"duration": 1e-12})
+    assert len(hold_episode(env, hold_action(env))) == 1
+
+
+# ---------------------------------------------------------------- variation
+
+#: Parameter -> powers of its factor in (joint stiffness, joint damping, mass).
+POWERS = {"youngs_modulus": (1, 1, 0), "density": (0, 0, 1), "damping_time": (0, 1, 0)}
+
+
+@pytest.mark.parametrize("name", VARIABLE)
+@pytest.mark.parametrize("factor", [0.5, 0.75, 1.0, 1.25, 1.5])
+def test_vary_scales_the_compiled_model(name, factor, make_env):
+    env, nominal = make_env(STEP), make_env(STEP)
+    start, info = nominal.reset()
+    observation, varied_info = env.reset(options={"vary": {name: factor}})
+    fields = ("jnt_stiffness", "dof_damping", "body_mass")
+    for field, power in zip(fields, POWERS[name], strict=True):
+        scaled = factor**power * getattr(nominal.model, field)
+        np.testing.assert_allclose(getattr(env.model, field), scaled, rtol=1e-12, err_msg=field)
+    # Sec. 6.6.3: the start posture and the tensions are the nominal ones.
+    assert same(observation, start)
+    np.testing.assert_array_equal(varied_info["tendon_tension"], info["tendon_tension"])
+
+
+def test_stiffness_reaches_the_motion(make_env, hold_action):
+    """Statics: half the stiffness under the same tensions bends twice as far."""
+    env = make_env(STEP, control_period=0.1)
+    start, _ = env.reset(options={"vary": {"youngs_modulus": 0.5}, "duration": 20.0})
+    settled = hold_episode(env, hold_action(env))[-1]
+    # The slowest mode decays with mu w^2 / 2, 6.6 time constants in 20 s.
+    rate = 0.5 * 0.05 * (2 * np.pi * ARM.first_frequency) ** 2 / 2
+    atol = 10 * np.exp(-0.9 * rate * 20)
+    np.testing.assert_allclose(settled["curvature"], 2 * start["curvature"], atol=atol)
+    assert atol < 0.05 * start["curvature"].max()
+
+
+def test_damping_may_vanish(make_env, hold_action):
+    """Without damping the released arm swings back to nearly where it started."""
+    env = make_env(STEP)
+    peaks = {}
+    for factor in (0.0, 1.0):
+        env.reset(options={"vary": {"damping_time": factor}, "start_curvature": np.full(6, 0.1)})
+        seen = [env.step(np.zeros(3, np.float32))[0]["tip_position"][0] for _ in range(150)]
+        peaks[factor] = max(seen[75:])  # a period lasts 1.22 s
+        assert np.all(env.model.dof_damping == 0) == (factor == 0)
+    start = centerline(ARM, np.full(6, 0.1))[-1, 0]
+    # The released shape is not quite the first mode, hence a few per cent in other modes.
+    assert peaks[0.0] > 0.9 * start
+    # Damping ratio 0.127: one period leaves exp(-2 pi 0.127) = 45 %.
+    assert 0.35 * start < peaks[1.0] < 0.55 * start
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"vary": {"youngs_modulus": 0.5, "density": 1.3, "damping_time": 2.0}},
+        {"start_input": [1.0, 2.0, 3.0]},
+        {"start_curvature": [1.0] * 6},
+        {"step_width": 0.2},
+        {"duration": 0.05},
+        {"vary": {"density": 2}, "step_width": 0.1, "start_input": [0, 0, 0], "duration": 1.0},
+    ],
+    ids=lambda o: "+".join(o),
+)
+@pytest.mark.parametrize("following", [None, {}], ids=["none", "empty"])
+def test_options_hold_for_one_episode(options, following, make_env, hold_action):
+    env, untouched = make_env(STEP), make_env(STEP)
+    env.reset(options=options)
+    env.step(hold_action(env))
+    start, _ = env.reset(options=following)
+    expected, _ = untouched.reset()
+    assert same(start, expected)
+    for ours, theirs in zip(running_state(env), running_state(untouched), strict=True):
+        np.testing.assert_array_equal(ours, theirs)
+    action = np.full(3, 0.2, np.float32)
+    results = [[e.step(action) for _ in range(20)] for e in (env, untouched)]
+    assert all(same(a[0], b[0]) and a[1] == b[1] for a, b in zip(*results, strict=True))
+
+
+def test_the_same_variation_twice(make_env):
+    env = make_env(STEP)
+    options = {"vary": {"youngs_modulus": 1.5}}
+    first, _ = env.reset(options=options)
+    env.step(np.ones(3, np.float32))
+    second, _ = env.reset(options=options)
+    assert same(first, second)
+    assert env.model.jnt_stiffness[0] == pytest.approx(
+        1.5 * ARM.bending_stiffness / (ARM.length / 12)
+    )
+
+
+def test_vary_is_not_kept_by_reference(make_env):
+    """Changing the caller's dict afterwards changes no later episode."""
+    env = make_env(STEP)
+    factors = {"youngs_modulus": 1.5}
+    env.reset(options={"vary": factors})
+    factors["youngs_modulus"] = 0.5
+    env.reset(options={"vary": factors})
+    assert env.model.jnt_stiffness[0] == pytest.approx(
+        0.5 * ARM.bending_stiffness / (ARM.length / 12)
+    )
+
+
+def test_a_varied_robot_is_checked_against_the_timestep(make_env):
+    """20 ms suits the damped arm (2 mu = 0.1 s), not the undamped one."""
+    env = make_env(STEP, control_period=0.02, timestep=0.02)
+    with pytest.warns(TimestepWarning, match="beyond the stability limit"):
+        env.reset(options={"vary": {"damping_time": 0.0}})
+
+
+# ---------------------------------------------------------------- refusals
+
+BAD_OPTIONS = [
+    ({"damping": 2.0}, "unknown reset option 'damping'"),
+    ({"vary": {"length": 2.0}}, "youngs_modulus, density, damping_time"),
+    ({"vary": {"density": 0.0}}, "density"),
+    ({"vary": {"density": -1.0}}, "density"),
+    ({"vary": {"density": nan}}, "density"),
+    ({"vary": {"density": inf}}, "density"),
+    ({"vary": 2.0}, "vary"),
+    ({"vary": None}, "vary"),
+    ({"start_input": [1.0, 2.0]}, "start_input"),
+    ({"start_input": [1.0, nan, 2.0]}, "start_input"),
+    ({"start_input": [80.1, 0.0, 0.0]}, "start_input"),
+    ({"start_input": 5.0}, "start_input"),
+    ({"start_curvature": [1.0] * 5}, "start_curvature"),
+    ({"start_curvature": [1.0] * 5 + [inf]}, "start_curvature"),
+    ({"start_curvature": [1.0] * 5 + [-40.1]}, "start_curvature"),
+    ({"start_curvature": [0.0] * 6, "start_input": [0.0] * 3}, "not both"),
+    ({"step_width": 0.0}, "step_width"),
+    ({"step_width": 0.5}, "step width"),
+    ({"step_width": nan}, "step_width"),
+    ({"duration": 0.0}, "duration"),
+    ({"duration": -1.0}, "duration"),
+    ({"duration": nan}, "duration"),
+    ({"duration": inf}, "duration"),
+]
+
+#: Values of a wrong type.
+BAD_TYPES = [
+    ({"vary": {"density": "heavy"}}, "density"),
+    ({"vary": {"density": None}}, "density"),
+    ({"start_input": "high"}, "start_input"),
+    ({"start_input": {"pair1": 1.0}}, "start_input"),
+    ({"step_width": "wide"}, "step.width"),
+    ({"step_width": [0.1]}, "step.width"),
+    ({"duration": "long"}, "duration"),
+    ({"duration": None}, "duration"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), BAD_OPTIONS, ids=str)
+def test_bad_options_are_named(options, message, make_env):
+    with pytest.raises(ValueError, match=message):
+        make_env(STEP).reset(options=options)
+
+
+@pytest.mark.parametrize(("options", "message"), BAD_TYPES, ids=str)
+def test_options_of_a_wrong_type_are_named(options, message, make_env):
+    with pytest.raises(ValueError, match=message):
+        make_env(STEP).reset(options=options)
+
+
+def test_unknown_option_lists_the_allowed(make_env):
+    with pytest.raises(ValueError, match="stepwidth") as caught:
+        make_env(STEP).reset(options={"stepwidth": 0.1})
+    assert all(name in str(caught.value) for name in OPTIONS)
+
+
+@pytest.mark.parametrize("env_id", ["SoftRobot/ArmSwing-v0", "SoftRobot/ArmLShape-v0"])
+def test_only_the_step_has_a_width(env_id, make_env):
+    with pytest.raises(ValueError, match="step task only"):
+        make_env(env_id).reset(options={"step_width": 0.1})
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"vary": {"youngs_modulus": 2.0}, "start_curvature": [50.0] * 6},
+        {"vary": {"youngs_modulus": 2.0}, "step_width": 3.0},
+        {"vary": {"youngs_modulus": -2.0}, "step_width": 0.2},
+        {"vary": {"youngs_modulus": 2.0}, "start_input": [90.0, 0.0, 0.0]},
+    ],
+    ids=str,
+)
+def test_a_refused_reset_leaves_the_episode_as_it_was(options, make_env, hold_action):
+    env, untouched = make_env(STEP), make_env(STEP)
+    for each in (env, untouched):
+        each.reset()
+        each.step(hold_action(each))
+    with pytest.raises(ValueError):
+        env.reset(options=options)
+    for _ in range(3):
+        ours, theirs = env.step(hold_action(env)), untouched.step(hold_action(env))
+        assert same(ours[0], theirs[0])
+        assert ours[4]["time"] == theirs[4]["time"]
+
+
+# ---------------------------------------------------------------- tasks of one's own
+
+
+def test_a_task_of_ones_own_keeps_its_robot_and_duration(make_env, hold_action):
+    """`step_width` changes the width of the given task and nothing else."""
+    task = replace(make_task("step"), duration=0.5)
+    env = make_env(STEP, task=task)
+    observation, _ = env.reset(options={"step_width": 0.1})
+    target = make_task("step", 0.1).trajectory.position(np.zeros(1))[0, [0, 2]]
+    np.testing.assert_allclose(observation["reference"], target)
+    assert len(hold_episode(env, hold_action(env))) == 50
+
+
+def test_reference_out_of_reach_is_refused(make_env):
+    far = replace(make_task("lshape").trajectory, waypoints=((0.0, 0.0, 0.6),) * 3)
+    with pytest.raises(ValueError, match="reference of task 'lshape'"):
+        make_env(SWING, task=replace(make_task("lshape"), trajectory=far))
+    fast = replace(make_task("lshape").trajectory, times=(0.0, 0.01, 0.02))
+    with pytest.raises(ValueError, match=r"below 5\.0 m/s"):
+        make_env(SWING, task=replace(make_task("lshape"), trajectory=fast))

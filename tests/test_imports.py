@@ -1,0 +1,175 @@
+"""Imports go down only, and heavy packages load where they are used."""
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = "softrobot_env"
+
+FOUNDATION = {
+    "robots",
+    "trajectories",
+    "tasks",
+    "interfaces",
+    "rollout",
+    "paths",
+    "registration",
+}
+MIDDLE = ("beams", "scene", "sensing", "learned", "hardware")
+EVERYTHING = None  # imports what it likes
+
+#: Part of the package -> parts it may import, besides itself.
+ALLOWED = {
+    "__init__": {"registration"},
+    **dict.fromkeys(FOUNDATION, FOUNDATION),
+    **dict.fromkeys(MIDDLE, FOUNDATION),
+    "control": FOUNDATION | {"beams", "learned"},
+    "envs": FOUNDATION | {"scene", "sensing", "hardware"},
+    "evaluation": FOUNDATION,
+    "rendering": FOUNDATION,
+    "cli": EVERYTHING,
+    "commands": EVERYTHING,  # one module per command of the cli
+    "__main__": EVERYTHING,
+    "benchmarks": EVERYTHING,
+    "scripts": EVERYTHING,
+}
+
+HEAVY = {"torch", "stable_baselines3", "serial", "imageio", "matplotlib", "PIL"}
+
+#: Modules of these parts exist for a heavy package and are themselves imported where used.
+HEAVY_AT_HOME = {
+    "rendering": {"matplotlib", "imageio", "PIL"},
+    "learned": {"torch"},
+    "hardware": {"serial"},
+}
+
+#: Parts that every `gymnasium.make` loads; scipy costs more than the rest of them together.
+WITHOUT_SCIPY = FOUNDATION | {"__init__", "envs", "scene"}
+
+SOURCES = sorted((ROOT / PACKAGE).rglob("*.py")) + sorted((ROOT / "scripts").rglob("*.py"))
+
+
+def part_of(path: Path) -> str:
+    """First level of the package a file belongs to, or "scripts"."""
+    relative = path.relative_to(ROOT)
+    if relative.parts[0] == "scripts":
+        return "scripts"
+    return Path(relative.parts[1]).stem
+
+
+def imported(path: Path, nodes) -> list[str]:
+    """Absolute dotted names of the modules and attributes that import nodes name."""
+    names = []
+    package = path.relative_to(ROOT).parent.parts
+    for node in nodes:
+        if isinstance(node, ast.Import):
+            names += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            above = package[: len(package) - node.level + 1] if node.level else ()
+            base = ".".join((*above, *([node.module] if node.module else [])))
+            names += [f"{base}.{alias.name}" for alias in node.names]
+    return names
+
+
+def run_at_import(tree: ast.Module) -> list[ast.AST]:
+    """Nodes that run when the module is imported: everything outside functions and typing."""
+    found, waiting = [], [tree]
+    while waiting:
+        for child in ast.iter_child_nodes(waiting.pop()):
+            if isinstance(child, ast.FunctionDef | ast.AsyncFunctionDef | ast.Lambda):
+                continue
+            if isinstance(child, ast.If) and "TYPE_CHECKING" in ast.unparse(child.test):
+                continue
+            found.append(child)
+            waiting.append(child)
+    return found
+
+
+def parts_in(names: list[str]) -> set[str]:
+    """Parts of this package among dotted names."""
+    parts = [name.split(".") for name in names]
+    known = {part_of(p) for p in SOURCES}
+    ours = [p for p in parts if p[0] == PACKAGE]
+    # `from softrobot_env import __version__` names no part.
+    return {p[1] for p in ours if len(p) > 1 and p[1] in known}
+
+
+@pytest.fixture(scope="module", params=SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def source(request):
+    return request.param, ast.parse(request.param.read_text())
+
+
+def test_the_walk_finds_the_package():
+    parts = {part_of(p) for p in SOURCES}
+    assert parts >= FOUNDATION | {"__init__", "envs", "scene", "beams"}
+
+
+def test_the_reader_sees_every_form_of_import():
+    text = "import a.b, c\nfrom d import e\nfrom . import f\nfrom ..g import h\ndef i():\n import j"
+    path = ROOT / PACKAGE / "envs" / "x.py"
+    tree = ast.parse(text)
+    assert imported(path, ast.walk(tree)) == [
+        "a.b",
+        "c",
+        "d.e",
+        "softrobot_env.envs.f",
+        "softrobot_env.g.h",
+        "j",
+    ]
+    assert "j" not in imported(path, run_at_import(tree))
+
+
+def test_imports_go_down_only(source):
+    path, tree = source
+    part = part_of(path)
+    assert part in ALLOWED, f"{part!r} has no place in the import table of DESIGN"
+    allowed = ALLOWED[part]
+    if allowed is not EVERYTHING:
+        up = parts_in(imported(path, ast.walk(tree))) - allowed - {part}
+        assert not up, f"{path.relative_to(ROOT)} imports {sorted(up)}"
+
+
+def test_control_and_envs_meet_only_at_the_top():
+    assert "envs" not in ALLOWED["control"]
+    assert "control" not in ALLOWED["envs"]
+
+
+def test_heavy_packages_load_where_they_are_used(source):
+    path, tree = source
+    part = part_of(path)
+    banned = HEAVY - HEAVY_AT_HOME.get(part, set())
+    banned |= {"scipy"} if part in WITHOUT_SCIPY else set()
+    top = {name.split(".")[0] for name in imported(path, run_at_import(tree))}
+    assert not top & banned, f"{path.relative_to(ROOT)} imports {sorted(top & banned)} at the top"
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
+def test_no_catch_all_modules(path):
+    names = [Path(p).stem for p in path.relative_to(ROOT).parts]
+    assert not {"utils", "helpers", "common"} & set(names)
+
+
+@pytest.mark.parametrize(
+    ("module", "banned"),
+    [
+        ("softrobot_env", {"mujoco", "scipy", *HEAVY}),
+        ("softrobot_env.tasks", {"mujoco", "scipy", *HEAVY}),
+        ("softrobot_env.envs.tracking", {"scipy", *HEAVY}),
+    ],
+)
+def test_importing_stays_light(module, banned):
+    code = f"import sys, {module}; print(*{{m.split('.')[0] for m in sys.modules}})"
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    loaded = set(result.stdout.split())
+    assert "softrobot_env" in loaded
+    assert not loaded & banned

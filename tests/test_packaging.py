@@ -1,0 +1,48 @@
+import os
+import subprocess
+import sys
+import zipfile
+
+import pytest
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory, request):
+    """The wheel, built offline with the build backend that is installed."""
+    out = tmp_path_factory.mktemp("dist")
+    command = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "--outdir", str(out)]
+    subprocess.run(
+        [*command, str(request.config.rootpath)], check=True, capture_output=True, text=True
+    )
+    (path,) = out.glob("*.whl")
+    return path
+
+
+def test_wheel_carries_assets_and_models(wheel, request):
+    names = set(zipfile.ZipFile(wheel).namelist())
+    for folder in ("assets", "models"):
+        for path in (request.config.rootpath / folder).iterdir():
+            assert f"softrobot_env/_data/{folder}/{path.name}" in names
+    assert not any(name.startswith(("tests/", "scripts/")) for name in names)
+
+
+def test_wheel_works_outside_the_checkout(wheel, tmp_path):
+    site = tmp_path / "site"
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(site)
+    code = (
+        "import gymnasium, softrobot_env; from softrobot_env.paths import assets_dir;"
+        "env = gymnasium.make('SoftRobot/ArmSwing-v0'); env.reset(seed=0);"
+        "env.step(env.action_space.sample());"
+        "print(softrobot_env.__file__, assets_dir(), (assets_dir() / 'arm.xml').exists())"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(site)},
+        check=True,
+        capture_output=True,
+        text=True,
+    )
+    package, assets, found = done.stdout.split()
+    assert package.startswith(str(site)) and assets.startswith(str(site)) and found == "True"

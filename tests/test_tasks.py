@@ -1,0 +1,169 @@
+"""Tasks: the audit's coordinates, and starts in equilibrium on the reference."""
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.robots import ARM
+from softrobot_env.tasks import STEP_WIDTHS, TASKS, make_task
+
+STATICS = ConstantCurvatureStatics(ARM)
+
+
+def at(task, *times):
+    """Reference (n, 2) in (x, z) [m]."""
+    return task.trajectory.position(np.array(times))[:, [0, 2]]
+
+
+def curve_parameter(task):
+    """Equal-force parameter a = F r_t / EI of the start."""
+    return np.array(task.start_input) * 0.025 / ARM.bending_stiffness
+
+
+@pytest.mark.parametrize("name", TASKS)
+def test_every_task_lies_in_the_plane_and_in_reach(name):
+    task = make_task(name)
+    position = task.trajectory.position(np.linspace(0, task.duration, 500))
+    assert task.name == name
+    assert np.all(position[:, 1] == 0)
+    assert np.all(np.linalg.norm(position, axis=1) < ARM.length)
+
+
+@pytest.mark.parametrize(
+    ("name", "width"), [("step", w) for w in STEP_WIDTHS] + [("swing", None), ("lshape", None)]
+)
+def test_the_start_input_holds_the_tip_on_the_reference(name, width):
+    task = make_task(name, width)
+    start = at(task, -1.0)[0]  # before the jump, for the step
+    # Start inputs are given to 1e-8 N, and a newton moves the tip by less than 0.1 m.
+    np.testing.assert_allclose(STATICS.tip(np.array(task.start_input)), start, atol=2e-9)
+
+
+# ---------------------------------------------------------------- step
+
+
+@pytest.mark.parametrize(
+    ("width", "target", "parameter"),
+    [
+        (0.05, (0.22034, 0.43478), 0.766),
+        (0.1, (0.26056, 0.40482), 0.933),
+        (0.2, (0.32888, 0.32963), 1.276),
+    ],
+)
+def test_step_of_the_audit(width, target, parameter):
+    """The printed targets belong to the rounded parameters, not to the exact widths."""
+    task = make_task("step", width)
+    before, after = at(task, -1e-6, 0.0)
+    np.testing.assert_allclose(before, (0.17669, 0.45946), atol=5.1e-6)
+    np.testing.assert_allclose(curve_parameter(task), 0.6, rtol=1e-12)
+    np.testing.assert_allclose(task.start_input, 5.05, atol=5e-3)
+    force = parameter * ARM.bending_stiffness / 0.025
+    np.testing.assert_allclose(STATICS.tip(np.full(3, force)), target, atol=5.1e-6)
+    # Half a digit of the parameter moves the tip by 5e-4 * 0.3 m.
+    assert np.hypot(*(after - target)) < 1.5e-4
+
+
+@pytest.mark.parametrize("width", [*STEP_WIDTHS, 0.001, 0.123])
+def test_step_width_is_euclidean_and_on_the_curve(width):
+    task = make_task("step", width)
+    before, after = at(task, -1.0, task.duration)
+    assert np.hypot(*(after - before)) == pytest.approx(width, abs=1e-12)
+    assert task.step_width == width
+
+    # Equal forces reach the target: the nearest point of the equal-force curve is on it.
+    def distance(force):
+        return np.sum((STATICS.tip(np.full(3, force[0])) - after) ** 2)
+
+    nearest = minimize(distance, [8.0], method="Nelder-Mead", options={"xatol": 1e-10})
+    assert np.sqrt(nearest.fun) < 1e-7  # the minimiser squares distances: sqrt(1e-16)
+
+
+def test_step_runs_five_seconds_by_50_mm_unless_asked():
+    assert make_task("step").step_width == 0.05
+    assert make_task("step").duration == 5.0
+    assert make_task("step").label == "step 50 mm"
+    assert make_task("swing").label == "swing"
+
+
+# ---------------------------------------------------------------- swing
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_swing_waypoints_of_the_audit(sign):
+    task = make_task("swing")
+    arc = np.array([0.0, 0.125, 0.25, 0.375, 0.5])
+    points = at(task, *(5 + sign * arc / 0.1))
+    np.testing.assert_allclose(
+        points[:, 0], sign * np.array([0, 0.1230, 0.2344, 0.3230, 0.3794]), atol=5.1e-5
+    )
+    np.testing.assert_allclose(points[:, 1], [0.5, 0.4809, 0.4252, 0.3378, 0.2269], atol=5.1e-5)
+
+
+def test_swing_start_and_rest_of_the_audit():
+    task = make_task("swing")
+    np.testing.assert_allclose(curve_parameter(task), -1.6714, atol=5e-5)
+    np.testing.assert_allclose(np.abs(task.start_input), 14.08, atol=5e-3)
+    np.testing.assert_allclose(at(task, 0.0)[0], (-0.37936, 0.22687), atol=5.1e-6)
+    np.testing.assert_allclose(at(task, 10.0, 12.0, 15.0), [(0.37936, 0.22687)] * 3, atol=5.1e-6)
+    assert task.duration == 15.0
+
+
+def test_swing_moves_at_constant_speed():
+    task = make_task("swing")
+    t = np.linspace(0, 10, 2001)
+    travelled = np.linalg.norm(np.diff(at(task, *t), axis=0), axis=1)
+    # A chord over 0.5 mm of a path of radius 0.4 m is shorter by 1e-7 of its length.
+    np.testing.assert_allclose(travelled / np.diff(t), 0.1, rtol=2e-7)
+
+
+# ---------------------------------------------------------------- L-shape
+
+
+def test_lshape_of_the_audit():
+    task = make_task("lshape")
+    corners = [(0.24, 0.42), (0.24, 0.30), (0.35, 0.30), (0.35, 0.30)]
+    np.testing.assert_allclose(at(task, 0.0, 5.0, 10.0, 15.0), corners, atol=1e-15)
+    speed = np.linalg.norm(task.trajectory.velocity(np.array([2.0, 7.0, 12.0])), axis=1)
+    np.testing.assert_allclose(speed, [0.024, 0.022, 0.0], rtol=1e-12)
+    assert task.duration == 15.0
+
+
+def test_lshape_starts_with_the_least_norm():
+    """Against our inverse statics, and against a general optimiser that knows only the tip."""
+    task = make_task("lshape")
+    target = at(task, 0.0)[0]
+    inverse = STATICS.inverse(target, np.full(3, 5.0))
+    assert inverse.converged
+    np.testing.assert_allclose(task.start_input, inverse.reduced, atol=2e-8)
+    constraint = {"type": "eq", "fun": lambda u: 10 * (STATICS.tip(u) - target)}
+    guesses = np.random.default_rng(0).uniform(-15, 15, (10, 3))
+    found = [
+        minimize(lambda u: u @ u, u, constraints=constraint, options={"ftol": 1e-13}, tol=1e-12)
+        for u in guesses
+    ]
+    norms = [np.linalg.norm(f.x) for f in found if f.success]
+    assert len(norms) > 3
+    assert min(norms) == pytest.approx(np.linalg.norm(task.start_input), abs=1e-5)
+
+
+# ---------------------------------------------------------------- look-up
+
+
+@pytest.mark.parametrize("name", ["jump", "", "Step", "arm"])
+def test_unknown_task_lists_the_known(name):
+    with pytest.raises(ValueError, match="unknown task") as caught:
+        make_task(name)
+    assert all(known in str(caught.value) for known in TASKS)
+
+
+@pytest.mark.parametrize("name", ["swing", "lshape"])
+def test_only_the_step_has_a_width(name):
+    with pytest.raises(ValueError, match="step task only"):
+        make_task(name, 0.1)
+
+
+@pytest.mark.parametrize("width", [0.0, -0.1, 0.5, np.nan, np.inf])
+def test_step_width_out_of_reach(width):
+    with pytest.raises(ValueError, match=r"\(0, \d+\] mm"):
+        make_task("step", width)

@@ -1,0 +1,224 @@
+"""Tendons and their drives against geometry and closed forms."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.robots import ARM, Tendon
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.statics import equilibrium
+
+RADIUS, LENGTH = 0.025, 0.5
+STIFFNESS, PRETENSION = 900.0, 2.0
+
+
+def pair(guides=(), **options):
+    """The arm with one pair of tendons along its whole length."""
+    return replace(
+        ARM,
+        tendons=tuple(
+            Tendon(name, (side * RADIUS, 0.0), LENGTH, 0, 80.0, guides=guides, **options)
+            for name, side in (("up", 1), ("low", -1))
+        ),
+    )
+
+
+def evenly(spans):
+    """Guides that cut the robot into equal spans."""
+    return tuple(LENGTH * np.arange(1, spans) / spans)
+
+
+def elastic(guides=()):
+    return pair(guides, stiffness=STIFFNESS, pretension=PRETENSION)
+
+
+def posed(model, q):
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    return data
+
+
+def guide_path(layout, q, offset, stations):
+    """Path length [m] through points at an offset from the chain, by plane geometry alone."""
+    knots = np.concatenate(([0.0], layout.stations))
+    turns = np.concatenate(([0.0], np.cumsum(q)))
+    steps = np.diff(knots)[:, None] * np.stack([np.sin(turns[:-1]), np.cos(turns[:-1])], axis=1)
+    origins = np.concatenate((np.zeros((1, 2)), np.cumsum(steps, axis=0)))
+    points = []
+    for station in stations:
+        link = np.flatnonzero(knots <= station + 1e-12)[-1]
+        along = np.array([np.sin(turns[link]), np.cos(turns[link])])
+        across = np.array([along[1], -along[0]])
+        points.append(origins[link] + (station - knots[link]) * along + offset * across)
+    return np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1))
+
+
+@pytest.mark.parametrize("guides", [(), evenly(5)], ids=["channel", "guides"])
+@pytest.mark.parametrize(("name", "side"), [("up", 1), ("low", -1)])
+def test_tension_bends_the_robot_to_its_own_side(guides, name, side):
+    scene = build_scene(SceneConfig(pair(guides)))
+    model, data = scene.model, mujoco.MjData(scene.model)
+    data.ctrl[model.actuator(name).id] = 5.0
+    mujoco.mj_step(model, data, 20)
+    mujoco.mj_forward(model, data)
+    assert side * data.site("tip").xpos[0] > 1e-3
+    # It bends because the tendon shortens.
+    straight = LENGTH if guides else 0.0
+    assert data.ten_length[model.tendon(name).id] < straight - 1e-5
+
+
+@pytest.mark.parametrize("guides", [(), evenly(5)], ids=["channel", "guides"])
+def test_tendons_never_push(guides):
+    model = build_scene(SceneConfig(pair(guides))).model
+    data = posed(model, np.full(model.nq, 0.02))
+    data.ctrl[:] = -30.0
+    mujoco.mj_forward(model, data)
+    np.testing.assert_array_equal(data.actuator_force, 0)
+    np.testing.assert_array_equal(data.qfrc_actuator, 0)
+
+
+def test_tension_beyond_the_limit_is_cut():
+    model = build_scene(SceneConfig(pair())).model
+    data = mujoco.MjData(model)
+    data.ctrl[:] = [200.0, 0.0]
+    mujoco.mj_forward(model, data)
+    np.testing.assert_allclose(data.actuator_force, [80.0, 0.0])
+
+
+def test_channel_tendon_loads_every_hinge_up_to_its_end_with_force_times_radius():
+    scene = build_scene(SceneConfig(ARM))
+    data = posed(scene.model, np.full(12, 0.1))
+    for index, tendon in enumerate(ARM.tendons):
+        data.ctrl[:] = 0
+        data.ctrl[index] = 7.0
+        mujoco.mj_forward(scene.model, data)
+        moment = 7.0 * tendon.offset[0] * (scene.layout.stations < tendon.end)
+        np.testing.assert_allclose(data.qfrc_actuator, moment, atol=1e-14)
+
+
+@pytest.mark.parametrize("spans", [2, 3, 8])
+def test_guided_length_is_the_path_through_the_guides(spans):
+    scene = build_scene(SceneConfig(pair(evenly(spans))))
+    q = np.random.default_rng(spans).uniform(-0.3, 0.3, 12)
+    data = posed(scene.model, q)
+    stations = (0.0, *evenly(spans), LENGTH)
+    for index, offset in enumerate((RADIUS, -RADIUS)):
+        path = guide_path(scene.layout, q, offset, stations)
+        assert data.ten_length[index] == pytest.approx(path, rel=1e-12)
+
+
+def lever_arms(spans, turn=1.5):
+    """-d(length) / d(turn) [m] of both tendons while the robot bends evenly by `turn` [rad]."""
+    scene = build_scene(SceneConfig(pair(evenly(spans)), pieces=48))
+    model, shape = scene.model, scene.layout.weights / LENGTH
+    up, down = (posed(model, (turn + d) * shape).ten_length.copy() for d in (1e-4, -1e-4))
+    return -(up - down) / 2e-4
+
+
+@pytest.mark.parametrize("spans", [4, 8, 16])
+def test_lever_arm_is_that_of_straight_spans_along_an_arc(spans):
+    """A span over an arc of length l and turn t is 2 (l/t - r) sin(t/2) long."""
+    length, turn = LENGTH / spans, 1.5 / spans
+    offset = np.array([RADIUS, -RADIUS])
+    truth = 2 * length / turn**2 * np.sin(turn / 2) - (length / turn - offset) * np.cos(turn / 2)
+    # The leading part beyond the offset is l t / 12 (and - r t^2 / 8). The chain has 96 hinges, at
+    # least 6 a span: an error of order 1/36 in that part.
+    excess = length * turn / 12
+    np.testing.assert_allclose(lever_arms(spans), truth, atol=excess / 36)
+    np.testing.assert_allclose(truth.mean(), excess, rtol=turn**2)
+
+
+def test_many_guides_are_a_channel():
+    # The excess falls with the square of the number of spans.
+    errors = [np.abs(lever_arms(s) - [RADIUS, -RADIUS]).max() for s in (4, 8, 16)]
+    np.testing.assert_allclose(np.log2(np.array(errors[:-1]) / errors[1:]), 2, atol=0.1)
+    # l t / 12 + r t^2 / 8 = 1.1 % of r at 16 spans.
+    assert errors[-1] < 0.015 * RADIUS
+
+
+def bend(robot, pull):
+    """Total turn [rad], tendon forces (2,) [N] and the scene in equilibrium at pulled lengths."""
+    scene = build_scene(SceneConfig(robot, actuation="length"))
+    q = equilibrium(scene.model, np.array(pull))
+    data = mujoco.MjData(scene.model)
+    data.qpos[:], data.ctrl[:] = q, pull
+    mujoco.mj_forward(scene.model, data)
+    return q, data.actuator_force.copy(), scene
+
+
+ROBOT_STIFFNESS = ARM.bending_stiffness / LENGTH
+
+
+def test_length_drive_of_taut_tendons_bends_as_springs_in_parallel():
+    """EI t / L = r (F1 - F2), F = F_pre + c (s -+ r t): t = r c (s1 - s2) / (EI/L + 2 r^2 c)."""
+    pull = (0.004, 0.001)
+    q, force, _ = bend(elastic(), pull)
+    turn = RADIUS * STIFFNESS * 0.003 / (ROBOT_STIFFNESS + 2 * RADIUS**2 * STIFFNESS)
+    assert q.sum() == pytest.approx(turn, rel=1e-9)
+    follows = RADIUS * turn * np.array([1, -1])
+    np.testing.assert_allclose(force, PRETENSION + STIFFNESS * (pull - follows), rtol=1e-9)
+    assert np.all(force > 0)
+
+
+def test_length_drive_with_a_slack_tendon_bends_against_one_spring():
+    q, force, _ = bend(elastic(), (0.01, -0.04))
+    moment = RADIUS * (PRETENSION + STIFFNESS * 0.01)
+    assert q.sum() == pytest.approx(moment / (ROBOT_STIFFNESS + RADIUS**2 * STIFFNESS), rel=1e-9)
+    assert force[0] > 0
+    assert force[1] == 0
+
+
+@pytest.mark.parametrize("pull", [(0.006, -0.002), (0.012, -0.03), (-0.02, -0.02)])
+def test_length_drive_through_guides_obeys_its_law(pull):
+    spans = 6
+    robot = elastic(evenly(spans))
+    q, force, scene = bend(robot, pull)
+    stations = (0.0, *evenly(spans), LENGTH)
+    paths = [guide_path(scene.layout, q, x, stations) for x in (RADIUS, -RADIUS)]
+    stretch = np.array(pull) - (LENGTH - np.array(paths))
+    expected = np.maximum(0, PRETENSION + STIFFNESS * stretch)
+    np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_length_drive_holds_pretension_at_zero_pull():
+    q, force, _ = bend(elastic(evenly(4)), (0.0, 0.0))
+    np.testing.assert_allclose(q, 0, atol=1e-12)
+    np.testing.assert_allclose(force, PRETENSION)
+
+
+def test_length_drive_reaches_full_tension_at_the_tightest_bend():
+    """The control range covers the fold-free bend L / R at full tension, and no more."""
+    scene = build_scene(SceneConfig(elastic(), actuation="length"))
+    reach = LENGTH / ARM.outer_radius * RADIUS + 80.0 / STIFFNESS
+    np.testing.assert_allclose(scene.model.actuator_ctrlrange, [[-reach, reach]] * 2)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"guides": (0.3, 0.2)}, "increase strictly"),
+        ({"guides": (0.6,)}, "increase strictly"),
+        ({"pretension": 90.0}, "pretension < tension_limit"),
+    ],
+)
+def test_impossible_tendons_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        pair(**options)
+
+
+def test_channel_has_to_end_between_pieces():
+    robot = replace(ARM, tendons=(replace(ARM.tendons[0], end=0.2),))
+    with pytest.raises(ValueError, match="ends inside a piece"):
+        build_scene(SceneConfig(robot))
+    # Straight spans need no pieces: the same tendon through guides fits.
+    guided = replace(robot, tendons=(replace(robot.tendons[0], guides=(0.1,)),))
+    assert build_scene(SceneConfig(guided)).model.ntendon == 1
+
+
+def test_length_drive_needs_a_finite_stiffness():
+    with pytest.raises(ValueError, match="'up' needs a finite stiffness"):
+        build_scene(SceneConfig(pair(), actuation="length"))

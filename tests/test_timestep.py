@@ -1,0 +1,210 @@
+"""The timestep rule against the chain it is made for."""
+
+from dataclasses import replace
+from math import pi
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.timestep import (
+    ACCURACY,
+    SAFETY,
+    LinearChain,
+    TimestepWarning,
+    choose_timestep,
+    linearize,
+    stability_limit,
+)
+
+#: One millimetre of steel wire.
+WIRE = RobotParams("wire", 0.5, 0.5e-3, 0.0, 2e11, 7800.0, 0.0, 6)
+INTEGRATORS = ["implicitfast", "Euler", "implicit", "RK4"]
+
+
+def chain(damping_time, integrator, timestep, pieces=3):
+    """Weightless chain of balanced2 pieces; its model's timestep is set afterwards."""
+    robot = replace(ARM, tendons=(), damping_time=damping_time)
+    config = SceneConfig(robot, pieces=pieces, timestep=1e-6, integrator=integrator)
+    model = build_scene(config).model
+    model.opt.timestep = timestep
+    return model
+
+
+def modes(frequencies, damping_time):
+    """Independent modes with stiffness-proportional damping."""
+    square = np.diag(np.square(frequencies))
+    return LinearChain(np.eye(len(frequencies)), square, damping_time * square)
+
+
+def growth(model, steps=600):
+    """Largest growth of a tiny random displacement of the straight chain."""
+    data = mujoco.MjData(model)
+    start = 1e-9 * np.random.default_rng(1).standard_normal(model.nq)
+    data.qpos[:] = start
+    largest = 1.0
+    for _ in range(steps):
+        mujoco.mj_step(model, data)
+        largest = max(largest, np.max(np.abs(data.qpos)) / np.max(np.abs(start)))
+        if largest > 1e4:
+            break
+    return largest
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+@pytest.mark.parametrize("damping_time", [0.0, 2e-4, 1e-3, 0.05])
+def test_chain_grows_beyond_the_stability_limit_and_not_below(integrator, damping_time):
+    limit = stability_limit(integrator, linearize(chain(damping_time, integrator, 1e-6)))
+    # Below the limit a mode may swing up to 1 / sqrt(1 - 0.9^2) = 2.3 times its start.
+    assert growth(chain(damping_time, integrator, 0.9 * limit)) < 10
+    assert growth(chain(damping_time, integrator, 1.1 * limit)) > 1e4
+
+
+@pytest.mark.parametrize("timestep", [1e-3, 1e-2, 0.1, 1.0])
+def test_discrete_has_no_limit(timestep):
+    assert stability_limit("discrete", modes([1.0, 1e6], 0.0)) == np.inf
+    assert growth(chain(0.0, "discrete", timestep)) < 10
+
+
+def test_limits_of_single_modes_are_the_textbooks():
+    # Semi-implicit Euler: h omega < 2. RK4: sqrt(8) on the imaginary axis (the limit is found on
+    # a grid of 1e-3), 2.785 on the real one.
+    undamped = modes([3.0, 50.0], 0.0)
+    assert stability_limit("implicitfast", undamped) == pytest.approx(2 / 50)
+    assert stability_limit("RK4", undamped) * 50 == pytest.approx(8**0.5, abs=1.1e-3)
+    fast_root = 1e3 * 50.0**2  # of an over-damped mode, close to mu omega^2
+    limit = stability_limit("RK4", modes([3.0, 50.0], 1e3))
+    assert limit * fast_root == pytest.approx(2.785, abs=2e-3)
+
+
+@pytest.mark.parametrize("damping_time", [0.0, 1e-3, 0.1, 10.0])
+def test_proportional_damping_has_a_limit_in_closed_form(damping_time):
+    """1 + z^-1 changes sign where h^2 w^2 - 2 h mu w^2 = 4, on the fastest mode."""
+    limit = stability_limit("implicitfast", modes([3.0, 40.0, 50.0], damping_time))
+    assert limit == pytest.approx(damping_time + np.sqrt(damping_time**2 + 4 / 50**2), rel=1e-9)
+
+
+def test_frequencies_solve_the_eigenvalue_problem():
+    linear = linearize(chain(0.0, "implicitfast", 1e-3))
+    eigenvalues = np.linalg.eigvals(np.linalg.solve(linear.mass, linear.stiffness))
+    np.testing.assert_allclose(linear.frequencies(), np.sqrt(np.sort(eigenvalues.real)), rtol=1e-8)
+
+
+def length_driven(damping_time, stiffness, **options):
+    """The arm on elastic tendons whose drives stand still."""
+    tendons = tuple(replace(t, stiffness=stiffness, pretension=1.0) for t in ARM.tendons)
+    robot = replace(ARM, damping_time=damping_time, tendons=tendons)
+    return build_scene(SceneConfig(robot, actuation="length", **options))
+
+
+def test_linear_stiffness_contains_the_length_drives():
+    """The linearised force of a displaced chain, by differences of MuJoCo's own forces."""
+    model = length_driven(0.05, 2e4).model
+    displaced = 1e-7 * np.random.default_rng(0).standard_normal(model.nq)
+    data = mujoco.MjData(model)
+    forces = []
+    for q in (displaced, np.zeros(model.nq)):
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        forces.append(data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias)
+    expected = -linearize(model).stiffness @ displaced
+    np.testing.assert_allclose(
+        forces[0] - forces[1], expected, atol=1e-6 * np.max(np.abs(expected))
+    )
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7])
+@pytest.mark.parametrize("damping_time", [0.0, 0.05])
+@pytest.mark.parametrize("integrator", ["implicitfast", "RK4"])
+def test_stiff_tendons_lower_the_limit(integrator, damping_time, stiffness):
+    model = length_driven(damping_time, stiffness, timestep=1e-6, integrator=integrator).model
+    limit = stability_limit(integrator, linearize(model))
+    model.opt.timestep = 0.9 * limit
+    assert growth(model) < 10
+    model.opt.timestep = 1.1 * limit
+    assert growth(model) > 100  # slack tendons bound what taut ones excite
+
+
+@pytest.mark.parametrize("stiffness", [1e3, 1e5, 1e7])
+@pytest.mark.parametrize("damping_time", [0.0, 0.05])
+def test_rule_is_stable_with_stiff_tendons(damping_time, stiffness):
+    assert growth(length_driven(damping_time, stiffness).model, 2000) < 10
+
+
+@pytest.mark.parametrize("robot", [ARM, CANTILEVER_WEAK, CANTILEVER_STIFF], ids=lambda r: r.name)
+@pytest.mark.parametrize("pieces", [3, 12])
+@pytest.mark.parametrize("control_period", [0.1, 0.01, 0.007, 1e-4])
+@pytest.mark.parametrize("damping_time", [0.0, 1e-3, 0.05])
+def test_rule_divides_the_control_period_within_its_bounds(
+    robot, pieces, control_period, damping_time
+):
+    robot = replace(robot, damping_time=damping_time)
+    choice = build_scene(SceneConfig(robot, pieces=pieces, control_period=control_period)).timestep
+    assert choice.timestep * choice.substeps == pytest.approx(control_period, rel=1e-12)
+    bounds = (control_period, ACCURACY * choice.first_period, SAFETY * choice.stability_limit)
+    assert choice.timestep <= min(bounds) * (1 + 1e-9)
+    # One step fewer would break a bound: the step is the largest divisor.
+    if choice.substeps > 1:
+        assert control_period / (choice.substeps - 1) > min(bounds) * (1 - 1e-6)
+
+
+@pytest.mark.parametrize("robot", [ARM, CANTILEVER_WEAK, CANTILEVER_STIFF], ids=lambda r: r.name)
+def test_rule_keeps_its_promise_on_the_first_modes_phase(robot):
+    """Its steps change the first period by less than pi ACCURACY, as the module says."""
+    linear = linearize(build_scene(SceneConfig(robot)).model)
+    choice = choose_timestep(linear, 0.01)
+    w, mu, h = linear.frequencies()[0], robot.damping_time, choice.timestep
+    # Linear map of implicitfast on the mode, from the state (q, v).
+    speed = np.array([-h * w**2, 1.0]) / (1 + h * mu * w**2)
+    step = np.array([[1 + h * speed[0], h * speed[1]], speed])
+    angle = np.max(np.angle(np.linalg.eigvals(step)))
+    true_angle = h * w * np.sqrt(1 - (mu * w / 2) ** 2)
+    assert angle == pytest.approx(true_angle, rel=pi * ACCURACY)
+
+
+@pytest.mark.parametrize(
+    ("asked", "substeps"), [(0.01, 1), (0.5, 1), (0.004, 3), (0.005, 2), (1e-3, 10)]
+)
+def test_asked_timestep_is_rounded_down_to_a_divisor(asked, substeps):
+    choice = choose_timestep(modes([5.0, 50.0], 0.05), 0.01, timestep=asked)
+    assert choice.substeps == substeps
+    assert choice.timestep == pytest.approx(0.01 / substeps)
+    assert "was asked for" in choice.reason
+
+
+@pytest.mark.parametrize("integrator", INTEGRATORS)
+def test_asking_for_an_unstable_timestep_warns(integrator):
+    linear = modes([5.0, 1000.0], 0.0)
+    limit = stability_limit(integrator, linear)
+    with pytest.warns(TimestepWarning, match="beyond the stability limit"):
+        choose_timestep(linear, 1.5 * limit, 1.5 * limit, integrator)
+
+
+def test_stiffness_scales_the_timestep_and_keeps_the_steps_per_period():
+    # Undamped, E x 100 makes every frequency 10 times as high: the rule needs no discrete.
+    soft = replace(CANTILEVER_STIFF, damping_time=0.0)
+    choices = [
+        choose_timestep(linearize(build_scene(SceneConfig(r)).model), control_period=1e3)
+        for r in (soft, soft.vary(youngs_modulus=100.0))
+    ]
+    assert [c.integrator for c in choices] == ["implicitfast"] * 2
+    assert choices[0].timestep / choices[1].timestep == pytest.approx(10, rel=1e-3)
+
+
+def test_extremely_stiff_undamped_robot_gets_discrete_and_a_warning():
+    """Steel wire on 48 hinges: the fastest mode is thousands of times the first."""
+    with pytest.warns(TimestepWarning, match="using discrete, which damps fast modes"):
+        scene = build_scene(SceneConfig(WIRE, pieces=24))
+    assert scene.timestep.integrator == "discrete"
+    assert scene.timestep.stability_limit == np.inf
+    model, data = scene.model, mujoco.MjData(scene.model)
+    data.qpos[:] = 0.02
+    mujoco.mj_step(model, data, 2000)
+    # An equilibrium at zero is approached, by numerical damping; nothing blows up.
+    assert np.max(np.abs(data.qpos)) < 0.05
+    # At this timestep implicitfast does.
+    model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    assert growth(model) > 1e4
