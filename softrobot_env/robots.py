@@ -8,6 +8,7 @@ assumption of this package.
 
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import inf, pi, sqrt
 from numbers import Real
 
@@ -53,7 +54,7 @@ class Tendon:
                 f"{self.pretension} and {self.tension_limit} N"
             )
         stations = (0.0, *self.guides, self.end)
-        if any(b <= a for a, b in zip(stations, stations[1:], strict=False)):
+        if any(b <= a for a, b in pairwise(stations)):
             raise ValueError(
                 f"tendon {self.name!r}: guides must increase strictly between 0 and end, "
                 f"got guides {self.guides} and end {self.end} m"

@@ -19,7 +19,7 @@ class Rollout:
         tendon_length: (T, n_tendons) [m] inside the robot.
         curvature: (T, n_pieces) [1/m].
         reward: (T,) [1], zero at the first instant.
-        policy_time: (T - 1,) [s] spent in `predict`.
+        policy_time: (T - 1,) [s] spent in `predict`; one more when the last step failed.
         wall_time: [s] the whole episode took, policy included.
         source: "sim" or "real".
         failure: What went wrong, or None.

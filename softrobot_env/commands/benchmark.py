@@ -14,6 +14,9 @@ EXAMPLE = "softrobot benchmark speed --quick"
 #: What can be measured: module in `softrobot_env.benchmarks` with `run` and `table`.
 BENCHMARKS = ("accuracy", "speed")
 
+#: Modules with `plot` for those that have one.
+PLOTS = {"accuracy": "accuracy_plots"}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
@@ -37,8 +40,9 @@ def run(args: argparse.Namespace) -> int:
     write_json(args.out / f"{args.what}.json", rows)
     console.print(module.table(rows))
     written = [f"{args.what}.json"]
-    if hasattr(module, "plot"):
-        module.plot(rows, args.out / f"{args.what}.png")
+    if args.what in PLOTS:
+        plots = importlib.import_module(f"softrobot_env.benchmarks.{PLOTS[args.what]}")
+        plots.plot(rows, args.out / f"{args.what}.png")
         written.append(f"{args.what}.png")
     console.print(f"Wrote {', '.join(written)} to {args.out}")
     return 0

@@ -3,13 +3,12 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+import mujoco
 import numpy as np
 from gymnasium import spaces
 
 from softrobot_env.robots import RobotParams, TendonMap
-
-#: Curvature rates beyond this many curvature limits per second count as a failed simulation.
-RATE_LIMIT = 1000.0
+from softrobot_env.scene.quadrature import HingeLayout
 
 #: Fastest reference an environment accepts, in robot lengths per second.
 REFERENCE_SPEED = 10.0
@@ -21,13 +20,18 @@ class Sizes:
 
     robot: RobotParams
     tendon_map: TendonMap
-    n_pieces: int
+    layout: HingeLayout
     n_preview: int
 
     @property
-    def rate_limit(self) -> float:
-        """Largest curvature rate [1/(m s)] of the documented workspace."""
-        return RATE_LIMIT * self.robot.curvature_limit
+    def n_pieces(self) -> int:
+        """Number of pieces."""
+        return self.layout.pieces
+
+    @property
+    def turning_rate(self) -> float:
+        """Sum of the hinge rates [rad/s] beyond which MuJoCo itself reports a divergence."""
+        return mujoco.mjMAXVAL * len(self.layout.stations)
 
 
 def _symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
@@ -55,9 +59,9 @@ def _tendon_tension(sizes: Sizes) -> spaces.Box:
 #: Space of every observable. In a planar robot positions are (x, z).
 OBSERVABLES: dict[str, Callable[[Sizes], spaces.Box]] = {
     "tip_position": lambda s: _position(2, s.robot),
-    "tip_velocity": lambda s: _symmetric(2, s.rate_limit * s.robot.length**2),
+    "tip_velocity": lambda s: _symmetric(2, s.turning_rate * s.robot.length),
     "curvature": lambda s: _symmetric(s.n_pieces, s.robot.curvature_limit),
-    "curvature_rate": lambda s: _symmetric(s.n_pieces, s.rate_limit),
+    "curvature_rate": lambda s: _symmetric(s.n_pieces, s.turning_rate / s.layout.piece_length),
     "tendon_tension": _tendon_tension,
     "tendon_length": _tendon_length,
     "reference": lambda s: _position(2, s.robot),

@@ -140,7 +140,7 @@ class WindowRenderer:
         )
         camera = self._window.cam
         camera.lookat[:] = (0.0, 0.0, config.robot.length / 2)
-        camera.distance, camera.azimuth, camera.elevation = 2.2 * config.robot.length, 90.0, -8.0
+        camera.distance, camera.azimuth, camera.elevation = 2.2 * config.robot.length, 90.0, 0.0
         self._threads = set(threading.enumerate()) - others
         self._last = (0.0, 0.0)  # simulated and wall-clock time [s] of the last frame
 

@@ -47,8 +47,12 @@ class Simulation:
         self.data.ctrl[:] = ctrl
         mujoco.mj_forward(self.model, self.data)
 
-    def advance(self) -> None:
-        """Integrate over one control period with the controls in `data.ctrl`."""
+    def advance(self) -> bool:
+        """Integrate over one control period with the controls in `data.ctrl`.
+
+        Returns:
+            Whether all went well; if not, `failure` says what happened.
+        """
         model, data, substeps = self.model, self.data, self._substeps
         if self._splits:
             mj_step2(model, data)
@@ -56,6 +60,7 @@ class Simulation:
         if substeps:
             mj_step(model, data, substeps)
         mj_step1(model, data)
+        return self._warnings.tobytes() == _HEALTHY
 
     def failure(self) -> str | None:
         """What diverged and when, or None. MuJoCo's own reset is switched off in our scenes."""

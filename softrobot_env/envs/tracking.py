@@ -1,8 +1,8 @@
 """Tip tracking with one simulated robot."""
 
 from dataclasses import replace
-from math import ceil, hypot
-from typing import Any
+from math import hypot
+from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
@@ -11,11 +11,12 @@ from gymnasium import spaces
 from softrobot_env.envs.observables import (
     DEFAULT_OBSERVABLES,
     OBSERVABLES,
-    REFERENCE_SPEED,
     Sizes,
     observation_space,
 )
 from softrobot_env.envs.options import ResetOptions, parse_options
+from softrobot_env.envs.readout import Readout
+from softrobot_env.envs.reference import sample_reference
 from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.simulation import Simulation
@@ -30,13 +31,7 @@ from softrobot_env.tasks import Task, make_task
 CONTROL_PERIODS = (1e-3, 0.2)
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.
-_REBUILT = frozenset(
-    "model data _advance _diverged _readers _renderer _ctrl _hinge_angles _hinge_rates _tension "
-    "_tendon_length _tip _tip_velocity".split()
-)
-
-#: Index of x and z, the coordinates of a planar robot.
-_PLANE = slice(0, 3, 2)
+_REBUILT = {"model", "data", "_advance", "_ctrl", "_readout", "_readers", "_renderer"}
 
 
 class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
@@ -84,7 +79,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         model, data: The MuJoCo objects of the running scene.
     """
 
-    metadata = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
+    metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
 
     def __init__(
         self,
@@ -170,14 +165,11 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _make_spaces(self, observe: tuple[str, ...]) -> None:
         layout = self._nominal.layout
-        sizes = Sizes(self.task.robot, self._tendon_map, layout.pieces, len(self._preview))
+        sizes = Sizes(self.task.robot, self._tendon_map, layout, len(self._preview))
         self.observation_space = observation_space(observe, sizes)
         self._n_inputs = self._tendon_map.n_inputs
         self._action_shape = (self._n_inputs,)
         self.action_space = spaces.Box(-1.0, 1.0, (self._n_inputs,), dtype=np.float32)
-        self._curvature_limit = self.task.robot.curvature_limit
-        self._rate_limit = sizes.rate_limit
-        self._full_length = np.array([0.0 if t.guides else t.end for t in self.task.robot.tendons])
 
     # ------------------------------------------------------------------ simulation
 
@@ -193,30 +185,20 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._bind()
 
     def _bind(self) -> None:
-        """Take views into the simulation's data, so that a step looks nothing up."""
-        data = self.data
-        self._advance, self._diverged = self._simulation.advance, self._simulation.failure
-        layout = self._nominal.layout
-        # Mean curvature of a piece: the angles of its hinges over its length.
-        self._hinge_angles = data.qpos.reshape(layout.pieces, -1)
-        self._hinge_rates = data.qvel.reshape(layout.pieces, -1)
-        self._per_length = np.full(self._hinge_angles.shape[1], 1 / layout.piece_length)
-        self._ctrl = data.ctrl
-        self._tendon_length, self._tension = data.ten_length, data.actuator_force
-        self._tip = data.sensordata[0:3][_PLANE]
-        self._tip_velocity = data.sensordata[3:6][_PLANE]
-        sources = {
-            "tip_position": self._tip.copy,
-            "tip_velocity": self._tip_velocity.copy,
-            "curvature": lambda: self._curvature,
-            "curvature_rate": lambda: self._curvature_rate,
-            "tendon_tension": self._tension.copy,
-            "tendon_length": lambda: self._tendon_length + self._full_length,
-            "reference": lambda: self._rows[0][self._index],
-            "reference_velocity": lambda: self._rows[1][self._index],
-            "reference_preview": lambda: self._rows[2][self._index],
-            "previous_action": lambda: self._action_array,
-        }
+        """Connect to the simulation's data, so that a step looks nothing up."""
+        simulation = self._simulation
+        self._advance, self._ctrl = simulation.advance, simulation.data.ctrl
+        self._readout = Readout(simulation, self.task.robot)
+
+    def _bind_observation(self, index: int) -> None:
+        """Prepare the observations from control instant `index` on.
+
+        Every observation takes the next row of the episode's own copies of the reference: none is
+        shared between observations, and none is copied in a step.
+        """
+        sources = self._readout.sources()
+        sources |= {name: iter(rows[index:]).__next__ for name, rows in self._rows.items()}
+        sources["previous_action"] = lambda: self._action_array
         self._readers = [(name, sources[name]) for name in self.observation_space]
 
     def __getstate__(self) -> dict:
@@ -226,32 +208,15 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self.__dict__.update(state)
         self._renderer = None
         self._install(self._simulation)
-
-    # ------------------------------------------------------------------ reference
+        if self._last_observation is not None:
+            self._bind_observation(self._index + 1)
 
     def _follow(self, task: Task) -> None:
-        """Sample a task's reference at the control instants and the preview times after them."""
-        if task == self._current:
-            return
-        steps = max(1, ceil(task.duration / self.control_period - 1e-9))
-        times = np.arange(steps + 1) * self.control_period
-        ahead = np.round(np.add.outer(times, np.concatenate(([0.0], self._preview))), 9)
-        unique, where = np.unique(ahead, return_inverse=True)
-        position = task.trajectory.position(unique)[:, _PLANE][where].reshape(steps + 1, -1)
-        velocity = task.trajectory.velocity(ahead[:, 0])[:, _PLANE]
-        self._check_reference(task, position, velocity)
-        self._current = task
-        self._last_index = steps
-        self._tables = (position[:, :2], velocity, position[:, 2:])
-        self._reference_points = position[:, :2].tolist()
-
-    def _check_reference(self, task: Task, position: np.ndarray, velocity: np.ndarray) -> None:
-        length = self.task.robot.length
-        if np.abs(position).max() > length or np.abs(velocity).max() > REFERENCE_SPEED * length:
-            raise ValueError(
-                f"the reference of task {task.name!r} must stay within {length} m of the base in x "
-                f"and z, and below {REFERENCE_SPEED * length} m/s"
-            )
+        """Make a task's reference the current one."""
+        if task != self._current:
+            self._reference = sample_reference(task, self.control_period, self._preview)
+            self._points, self._last_index = self._reference.points, self._reference.last_index
+            self._current = task
 
     # ------------------------------------------------------------------ episodes
 
@@ -308,7 +273,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         chosen = np.asarray(chosen, dtype=float)
         if np.any(np.abs(chosen) > self.input_scale):
             raise ValueError(
-                f"start_input must lie within +-{self.input_scale.tolist()} N, got {chosen.tolist()}"
+                f"start_input must lie within +-{self.input_scale.tolist()} N, got "
+                f"{chosen.tolist()}"
             )
         return chosen
 
@@ -317,21 +283,21 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         layout = self._nominal.layout
         if options.start_curvature is None:
             return equilibrium(self._nominal.model, self._tendon_map.tension(start_input))
-        if np.any(np.abs(options.start_curvature) > self._curvature_limit):
-            raise ValueError(f"start_curvature must lie within +-{self._curvature_limit} 1/m")
+        limit = self.task.robot.curvature_limit
+        if np.any(np.abs(options.start_curvature) > limit):
+            raise ValueError(f"start_curvature must lie within +-{limit:g} 1/m")
         return options.start_curvature[layout.piece] * layout.weights
 
     def _begin(self, start_input: np.ndarray, posture: np.ndarray) -> None:
         self._simulation.reset(posture, self._tendon_map.tension(start_input))
         self._action_array = start_input / self.input_scale
         self._action = self._action_array.tolist()
-        # Observations hand out rows of the episode's own copy: nothing is shared, nothing copied
-        # again in a step.
-        self._rows = [table.copy() for table in self._tables]
+        self._rows = self._reference.rows()
         self._index = 0
+        self._bind_observation(0)
         self._running = True
         self._measure()
-        self._last_observation = self._observe()
+        self._last_observation = {name: read() for name, read in self._readers}
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply an action (n_inputs,) in [-1, 1] for one control period.
@@ -343,17 +309,18 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         values = self._checked(action)
         self._action_array = array = action.astype(np.float64)
         self._pull(array, self._ctrl)
-        self._advance()
+        healthy = self._advance()
         self._index = index = self._index + 1
         previous, self._action = self._action, values
-        outside = self._measure()
-        failure = self._diverged() or outside
+        failure = self._measure()
+        if not healthy:
+            failure = self._simulation.failure() or failure
         if failure is not None:
             return self._fail(failure)
         terms = self._reward.terms(self._error, values, previous)
         truncated = index >= self._last_index
         self._running = not truncated
-        self._last_observation = observation = self._observe()
+        self._last_observation = observation = {name: read() for name, read in self._readers}
         if self.render_mode == "human":
             self.render()
         return observation, sum(terms.values()), False, truncated, self._info(terms)
@@ -363,11 +330,11 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
         valid = isinstance(action, np.ndarray) and action.shape == self._action_shape
-        if valid and action.dtype.kind in "fiu":
-            values = action.tolist()
+        values = action.tolist() if valid else []
+        try:
             for value in values:
                 valid = valid and -1.0 <= value <= 1.0  # False for NaN
-        else:
+        except TypeError:  # no numbers
             valid = False
         if not valid:
             raise ValueError(
@@ -377,28 +344,13 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         return values
 
     def _measure(self) -> str | None:
-        """Update error and curvatures; return what left the workspace, or None."""
-        x, z = self._tip.tolist()
-        x_ref, z_ref = self._reference_points[self._index]
+        """Update measurements and error; return what left the workspace, or None."""
+        readout = self._readout
+        outside = readout.update()
+        x, z = readout.tip
+        x_ref, z_ref = self._points[self._index]
         self._error = hypot(x - x_ref, z - z_ref)
-        self._curvature = curvature = self._hinge_angles.dot(self._per_length)
-        self._curvature_rate = rate = self._hinge_rates.dot(self._per_length)
-        # A norm bounds all entries, so the exact checks run only near the limits.
-        failure = None
-        if hypot(*curvature.tolist()) > self._curvature_limit:
-            failure = self._outside("curvature", curvature, self._curvature_limit, "1/m")
-        if failure is None and hypot(*rate.tolist()) > self._rate_limit:
-            failure = self._outside("curvature_rate", rate, self._rate_limit, "1/(m s)")
-        return failure
-
-    def _outside(self, name: str, values: np.ndarray, limit: float, unit: str) -> str | None:
-        piece = int(np.argmax(np.abs(values)))
-        if abs(values[piece]) <= limit:
-            return None
-        return (
-            f"left the workspace: {name} {values[piece]:.4g} {unit} of piece {piece + 1} is beyond "
-            f"+-{limit:g} {unit} at t = {self.data.time:.3f} s"
-        )
+        return outside
 
     def _fail(self, failure: str) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         self._running = False
@@ -406,15 +358,12 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         last = {name: value.copy() for name, value in self._last_observation.items()}
         return last, sum(terms.values()), True, False, self._info(terms) | {"failure": failure}
 
-    def _observe(self) -> Observation:
-        return {name: read() for name, read in self._readers}
-
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
         return {
             "time": self._index * self.control_period,
             "error": self._error,
-            "tendon_tension": self._tension.copy(),
-            "tendon_length": self._tendon_length + self._full_length,
+            "tendon_tension": self._readout.tendon_tension(),
+            "tendon_length": self._readout.tendon_length(),
             "reward_terms": terms,
         }
 
@@ -439,11 +388,11 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         return self._renderer.draw(self._frame())
 
     def _frame(self) -> Frame:
-        x, z = self._reference_points[self._index]
+        x, z = self._points[self._index]
         return Frame(
             time=self.data.time,
             qpos=self.data.qpos.copy(),
-            tension=self._tension.copy(),
+            tension=self._readout.tendon_tension(),
             target=np.array([x, 0.0, z]),
             path=self._current.trajectory.path(),
         )

@@ -1,1 +1,1 @@
-"""Videos and plots."""
+"""Videos and plots of episodes."""

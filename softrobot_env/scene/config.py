@@ -1,6 +1,7 @@
 """What a scene contains. A part that is not listed is not built."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from math import inf
 
 from softrobot_env.robots import RobotParams
 
@@ -106,7 +107,7 @@ class SceneConfig:
     markers: tuple[Marker, ...] = ()
     paths: tuple[PathMarker, ...] = ()
     loads: tuple[Load, ...] = ()
-    appearance: Appearance | None = field(default=None)
+    appearance: Appearance | None = None
 
     def __post_init__(self) -> None:
         if self.actuation not in ACTUATIONS:
@@ -117,8 +118,10 @@ class SceneConfig:
             raise ValueError(
                 f"unknown integrator {self.integrator!r}; choose from {', '.join(INTEGRATORS)}"
             )
-        if not self.control_period > 0 or (self.timestep is not None and not self.timestep > 0):
-            raise ValueError("control_period and timestep must be positive")
+        for name in ("control_period", "timestep"):
+            value = getattr(self, name)
+            if value is not None and not 0 < value < inf:
+                raise ValueError(f"{name} must be a positive time [s], got {value!r}")
 
     @property
     def n_pieces(self) -> int:
