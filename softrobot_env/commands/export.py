@@ -21,6 +21,6 @@ def run(args: argparse.Namespace) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     for name, config in SCENES.items():
         path = args.out / f"{name}.xml"
-        path.write_text(scene_xml(config()), encoding="utf-8")
+        path.write_text(scene_xml(config), encoding="utf-8")
         Console().print(f"Wrote {path}")
     return 0

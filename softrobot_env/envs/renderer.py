@@ -16,13 +16,12 @@ import numpy as np
 from softrobot_env.envs.opengl import OffscreenContext, RenderError, check_display
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
-from softrobot_env.scene.config import Appearance, Camera, SceneConfig
+from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.extras import TENDON_LINE, TENDON_WIDTH
+from softrobot_env.scene.view import FRONT_CAMERA, visible
 
 __all__ = ["Frame", "RenderError", "Renderer", "make_renderer"]
 
-_CAMERA = "front"
-_WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's length
 _MAX_GEOMS = 2000
 _PATH_POINTS = 50
 _TRAIL_POINTS = 300
@@ -93,7 +92,7 @@ class OffscreenRenderer:
         self._option = mujoco.MjvOption()
         self._camera = mujoco.MjvCamera()
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        self._camera.fixedcamid = model.camera(_CAMERA).id
+        self._camera.fixedcamid = model.camera(FRONT_CAMERA).id
 
     def draw(self, frame: Frame) -> np.ndarray:
         """Picture (height, width, 3) uint8."""
@@ -172,17 +171,13 @@ class _View:
     """The visible scene, its posture, and the trail of the tip."""
 
     def __init__(self, config: SceneConfig, aspect: float) -> None:
-        length = config.robot.length
-        height = length * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
-        visible = replace(
-            config,
+        drawn = replace(
+            visible(config, aspect),
             timestep=None,
             integrator="discrete",  # stable for every robot; the view never integrates
             sensors=(),
-            appearance=Appearance(),
-            cameras=(Camera(_CAMERA, (0.0, 0.48 * length), height),),
         )
-        self.model = build_scene(visible).model
+        self.model = build_scene(drawn).model
         self.data = mujoco.MjData(self.model)
         self._radius = config.robot.outer_radius
         self._limit = np.array([t.tension_limit for t in config.robot.tendons])

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softrobot_env.episode import play
 from softrobot_env.interfaces import Policy
 
 if TYPE_CHECKING:
@@ -157,30 +158,14 @@ def _frames(
     task = env.unwrapped.task
     duration = options.get("duration", task.duration)
     written = 0
-    for info in _episode(env, policy, options):
+    for moment in play(env, policy, options=options):
+        info = moment.info
         due = int(info["time"] * fps + 1e-6) + 1
-        if due > written or "failure" in info:
+        if due > written or moment.failed:
             picture = caption(env.render(), _caption_lines(title or task.label, info))
             yield from [picture] * max(1, due - written)
             written = max(due, written)
         progress(min(1.0, info["time"] / duration))
-
-
-def _episode(
-    env: "gymnasium.Env", policy: Policy, options: dict[str, Any]
-) -> Iterator[dict[str, Any]]:
-    """Step through an episode, yielding each `info`."""
-    observation, info = env.reset(options=options)
-    yield info
-    names = getattr(policy, "requires", None)
-    state, start, over = None, np.array([True]), False
-    while not over:
-        seen = observation if names is None else {name: observation[name] for name in names}
-        action, state = policy.predict(seen, state, start, True)
-        start = np.array([False])
-        observation, _, terminated, truncated, info = env.step(action)
-        over = terminated or truncated
-        yield info
 
 
 def _caption_lines(title: str, info: dict[str, Any]) -> list[str]:
