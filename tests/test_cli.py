@@ -114,4 +114,6 @@ def test_quick_speed_benchmark(tmp_path):
     rows = json.loads((tmp_path / "speed.json").read_text())["rows"]
     names = {row["variant"] for row in rows}
     assert {"HalfCheetah-v5", "SoftRobot/ArmSwing-v0"} <= names
-    assert all(row["steps_per_second"] <= row["raw_steps_per_second"] for row in rows)
+    steps = [row for row in rows if row["what"] == "env.step"]
+    assert all(row["steps_per_second"] <= row["raw_steps_per_second"] for row in steps)
+    assert {row["what"] for row in rows} == {"env.step", "start", "render"}

@@ -12,8 +12,11 @@ from time import perf_counter
 import gymnasium
 import mujoco
 import numpy as np
+from rich import box
+from rich.console import Group
 from rich.table import Table
 
+from softrobot_env.benchmarks.startup import frame_time, startup_times
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
 
@@ -36,7 +39,7 @@ class _Contestant:
 
 
 def run(quick: bool, progress: Callable[[str, int, int], None] | None = None) -> list[dict]:
-    """Time all registered environments and Gymnasium's; rows as DESIGN names them.
+    """Time the environments, the start of the package and a rendered frame.
 
     Args:
         quick: Fewer repeats.
@@ -44,7 +47,8 @@ def run(quick: bool, progress: Callable[[str, int, int], None] | None = None) ->
 
     Returns:
         Rows with what, variant, n_envs, threads, steps_per_second, raw_steps_per_second, ratio
-        (of the two), overhead [s] and overhead_ratio (to the first yardstick).
+        (of the two), overhead [s], overhead_ratio (to the first yardstick), and seconds [s] for
+        what is no step.
     """
     contestants = [_contestant(name) for name in (*YARDSTICKS, *ENVIRONMENTS)]
     rounds = 15 if quick else 60
@@ -54,7 +58,9 @@ def run(quick: bool, progress: Callable[[str, int, int], None] | None = None) ->
         for contestant in contestants:
             _time_block(contestant)
     yardstick = _overhead(contestants[0])
-    return [_row(c, yardstick) for c in contestants]
+    waits = {("start", name): t for name, t in startup_times(2 if quick else 5).items()}
+    waits["render", "frame 640 x 480"] = frame_time()
+    return [_row(c, yardstick) for c in contestants] + [_wait_row(*w) for w in waits.items()]
 
 
 def _contestant(name: str) -> _Contestant:
@@ -100,22 +106,44 @@ def _row(contestant: _Contestant, yardstick: float) -> dict:
         "ratio": contestant.raw_time / contestant.step_time,
         "overhead": _overhead(contestant),
         "overhead_ratio": _overhead(contestant) / yardstick,
+        "seconds": contestant.step_time,
     }
 
 
-def table(rows: list[dict]) -> Table:
-    """The rows for the terminal."""
-    out = Table(header_style="bold")
-    headings = ("environment", "steps/s", "raw steps/s", "raw/env", "overhead us", "overhead ratio")
-    for heading in headings:
-        out.add_column(heading, justify="left" if heading == "environment" else "right")
+def _wait_row(what: tuple[str, str], seconds: float | None) -> dict:
+    names = ("n_envs", "threads", "steps_per_second", "raw_steps_per_second", "ratio")
+    empty = dict.fromkeys((*names, "overhead", "overhead_ratio"))
+    return {"what": what[0], "variant": what[1], **empty, "seconds": seconds}
+
+
+def table(rows: list[dict]) -> Group:
+    """The rows for the terminal: one table of steps, one of waiting times."""
+    steps = _empty_table("steps/s", "raw steps/s", "raw/env", "overhead us", "overhead ratio")
+    waits = _empty_table("ms")
     for row in rows:
-        out.add_row(
-            row["variant"],
-            f"{row['steps_per_second']:.0f}",
-            f"{row['raw_steps_per_second']:.0f}",
-            f"{row['ratio']:.2f}",
-            f"{1e6 * row['overhead']:.1f}",
-            f"{row['overhead_ratio']:.2f}",
-        )
+        if row["steps_per_second"] is None:
+            seconds = row["seconds"]
+            waits.add_row(
+                row["variant"], "no OpenGL" if seconds is None else f"{1e3 * seconds:.1f}"
+            )
+        else:
+            steps.add_row(row["variant"], *_step_cells(row))
+    return Group(steps, waits)
+
+
+def _empty_table(*headings: str) -> Table:
+    out = Table(header_style="bold", box=box.SIMPLE_HEAD)
+    out.add_column("", no_wrap=True)
+    for heading in headings:
+        out.add_column(heading, justify="right")
     return out
+
+
+def _step_cells(row: dict) -> list[str]:
+    return [
+        f"{row['steps_per_second']:.0f}",
+        f"{row['raw_steps_per_second']:.0f}",
+        f"{row['ratio']:.2f}",
+        f"{1e6 * row['overhead']:.1f}",
+        f"{row['overhead_ratio']:.2f}",
+    ]

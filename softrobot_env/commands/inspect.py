@@ -1,6 +1,7 @@
 """`softrobot inspect`: what a scene contains, what it leaves out, and what a step costs."""
 
 import argparse
+from math import isinf
 
 import mujoco
 from rich.console import Console
@@ -93,7 +94,7 @@ def _tendons(robot: RobotParams) -> Table:
             f"{1e3 * tendon.end:.1f}",
             _routing(tendon),
             f"{tendon.tension_limit:g}",
-            f"{tendon.stiffness:g} N/m",
+            "inextensible" if isinf(tendon.stiffness) else f"{tendon.stiffness:g} N/m",
         )
     return out
 
