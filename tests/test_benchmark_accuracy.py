@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks import accuracy
+from softrobot_env.benchmarks import accuracy, accuracy_tables
 from softrobot_env.benchmarks.accuracy_plots import plot
 from softrobot_env.benchmarks.static_cases import static_cases, tip_moment
 from softrobot_env.benchmarks.tension_step import converged_reference
@@ -89,8 +89,16 @@ def test_chains_end_pieces_where_tendons_end():
 
 def test_table_and_figure_show_the_rows(rows, tmp_path):
     out = StringIO()
-    Console(file=out, width=160).print(accuracy.table(rows))
-    assert out.getvalue().count("mujoco_chain/") == len(rows)
+    Console(file=out, width=80).print(accuracy_tables.tables(rows))
+    text = out.getvalue()
+    for name in ("balanced2", "gauss3", "implicitfast", "h = 10 ms", "moment"):
+        assert name in text
+    (moment,) = (
+        r["e_max"]
+        for r in rows
+        if (r["case"], r["model"], r["n"]) == ("tip_moment_1Nm", "mujoco_chain/midpoint", 12)
+    )
+    assert f"{1e3 * moment:.2g}" in text
     plot(rows, tmp_path / "accuracy.png")
     assert (tmp_path / "accuracy.png").read_bytes().startswith(b"\x89PNG")
 

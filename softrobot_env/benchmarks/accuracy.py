@@ -5,12 +5,10 @@ a fast step of the arm with a converged solution. Every row says what it was com
 """
 
 from collections.abc import Callable, Iterator
-from time import perf_counter
 from typing import Any
 
 import mujoco
 import numpy as np
-from rich.table import Table
 
 from softrobot_env.benchmarks.static_cases import StaticCase, static_cases
 from softrobot_env.benchmarks.tension_step import (
@@ -20,6 +18,7 @@ from softrobot_env.benchmarks.tension_step import (
     start,
     tip_motion,
 )
+from softrobot_env.benchmarks.timing import best_of, step_cost
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
@@ -38,8 +37,6 @@ HINGES_OF_THIRDS = (9, 18, 36)
 #: Timesteps [s] and integrators of the dynamic case.
 TIMESTEPS = (1e-3, 2e-3, 5e-3, 1e-2)
 DYNAMIC_INTEGRATORS = ("implicitfast", "discrete")
-
-_STEPS_TIMED = 200
 
 _Job = tuple[str, Callable[[], list[Row]]]
 
@@ -115,9 +112,9 @@ def _dynamic_rows(rule: str, n: int, reference: Reference, repeats: int) -> list
 def static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> Row:
     """Solve one static case on a chain of n hinges; times are the best of `repeats`."""
     scene = build_scene(_config(case.robot, rule, n, loads=case.loads))
-    wall_time, posture = _best_time(lambda: equilibrium(scene.model, case.ctrl), repeats)
+    wall_time, posture = best_of(lambda: equilibrium(scene.model, case.ctrl), repeats)
     error = float(np.linalg.norm(tip_at(scene.model, posture) - case.tip))
-    step_time = _step_time(scene.model, posture, case.ctrl, repeats)
+    step_time = step_cost(scene.model, posture, case.ctrl, repeats)
     return _row(case.name, rule, scene, (error, error), wall_time, step_time, case.reference)
 
 
@@ -145,29 +142,11 @@ def tip_at(model: mujoco.MjModel, posture: np.ndarray) -> np.ndarray:
     return data.site("tip").xpos[[0, 2]].copy()
 
 
-def _best_time(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
-    """Shortest time [s] of some repetitions, and the result of the last one."""
-    best, result = np.inf, None
-    for _ in range(repeats):
-        begin = perf_counter()
-        result = action()
-        best = min(best, perf_counter() - begin)
-    return best, result
-
-
-def _step_time(model: mujoco.MjModel, posture: np.ndarray, ctrl: np.ndarray, repeats: int) -> float:
-    """Time [s] of one `mj_step` from the equilibrium."""
-    data = mujoco.MjData(model)
-    data.qpos[:], data.ctrl[:] = posture, ctrl
-    best, _ = _best_time(lambda: mujoco.mj_step(model, data, _STEPS_TIMED), repeats)
-    return best / _STEPS_TIMED
-
-
 def _stepping_time(scene: Scene) -> float:
     """Time [s] of all steps of the tension step, without reading anything out."""
     simulation = start(scene)
     steps = round(DURATION / scene.timestep.timestep)
-    return _best_time(lambda: mujoco.mj_step(scene.model, simulation.data, steps), 1)[0]
+    return best_of(lambda: mujoco.mj_step(scene.model, simulation.data, steps), 1)[0]
 
 
 def _row(
@@ -191,25 +170,3 @@ def _row(
         "step_time": step_time,
         "reference": reference,
     }
-
-
-def table(rows: list[Row]) -> Table:
-    """The rows as a table for the terminal, in millimetres, milliseconds and microseconds."""
-    out = Table(title="Tip error against independent beam models")
-    for name in ("case", "model", "integrator"):
-        out.add_column(name)
-    for name in ("n", "timestep ms", "e mean mm", "e max mm", "wall time ms", "step us"):
-        out.add_column(name, justify="right")
-    for row in rows:
-        out.add_row(row["case"], row["model"], row["integrator"], str(row["n"]), *_figures(row))
-    return out
-
-
-def _figures(row: Row) -> list[str]:
-    return [
-        f"{1e3 * row['timestep']:.3g}",
-        f"{1e3 * row['e_mean']:.2g}",
-        f"{1e3 * row['e_max']:.2g}",
-        f"{1e3 * row['wall_time']:.2f}",
-        f"{1e6 * row['step_time']:.1f}",
-    ]

@@ -116,7 +116,7 @@ def _wait_row(what: tuple[str, str], seconds: float | None) -> dict:
     return {"what": what[0], "variant": what[1], **empty, "seconds": seconds}
 
 
-def table(rows: list[dict]) -> Group:
+def tables(rows: list[dict]) -> Group:
     """The rows for the terminal: one table of steps, one of waiting times."""
     steps = _empty_table("steps/s", "raw steps/s", "raw/env", "overhead us", "overhead ratio")
     waits = _empty_table("ms")

@@ -2,24 +2,35 @@
 
 from collections.abc import Callable
 from time import perf_counter
+from typing import Any
 
 import mujoco
+import numpy as np
+
+_STEPS = 200
 
 
-def per_call(function: Callable[[], object], calls: int, repeats: int = 5) -> float:
-    """Least mean time [s] of one call over several blocks of calls."""
-    return min(_block(function, calls) for _ in range(repeats))
+def best_of(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
+    """Shortest time [s] of some repetitions, and the result of the last one."""
+    best, result = np.inf, None
+    for _ in range(repeats):
+        begin = perf_counter()
+        result = action()
+        best = min(best, perf_counter() - begin)
+    return best, result
 
 
-def _block(function: Callable[[], object], calls: int) -> float:
-    begin = perf_counter()
-    for _ in range(calls):
-        function()
-    return (perf_counter() - begin) / calls
-
-
-def step_cost(model: mujoco.MjModel) -> float:
-    """Time [s] of one `mj_step` from the initial state, call overhead excluded."""
+def step_cost(
+    model: mujoco.MjModel,
+    posture: np.ndarray | None = None,
+    ctrl: np.ndarray | None = None,
+    repeats: int = 5,
+) -> float:
+    """Time [s] of one `mj_step` from a posture (nq,) under controls (nu,), else from the start."""
     data = mujoco.MjData(model)
+    if posture is not None:
+        data.qpos[:] = posture
+    if ctrl is not None:
+        data.ctrl[:] = ctrl
     mujoco.mj_step(model, data)
-    return per_call(lambda: mujoco.mj_step(model, data, 200), calls=5) / 200
+    return best_of(lambda: mujoco.mj_step(model, data, _STEPS), repeats)[0] / _STEPS

@@ -1,9 +1,11 @@
 """`softrobot benchmark`: accuracy against cost, and speed."""
 
 import argparse
-import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
 
-from rich.console import Console
+from rich.console import Console, Group
 from rich.progress import Progress
 
 from softrobot_env.commands.arguments import add_out
@@ -11,11 +13,27 @@ from softrobot_env.evaluation.report import write_json
 
 EXAMPLE = "softrobot benchmark speed --quick"
 
-#: What can be measured: module in `softrobot_env.benchmarks` with `run` and `table`.
+#: What can be measured.
 BENCHMARKS = ("accuracy", "speed")
 
-#: Modules with `plot` for those that have one.
-PLOTS = {"accuracy": "accuracy_plots"}
+
+@dataclass(frozen=True)
+class Benchmark:
+    """How to measure, show and draw; not all have a picture."""
+
+    run: Callable[..., list[dict]]
+    tables: Callable[[list[dict]], Group]
+    plot: Callable[[list[dict], Path], None] | None = None
+
+
+def _load(what: str) -> Benchmark:
+    if what == "accuracy":
+        from softrobot_env.benchmarks import accuracy, accuracy_plots, accuracy_tables
+
+        return Benchmark(accuracy.run, accuracy_tables.tables, accuracy_plots.plot)
+    from softrobot_env.benchmarks import speed
+
+    return Benchmark(speed.run, speed.tables)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -28,21 +46,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     console = Console()
-    module = importlib.import_module(f"softrobot_env.benchmarks.{args.what}")
+    benchmark = _load(args.what)
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(args.what, total=None)
 
         def show(description: str, done: int, total: int) -> None:
             progress.update(bar, description=description, completed=done, total=total)
 
-        rows = module.run(args.quick, show)
+        rows = benchmark.run(args.quick, show)
     args.out.mkdir(parents=True, exist_ok=True)
     write_json(args.out / f"{args.what}.json", rows)
-    console.print(module.table(rows))
+    console.print(benchmark.tables(rows))
     written = [f"{args.what}.json"]
-    if args.what in PLOTS:
-        plots = importlib.import_module(f"softrobot_env.benchmarks.{PLOTS[args.what]}")
-        plots.plot(rows, args.out / f"{args.what}.png")
+    if benchmark.plot is not None:
+        benchmark.plot(rows, args.out / f"{args.what}.png")
         written.append(f"{args.what}.png")
     console.print(f"Wrote {', '.join(written)} to {args.out}")
     return 0
