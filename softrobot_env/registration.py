@@ -1,4 +1,6 @@
-"""Environment ids. Importing this module is cheap: nothing heavy loads before `make`."""
+"""Environment ids. Importing this module is cheap: MuJoCo loads with the first `make`."""
+
+from gymnasium.envs.registration import register, registry
 
 ENTRY_POINT = "softrobot_env.envs.tracking:TrackingEnv"
 
@@ -12,10 +14,6 @@ ENVIRONMENTS = {
 
 def register_envs() -> None:
     """Register every environment with Gymnasium; calling it again changes nothing."""
-    # Gymnasium may itself be importing this module (it is a `gymnasium.envs` plugin),
-    # so its registry is looked up only here.
-    from gymnasium.envs.registration import register, registry
-
     for env_id, task in ENVIRONMENTS.items():
         if env_id not in registry:
             # The environments refuse to step or render out of order themselves, and their

@@ -1,10 +1,8 @@
 """Environments are found by id, in a fresh interpreter too."""
 
 import os
-import pkgutil
 import subprocess
 import sys
-import tomllib
 from pathlib import Path
 
 import gymnasium
@@ -64,9 +62,3 @@ def test_spec_round_trip(env_id, task):
     again = gymnasium.make(env.spec)
     assert again.unwrapped.task.name == task
     assert again.unwrapped.control_period == 0.02
-
-
-def test_plugin_entry_point_is_the_registration():
-    with (ROOT / "pyproject.toml").open("rb") as file:
-        points = tomllib.load(file)["project"]["entry-points"]["gymnasium.envs"]
-    assert [pkgutil.resolve_name(p) for p in points.values()] == [register_envs]
