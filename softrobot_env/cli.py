@@ -2,6 +2,7 @@
 
 import argparse
 import importlib
+import shlex
 import sys
 
 #: Command -> (module in `softrobot_env.commands`, what it does).
@@ -23,7 +24,11 @@ def build_parser() -> argparse.ArgumentParser:
     for name, text in COMMANDS.items():
         module = importlib.import_module(f"softrobot_env.commands.{name}")
         command = commands.add_parser(
-            name, help=text, description=text, epilog=f"example: {module.EXAMPLE}"
+            name,
+            help=text,
+            description=text,
+            epilog=f"example:\n  {module.EXAMPLE}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
         )
         module.add_arguments(command)
         command.set_defaults(run=module.run)
@@ -35,9 +40,11 @@ def main(argv: list[str] | None = None) -> int:
 
     Bad arguments end with status 2 and the reason on standard error, failed episodes with 1.
     """
+    argv = sys.argv[1:] if argv is None else argv
     args = build_parser().parse_args(argv)
+    args.command_line = shlex.join(["softrobot", *argv])
     try:
         return args.run(args)
-    except (ValueError, ImportError, RuntimeError) as error:
+    except (ValueError, ImportError, RuntimeError, OSError) as error:
         print(f"softrobot {args.command}: {error}", file=sys.stderr)
         return 2

@@ -34,7 +34,8 @@ class Tendon:
         guides: [m], increasing arc lengths of the guide discs between base and `end`.
             Empty means a continuous channel: the limit of infinitely many guides, with
             constant lever arm (the thesis' B(y) of sec. 6.2.2).
-        stiffness: [N/m] between drive and robot; inf where the tension is prescribed.
+        stiffness: [N/m] between drive and robot; it matters only to tendons driven by length,
+            which need a finite one.
         pretension: [N], smallest tension kept in the tendon.
     """
 
@@ -306,17 +307,6 @@ CANTILEVER_WEAK = RobotParams(
 CANTILEVER_STIFF = replace(CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040)
 
 ROBOTS = {robot.name: robot for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)}
-
-
-def get_robot(name: str) -> RobotParams:
-    """Look a robot up by name.
-
-    Raises:
-        ValueError: Unknown name; the message lists the known ones.
-    """
-    if name not in ROBOTS:
-        raise ValueError(f"unknown robot {name!r}; choose from {', '.join(ROBOTS)}")
-    return ROBOTS[name]
 
 
 def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> np.ndarray:

@@ -3,8 +3,11 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import ARM, RobotParams, TendonMap
 from softrobot_env.trajectories import CurveSweep, EqualForceCurve, Polyline, Step, Trajectory
+
+#: Longest episode [s]; its reference is sampled beforehand.
+LONGEST = 3600.0
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,19 @@ class Task:
     start_input: tuple[float, ...]
     step_width: float | None = None
 
+    def __post_init__(self) -> None:
+        inputs = TendonMap(self.robot).n_inputs
+        if inputs == 0 or len(self.start_input) != inputs:
+            raise ValueError(
+                f"task {self.name!r}: robot {self.robot.name!r} has {inputs} tendon inputs, "
+                f"start_input {len(self.start_input)}; a task needs as many, and at least one"
+            )
+        if not 0 < self.duration <= LONGEST:
+            raise ValueError(
+                f"task {self.name!r}: duration must lie in (0, {LONGEST:g}] s, got "
+                f"{self.duration!r}"
+            )
+
     @property
     def label(self) -> str:
         """Name for people, with the step width in millimetres."""
@@ -42,7 +58,7 @@ _STEP_START = 0.6
 _LSHAPE_START = (5.37167978, 7.43194333, 7.85705717)
 
 
-def _equal_input(robot: RobotParams, a: float) -> tuple[float, ...]:
+def equal_input(robot: RobotParams, a: float) -> tuple[float, ...]:
     """Equal reduced inputs [N] that bend the arm to parameter a of its equal-force curve."""
     force = a * robot.bending_stiffness / abs(robot.tendons[0].offset[0])
     return (force,) * (len(robot.tendons) // 2)
@@ -54,12 +70,12 @@ def _step(step_width: float = 0.05) -> Task:
     trajectory = Step(
         start=tuple(curve.derivative(_STEP_START, 0)), target=tuple(curve.derivative(target, 0))
     )
-    return Task("step", ARM, trajectory, 5.0, _equal_input(ARM, _STEP_START), step_width)
+    return Task("step", ARM, trajectory, 5.0, equal_input(ARM, _STEP_START), step_width)
 
 
 def _swing() -> Task:
     sweep = CurveSweep(EqualForceCurve(ARM.length), half_length=0.5, speed=0.1)
-    return Task("swing", ARM, sweep, 15.0, _equal_input(ARM, sweep.start_parameter))
+    return Task("swing", ARM, sweep, 15.0, equal_input(ARM, sweep.start_parameter))
 
 
 def _lshape() -> Task:

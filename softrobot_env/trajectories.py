@@ -155,6 +155,14 @@ class CurveSweep:
     half_length: float
     speed: float
 
+    def __post_init__(self) -> None:
+        longest = self._table[0][-1]
+        if not 0 < self.half_length <= longest or not 0 < self.speed < np.inf:
+            raise ValueError(
+                f"a sweep needs a positive speed and a half length in (0, {longest:.3f}] m, got "
+                f"{self.speed} m/s and {self.half_length} m"
+            )
+
     @property
     def end_time(self) -> float:
         """Time [s] at which the far end is reached."""

@@ -18,7 +18,9 @@ def test_evaluate_writes_report_and_plots(tmp_path, capsys):
         "0.1",
     ]
     assert main(["evaluate", *arguments, "--save-rollouts", "--out", str(tmp_path)]) == 0
-    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["meta"]["command"].startswith("softrobot evaluate --tasks lshape")
+    rows = report["rows"]
     assert [row["policy"] for row in rows] == ["hold", "feedforward"]
     assert rows[0]["e_max"] > rows[1]["e_max"] > 0
     written = {path.name for path in tmp_path.iterdir()}
@@ -35,6 +37,37 @@ def test_evaluate_varies_the_plant(tmp_path):
     assert [row["variation"] for row in rows] == [{"youngs_modulus": 0.75}, {}]
     assert rows[0]["steady_state_error"] > 10 * rows[1]["steady_state_error"]
     assert (tmp_path / "step_100_mm_feedforward_varied_tip.png").exists()
+
+
+def test_repeated_variations_add_up(tmp_path):
+    vary = ["--vary", "youngs_modulus=0.5", "--vary", "youngs_modulus=2", "--vary", "density=1,2"]
+    arguments = ["--tasks", "lshape", "--policies", "hold", "--control-period", "0.2", "--no-plots"]
+    assert main(["evaluate", *arguments, *vary, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert [row["variation"] for row in rows] == [
+        {"youngs_modulus": 0.5},
+        {"youngs_modulus": 0.5, "density": 2.0},
+        {"youngs_modulus": 2.0},
+        {"youngs_modulus": 2.0, "density": 2.0},
+    ]
+
+
+def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    vary = ["--vary", "youngs_modulus=0.5", "--vary", "density=2"]
+    arguments = ["--tasks", "swing", "step", "--step-widths", "0.05", "--control-period", "0.1"]
+    main(["evaluate", *arguments, *vary, "--no-plots", "--out", str(tmp_path)])
+    out = capsys.readouterr().out
+    assert "\u2026" not in out
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    shown = [r for r in rows if r["task"] == "swing"]
+    assert all(f"{1e3 * row['e_max']:.2f}" in out for row in shown)
+
+
+def test_an_unusable_folder_is_told_before_any_work(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["evaluate", "--out", str(tmp_path / "file")]) == 2
+    assert "file" in capsys.readouterr().err
 
 
 def test_a_failed_episode_sets_the_exit_status(tmp_path):
@@ -70,6 +103,9 @@ def test_inspect_follows_the_scene_options(capsys):
         (["inspect", "--task", "jump"], "swing"),
         (["render", "--policy", "pid"], "feedforward"),
         (["benchmark", "weight"], "speed"),
+        (["evaluate", "--vary", "youngs_modulus=0"], "a factor on youngs_modulus"),
+        (["evaluate", "--step-widths", "abc"], "a positive number"),
+        (["render", "--size", "0", "10"], "pixels"),
     ],
 )
 def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
@@ -111,9 +147,7 @@ def test_scripts_are_the_same_commands(script, request):
 
 def test_quick_speed_benchmark(tmp_path):
     assert main(["benchmark", "speed", "--quick", "--out", str(tmp_path)]) == 0
-    rows = json.loads((tmp_path / "speed.json").read_text())["rows"]
+    rows = json.loads((tmp_path / "speed" / "report.json").read_text())["rows"]
     names = {row["variant"] for row in rows}
     assert {"HalfCheetah-v5", "SoftRobot/ArmSwing-v0"} <= names
-    steps = [row for row in rows if row["what"] == "env.step"]
-    assert all(row["steps_per_second"] <= row["raw_steps_per_second"] for row in steps)
     assert {row["what"] for row in rows} == {"env.step", "start", "render"}

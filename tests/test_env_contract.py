@@ -18,6 +18,7 @@ from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 from gymnasium.wrappers import FlattenObservation, RecordEpisodeStatistics
 
 from softrobot_env.envs.observables import DEFAULT_OBSERVABLES, OBSERVABLES
+from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
 
 # ---------------------------------------------------------------- driving an episode
@@ -343,7 +344,7 @@ def test_default_observables(make_env):
 
 
 @pytest.mark.parametrize(
-    "observe", [(), ("tip",), ("reference", "tip"), ("reference", "reference"), "reference", ""]
+    "observe", [(), ("tip",), ("reference", "tip"), ("reference", "reference"), "tip", ""]
 )
 def test_bad_observe_lists_the_allowed(observe, make_env):
     with pytest.raises(ValueError, match="observe") as caught:
@@ -536,3 +537,28 @@ def test_vector_environments(kind, make_env):
                 np.testing.assert_array_equal(observation[key], np.stack([value, value]))
     finally:
         vector.close()
+
+
+def test_one_observable_by_name(make_env):
+    assert list(make_env(observe="tip_position").observation_space) == ["tip_position"]
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ({"width": 0}, "width and height"),
+        ({"height": 320.5}, "width and height"),
+        ({"control_period": "x"}, "control_period"),
+        ({"control_period": np.nan}, "control_period"),
+        ({"preview": 0.1}, "preview"),
+        ({"preview": ()}, "preview"),
+        ({"preview": (0.1, -0.1)}, "preview"),
+        ({"preview": (np.inf,)}, "preview"),
+        ({"render_mode": "ansi"}, "rgb_array"),
+        ({"pieces": 4}, "inside a piece"),
+    ],
+    ids=str,
+)
+def test_bad_arguments_are_named(argument, message):
+    with pytest.raises(ValueError, match=message):
+        TrackingEnv(**argument)

@@ -11,6 +11,8 @@ from softrobot_env.robots import ARM
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks import make_task
 
+COMMAND = "softrobot evaluate --tasks swing"
+
 ROW_KEYS = {
     "task", "step_width", "policy", "robot", "plant", "variation", "e_mean", "e_max", "e_rms",
     "e_final", "rise_time", "settling_time", "overshoot", "steady_state_error",
@@ -82,29 +84,31 @@ def test_a_failure_is_no_finite_result(failed):
 
 def test_reports_tell_the_failure(failed, tmp_path):
     rows = [row(failed, "swing")]
-    report.write_json(tmp_path / "report.json", rows)
+    report.write_json(tmp_path / "report.json", rows, COMMAND)
     stored = json.loads((tmp_path / "report.json").read_text())
     assert stored["rows"][0]["failure"] == failed.failure
-    assert failed.failure in report.markdown(rows)
-    assert "FAILED" in report.markdown(rows)
+    assert failed.failure in report.markdown(rows, COMMAND)
+    assert "FAILED" in report.markdown(rows, COMMAND)
     assert failed.failure in str(report.tables(rows)[0].caption)
 
 
 def test_reports_refuse_nan(rollout, tmp_path):
     with pytest.raises(ValueError):
-        report.write_json(tmp_path / "report.json", [row(rollout, "lshape", e_max=float("nan"))])
+        report.write_json(
+            tmp_path / "report.json", [row(rollout, "lshape", e_max=float("nan"))], COMMAND
+        )
     with pytest.raises(ValueError, match="not finite"):
-        report.markdown([row(rollout, "lshape", e_max=float("inf"))])
+        report.markdown([row(rollout, "lshape", e_max=float("inf"))], COMMAND)
 
 
 def test_markdown_shows_the_thesis_beside_ours(rollout):
-    text = report.markdown([row(rollout, "lshape")])
+    text = report.markdown([row(rollout, "lshape")], COMMAND)
     assert "| LQI (thesis, PCC plant) |" in text and "1.71" in text
 
 
 def test_meta_names_versions_and_command(rollout, tmp_path):
-    report.write_json(tmp_path / "report.json", [])
+    report.write_json(tmp_path / "report.json", [], COMMAND)
     meta = json.loads((tmp_path / "report.json").read_text())["meta"]
-    assert meta["command"].startswith("softrobot")
+    assert meta["command"] == COMMAND
     assert meta["versions"]["mujoco"].startswith("4.")
     assert meta["cpu"]

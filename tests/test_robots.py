@@ -18,7 +18,6 @@ from softrobot_env.robots import (
     Tendon,
     TendonMap,
     centerline,
-    get_robot,
 )
 
 # ---------------------------------------------------------------- derived values
@@ -288,11 +287,7 @@ def test_tendons_that_cannot_be(changes, message):
 def test_robots_by_name():
     for name, robot in ROBOTS.items():
         assert robot.name == name
-        assert get_robot(name) is robot
         assert isinstance(robot, RobotParams)
-    with pytest.raises(ValueError, match="octopus") as caught:
-        get_robot("octopus")
-    assert all(name in str(caught.value) for name in ROBOTS)
 
 
 # ---------------------------------------------------------------- shape

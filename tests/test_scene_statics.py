@@ -170,3 +170,12 @@ def test_no_equilibrium_is_reported():
     model = build_scene(SceneConfig(ARM)).model
     with pytest.raises(EquilibriumError, match="no equilibrium after"):
         equilibrium(model, np.zeros(6), guess=np.full(12, np.nan))
+
+
+def test_unstable_equilibria_are_refused():
+    """Upright, the arm is longer than the column its weight lets stand: it would fall over."""
+    standing = build_scene(SceneConfig(replace(ARM, gravity=(0.0, 0.0, -9.81)))).model
+    with pytest.raises(EquilibriumError, match="unstable"):
+        equilibrium(standing, np.zeros(standing.nu))
+    hanging = build_scene(SceneConfig(replace(ARM, gravity=(0.0, 0.0, 9.81)))).model
+    np.testing.assert_array_equal(equilibrium(hanging, np.zeros(hanging.nu)), 0.0)

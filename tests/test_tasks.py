@@ -1,11 +1,13 @@
 """Tasks: the audit's coordinates, and starts in equilibrium on the reference."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import minimize
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.robots import ARM
+from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.tasks import STEP_WIDTHS, TASKS, make_task
 
 STATICS = ConstantCurvatureStatics(ARM)
@@ -167,3 +169,18 @@ def test_only_the_step_has_a_width(name):
 def test_step_width_out_of_reach(width):
     with pytest.raises(ValueError, match=r"\(0, \d+\] mm"):
         make_task("step", width)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"duration": -1.0}, "duration"),
+        ({"duration": 1e9}, "duration"),
+        ({"start_input": (1.0,)}, "3 tendon inputs"),
+        ({"robot": CANTILEVER_WEAK, "start_input": ()}, "at least one"),
+    ],
+    ids=str,
+)
+def test_tasks_that_cannot_be(changes, message):
+    with pytest.raises(ValueError, match=message):
+        replace(make_task("swing"), **changes)

@@ -187,3 +187,14 @@ def test_acceleration_is_normal_to_the_path():
     t = np.linspace(0.01, 9.99, 200)
     along = np.sum(SWEEP.velocity(t) * SWEEP.acceleration(t), axis=1)
     np.testing.assert_allclose(along, 0.0, atol=1e-16)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"half_length": 1.0}, {"half_length": -0.5}, {"speed": 0.0}, {"speed": -0.1}],
+    ids=str,
+)
+def test_sweeps_that_cannot_be(changes):
+    valid = {"half_length": 0.5, "speed": 0.1}
+    with pytest.raises(ValueError, match="a sweep needs"):
+        CurveSweep(EqualForceCurve(0.5), **(valid | changes))

@@ -1,1 +1,1 @@
-"""Accuracy, stability and speed of the simulation, always together with its cost."""
+"""Accuracy against cost, and speed."""

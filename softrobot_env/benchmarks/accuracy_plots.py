@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from softrobot_env.benchmarks.accuracy import rule_of
 from softrobot_env.scene.quadrature import RULES
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def _draw_static(figure: "SubFigure", rows: list[Row]) -> None:
     for axes, (case, title) in zip(panels, _TITLES.items(), strict=True):
         mine = [row for row in rows if row["case"] == case]
         for rule in RULES:
-            _line(axes, rule, [row for row in mine if _rule(row) == rule], x="n", y="e_mean")
+            _line(axes, rule, [row for row in mine if rule_of(row) == rule], x="n", y="e_mean")
         _second_order(axes)
         _label(axes, title, "number of hinges")
         _hinge_ticks(axes)
@@ -78,7 +79,7 @@ def _draw_dynamic(figure: "SubFigure", rows: list[Row]) -> None:
         for integrator in _LINES:
             chosen = [row for row in mine if row["integrator"] == integrator]
             for rule in RULES:
-                same = [row for row in chosen if _rule(row) == rule]
+                same = [row for row in chosen if rule_of(row) == rule]
                 _line(axes, rule, same, "wall_time", "e_mean", integrator)
         _label(axes, _size_title(n, mine), "run time [ms]")
         _time_ticks(axes)
@@ -157,7 +158,3 @@ def _integrator_legend(axes: "Axes") -> None:
         for name, (dashes, filled) in _LINES.items()
     ]
     axes.legend(handles=handles, fontsize=7.5, loc="lower left", framealpha=0.9)
-
-
-def _rule(row: Row) -> str:
-    return row["model"].partition("/")[2]

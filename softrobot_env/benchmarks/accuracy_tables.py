@@ -7,9 +7,9 @@ from rich import box
 from rich.console import Group
 from rich.table import Table
 
-Row = dict[str, Any]
+from softrobot_env.benchmarks.accuracy import DYNAMIC_CASE, rule_of
 
-DYNAMIC_CASE = "tension_step"
+Row = dict[str, Any]
 
 #: Hinges of the chains shown for the dynamic case; gauss3 has its nearest number.
 _SHOWN_HINGES = (12, 18)
@@ -24,22 +24,18 @@ def tables(rows: list[Row]) -> Group:
             "Static tip error in mm",
             static,
             ("rule", "n"),
-            lambda row: (_rule(row), str(row["n"])),
+            lambda row: (rule_of(row), str(row["n"])),
             lambda row: row["case"].replace("_", " "),
         ),
         _pivot(
             "Tension step of the arm, 3 s: mean tip error in mm (run time in ms)",
             dynamic,
             ("rule", "n", "integrator"),
-            lambda row: (_rule(row), str(row["n"]), row["integrator"]),
+            lambda row: (rule_of(row), str(row["n"]), row["integrator"]),
             lambda row: f"h = {1e3 * row['timestep']:g} ms",
             timed=True,
         ),
     )
-
-
-def _rule(row: Row) -> str:
-    return row["model"].split("/")[1]
 
 
 def _pivot(

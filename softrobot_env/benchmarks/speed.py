@@ -118,7 +118,7 @@ def _wait_row(what: tuple[str, str], seconds: float | None) -> dict:
 
 def tables(rows: list[dict]) -> Group:
     """The rows for the terminal: one table of steps, one of waiting times."""
-    steps = _empty_table("steps/s", "raw steps/s", "raw/env", "overhead us", "overhead ratio")
+    steps = _empty_table("steps/s", "raw steps/s", "raw/env", "over- head us", "over- head ratio")
     waits = _empty_table("ms")
     for row in rows:
         if row["steps_per_second"] is None:

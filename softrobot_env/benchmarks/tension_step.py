@@ -9,6 +9,7 @@ from softrobot_env.robots import ARM, RobotParams, TendonMap
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
+from softrobot_env.tasks import equal_input
 
 #: [s] simulated; the tip is compared at the end of every control period.
 DURATION = 3.0
@@ -34,9 +35,7 @@ class Reference:
 
 def tensions(robot: RobotParams, a: float) -> np.ndarray:
     """Tensions (n_tendons,) [N] of equal reduced inputs a EI / r."""
-    tendon_map = TendonMap(robot)
-    force = a * robot.bending_stiffness / abs(robot.tendons[0].offset[0])
-    return tendon_map.tension(np.full(tendon_map.n_inputs, force))
+    return TendonMap(robot).tension(np.array(equal_input(robot, a)))
 
 
 def start(scene: Scene) -> Simulation:

@@ -2,9 +2,12 @@
 
 import argparse
 from collections.abc import Callable
+from math import inf, nan
 from pathlib import Path
 
 from softrobot_env.robots import VARIABLE
+from softrobot_env.scene.config import INTEGRATORS
+from softrobot_env.scene.quadrature import RULES
 from softrobot_env.tasks import TASKS
 
 
@@ -23,9 +26,13 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         "--control-period", type=positive, default=0.01, metavar="S", help="default: 0.01 s"
     )
     group.add_argument("--pieces", type=int, help="pieces of the robot; default: the robot's own")
-    group.add_argument("--rule", default="balanced2", help="hinge rule; default: balanced2")
+    group.add_argument(
+        "--rule",
+        default="balanced2",
+        help=f"hinge rule out of {', '.join(RULES)}; default: balanced2",
+    )
     group.add_argument("--timestep", type=positive, metavar="S", help="default: by rule")
-    group.add_argument("--integrator", help="MuJoCo integrator; default: by rule")
+    group.add_argument("--integrator", help=f"out of {', '.join(INTEGRATORS)}; default: by rule")
 
 
 def scene_options(args: argparse.Namespace) -> dict[str, object]:
@@ -34,18 +41,30 @@ def scene_options(args: argparse.Namespace) -> dict[str, object]:
     return {name: getattr(args, name) for name in names}
 
 
-def add_out(parser: argparse.ArgumentParser, default: str) -> None:
+def add_out(parser: argparse.ArgumentParser, default: str, note: str = "") -> None:
     """--out DIR."""
     parser.add_argument(
-        "--out", type=Path, default=Path(default), metavar="DIR", help=f"default: {default}"
+        "--out", type=Path, default=Path(default), metavar="DIR", help=f"default: {default}{note}"
     )
 
 
 def positive(text: str) -> float:
     """A positive number."""
-    value = float(text)
-    if not 0 < value < float("inf"):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a positive number")
+    return _number(text, lambda value: 0 < value < inf, "a positive number")
+
+
+def size(text: str) -> int:
+    """A number of pixels."""
+    return int(_number(text, lambda v: v >= 1 and v == int(v), "a whole number of pixels"))
+
+
+def _number(text: str, allowed: Callable[[float], bool], what: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = nan
+    if not allowed(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
     return value
 
 
@@ -56,7 +75,9 @@ def variation(text: str) -> tuple[str, list[float]]:
         raise argparse.ArgumentTypeError(
             f"{text!r} is not NAME=F1,F2,... with NAME out of {', '.join(VARIABLE)}"
         )
-    return name, [float(value) for value in values.split(",")]
+    low = 0 if name == "damping_time" else 5e-324  # only the damping may vanish
+    what = f"a factor on {name}"
+    return name, [_number(v, lambda x: low <= x < inf, what) for v in values.split(",")]
 
 
 def names_or_all(known: list[str]) -> Callable[[str], str]:

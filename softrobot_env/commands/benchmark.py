@@ -40,12 +40,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("what", choices=BENCHMARKS)
     parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
-    add_out(parser, "out/benchmark")
+    add_out(parser, "out/benchmark", "; a folder of what is measured is made in it")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     console = Console()
+    out = args.out / args.what
+    out.mkdir(parents=True, exist_ok=True)
     benchmark = _load(args.what)
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(args.what, total=None)
@@ -54,12 +56,11 @@ def run(args: argparse.Namespace) -> int:
             progress.update(bar, description=description, completed=done, total=total)
 
         rows = benchmark.run(args.quick, show)
-    args.out.mkdir(parents=True, exist_ok=True)
-    write_json(args.out / f"{args.what}.json", rows)
+    write_json(out / "report.json", rows, args.command_line)
     console.print(benchmark.tables(rows))
-    written = [f"{args.what}.json"]
+    written = ["report.json"]
     if benchmark.plot is not None:
-        benchmark.plot(rows, args.out / f"{args.what}.png")
+        benchmark.plot(rows, out / f"{args.what}.png")
         written.append(f"{args.what}.png")
-    console.print(f"Wrote {', '.join(written)} to {args.out}")
+    console.print(f"Wrote {', '.join(written)} to {out}")
     return 0

@@ -57,7 +57,12 @@ class Outcome:
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
-        "--tasks", nargs="+", type=names_or_all(list(TASKS)), default=["all"], metavar="TASK"
+        "--tasks",
+        nargs="+",
+        type=names_or_all(list(TASKS)),
+        default=["all"],
+        metavar="TASK",
+        help=f"out of {', '.join(TASKS)}; default: all",
     )
     parser.add_argument(
         "--policies",
@@ -92,12 +97,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if any episode failed."""
     console = Console()
-    cases = list(_cases(args))
-    outcomes = _run_cases(cases, args, console)
     args.out.mkdir(parents=True, exist_ok=True)
+    outcomes = _run_cases(list(_cases(args)), args, console)
     rows = [outcome.row for outcome in outcomes]
-    report.write_json(args.out / "report.json", rows)
-    (args.out / "report.md").write_text(report.markdown(rows), encoding="utf-8")
+    report.write_json(args.out / "report.json", rows, args.command_line)
+    text = report.markdown(rows, args.command_line)
+    (args.out / "report.md").write_text(text, encoding="utf-8")
     if args.save_rollouts:
         _save_rollouts(outcomes, args.out)
     if not args.no_plots:
@@ -119,16 +124,18 @@ def _cases(args: argparse.Namespace) -> Iterator[Case]:
 def _tasks(args: argparse.Namespace) -> Iterator[Task]:
     for name in expand_all(args.tasks, list(TASKS)):
         if name == "step":
-            yield from (make_task(name, width) for width in args.step_widths)
+            yield from (make_task(name, width) for width in dict.fromkeys(args.step_widths))
         else:
             yield make_task(name)
 
 
 def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     """Every combination of the varied parameters; factors of 1 count as nominal."""
-    names = [name for name, _ in given]
-    combinations = itertools.product(*(values for _, values in given))
-    return [{n: v for n, v in zip(names, c, strict=True) if v != 1} for c in combinations]
+    factors: dict[str, list[float]] = {}
+    for name, values in given:
+        factors[name] = list(dict.fromkeys([*factors.get(name, []), *values]))
+    combinations = itertools.product(*factors.values())
+    return [{n: v for n, v in zip(factors, c, strict=True) if v != 1} for c in combinations]
 
 
 def _run_cases(cases: list[Case], args: argparse.Namespace, console: Console) -> list[Outcome]:

@@ -6,7 +6,13 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from softrobot_env.commands.arguments import add_scene, add_task, positive, scene_options
+from softrobot_env.commands.arguments import (
+    add_scene,
+    add_task,
+    positive,
+    scene_options,
+    size,
+)
 from softrobot_env.control.registry import POLICIES, make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.tasks import make_task
@@ -22,7 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--out", type=Path, default=Path("out/render.mp4"), metavar="FILE", help=".mp4 or .gif"
     )
     parser.add_argument("--fps", type=int, default=30, help="frames per second; default: 30")
-    parser.add_argument("--size", type=int, nargs=2, default=(640, 480), metavar=("W", "H"))
+    parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
     add_scene(parser)
 

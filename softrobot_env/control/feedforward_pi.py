@@ -32,10 +32,11 @@ class FeedforwardPI(Controller):
     J is the static tip Jacobian at u_ff; J+ is damped, because J loses rank in the straight pose.
     The error is integrated only while no tension is at its limit (no wind-up).
 
-    Quasi-statically the plant from J+ e to e has unit gain; the arm's first resonance raises it to
-    1 / (2 zeta), so that pure integral action would need K_I < 2 zeta w_1 = 1.3 1/s. The default
-    gains were chosen by a scan over the arm's tasks and Young's moduli of 0.5 to 1.5 times nominal:
-    more proportional gain tracks better but fails on large steps.
+    Quasi-statically the plant from J+ e to e has unit gain, and its first mode (frequency w,
+    damping rate mu w^2) limits both gains: an action held for a period T acts T / 2 late on
+    average, which takes K_P w^2 T / 2 from the damping rate, so K_P < 2 mu / T; pure integral
+    action needs K_I < mu w^2. The default gains are fractions of these limits, and K_P at most 2.
+    They track better than feedforward alone but damp nothing, so that a step swings longer.
     """
 
     requires = ("reference", "previous_action", "tip_position")
@@ -44,8 +45,8 @@ class FeedforwardPI(Controller):
         self,
         robot: RobotParams,
         control_period: float,
-        proportional: float = 2.0,
-        integral: float = 0.6,
+        proportional: float | None = None,
+        integral: float | None = None,
         damping: float = 1e-3,
     ) -> None:
         """Set the gains.
@@ -53,15 +54,17 @@ class FeedforwardPI(Controller):
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            proportional: K_P [1].
-            integral: K_I [1/s].
+            proportional: K_P [1]; by default 0.4 of its limit, at most 2.
+            integral: K_I [1/s]; by default 0.45 of its limit.
             damping: [m/N], singular values of J well below it are not inverted.
         """
         self._feedforward = Feedforward(robot)
         self._statics = ConstantCurvatureStatics(robot)
         self._period = control_period
-        self._proportional = proportional
-        self._integral = integral
+        decay = robot.damping_time * (2 * np.pi * robot.first_frequency) ** 2
+        gain = min(2.0, 0.8 * robot.damping_time / control_period)
+        self._proportional = gain if proportional is None else proportional
+        self._integral = 0.45 * decay if integral is None else integral
         self._damping = damping
 
     def start(self, observation: Observation) -> FeedforwardPIState:

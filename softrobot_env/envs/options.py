@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.robots import VARIABLE, as_number
+from softrobot_env.tasks import LONGEST
 
 #: Option -> what it does; also the list in error messages.
 OPTIONS = {
@@ -58,6 +59,8 @@ def _positive(name: str, value: Any) -> float:
     number = as_number(value)
     if number is None or not 0 < number < np.inf:
         raise ValueError(f"option {name!r} must be a positive number, got {value!r}")
+    if name == "duration" and number > LONGEST:
+        raise ValueError(f"option 'duration' must be at most {LONGEST:g} s, got {value!r}")
     return number
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.robots import RobotParams
+from softrobot_env.scene.tendons import straight_length
 
 
 class Readout:
@@ -31,8 +32,7 @@ class Readout:
         self._tip_velocity = data.sensordata[3:6][PLANE]
         self.tendon_tension = data.actuator_force.copy
         self._length = data.ten_length
-        # MuJoCo counts the length of a channel tendon from zero in the straight pose.
-        self._full_length = np.array([0.0 if t.guides else t.end for t in robot.tendons])
+        self._full_length = np.array([t.end - straight_length(t) for t in robot.tendons])
         self._curvature_limit = robot.curvature_limit
         self.update()
 

@@ -1,5 +1,7 @@
 """Stepping a scene without ever hiding a diverged state."""
 
+from dataclasses import replace
+
 import mujoco
 import numpy as np
 from mujoco import mj_step, mj_step1, mj_step2
@@ -38,6 +40,7 @@ class Simulation:
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
         self.model = self.data.model
+        self.scene = replace(self.scene, model=self.model)
         self._warnings = self.data.warning.number
 
     def reset(self, qpos: np.ndarray, ctrl: np.ndarray) -> None:

@@ -1,7 +1,7 @@
 """Tip tracking with one simulated robot."""
 
 from dataclasses import replace
-from math import hypot
+from math import hypot, inf
 from typing import Any, ClassVar
 
 import gymnasium
@@ -21,7 +21,7 @@ from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.interfaces import Observation
-from softrobot_env.robots import RobotParams, TendonMap
+from softrobot_env.robots import RobotParams, TendonMap, as_number
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.statics import equilibrium
@@ -42,7 +42,9 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     one, and the redundancy is resolved by minimum tension, so tendons never push. It is held for
     one `control_period`.
 
-    Observations are a dict of float64 vectors in SI units; positions are (x, z):
+    Observations are a dict of float64 vectors in SI units; positions are (x, z). The bounds of the
+    space are those of the workspace, for velocities and rates those beyond which MuJoCo reports
+    a divergence: scale by experience (`gymnasium.wrappers.NormalizeObservation`), not by them:
 
     | key | size | what | unit |
     |---|---|---|---|
@@ -113,7 +115,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             ValueError: An argument out of range; the message names what is allowed.
         """
         self.task = make_task(task) if isinstance(task, str) else task
-        self._check_arguments(control_period, preview, render_mode)
+        observe = (observe,) if isinstance(observe, str) and observe != "all" else observe
+        self._check_arguments(control_period, preview, render_mode, (width, height))
         self.control_period = control_period
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / control_period))}
@@ -140,18 +143,26 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._last_observation: Observation | None = None
 
     def _check_arguments(
-        self, control_period: float, preview: tuple[float, ...], render_mode: str | None
+        self,
+        control_period: float,
+        preview: tuple[float, ...],
+        render_mode: str | None,
+        frame_size: tuple[int, int],
     ) -> None:
         low, high = CONTROL_PERIODS
-        if not low <= control_period <= high:
+        if not low <= (as_number(control_period) or 0.0) <= high:
             raise ValueError(
                 f"control_period must lie between {low:g} and {high:g} s, got {control_period!r}"
             )
-        if len(preview) == 0 or min(preview) < 0 or not np.all(np.isfinite(preview)):
+        times = [as_number(time) for time in preview] if np.iterable(preview) else []
+        if not times or not all(t is not None and 0 <= t < inf for t in times):
             raise ValueError(f"preview needs one or more times >= 0 s, got {preview!r}")
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
             raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
+
+        if not all(isinstance(pixels, int) and pixels > 0 for pixels in frame_size):
+            raise ValueError(f"width and height must be positive pixels, got {frame_size}")
 
     def _build_scene(self, robot: RobotParams) -> Scene:
         return build_scene(
@@ -207,6 +218,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
         self._renderer = None
+        if not self._vary:  # one model, as before
+            self._nominal = self._simulation.scene
         self._install(self._simulation)
         if self._last_observation is not None:
             self._bind_observation(self._index + 1)

@@ -3,8 +3,6 @@
 import json
 import math
 import platform
-import shlex
-import sys
 from dataclasses import asdict, fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -79,20 +77,20 @@ def _metrics(kind: type, values: TrackingMetrics | StepMetrics | None) -> Row:
     return {f.name: None for f in fields(kind)} if values is None else asdict(values)
 
 
-def write_json(path: Path, rows: list[Row]) -> None:
-    """Write `{"meta": ..., "rows": ...}`.
+def write_json(path: Path, rows: list[Row], command: str) -> None:
+    """Write `{"meta": ..., "rows": ...}`; `command` is what made them.
 
     Raises:
         ValueError: A row holds NaN or infinity; failed runs must say None and why.
     """
-    text = json.dumps({"meta": metadata(), "rows": rows}, indent=1, allow_nan=False)
+    text = json.dumps({"meta": metadata(command), "rows": rows}, indent=1, allow_nan=False)
     path.write_text(text + "\n", encoding="utf-8")
 
 
-def metadata() -> dict[str, Any]:
+def metadata(command: str) -> dict[str, Any]:
     """Versions, machine and command of this run."""
     return {
-        "command": shlex.join(["softrobot", *sys.argv[1:]]),
+        "command": command,
         "python": platform.python_version(),
         "machine": platform.machine(),
         "cpu": _cpu_name(),
@@ -150,9 +148,12 @@ def _table(label: str, rows: list[Row]) -> Table:
         pad_edge=False,
     )
     for heading in ("policy", "variation")[: 1 + varied]:
-        out.add_column(heading, no_wrap=True)
+        out.add_column(heading, overflow="fold")
     for name in shown:
-        out.add_column(_COLUMNS[name][0].replace(" ", "\n", 1), justify="right", no_wrap=True)
+        # Numbers are never cut short; where space lacks, names and headings fold.
+        width = max(len(_cell(row, name)) for row in rows)
+        heading = _COLUMNS[name][0].replace(" ", "\n", 1)
+        out.add_column(heading, justify="right", min_width=width, overflow="fold")
     for row in rows:
         labels = (_policy_label(row), variation_label(row))[: 1 + varied]
         style = "red" if row["failure"] else None
@@ -174,9 +175,9 @@ def failures(rows: list[Row]) -> list[str]:
     ]
 
 
-def markdown(rows: list[Row]) -> str:
+def markdown(rows: list[Row], command: str) -> str:
     """The rows as Markdown, one table per task, the thesis' figures below ours."""
-    parts = ["# Evaluation", f"Command: `{metadata()['command']}`"]
+    parts = ["# Evaluation", f"Command: `{command}`"]
     for label, group in _by_task(rows):
         parts += [f"## {label}", _markdown_table(group), *failures(group)]
     parts.append("The thesis gives a steady-state error of 0.01 % as an upper bound.")

@@ -127,19 +127,14 @@ def _plot_shapes(rollouts: dict[str, Rollout], task: Task) -> "Figure":
     figure, (axis,) = _figure(1, 1, (6.0, 5.0))
     reference = task.trajectory.path()
     axis.plot(1e3 * reference[:, 0], 1e3 * reference[:, 2], "k--", linewidth=1, label="reference")
-    for label, rollout, colour in _styles(rollouts):
+    styles = _styles(rollouts)
+    for order, (label, rollout, colour) in enumerate(styles):
         tip = 1e3 * rollout.tip
         axis.plot(tip[:, 0], tip[:, 2], color=colour, linewidth=0.8, alpha=0.7)
         shape = 1e3 * centerline(task.robot, rollout.curvature[-1])
-        axis.plot(
-            shape[:, 0],
-            shape[:, 2],
-            color=colour,
-            linewidth=3,
-            alpha=0.6,
-            solid_capstyle="round",
-            label=label,
-        )
+        # Later lines are thinner, so that equal shapes show beneath one another.
+        width = 2 + 3 * (len(styles) - 1 - order)
+        axis.plot(shape[:, 0], shape[:, 2], color=colour, linewidth=width, label=label)
     axis.set_aspect("equal")
     axis.set_xlabel("x in mm")
     axis.set_ylabel("z in mm")

@@ -11,14 +11,6 @@ from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, linearize
 
-_INTEGRATORS = {
-    "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
-    "discrete": mujoco.mjtIntegrator.mjINT_DISCRETE,
-    "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
-    "Euler": mujoco.mjtIntegrator.mjINT_EULER,
-    "RK4": mujoco.mjtIntegrator.mjINT_RK4,
-}
-
 
 @dataclass(frozen=True)
 class Scene:
@@ -80,7 +72,7 @@ def _timestep(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
 
 def _apply(choice: TimestepChoice, option: mujoco.MjOption) -> None:
     option.timestep = choice.timestep
-    option.integrator = _INTEGRATORS[choice.integrator]
+    option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{choice.integrator.upper()}")
 
 
 def _empty_spec(config: SceneConfig) -> mujoco.MjSpec:

@@ -9,8 +9,9 @@ lengths) from its middle, with equal weights. Two errors of second order compete
 * geometric: links are chords, and a bent piece of constant curvature comes out too short by
   ~ (1/3 - g) / 4, zero for g = 1/3.
 
-`balanced2` stands between the two, at the fifths of the piece. Under self-weight, tip moment, tip
-force and in motion it measured best (`softrobot benchmark accuracy`).
+`balanced2` stands between the two, at the fifths of the piece. It measured best for large
+deflections under distributed load or tip force and in motion, `gauss2` for small deflections,
+`chord2` where tendons or moments act alone (`softrobot benchmark accuracy`).
 """
 
 from dataclasses import dataclass

@@ -21,7 +21,8 @@ def equilibrium(
     in one go, so follow large ones in steps and pass the last solution as the guess.
 
     Raises:
-        EquilibriumError: No convergence; the message gives the remaining force.
+        EquilibriumError: No convergence (the message gives the remaining force), or the
+            equilibrium found is unstable.
     """
     data = mujoco.MjData(model)
     data.ctrl[:] = ctrl
@@ -29,13 +30,21 @@ def equilibrium(
     scale = np.max(model.jnt_stiffness)
     for _ in range(_ITERATIONS):
         force = _force(model, data, q)
+        jacobian = _jacobian(model, data, q, force)
         if np.max(np.abs(force)) < 1e-12 * scale:
+            _check_stability(jacobian)
             return q
-        turn = np.linalg.solve(_jacobian(model, data, q, force), -force)
+        turn = np.linalg.solve(jacobian, -force)
         q = q + turn * min(1.0, _LARGEST_TURN / np.max(np.abs(turn)))
     raise EquilibriumError(
         f"no equilibrium after {_ITERATIONS} iterations: {np.max(np.abs(force)):.3g} N m remain"
     )
+
+
+def _check_stability(jacobian: np.ndarray) -> None:
+    # With a positive mass matrix a restoring force field has eigenvalues left of the axis.
+    if np.max(np.linalg.eigvals(jacobian).real) >= 0:
+        raise EquilibriumError("the equilibrium is unstable: the robot would leave it by itself")
 
 
 def _force(model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray) -> np.ndarray:

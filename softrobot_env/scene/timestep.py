@@ -160,7 +160,7 @@ def choose_timestep(
             f"timestep {chosen:.3g} s with {integrator} is beyond the stability limit "
             f"{limit:.3g} s of the linearised robot: expect divergence",
             TimestepWarning,
-            stacklevel=2,
+            stacklevel=4,
         )
     return TimestepChoice(integrator, chosen, substeps, period, limit, reason)
 
@@ -173,6 +173,6 @@ def _choose_integrator(chain: LinearChain, accurate: float) -> tuple[str, str]:
         f"the robot is too stiff and too lightly damped for implicitfast (stable below "
         f"{limit:.3g} s): using discrete, which damps fast modes numerically",
         TimestepWarning,
-        stacklevel=3,
+        stacklevel=5,
     )
     return "discrete", "implicitfast would need very small steps, discrete damps fast modes"
