@@ -40,6 +40,7 @@ class Frame:
     """What a picture shows.
 
     Attributes:
+        episode: Number of the episode; a new one clears the trail.
         time: [s] since the episode began.
         qpos: (nq,) [rad].
         tension: (n_tendons,) [N].
@@ -47,6 +48,7 @@ class Frame:
         path: (k, 3) [m], the whole reference; two points are shown as points.
     """
 
+    episode: int
     time: float
     qpos: np.ndarray
     tension: np.ndarray
@@ -184,7 +186,7 @@ class _View:
         self._lines = [_line_id(self.model, t.name) for t in config.robot.tendons]
         self._tip = self.data.site(TIP_SITE).xpos
         self._trail: list[np.ndarray] = []
-        self._time = 0.0
+        self._episode = 0
 
     def update(self, frame: Frame) -> None:
         """Take over posture and tensions; a diverged posture leaves the last one standing."""
@@ -195,12 +197,12 @@ class _View:
         share = np.sqrt(np.clip(frame.tension / self._limit, 0, 1))[:, None]
         self.model.tendon_rgba[self._lines] = _SLACK + share * (_TIGHT - _SLACK)
         self.model.tendon_width[self._lines] = TENDON_WIDTH * (0.8 + 0.7 * share[:, 0])
-        self._extend_trail(frame.time)
+        self._extend_trail(frame.episode)
 
-    def _extend_trail(self, now: float) -> None:
-        if now < self._time:
+    def _extend_trail(self, episode: int) -> None:
+        if episode != self._episode:
             self._trail.clear()
-        self._time = now
+        self._episode = episode
         tip = self._tip.copy()
         if not self._trail or np.linalg.norm(tip - self._trail[-1]) > _TRAIL_STEP:
             self._trail.append(tip)

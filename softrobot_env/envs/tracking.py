@@ -140,6 +140,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._install(Simulation(self._nominal))
         self._follow(self.task)
         self._running = False
+        self._episode = 0
         self._last_observation: Observation | None = None
 
     def _check_arguments(
@@ -307,6 +308,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._action = self._action_array.tolist()
         self._rows = self._reference.rows()
         self._index = 0
+        self._episode += 1
         self._bind_observation(0)
         self._running = True
         self._measure()
@@ -403,6 +405,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     def _frame(self) -> Frame:
         x, z = self._points[self._index]
         return Frame(
+            episode=self._episode,
             time=self.data.time,
             qpos=self.data.qpos.copy(),
             tension=self._readout.tendon_tension(),

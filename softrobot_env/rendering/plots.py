@@ -133,7 +133,7 @@ def _plot_shapes(rollouts: dict[str, Rollout], task: Task) -> "Figure":
         axis.plot(tip[:, 0], tip[:, 2], color=colour, linewidth=0.8, alpha=0.7)
         shape = 1e3 * centerline(task.robot, rollout.curvature[-1])
         # Later lines are thinner, so that equal shapes show beneath one another.
-        width = 2 + 3 * (len(styles) - 1 - order)
+        width = 2 + 1.8 * (len(styles) - 1 - order)
         axis.plot(shape[:, 0], shape[:, 2], color=colour, linewidth=width, label=label)
     axis.set_aspect("equal")
     axis.set_xlabel("x in mm")
