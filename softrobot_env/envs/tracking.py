@@ -161,7 +161,6 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         modes = self.metadata["render_modes"]
         if render_mode is not None and render_mode not in modes:
             raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
-
         if not all(isinstance(pixels, int) and pixels > 0 for pixels in frame_size):
             raise ValueError(f"width and height must be positive pixels, got {frame_size}")
 
