@@ -148,8 +148,12 @@ def choose_timestep(
     limit = stability_limit(integrator, chain)
     if timestep is None:
         step = min(accurate, SAFETY * limit)
-        bound = "accuracy" if step == accurate else "stability"
-        reason += f"; {bound} bounds the timestep"
+        bound = f"1/{1 / ACCURACY:g} of the first period, for accuracy"
+        if step < accurate:
+            bound = f"{SAFETY:g} times the stability limit"
+        elif step == control_period:
+            bound = "the control period"
+        reason += f"; timestep at most {1e3 * step:.3g} ms: {bound}"
     else:
         step = timestep
         reason += "; the timestep was asked for"
