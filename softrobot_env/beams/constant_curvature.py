@@ -14,7 +14,8 @@ import numpy as np
 from softrobot_env.robots import RobotParams, TendonMap
 
 _NODES = 16
-_TOLERANCE = 1e-10
+_TOLERANCE = 1e-8  # m
+_NULL_TOLERANCE = 1e-7  # N
 _ITERATIONS = 60
 
 
@@ -115,7 +116,7 @@ class ConstantCurvatureStatics:
             if residual < best_residual:
                 best, best_residual = u, residual
             to_range, to_null = _newton_steps(u, gap, first, second)
-            if residual < _TOLERANCE and np.max(np.abs(to_null)) < 1e-7:
+            if residual < _TOLERANCE and np.max(np.abs(to_null)) < _NULL_TOLERANCE:
                 return InverseStatics(u, residual, True)
             u = u + _shorten(to_range, self.limit) + _shorten(to_null, self.limit)
         return InverseStatics(best, best_residual, False)
@@ -133,7 +134,8 @@ def _newton_steps(
     range_, null = right[: len(singular)].T, right[len(singular) :].T
     to_range = range_ @ (gain * (left.T @ gap))
     multiplier = -left @ (gain * (range_.T @ u))
-    hessian = null.T @ (np.eye(len(u)) + np.tensordot(multiplier, second, axes=1)) @ null
+    bend = np.eye(len(u)) + multiplier[0] * second[0] + multiplier[1] * second[1]
+    hessian = null.T @ bend @ null
     values, vectors = np.linalg.eigh(hessian)
     slope = vectors.T @ (null.T @ u)
     return to_range, -null @ (vectors @ (slope / np.maximum(np.abs(values), 0.1)))
