@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from softrobot_env.robots import ARM, RobotParams, TendonMap
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.tendon_map import TendonMap
 from softrobot_env.trajectories import CurveSweep, EqualForceCurve, Polyline, Step, Trajectory
 
 #: Longest episode [s]; its reference is sampled beforehand.

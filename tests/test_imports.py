@@ -16,6 +16,7 @@ FOUNDATION = {
     "tasks",
     "interfaces",
     "episode",
+    "tendon_map",
     "rollout",
     "paths",
     "registration",

@@ -16,9 +16,9 @@ from softrobot_env.robots import (
     VARIABLE,
     RobotParams,
     Tendon,
-    TendonMap,
     centerline,
 )
+from softrobot_env.tendon_map import TendonMap
 
 # ---------------------------------------------------------------- derived values
 

@@ -6,7 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, TendonMap
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.scene.build import build_scene, scene_xml
 from softrobot_env.scene.config import (
     Appearance,
@@ -18,6 +18,7 @@ from softrobot_env.scene.config import (
     TipSensors,
 )
 from softrobot_env.scene.quadrature import RULES
+from softrobot_env.tendon_map import TendonMap
 
 ROBOTS = (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)
 FITTING = {"midpoint": 6, "gauss2": 6, "balanced2": 6, "chord2": 6, "gauss3": 3}

@@ -9,11 +9,12 @@ import pytest
 from softrobot_env.beams.analytic import arc_tip, elastica
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.benchmarks.accuracy import tip_at
-from softrobot_env.robots import ARM, CANTILEVER_WEAK, TendonMap
+from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import Load, SceneConfig
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
+from softrobot_env.tendon_map import TendonMap
 
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 LENGTH, EI = WEIGHTLESS.length, WEIGHTLESS.bending_stiffness

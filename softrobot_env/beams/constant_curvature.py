@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.robots import RobotParams, TendonMap
+from softrobot_env.robots import RobotParams
+from softrobot_env.tendon_map import TendonMap
 
 _NODES = 16
 _TOLERANCE = 1e-8  # m

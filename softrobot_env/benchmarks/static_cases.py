@@ -6,8 +6,9 @@ import numpy as np
 
 from softrobot_env.beams.analytic import arc_tip, elastica
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams, TendonMap
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.scene.config import Load
+from softrobot_env.tendon_map import TendonMap
 
 _ELASTICA = "elastica (boundary-value solution)"
 

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from softrobot_env.envs.simulation import Simulation
-from softrobot_env.robots import ARM, RobotParams, TendonMap
+from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import equal_input
+from softrobot_env.tendon_map import TendonMap
 
 #: [s] simulated; the tip is compared at the end of every control period.
 DURATION = 3.0

@@ -7,8 +7,9 @@ import mujoco
 import numpy as np
 from gymnasium import spaces
 
-from softrobot_env.robots import RobotParams, TendonMap
+from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.tendon_map import TendonMap
 
 #: Fastest reference an environment accepts, in robot lengths per second.
 REFERENCE_SPEED = 10.0

@@ -1,4 +1,4 @@
-"""Checked options of `reset`."""
+"""Checks of what users pass to an environment and to its `reset`."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -7,6 +7,9 @@ import numpy as np
 
 from softrobot_env.robots import VARIABLE, as_number
 from softrobot_env.tasks import LONGEST
+
+#: Control periods [s] an environment accepts.
+CONTROL_PERIODS = (1e-3, 0.2)
 
 #: Option -> what it does; also the list in error messages.
 OPTIONS = {
@@ -72,3 +75,29 @@ def _vector(name: str, value: Any, size: int) -> np.ndarray:
     if array.shape != (size,) or not np.all(np.isfinite(array)):
         raise ValueError(f"option {name!r} must be {size} finite numbers, got {value!r}")
     return array
+
+
+def check_arguments(
+    control_period: float, preview: tuple[float, ...], frame_size: tuple[int, int]
+) -> None:
+    """Check arguments of an environment that no other part checks.
+
+    Raises:
+        ValueError: One is out of range; the message names what is allowed.
+    """
+    low, high = CONTROL_PERIODS
+    if not low <= (as_number(control_period) or 0.0) <= high:
+        raise ValueError(
+            f"control_period must lie between {low:g} and {high:g} s, got {control_period!r}"
+        )
+    times = [as_number(time) for time in preview] if np.iterable(preview) else []
+    if not times or not all(t is not None and 0 <= t < np.inf for t in times):
+        raise ValueError(f"preview needs one or more times >= 0 s, got {preview!r}")
+    if not all(isinstance(pixels, int) and pixels > 0 for pixels in frame_size):
+        raise ValueError(f"width and height must be positive pixels, got {frame_size}")
+
+
+def check_render_mode(render_mode: str | None, modes: list[str]) -> None:
+    """Raise ValueError for a render mode that is neither None nor one of `modes`."""
+    if render_mode is not None and render_mode not in modes:
+        raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")

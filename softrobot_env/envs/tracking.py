@@ -1,7 +1,7 @@
 """Tip tracking with one simulated robot."""
 
 from dataclasses import replace
-from math import hypot, inf
+from math import hypot
 from typing import Any, ClassVar
 
 import gymnasium
@@ -14,21 +14,24 @@ from softrobot_env.envs.observables import (
     Sizes,
     observation_space,
 )
-from softrobot_env.envs.options import ResetOptions, parse_options
+from softrobot_env.envs.options import (
+    ResetOptions,
+    check_arguments,
+    check_render_mode,
+    parse_options,
+)
 from softrobot_env.envs.readout import Readout
 from softrobot_env.envs.reference import sample_reference
 from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.interfaces import Observation
-from softrobot_env.robots import RobotParams, TendonMap, as_number
+from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import Task, make_task
-
-#: Control periods [s] an environment accepts.
-CONTROL_PERIODS = (1e-3, 0.2)
+from softrobot_env.tendon_map import TendonMap
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.
 _REBUILT = {"model", "data", "_advance", "_ctrl", "_readout", "_readers", "_renderer"}
@@ -116,7 +119,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         """
         self.task = make_task(task) if isinstance(task, str) else task
         observe = (observe,) if isinstance(observe, str) and observe != "all" else observe
-        self._check_arguments(control_period, preview, render_mode, (width, height))
+        check_arguments(control_period, preview, (width, height))
+        check_render_mode(render_mode, self.metadata["render_modes"])
         self.control_period = control_period
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / control_period))}
@@ -142,27 +146,6 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._running = False
         self._episode = 0
         self._last_observation: Observation | None = None
-
-    def _check_arguments(
-        self,
-        control_period: float,
-        preview: tuple[float, ...],
-        render_mode: str | None,
-        frame_size: tuple[int, int],
-    ) -> None:
-        low, high = CONTROL_PERIODS
-        if not low <= (as_number(control_period) or 0.0) <= high:
-            raise ValueError(
-                f"control_period must lie between {low:g} and {high:g} s, got {control_period!r}"
-            )
-        times = [as_number(time) for time in preview] if np.iterable(preview) else []
-        if not times or not all(t is not None and 0 <= t < inf for t in times):
-            raise ValueError(f"preview needs one or more times >= 0 s, got {preview!r}")
-        modes = self.metadata["render_modes"]
-        if render_mode is not None and render_mode not in modes:
-            raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
-        if not all(isinstance(pixels, int) and pixels > 0 for pixels in frame_size):
-            raise ValueError(f"width and height must be positive pixels, got {frame_size}")
 
     def _build_scene(self, robot: RobotParams) -> Scene:
         return build_scene(

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.robots import TendonMap, centerline
+from softrobot_env.robots import centerline
 from softrobot_env.rollout import Rollout
 from softrobot_env.tasks import Task
+from softrobot_env.tendon_map import TendonMap
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
