@@ -5,7 +5,7 @@ import importlib
 import shlex
 import sys
 
-#: Command -> (module in `softrobot_env.commands`, what it does).
+#: Command (a module of that name in `softrobot_env.commands`) -> what it does.
 COMMANDS = {
     "evaluate": "run policies on tasks; write report.json, report.md and plots",
     "render": "write a video of a policy on a task",

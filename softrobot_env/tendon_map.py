@@ -76,6 +76,7 @@ def _directions(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
 
 
 def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
+    """As scipy.linalg.block_diag, whose import takes longer than all of `gymnasium.make`."""
     shape = np.sum([b.shape for b in blocks], axis=0) if blocks else (0, 0)
     out = np.zeros(shape)
     row = column = 0

@@ -6,7 +6,7 @@ follows as points (k, 3) [m]. Where a trajectory has a kink (thesis sec. 6.6.1),
 acceleration are those just after it.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
 
@@ -92,6 +92,10 @@ class Polyline:
         return np.array(self.waypoints)
 
 
+#: Gauss nodes on each third; the tangent turns by at most 2 rad there.
+_NODES = 8
+
+
 @dataclass(frozen=True)
 class EqualForceCurve:
     """Tip curve c(a) of the planar arm when its three tendon pairs pull alike (audit sec. 4).
@@ -103,12 +107,11 @@ class EqualForceCurve:
     """
 
     length: float
-    _nodes: int = field(default=8, repr=False)
 
     @cached_property
     def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
         """Weights and g(s), the tangent angle per unit a, at Gauss nodes on each third."""
-        x, w = np.polynomial.legendre.leggauss(self._nodes)
+        x, w = np.polynomial.legendre.leggauss(_NODES)
         third = self.length / 3
         local = third * (x + 1) / 2
         angle = np.array([3 * local, 3 * third + 2 * local, 5 * third + local])

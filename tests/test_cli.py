@@ -70,6 +70,15 @@ def test_an_unusable_folder_is_told_before_any_work(tmp_path, capsys):
     assert "file" in capsys.readouterr().err
 
 
+def test_without_matplotlib_the_results_still_come(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)  # as if it were not installed
+    arguments = ["--tasks", "lshape", "--policies", "hold", "--control-period", "0.2"]
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert "softrobot_env[viz]" in err
+    assert "hold" in out and (tmp_path / "report.json").exists()
+
+
 def test_a_failed_episode_sets_the_exit_status(tmp_path):
     from softrobot_env.scene.timestep import TimestepWarning
 

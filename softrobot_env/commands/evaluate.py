@@ -105,11 +105,12 @@ def run(args: argparse.Namespace) -> int:
     (args.out / "report.md").write_text(text, encoding="utf-8")
     if args.save_rollouts:
         _save_rollouts(outcomes, args.out)
-    if not args.no_plots:
-        _plot(outcomes, args.out)
     for table in report.tables(rows):
         console.print(table)
-    console.print(f"Wrote {args.out}/report.json, report.md" + ("" if args.no_plots else ", plots"))
+    console.print(f"Wrote {args.out}/report.json, report.md")
+    if not args.no_plots:
+        _plot(outcomes, args.out)
+        console.print(f"Wrote plots to {args.out}")
     return int(any(row["failure"] for row in rows))
 
 

@@ -42,8 +42,7 @@ def run(args: argparse.Namespace) -> int:
     env = TrackingEnv(make_task(args.task, args.step_width), **scene_options(args))
     console = Console()
     console.print(_overview(env))
-    if env.task.robot.tendons:
-        console.print(_tendons(env.task.robot))
+    console.print(_tendons(env.task.robot))
     return 0
 
 

@@ -49,7 +49,6 @@ def run(args: argparse.Namespace) -> int:
     )
     policy = make_policy(args.policy, task.robot, env.control_period)
     console = Console()
-    args.out.parent.mkdir(parents=True, exist_ok=True)
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(f"{task.label}, {args.policy}", total=1.0)
         frames = record(

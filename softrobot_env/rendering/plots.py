@@ -53,7 +53,10 @@ def plot_task(rollouts: dict[str, Rollout], task: Task, out: Path, stem: str) ->
 def _figure(
     rows: int, columns: int, size: tuple[float, float]
 ) -> tuple["Figure", Sequence["Axes"]]:
-    from matplotlib.figure import Figure  # not pyplot: no display, no global state
+    try:
+        from matplotlib.figure import Figure  # not pyplot: no display, no global state
+    except ImportError as error:
+        raise ImportError("plots need matplotlib: pip install softrobot_env[viz]") from error
 
     figure = Figure(figsize=size, layout="constrained")
     axes = figure.subplots(rows, columns, squeeze=False).ravel()

@@ -1,6 +1,7 @@
 """Optional parts: sensors, loads, markers, cameras and the visible body."""
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import mujoco
@@ -61,7 +62,7 @@ def add_marker(spec: mujoco.MjSpec, marker: Marker) -> None:
 
 def add_path(spec: mujoco.MjSpec, path: PathMarker) -> None:
     """Capsules between consecutive points."""
-    for start, end in zip(path.points, path.points[1:], strict=False):
+    for start, end in pairwise(path.points):
         _add_visual(
             spec.worldbody,
             type=mujoco.mjtGeom.mjGEOM_CAPSULE,

@@ -11,8 +11,8 @@ the hinges and the tendons driven by length, D only the hinges. For a step h the
 
 The timestep is the largest divisor of the control period that is at most
 
-* `ACCURACY` times the period of the first mode. Both implicit methods let a force act half a
-  step early, so this bounds the phase error of the first mode by pi ACCURACY;
+* `ACCURACY` times the period of the first mode. implicitfast lets a force act half a step early,
+  so this bounds the phase error of the first mode by pi ACCURACY;
 * `SAFETY` times the stability limit, because bending stiffens the chain's modes.
 
 implicitfast is taken unless stability would ask for more than `MAX_SUBSTEPS_RATIO` times the
