@@ -1,10 +1,79 @@
-"""Protocols shared by environments, controllers and learned policies."""
+"""Protocols shared by environments, controllers, learned policies and beam models."""
 
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from softrobot_env.robots import RobotParams
+
 Observation = dict[str, np.ndarray]
+
+
+class Measurement(NamedTuple):
+    """What can be measured of a planar robot, positions and velocities as (x, z).
+
+    Attributes:
+        tip_position: (2,) [m].
+        tip_velocity: (2,) [m/s].
+        curvature: (robot.pieces,) [1/m], mean over each of the robot's pieces.
+        curvature_rate: (robot.pieces,) [1/(m s)].
+        tendon_length: (n_tendons,) [m] inside the robot.
+    """
+
+    tip_position: np.ndarray
+    tip_velocity: np.ndarray
+    curvature: np.ndarray
+    curvature_rate: np.ndarray
+    tendon_length: np.ndarray
+
+
+class PlantModel(Protocol):
+    """Equations of motion of a robot in place of a MuJoCo scene, driven by tendon tensions.
+
+    The state is kept by the caller: coordinates q and velocities v, both (n,).
+
+    Attributes:
+        robot: The robot.
+        strain: Largest axial strain [1], of either sign, for which read-outs make sense; zero if
+            the model is inextensible.
+    """
+
+    robot: RobotParams
+    strain: float
+
+    def rest(self) -> np.ndarray:
+        """Coordinates (n,) of the straight pose."""
+
+    def equilibrium(self, tension: np.ndarray) -> np.ndarray:
+        """Coordinates (n,) at rest under tensions (n_tendons,) [N].
+
+        Raises:
+            RuntimeError: There is none, or it is unstable.
+        """
+
+    def bent(self, curvature: np.ndarray) -> np.ndarray:
+        """Coordinates (n,) whose measured curvature is `curvature` (robot.pieces,) [1/m].
+
+        Raises:
+            ValueError: The model cannot take this shape; the message says why.
+        """
+
+    def advance(
+        self, q: np.ndarray, v: np.ndarray, tension: np.ndarray, duration: float
+    ) -> str | None:
+        """Move the state on in place, under constant tensions (n_tendons,) [N].
+
+        Returns:
+            What went wrong, after how many seconds and with which method; None if nothing did.
+        """
+
+    def measure(self, q: np.ndarray, v: np.ndarray) -> Measurement:
+        """New arrays with everything that can be measured in a state."""
+
+
+#: Builds the model of a robot; a variation of the robot needs another model.
+PlantFactory = Callable[[RobotParams], PlantModel]
 
 
 class Policy(Protocol):

@@ -20,6 +20,7 @@ FOUNDATION = {
     "rollout",
     "paths",
     "registration",
+    "loads",
 }
 MIDDLE = ("beams", "scene", "sensing", "learned", "hardware")
 EVERYTHING = None  # imports what it likes
@@ -158,9 +159,9 @@ def test_no_catch_all_modules(path):
 @pytest.mark.parametrize(
     ("module", "banned"),
     [
-        ("softrobot_env", {"mujoco", "scipy", *HEAVY}),
-        ("softrobot_env.tasks", {"mujoco", "scipy", *HEAVY}),
-        ("softrobot_env.envs.tracking", {"scipy", *HEAVY}),
+        ("softrobot_env", {"mujoco", "scipy", "numba", *HEAVY}),
+        ("softrobot_env.tasks", {"mujoco", "scipy", "numba", *HEAVY}),
+        ("softrobot_env.envs.tracking", {"scipy", "numba", *HEAVY}),
     ],
 )
 def test_importing_stays_light(module, banned):

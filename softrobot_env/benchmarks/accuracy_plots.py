@@ -1,160 +1,242 @@
-"""Figures of the accuracy benchmark."""
+"""Figures of the accuracy benchmark: error against run time, and against resolution."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.benchmarks.accuracy import rule_of
-from softrobot_env.scene.quadrature import RULES
+from softrobot_env.benchmarks import accuracy_rule_plots, pyelastica_rod, spiral, tension_step
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import SubFigure
 
 Row = dict[str, Any]
 
-#: Okabe and Ito's colours, distinguishable with colour-blindness, and one marker per rule.
-_STYLE = dict(
-    zip(
-        RULES,
-        (("#000000", "o"), ("#0072B2", "s"), ("#D55E00", "D"), ("#009E73", "^"), ("#CC79A7", "v")),
-        strict=True,
-    )
-)
+#: Okabe and Ito's colours and a marker for each model.
+_STYLE = {
+    "mujoco_chain": ("#0072B2", "o", "MuJoCo chain"),
+    "pcc/lumped": ("#E69F00", "s", "PCC, lumped mass"),
+    "pcc/distributed": ("#D55E00", "D", "PCC, distributed mass"),
+    "cosserat": ("#009E73", "^", "Cosserat rod"),
+    "ancf": ("#CC79A7", "v", "ANCF"),
+    "pyelastica": ("#000000", "P", "PyElastica"),
+}
 
-_TITLES = {
+#: Thesis, Tab. 2.2 (i7-6700K, compiled MATLAB; its errors are in m according to the audit): pieces,
+#: run times [s] with ode15s at 0.9 mm, then with implicit Euler at 10, 1 and 0.1 mm.
+_THESIS = {
+    "pcc/lumped": (2, 0.105, (0.0633, 0.263, 2.35)),
+    "cosserat": (7, 0.828, (0.301, 1.26, 9.88)),
+    "ancf": (2, 9.69, (24.0, 40.6, 377.0)),
+}
+_THESIS_NAMES = {"pcc/lumped": "PCC 2", "cosserat": "CR 7", "ancf": "ANCF 2"}
+_ODE15S_ERROR, _EULER_ERRORS = 0.9, (10, 1, 0.1)  # mm
+
+#: A run joins a model's best ones if its error is smaller by at least this factor.
+_GAIN = 0.85
+
+_STATIC_TITLES = {
     "self_weight_weak": "self-weight, weak",
     "self_weight_stiff": "self-weight, stiff",
     "tip_moment_1Nm": "tip moment 1 N m",
     "tip_force_3N": "tip force 3 N",
-    "tendon_static": "tendon 20 N (arm)",
+    "tendon_static": "tendon in a channel",
+    "tendon_guided": "tendon through guides",
+}
+_NUMBER_TITLES = {
+    "bending_frequency_weak": "1st bending frequency, weak",
+    "bending_frequency_stiff": "1st bending frequency, stiff",
+    "torsion_static": "twist under a moment",
+    "torsion_frequency": "1st torsional frequency",
 }
 
-#: Chains shown in the work-precision figure; gauss3 has other numbers and goes to the nearest.
-_NEAREST = {9: 6, 18: 12, 36: 24}
+#: The chain's rule in the figure of all models.
+_RULE = "mujoco_chain/balanced2"
 
-_LINES = {"implicitfast": ("-", 1.0), "discrete": (":", 0.0)}
+#: Errors [mm, %] below are drawn at this value.
+_FLOORS = (1e-5, 1e-6)
 
 
 def plot(rows: list[Row], path: Path | str) -> None:
-    """Draw tip error against hinges (static) above error against run time (dynamic) as PNG.
+    """Draw error against run time; beside it, against resolution and by hinge rule.
 
     Args:
         rows: Rows of `benchmarks.accuracy.run`.
-        path: File to write.
+        path: File of the first picture. The others have its name with "_static" and "_rules".
     """
+    path = Path(path)
+    _work_precision(rows, path)
+    _resolution(rows, path.with_stem(f"{path.stem}_static"))
+    accuracy_rule_plots.plot(rows, path.with_stem(f"{path.stem}_rules"))
+
+
+def _work_precision(rows: list[Row], path: Path) -> None:
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(11, 7.4), layout="constrained")
-    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.15])
-    _draw_static(upper, [row for row in rows if row["case"] in _TITLES])
-    _draw_dynamic(lower, [row for row in rows if row["case"] == "tension_step"])
-    figure.savefig(path, dpi=200)
+    moving = [row for row in rows if row["kind"] == "dynamic"]
+    cases = [
+        (spiral.CASE, "Spiral in 3-D under a turning tip force"),
+        (tension_step.CASE, "Tension step of the tendon arm"),
+    ]
+    if any(row["model"] == pyelastica_rod.NAME for row in moving):
+        cases.append((pyelastica_rod.CASE, "Spiral without damping"))
+    figure = Figure(figsize=(12, 9.2) if len(cases) > 2 else (16, 5.2), layout="constrained")
+    panels = figure.subplots(*((2, 2) if len(cases) > 2 else (1, 3)), squeeze=False).ravel()
+    for axes, (case, title) in zip(panels[[0, 2, 3][: len(cases)]], cases, strict=True):
+        mine = [row for row in moving if row["case"] == case]
+        for model in _STYLE:
+            _front(axes, model, [row for row in mine if family(row) == model], "e_mean")
+        _scales(axes, title, "run time of 3 s of motion [ms]")
+        axes.set_ylabel("mean tip error [mm]")
+    _in_time(panels[1], [row for row in moving if row["case"] == spiral.CASE])
+    for axes in panels:
+        _plain_ticks(axes)
+        if axes.get_xlim()[1] > 3000:
+            axes.axvline(3000, color="0.6", linewidth=1, linestyle="--", zorder=0)
+            axes.text(
+                2800,
+                0.02,
+                "real time",
+                rotation=90,
+                ha="right",
+                va="bottom",
+                fontsize=8,
+                color="0.4",
+                transform=axes.get_xaxis_transform(),
+            )
+    _legend(figure, {family(row) for row in moving})
+    figure.suptitle("Error against run time: all runs, and the best of each model joined")
+    figure.savefig(path, dpi=150)
 
 
-def _draw_static(figure: "SubFigure", rows: list[Row]) -> None:
-    figure.suptitle("Static tip error of the chain, by hinge rule", fontsize=11)
-    panels = figure.subplots(1, len(_TITLES), sharex=True, sharey=True)
-    for axes, (case, title) in zip(panels, _TITLES.items(), strict=True):
-        mine = [row for row in rows if row["case"] == case]
-        for rule in RULES:
-            _line(axes, rule, [row for row in mine if rule_of(row) == rule], x="n", y="e_mean")
-        _second_order(axes)
-        _label(axes, title, "number of hinges")
-        _hinge_ticks(axes)
-    panels[0].set_ylabel("tip error [mm]")
-    panels[0].set_ylim(5e-7, 20)
-    panels[0].legend(fontsize=7.5, loc="lower left", framealpha=0.9)
+def _in_time(axes: "Axes", rows: list[Row]) -> None:
+    """Error of the integrators alone, on the discretisations of the thesis, with its own."""
+    for model, (pieces, time, euler) in _THESIS.items():
+        mine = [r for r in rows if (r["model"], r["n"]) == (model, pieces)]
+        _front(axes, model, mine, "e_time")
+        color, marker, _ = _STYLE[model]
+        grey = {"color": "0.5", "marker": marker, "markeredgecolor": color}
+        axes.plot([1e3 * t for t in euler], _EULER_ERRORS, **grey, linestyle=":", markersize=6)
+        axes.plot(1e3 * time, _ODE15S_ERROR, **grey, markersize=10)
+        axes.annotate(
+            f"thesis\n{_THESIS_NAMES[model]}",
+            (1e3 * time, _ODE15S_ERROR),
+            xytext=(0, -9),
+            textcoords="offset points",
+            ha="center",
+            va="top",
+            fontsize=8,
+            color="0.35",
+        )
+    title = "The same, error in time alone, pieces of the thesis"
+    _scales(axes, title, "run time of 3 s of motion [ms]")
+    axes.set_ylabel("largest tip error [mm]")
+    axes.text(
+        0.98,
+        0.98,
+        "grey: thesis, large ode15s,\nsmall implicit Euler",
+        ha="right",
+        va="top",
+        fontsize=8,
+        color="0.35",
+        transform=axes.transAxes,
+    )
 
 
-def _draw_dynamic(figure: "SubFigure", rows: list[Row]) -> None:
+def family(row: Row) -> str:
+    """Model of a row; all hinge rules are one."""
+    return "mujoco_chain" if row["model"].startswith("mujoco") else row["model"]
+
+
+def front(rows: list[Row], error: str = "e_mean") -> list[Row]:
+    """Rows that no faster one beats in an error, by a margin, fastest first."""
+    out: list[Row] = []
+    for row in sorted(rows, key=lambda row: (row["wall_time"], row[error])):
+        if not out or row[error] < _GAIN * out[-1][error]:
+            out.append(row)
+    return out
+
+
+def _front(axes: "Axes", model: str, rows: list[Row], error: str) -> None:
+    """All runs of a model as faint points, those that none beats joined."""
+    color, marker, _ = _STYLE[model]
+    for chosen, style in (
+        (rows, {"linestyle": "", "markersize": 3, "alpha": 0.35, "markeredgewidth": 0}),
+        (front(rows, error), {"linewidth": 1.4, "markersize": 5}),
+    ):
+        axes.plot(
+            [1e3 * r["wall_time"] for r in chosen],
+            [1e3 * r[error] for r in chosen],
+            color=color,
+            marker=marker,
+            **style,
+        )
+
+
+def _resolution(rows: list[Row], path: Path) -> None:
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(15, 6.6), layout="constrained")
+    shown = [row for row in rows if row["kind"] in ("static", "number")]
+    for part, titles, floor in zip(
+        figure.subfigures(2, 1), (_STATIC_TITLES, _NUMBER_TITLES), _FLOORS, strict=True
+    ):
+        panels = part.subplots(1, len(titles), sharex=True, sharey=True)
+        for axes, (case, title) in zip(panels, titles.items(), strict=True):
+            _draw_resolution(axes, [r for r in shown if r["case"] == case], floor)
+            _scales(axes, title, "pieces (chain: joints)")
+            axes.set_xticks([3, 6, 12, 24, 48], labels=["3", "6", "12", "24", "48"])
+            axes.set_xticks([], minor=True)
+        panels[0].set_ylim(bottom=floor / 2)
+        panels[0].set_ylabel("error [%]" if titles is _NUMBER_TITLES else "tip error [mm]")
+    _legend(figure, {family(row) for row in shown})
     figure.suptitle(
-        "Tension step of the arm, 3 s: mean tip error against run time, "
-        "timesteps 10, 5, 2 and 1 ms from left to right",
+        "Error against resolution, each model to the exact solution of its own physics "
+        f"(less than {_FLOORS[0]:g} mm or {_FLOORS[1]:g} %: at the bottom)",
         fontsize=11,
     )
-    sizes = sorted({_NEAREST.get(row["n"], row["n"]) for row in rows})
-    panels = figure.subplots(1, max(1, len(sizes)), sharey=True, squeeze=False)[0]
-    for axes, n in zip(panels, sizes, strict=False):
-        mine = [row for row in rows if _NEAREST.get(row["n"], row["n"]) == n]
-        for integrator in _LINES:
-            chosen = [row for row in mine if row["integrator"] == integrator]
-            for rule in RULES:
-                same = [row for row in chosen if rule_of(row) == rule]
-                _line(axes, rule, same, "wall_time", "e_mean", integrator)
-        _label(axes, _size_title(n, mine), "run time [ms]")
-        _time_ticks(axes)
-    panels[0].set_ylabel("mean tip error [mm]")
-    panels[0].set_ylim(0.02, 5)
-    _integrator_legend(panels[0])
+    figure.savefig(path, dpi=150)
 
 
-def _line(
-    axes: "Axes", rule: str, rows: list[Row], x: str, y: str, integrator: str = "implicitfast"
-) -> None:
-    """One rule's errors [mm] over hinges or run time [ms]."""
-    rows = sorted(rows, key=lambda row: (row["n"], -row["timestep"]))
-    color, marker = _STYLE[rule]
-    dashes, filled = _LINES[integrator]
-    axes.plot(
-        [row[x] * (1e3 if x == "wall_time" else 1) for row in rows],
-        [1e3 * row[y] for row in rows],
-        color=color,
-        marker=marker,
-        markersize=4,
-        markerfacecolor=color if filled else "white",
-        linestyle=dashes,
-        linewidth=1.2,
-        label=rule,
-    )
+def _draw_resolution(axes: "Axes", rows: list[Row], floor: float) -> None:
+    for model, (color, marker, _) in _STYLE.items():
+        name = _RULE if model == "mujoco_chain" else model
+        mine = [r for r in rows if r["model"] == name]
+        error = [
+            1e3 * r["e_mean"] if r["e_relative"] is None else 100 * r["e_relative"] for r in mine
+        ]
+        axes.plot(
+            [r["n"] for r in mine],
+            [max(e, floor) for e in error],
+            color=color,
+            marker=marker,
+            markersize=4.5,
+            linewidth=1.3,
+        )
 
 
-def _second_order(axes: "Axes") -> None:
-    axes.plot([6, 48], [20, 20 / 64], color="0.55", linestyle="--", linewidth=1, zorder=0)
-    axes.text(20, 3.2, "order 2", color="0.4", fontsize=7.5)
+def _plain_ticks(axes: "Axes") -> None:
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        axis.set_minor_formatter(NullFormatter())
 
 
-def _label(axes: "Axes", title: str, x: str) -> None:
+def _scales(axes: "Axes", title: str, x: str) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_title(title, fontsize=9.5)
+    axes.set_title(title, fontsize=10)
     axes.set_xlabel(x)
-    axes.grid(which="major", color="0.85", linewidth=0.6)
+    axes.grid(which="major", color="0.88", linewidth=0.6)
     axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8)
+    axes.tick_params(labelsize=8.5)
 
 
-def _hinge_ticks(axes: "Axes") -> None:
-    axes.set_xticks([6, 12, 24, 48], labels=["6", "12", "24", "48"])
-    axes.set_xticks([], minor=True)
-
-
-def _time_ticks(axes: "Axes") -> None:
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-
-
-def _size_title(n: int, rows: list[Row]) -> str:
-    others = sorted({row["n"] for row in rows if row["n"] != n})
-    return f"{n} hinges" + "".join(f" (gauss3: {k})" for k in others)
-
-
-def _integrator_legend(axes: "Axes") -> None:
+def _legend(figure: Any, models: set[str]) -> None:
     from matplotlib.lines import Line2D
 
     handles = [
-        Line2D(
-            [],
-            [],
-            color="0.3",
-            marker="o",
-            markersize=4,
-            linestyle=dashes,
-            label=name,
-            markerfacecolor="0.3" if filled else "white",
-        )
-        for name, (dashes, filled) in _LINES.items()
+        Line2D([], [], color=color, marker=marker, markersize=5, linewidth=1.4, label=label)
+        for model, (color, marker, label) in _STYLE.items()
+        if model in models
     ]
-    axes.legend(handles=handles, fontsize=7.5, loc="lower left", framealpha=0.9)
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)

@@ -1,9 +1,12 @@
 """A fast motion of the arm with known accuracy: all three tendon pairs pull harder at once."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
+from softrobot_env.beams.model import BeamModel, State
+from softrobot_env.benchmarks.accuracy_rows import Limit, distance, extrapolate
+from softrobot_env.benchmarks.beam_models import Contestant
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.build import Scene, build_scene
@@ -12,26 +15,15 @@ from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import equal_input
 from softrobot_env.tendon_map import TendonMap
 
+CASE = "tension_step"
+
 #: [s] simulated; the tip is compared at the end of every control period.
-DURATION = 3.0
+DURATION, PERIOD = 3.0, 0.01
 
 #: Equal reduced inputs before and after, in units of EI / r: the 100 mm step of the thesis.
 START, END = 0.6, 0.933
 
-
-@dataclass(frozen=True)
-class Reference:
-    """Converged motion.
-
-    Attributes:
-        tips: (k, 2) [m], (x, z) at the end of every control period.
-        uncertainty: [m], largest distance to a coarser extrapolation with another rule.
-        text: How it was made, for the report.
-    """
-
-    tips: np.ndarray
-    uncertainty: float
-    text: str
+_REFERENCE_TOLERANCE = 1e-7
 
 
 def tensions(robot: RobotParams, a: float) -> np.ndarray:
@@ -65,7 +57,37 @@ def tip_motion(scene: Scene) -> np.ndarray:
     return tips
 
 
-def converged_reference(quick: bool = False) -> Reference:
+def beam_motion(
+    model: BeamModel, method: str, step: float | None = None, tolerance: float = 1e-6
+) -> tuple[Callable[[], np.ndarray], Callable[[], int]]:
+    """A function that simulates the step and returns the tips (300, 2), and its steps."""
+    robot, counted = model.robot, []
+    q = model.equilibrium(tensions(robot, START), load_step=0.2, check_stability=False)
+    start, end = State(q, np.zeros_like(q)), tensions(robot, END)
+
+    def simulate() -> np.ndarray:
+        motion = model.simulate(
+            DURATION, end, start, method=method, step=step, tolerance=tolerance, samples=PERIOD
+        )
+        counted[:] = [motion.steps]
+        return model.tip(motion.q)[1:, [0, 2]]
+
+    return simulate, lambda: counted[0]
+
+
+def beam_limit(
+    contestant: Contestant, sizes: tuple[int, int, int], robot: RobotParams = ARM
+) -> Limit:
+    """The step of a beam model with infinitely many pieces."""
+
+    def solve(n: int) -> np.ndarray:
+        model = contestant.build(robot, n)
+        return beam_motion(model, "sdirk4", tolerance=_REFERENCE_TOLERANCE)[0]()
+
+    return extrapolate(solve, sizes, f"limit of {contestant.name} (sdirk4, 1e-7)")
+
+
+def converged_reference(quick: bool = False) -> Limit:
     """Extrapolate the motion to zero timestep and infinitely many hinges.
 
     Timesteps h, h/2, h/4 remove the orders h and h^2 of implicitfast; numbers of hinges n and 2n
@@ -74,13 +96,13 @@ def converged_reference(quick: bool = False) -> Reference:
     """
     n, step = (12, 4e-4) if quick else (24, 2e-4)
     tips, other = _extrapolate("gauss2", n, step), _extrapolate("balanced2", n, 2 * step)
-    uncertainty = float(np.max(np.linalg.norm(tips - other, axis=1)))
+    uncertainty = distance(tips, other)
     text = (
         f"Richardson extrapolation of gauss2 with {n} and {2 * n} hinges, timesteps "
         f"{1e3 * step:g} to {250 * step:g} ms; uncertainty {1e3 * uncertainty:.1g} mm (balanced2, "
         "timesteps twice as large)"
     )
-    return Reference(tips, uncertainty, text)
+    return Limit(tips, uncertainty, text)
 
 
 def _extrapolate(rule: str, n: int, step: float) -> np.ndarray:

@@ -5,10 +5,13 @@ from collections.abc import Callable
 from math import inf, nan
 from pathlib import Path
 
+from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.robots import VARIABLE
 from softrobot_env.scene.config import INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.tasks import TASKS
+
+_RULE = "balanced2"
 
 
 def add_task(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +31,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--pieces", type=int, help="pieces of the robot; default: the robot's own")
     group.add_argument(
         "--rule",
-        default="balanced2",
+        default=_RULE,
         help=f"hinge rule out of {', '.join(RULES)}; default: balanced2",
     )
     group.add_argument("--timestep", type=positive, metavar="S", help="default: by rule")
@@ -39,6 +42,33 @@ def scene_options(args: argparse.Namespace) -> dict[str, object]:
     """Keyword arguments of an environment from `add_scene`."""
     names = ("control_period", "pieces", "rule", "timestep", "integrator")
     return {name: getattr(args, name) for name in names}
+
+
+def add_plant(parser: argparse.ArgumentParser) -> None:
+    """--plant, and the arguments of `add_scene`."""
+    add_scene(parser)
+    parser.add_argument(
+        "--plant",
+        choices=PLANTS,
+        default=MUJOCO,
+        help="what is simulated: MuJoCo's chain or a beam model; default: mujoco",
+    )
+
+
+def plant_options(args: argparse.Namespace) -> dict[str, object]:
+    """Keyword arguments of an environment from `add_plant`.
+
+    Raises:
+        ValueError: An option of the MuJoCo chain together with a beam model.
+    """
+    if args.plant == MUJOCO:
+        return scene_options(args)
+    given = {"rule": args.rule != _RULE, "timestep": args.timestep, "integrator": args.integrator}
+    foreign = [f"--{name}" for name, value in given.items() if value]
+    if foreign:
+        raise ValueError(f"{', '.join(foreign)}: only with --plant {MUJOCO}")
+    plant = BeamPlant(args.plant, args.pieces)
+    return {"control_period": args.control_period, "plant": plant}
 
 
 def add_out(parser: argparse.ArgumentParser, default: str, note: str = "") -> None:

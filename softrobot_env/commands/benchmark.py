@@ -1,4 +1,4 @@
-"""`softrobot benchmark`: accuracy against cost, and speed."""
+"""`softrobot benchmark`: accuracy against cost, speed and stability."""
 
 import argparse
 from collections.abc import Callable
@@ -14,7 +14,7 @@ from softrobot_env.evaluation.report import write_json
 EXAMPLE = "softrobot benchmark speed --quick"
 
 #: What can be measured.
-BENCHMARKS = ("accuracy", "speed")
+BENCHMARKS = ("accuracy", "speed", "stability", "thesis")
 
 
 @dataclass(frozen=True)
@@ -31,6 +31,20 @@ def _load(what: str) -> Benchmark:
         from softrobot_env.benchmarks import accuracy, accuracy_plots, accuracy_tables
 
         return Benchmark(accuracy.run, accuracy_tables.tables, accuracy_plots.plot)
+    if what == "stability":
+        from softrobot_env.benchmarks import stability, stability_plots, stability_tables
+
+        return Benchmark(stability.run, stability_tables.tables, stability_plots.plot)
+    if what == "thesis":
+        from softrobot_env.benchmarks import (
+            thesis_figures,
+            thesis_figures_plots,
+            thesis_figures_tables,
+        )
+
+        return Benchmark(
+            thesis_figures.run, thesis_figures_tables.tables, thesis_figures_plots.plot
+        )
     from softrobot_env.benchmarks import speed
 
     return Benchmark(speed.run, speed.tables)

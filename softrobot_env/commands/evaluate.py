@@ -11,11 +11,11 @@ from rich.progress import Progress
 
 from softrobot_env.commands.arguments import (
     add_out,
-    add_scene,
+    add_plant,
     expand_all,
     names_or_all,
+    plant_options,
     positive,
-    scene_options,
     variation,
 )
 from softrobot_env.control.registry import POLICIES, make_policy
@@ -90,7 +90,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-plots", action="store_true", help="skip the plots")
     parser.add_argument("--save-rollouts", action="store_true", help="also write npz records")
-    add_scene(parser)
+    add_plant(parser)
     add_out(parser, "out/evaluate")
 
 
@@ -148,19 +148,19 @@ def _run_cases(cases: list[Case], args: argparse.Namespace, console: Console) ->
             progress.update(bar, description=case.label)
             name = case.task.name
             if name not in environments:
-                environments[name] = TrackingEnv(name, observe="all", **scene_options(args))
-            outcomes.append(_run_case(environments[name], case))
+                environments[name] = TrackingEnv(name, observe="all", **plant_options(args))
+            outcomes.append(_run_case(environments[name], case, args.plant))
             progress.advance(bar)
     return outcomes
 
 
-def _run_case(env: TrackingEnv, case: Case) -> Outcome:
+def _run_case(env: TrackingEnv, case: Case, plant: str) -> Outcome:
     policy = make_policy(case.policy, case.task.robot, env.control_period)
     options: dict[str, object] = {"vary": case.variation}
     if case.task.step_width is not None:
         options |= {"step_width": case.task.step_width, "duration": STEP_DURATION}
     rollout = run_episode(env, policy, seed=0, options=options)
-    row = report.make_row(rollout, case.task, case.policy, "mujoco", case.variation)
+    row = report.make_row(rollout, case.task, case.policy, plant, case.variation)
     return Outcome(case, rollout, row)
 
 

@@ -7,10 +7,10 @@ from rich.console import Console
 from rich.progress import Progress
 
 from softrobot_env.commands.arguments import (
-    add_scene,
+    add_plant,
     add_task,
+    plant_options,
     positive,
-    scene_options,
     size,
 )
 from softrobot_env.control.registry import POLICIES, make_policy
@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fps", type=int, default=30, help="frames per second; default: 30")
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
-    add_scene(parser)
+    add_plant(parser)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
         render_mode="rgb_array",
         width=width,
         height=height,
-        **scene_options(args),
+        **plant_options(args),
     )
     policy = make_policy(args.policy, task.robot, env.control_period)
     console = Console()

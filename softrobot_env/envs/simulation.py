@@ -43,6 +43,21 @@ class Simulation:
         self.scene = replace(self.scene, model=self.model)
         self._warnings = self.data.warning.number
 
+    @property
+    def ctrl(self) -> np.ndarray:
+        """(nu,) controls in force, to be written to."""
+        return self.data.ctrl
+
+    @property
+    def time(self) -> float:
+        """[s] since the start."""
+        return self.data.time
+
+    @property
+    def posture(self) -> np.ndarray:
+        """Hinge angles (nq,) [rad]."""
+        return self.data.qpos.copy()
+
     def reset(self, qpos: np.ndarray, ctrl: np.ndarray) -> None:
         """Set a posture (nq,) [rad] at rest, with controls (nu,) in force."""
         mujoco.mj_resetData(self.model, self.data)

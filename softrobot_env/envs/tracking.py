@@ -8,6 +8,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
+from softrobot_env.envs.beam_plant import BeamPlant, BeamSimulation
+from softrobot_env.envs.mujoco_plant import MujocoPlant
 from softrobot_env.envs.observables import (
     DEFAULT_OBSERVABLES,
     OBSERVABLES,
@@ -20,18 +22,16 @@ from softrobot_env.envs.options import (
     check_render_mode,
     parse_options,
 )
-from softrobot_env.envs.readout import Readout
 from softrobot_env.envs.reference import sample_reference
 from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.simulation import Simulation
-from softrobot_env.interfaces import Observation
-from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.config import SceneConfig, TipSensors
-from softrobot_env.scene.statics import equilibrium
+from softrobot_env.interfaces import Observation, PlantFactory
+from softrobot_env.scene.build import Scene
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tendon_map import TendonMap
+
+_DEFAULT_RULE = "balanced2"
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.
 _REBUILT = {"model", "data", "_advance", "_ctrl", "_readout", "_readers", "_renderer"}
@@ -81,7 +81,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         task: The task, `task.robot` its nominal robot.
         control_period: [s].
         input_scale: (n_inputs,) [N], reduced input of a full-scale action.
-        model, data: The MuJoCo objects of the running scene.
+        model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
     metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
@@ -95,9 +95,10 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
         reward: TrackingReward | None = None,
         pieces: int | None = None,
-        rule: str = "balanced2",
+        rule: str = _DEFAULT_RULE,
         timestep: float | None = None,
         integrator: str | None = None,
+        plant: PlantFactory | None = None,
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -110,7 +111,9 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             observe: Names of the observables in an observation, or "all".
             preview: Times [s] ahead of now of `reference_preview`.
             reward: Weights and scales of the reward.
-            pieces, rule, timestep, integrator: See `SceneConfig`.
+            pieces, rule, timestep, integrator: Of the MuJoCo chain, see `SceneConfig`.
+            plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
+                `beams.registry.BeamPlant("pcc")`.
             render_mode: None, "rgb_array" or "human".
             width, height: Size of a frame in pixels.
 
@@ -126,41 +129,39 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / control_period))}
         self._reward = TrackingReward() if reward is None else reward
         self._preview = np.array(preview, dtype=float)
-        self._scene_options = {
-            "pieces": pieces,
-            "rule": rule,
-            "timestep": timestep,
-            "integrator": integrator,
-        }
+        options = {"pieces": pieces, "rule": rule, "timestep": timestep, "integrator": integrator}
         self._frame_size = (width, height)
         self._renderer = None
         self._tendon_map = TendonMap(self.task.robot)
         self._pull = self._tendon_map.per_action().tension
         self.input_scale = self._tendon_map.input_scale
-        self._nominal = self._build_scene(self.task.robot)
+        self._plant = self._make_plant(plant, options)
         self._make_spaces(tuple(OBSERVABLES) if observe == "all" else tuple(observe))
         self._vary: dict[str, float] = {}
         self._current: Task | None = None
-        self._install(Simulation(self._nominal))
+        self._install(self._plant.simulation({}))
         self._follow(self.task)
         self._running = False
         self._episode = 0
         self._last_observation: Observation | None = None
 
-    def _build_scene(self, robot: RobotParams) -> Scene:
-        return build_scene(
-            SceneConfig(
-                robot=robot,
-                control_period=self.control_period,
-                sensors=(TipSensors(),),
-                **self._scene_options,
+    def _make_plant(
+        self, factory: PlantFactory | None, options: dict[str, Any]
+    ) -> MujocoPlant | BeamPlant:
+        robot = self.task.robot
+        if factory is None:
+            return MujocoPlant(robot, self.control_period, **options)
+        given = {k: v for k, v in options.items() if v not in (None, _DEFAULT_RULE)}
+        if given:
+            raise ValueError(
+                f"{', '.join(given)} belong to the MuJoCo chain; another plant has its own options"
             )
-        )
+        return BeamPlant(robot, self.control_period, factory)
 
     def _make_spaces(self, observe: tuple[str, ...]) -> None:
-        layout = self._nominal.layout
+        layout = self._plant.layout
         sizes = Sizes(self.task.robot, self._tendon_map, layout, len(self._preview))
-        self.observation_space = observation_space(observe, sizes)
+        self.observation_space = self._plant.widen(observation_space(observe, sizes))
         self._n_inputs = self._tendon_map.n_inputs
         self._action_shape = (self._n_inputs,)
         self.action_space = spaces.Box(-1.0, 1.0, (self._n_inputs,), dtype=np.float32)
@@ -168,11 +169,11 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     # ------------------------------------------------------------------ simulation
 
     @property
-    def scene(self) -> Scene:
-        """The scene of the running episode."""
+    def scene(self) -> Scene | None:
+        """The scene of the running episode; None with another plant than the MuJoCo chain."""
         return self._simulation.scene
 
-    def _install(self, simulation: Simulation) -> None:
+    def _install(self, simulation: Simulation | BeamSimulation) -> None:
         """Make a simulation the running one."""
         self._simulation = simulation
         self.model, self.data = simulation.model, simulation.data
@@ -181,8 +182,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     def _bind(self) -> None:
         """Connect to the simulation's data, so that a step looks nothing up."""
         simulation = self._simulation
-        self._advance, self._ctrl = simulation.advance, simulation.data.ctrl
-        self._readout = Readout(simulation, self.task.robot)
+        self._advance, self._ctrl = simulation.advance, simulation.ctrl
+        self._readout = self._plant.readout(simulation)
 
     def _bind_observation(self, index: int) -> None:
         """Prepare the observations from control instant `index` on.
@@ -202,7 +203,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self.__dict__.update(state)
         self._renderer = None
         if not self._vary:  # one model, as before
-            self._nominal = self._simulation.scene
+            self._plant.adopt(self._simulation)
         self._install(self._simulation)
         if self._last_observation is not None:
             self._bind_observation(self._index + 1)
@@ -231,7 +232,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             ValueError: A bad option; the message names what is allowed.
         """
         super().reset(seed=seed)
-        parsed = parse_options(options, self._n_inputs, self._nominal.layout.pieces)
+        parsed = parse_options(options, self._n_inputs, self._plant.layout.pieces)
         # Everything that can be refused comes before anything is changed.
         task = self._task_for(parsed)
         start_input = self._start_input(parsed, task)
@@ -257,12 +258,11 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             task = replace(task, duration=options.duration)
         return task
 
-    def _simulation_for(self, options: ResetOptions) -> Simulation:
+    def _simulation_for(self, options: ResetOptions) -> Simulation | BeamSimulation:
         """The running simulation if it is of the wanted robot, else a new one."""
         if options.vary == self._vary:
             return self._simulation
-        varied = self.task.robot.vary(**options.vary)
-        return Simulation(self._build_scene(varied) if options.vary else self._nominal)
+        return self._plant.simulation(options.vary)
 
     def _start_input(self, options: ResetOptions, task: Task) -> np.ndarray:
         chosen = task.start_input if options.start_input is None else options.start_input
@@ -275,14 +275,13 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         return chosen
 
     def _start_posture(self, options: ResetOptions, start_input: np.ndarray) -> np.ndarray:
-        """Hinge angles (nq,) [rad]."""
-        layout = self._nominal.layout
+        """Coordinates of the plant, hinge angles (nq,) [rad] of the MuJoCo chain."""
         if options.start_curvature is None:
-            return equilibrium(self._nominal.model, self._tendon_map.tension(start_input))
+            return self._plant.equilibrium(self._tendon_map.tension(start_input))
         limit = self.task.robot.curvature_limit
         if np.any(np.abs(options.start_curvature) > limit):
             raise ValueError(f"start_curvature must lie within +-{limit:g} 1/m")
-        return options.start_curvature[layout.piece] * layout.weights
+        return self._plant.bent(options.start_curvature)
 
     def _begin(self, start_input: np.ndarray, posture: np.ndarray) -> None:
         self._simulation.reset(posture, self._tendon_map.tension(start_input))
@@ -381,15 +380,15 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             )
             return None
         if self._renderer is None:
-            self._renderer = make_renderer(self.render_mode, self._nominal.config, self._frame_size)
+            self._renderer = make_renderer(self.render_mode, self._plant.config, self._frame_size)
         return self._renderer.draw(self._frame())
 
     def _frame(self) -> Frame:
         x, z = self._points[self._index]
         return Frame(
             episode=self._episode,
-            time=self.data.time,
-            qpos=self.data.qpos.copy(),
+            time=self._simulation.time,
+            qpos=self._simulation.posture,
             tension=self._readout.tendon_tension(),
             target=np.array([x, 0.0, z]),
             path=self._current.trajectory.path(),

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import mujoco
 
 from softrobot_env.scene import extras
-from softrobot_env.scene.chain import Chain, add_chain
+from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 from softrobot_env.scene.tendons import add_tendons
@@ -55,7 +55,8 @@ def scene_xml(config: SceneConfig) -> str:
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
     layout = place_hinges(config.robot.length, config.n_pieces, config.rule)
     spec = _empty_spec(config)
-    chain = add_chain(spec, config.robot, layout)
+    kinds = joint_kinds(config.robot, config.bending, config.torsion)
+    chain = add_chain(spec, config.robot, layout, kinds)
     add_tendons(chain, config.robot, config.actuation)
     _add_parts(chain, config)
     return spec, layout

@@ -1,5 +1,21 @@
-"""The backbone: rigid links between elastic hinges, with the beam's mass and stiffness."""
+"""The backbone: rigid links between elastic joints, with the beam's mass and stiffness.
 
+Each station of the hinge rule gets one joint, which represents a share of the beam:
+
+* planar: a hinge;
+* spatial: a universal joint, two hinges in one body;
+* spatial with torsion: a ball joint where bending and torsion are equally stiff (Poisson ratio 0),
+  else three hinges in one body.
+
+MuJoCo's spring of a ball joint acts along the rotation vector, with one stiffness: bending is the
+same in all directions. In a universal joint the springs' angles b and g make the bend t with
+cos t = cos b cos g, so that it is stiffer between its axes, by b^2 g^2 / 3 in t^2, and twists by
+b g / 2. Both are errors of the order of the rules. The order of the hinges reverses from station
+to station, and the twists of neighbours cancel. A continuous tendon channel sums up hinge angles,
+which a ball joint has none of: a robot with channels gets hinges.
+"""
+
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import mujoco
@@ -8,8 +24,12 @@ import numpy as np
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
 
-#: Hinge axis of a planar robot: a positive angle bends +z towards +x.
-PLANAR_AXIS = (0.0, 1.0, 0.0)
+#: Prefix of the hinges' names -> axis. A positive angle of a "hinge" bends +z towards +x, one of
+#: a "side" bends +z towards +y, and a "twist" turns about +z.
+HINGE_AXES = {"hinge": (0.0, 1.0, 0.0), "side": (-1.0, 0.0, 0.0), "twist": (0.0, 0.0, 1.0)}
+
+#: Prefix of ball joints' names.
+BALL = "ball"
 
 TIP_SITE = "tip"
 
@@ -22,13 +42,15 @@ class Chain:
         spec: The model under construction.
         layout: Where the hinges stand.
         length: [m] of the robot.
-        bodies: World body, then one body per hinge.
+        bodies: World body, then one body per station.
+        kinds: What the joint of a station is made of: `BALL`, or keys of `HINGE_AXES`.
     """
 
     spec: mujoco.MjSpec
     layout: HingeLayout
     length: float
     bodies: tuple[mujoco.MjsBody, ...]
+    kinds: tuple[str, ...] = ("hinge",)
 
     def locate(self, station: float) -> tuple[mujoco.MjsBody, float]:
         """Body that carries arc length `station` [m], and the height [m] above its origin.
@@ -45,20 +67,87 @@ class Chain:
         return self.bodies[index], station - origin
 
 
-def add_chain(spec: mujoco.MjSpec, robot: RobotParams, layout: HingeLayout) -> Chain:
-    """Add the links, hinges and the tip site to an empty spec."""
+def joint_kinds(robot: RobotParams, bending: str, torsion: bool) -> tuple[str, ...]:
+    """What the joint of a station is made of, see the module: `BALL`, or keys of `HINGE_AXES`.
+
+    Args:
+        robot: The robot.
+        bending: "planar" or "spatial".
+        torsion: Whether a spatial chain twists.
+    """
+    if bending == "planar":
+        return ("hinge",)
+    if not torsion:
+        return ("hinge", "side")
+    isotropic = robot.torsional_stiffness == robot.bending_stiffness
+    channels = any(not tendon.guides for tendon in robot.tendons)
+    return (BALL,) if isotropic and not channels else ("hinge", "side", "twist")
+
+
+def joint_angles(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
+    """Angles of a chain's joints in a posture (nq,).
+
+    Returns:
+        (stations, k) [rad]: beta (towards +x), gamma (towards +y) and torsion, as many as the
+        chain has. Of a ball joint they are the components of its rotation vector, of hinges their
+        angles; divided by a station's weight they are the curvatures.
+    """
+    joints = _joints(model)
+    if BALL in joints:
+        turns = np.empty((len(joints[BALL]), 3))
+        for turn, address in zip(turns, joints[BALL], strict=True):
+            mujoco.mju_quat2Vel(turn, qpos[address : address + 4], 1.0)
+        return turns[:, [1, 0, 2]] * [1, -1, 1]
+    return np.stack([qpos[addresses] for addresses in joints.values()], axis=1)
+
+
+def posture(model: mujoco.MjModel, angles: np.ndarray) -> np.ndarray:
+    """The posture (nq,) with `angles` (stations, k) [rad]: inverse of `joint_angles`."""
+    joints, qpos = _joints(model), model.qpos0.copy()
+    if BALL in joints:
+        turns = angles[:, [1, 0, 2]] * [-1, 1, 1]
+        velocity = np.zeros(model.nv)
+        velocity.reshape(-1, 3)[:] = turns
+        mujoco.mj_integratePos(model, qpos, velocity, 1.0)
+    else:
+        for column, addresses in zip(angles.T, joints.values(), strict=True):
+            qpos[addresses] = column
+    return qpos
+
+
+def _joints(model: mujoco.MjModel) -> dict[str, np.ndarray]:
+    """Addresses (stations,) in `qpos` of the joints by kind, in the order of the kinds."""
+    addresses = {model.joint(i).name: model.jnt_qposadr[i] for i in range(model.njnt)}
+    kinds = [kind for kind in (*HINGE_AXES, BALL) if f"{kind}0" in addresses]
+    stations = range(len(addresses) // len(kinds))
+    return {kind: np.array([addresses[f"{kind}{i}"] for i in stations]) for kind in kinds}
+
+
+def add_chain(
+    spec: mujoco.MjSpec,
+    robot: RobotParams,
+    layout: HingeLayout,
+    kinds: tuple[str, ...] = ("hinge",),
+) -> Chain:
+    """Add the links, their joints made of `kinds` and the tip site to an empty spec."""
     bodies = [spec.worldbody]
     stations = np.concatenate(([0.0], layout.stations, [robot.length]))
     for index, weight in enumerate(layout.weights):
         origin = stations[index + 1] - stations[index]
         body = bodies[-1].add_body(name=f"link{index}", pos=[0, 0, origin])
         _set_inertia(body, robot, stations[index + 2] - stations[index + 1])
-        _add_hinge(body, f"hinge{index}", robot, weight)
+        for kind in _in_order(kinds, index):
+            _add_joint(body, f"{kind}{index}", kind, robot, weight)
         bodies.append(body)
-    chain = Chain(spec, layout, robot.length, tuple(bodies))
+    chain = Chain(spec, layout, robot.length, tuple(bodies), kinds)
     body, height = chain.locate(robot.length)
     body.add_site(name=TIP_SITE, pos=[0, 0, height], size=[1e-3, 0, 0])
     return chain
+
+
+def _in_order(kinds: tuple[str, ...], index: int) -> Iterable[str]:
+    """The hinges of a station from the base to the tip; see the module."""
+    return reversed(kinds) if index % 2 else kinds
 
 
 def _set_inertia(body: mujoco.MjsBody, robot: RobotParams, length: float) -> None:
@@ -72,9 +161,15 @@ def _set_inertia(body: mujoco.MjsBody, robot: RobotParams, length: float) -> Non
     body.explicitinertial = True
 
 
-def _add_hinge(body: mujoco.MjsBody, name: str, robot: RobotParams, weight: float) -> None:
-    """Hinge with the bending stiffness and damping of `weight` [m] of beam."""
-    joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=PLANAR_AXIS)
-    stiffness = robot.bending_stiffness / weight
+def _add_joint(
+    body: mujoco.MjsBody, name: str, kind: str, robot: RobotParams, weight: float
+) -> None:
+    """Joint with the stiffness and damping of `weight` [m] of beam."""
+    if kind == BALL:
+        joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
+    else:
+        joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=HINGE_AXES[kind])
+    beam = robot.torsional_stiffness if kind == "twist" else robot.bending_stiffness
+    stiffness = beam / weight
     joint.stiffness[0] = stiffness
     joint.damping[0] = robot.damping_time * stiffness

@@ -3,10 +3,14 @@
 from dataclasses import dataclass
 from math import inf
 
+from softrobot_env.loads import Load
 from softrobot_env.robots import RobotParams
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")
+
+#: How a chain can bend: in the x-z plane only, or in space.
+BENDING = ("planar", "spatial")
 
 #: Integrators a scene can use, by MuJoCo's names.
 INTEGRATORS = ("implicitfast", "discrete", "implicit", "Euler", "RK4")
@@ -50,23 +54,6 @@ class PathMarker:
 
 
 @dataclass(frozen=True)
-class Load:
-    """Dead load at arc length `station` [m]: fixed in the world's directions.
-
-    Becomes an actuator of the same name whose control scales the load (1: as given).
-
-    Attributes:
-        force: (3,) [N].
-        moment: (3,) [N m].
-    """
-
-    name: str
-    station: float
-    force: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
 class TipSensors:
     """Position and velocity of the tip in `sensordata`, evaluated with the kinematics."""
 
@@ -93,6 +80,8 @@ class SceneConfig:
         timestep: [s], chosen by rule (`scene.timestep`) unless given.
         integrator: One of `INTEGRATORS`, chosen by rule unless given.
         sensors, cameras, markers, paths, loads, appearance: The optional parts.
+        bending: "planar" (in the x-z plane only) or "spatial".
+        torsion: Whether a spatial chain twists about its axis too; else it is rigid in torsion.
     """
 
     robot: RobotParams
@@ -108,12 +97,18 @@ class SceneConfig:
     paths: tuple[PathMarker, ...] = ()
     loads: tuple[Load, ...] = ()
     appearance: Appearance | None = None
+    bending: str = "planar"
+    torsion: bool = False
 
     def __post_init__(self) -> None:
         if self.actuation not in ACTUATIONS:
             raise ValueError(
                 f"unknown actuation {self.actuation!r}; choose from {', '.join(ACTUATIONS)}"
             )
+        if self.bending not in BENDING:
+            raise ValueError(f"unknown bending {self.bending!r}; choose from {', '.join(BENDING)}")
+        if self.torsion and self.bending != "spatial":
+            raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
         if self.integrator is not None and self.integrator not in INTEGRATORS:
             raise ValueError(
                 f"unknown integrator {self.integrator!r}; choose from {', '.join(INTEGRATORS)}"

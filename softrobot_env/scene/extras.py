@@ -37,18 +37,19 @@ def add_tip_sensors(spec: mujoco.MjSpec) -> None:
 
 
 def add_load(chain: Chain, load: Load) -> None:
-    """Actuator that applies a dead load through a site; its control scales the load."""
+    """Actuator that applies a load through a site; its control scales the load."""
     body, height = chain.locate(load.station)
     site = body.add_site(name=f"{load.name}_point", pos=[0, 0, height], size=[1e-3, 0, 0])
-    if chain.spec.site(_WORLD_SITE) is None:
-        chain.spec.worldbody.add_site(name=_WORLD_SITE, size=[1e-3, 0, 0])
     actuator = chain.spec.add_actuator(
         name=load.name,
         target=site.name,
-        refsite=_WORLD_SITE,  # the load keeps the world's directions
         trntype=mujoco.mjtTrn.mjTRN_SITE,
         gear=[*load.force, *load.moment],
     )
+    if not load.follows:  # the load keeps the world's directions
+        if chain.spec.site(_WORLD_SITE) is None:
+            chain.spec.worldbody.add_site(name=_WORLD_SITE, size=[1e-3, 0, 0])
+        actuator.refsite = _WORLD_SITE
     actuator.set_to_motor()
 
 
@@ -91,7 +92,9 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
     for end in sorted({tendon.end for tendon in robot.tendons}):
         _add_anchor_ring(chain, robot, end)
     _add_base(chain.spec, robot)
-    _add_surroundings(chain.spec, robot)
+    # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
+    room = 0.0 if chain.kinds == ("hinge",) else robot.length
+    _add_surroundings(chain.spec, robot, 2 * robot.outer_radius + room)
 
 
 def _draw_tendon(chain: Chain, tendon: Tendon, look: Appearance) -> None:
@@ -149,8 +152,8 @@ def _add_base(spec: mujoco.MjSpec, robot: RobotParams) -> None:
         )
 
 
-def _add_surroundings(spec: mujoco.MjSpec, robot: RobotParams) -> None:
-    """Light, and a wall with a grid of 100 mm squares behind the robot."""
+def _add_surroundings(spec: mujoco.MjSpec, robot: RobotParams, wall: float) -> None:
+    """Light, and a wall with a grid of 100 mm squares at y = `wall` [m] behind the robot."""
     spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
     spec.visual.headlight.diffuse = [0.28, 0.28, 0.28]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
@@ -170,7 +173,7 @@ def _add_surroundings(spec: mujoco.MjSpec, robot: RobotParams) -> None:
     spec.stat.center = [0, 0, robot.length / 2]
     spec.visual.global_.azimuth = 90
     spec.visual.global_.elevation = -5
-    _add_wall(spec, 2 * robot.outer_radius)
+    _add_wall(spec, wall)
 
 
 def _add_wall(spec: mujoco.MjSpec, behind: float) -> None:

@@ -32,7 +32,7 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str) -> None:
 
 
 def _route_through_channel(chain: Chain, tendon: Tendon) -> None:
-    """Tendon in a continuous channel: its length changes by -r_x times the bending angle."""
+    """Tendon in a continuous channel: its length changes by -(x beta + y gamma) a station."""
     piece_length = chain.length / chain.layout.pieces
     last = tendon.end / piece_length
     if abs(last - round(last)) > 1e-9:
@@ -44,6 +44,8 @@ def _route_through_channel(chain: Chain, tendon: Tendon) -> None:
     for index, piece in enumerate(chain.layout.piece):
         if piece < round(last):
             fixed.wrap_joint(f"hinge{index}", -tendon.offset[0])
+            if "side" in chain.kinds:
+                fixed.wrap_joint(f"side{index}", -tendon.offset[1])
 
 
 def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsTendon:

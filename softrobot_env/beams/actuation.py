@@ -1,0 +1,226 @@
+"""Loads and tendons as arrays for the kernels, and the tension of a tendon."""
+
+from collections.abc import Sequence
+from math import isinf
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.compilation import kernel, structure
+from softrobot_env.loads import Load
+from softrobot_env.robots import RobotParams, Tendon
+
+#: How tendons can be driven.
+DRIVES = ("tension", "length")
+
+
+@structure
+class Actuation(NamedTuple):
+    """Where loads and tendons act. Inputs u are those of the tendons, then those of the loads.
+
+    Attributes:
+        point_station: (n_points,) [m], arc length of the material points that forces act on:
+            one per load, then those of the guided tendons, each from base to end.
+        point_offset: (n_points, 2) [m], their place (x, y) in the cross-section.
+        load_force, load_moment: (n_loads, 3) [N, N m].
+        load_follows: (n_loads,) bool.
+        moments, followers: Whether any load has a moment, whether any follows.
+        guided: (n_tendons,) bool, else the tendon runs in a continuous channel.
+        first: (n_tendons + 1,) first point of a guided tendon; that of a channel is empty.
+        channel: (n_tendons,) index of a tendon among the channels, -1 if guided.
+        channel_offset: (n_channels, 2) [m].
+        channel_end: (n_channels,) [m].
+        by_length: Whether tendons are driven by length.
+        stiffness, pretension, limit: (n_tendons,) [N/m, N, N], used when driven by length.
+        straight: (n_tendons,) [m], length inside the straight robot.
+    """
+
+    point_station: np.ndarray
+    point_offset: np.ndarray
+    load_force: np.ndarray
+    load_moment: np.ndarray
+    load_follows: np.ndarray
+    moments: bool
+    followers: bool
+    guided: np.ndarray
+    first: np.ndarray
+    channel: np.ndarray
+    channel_offset: np.ndarray
+    channel_end: np.ndarray
+    by_length: bool
+    stiffness: np.ndarray
+    pretension: np.ndarray
+    limit: np.ndarray
+    straight: np.ndarray
+
+    @property
+    def n_loads(self) -> int:
+        """Number of loads."""
+        return len(self.load_follows)
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.guided) + len(self.load_follows)
+
+    @property
+    def load_station(self) -> np.ndarray:
+        """(n_loads,) [m]."""
+        return self.point_station[: self.n_loads]
+
+
+def make_actuation(
+    robot: RobotParams, loads: Sequence[Load] = (), drive: str = "tension"
+) -> Actuation:
+    """Actuation of a robot's tendons and some loads.
+
+    Raises:
+        ValueError: Unknown drive, a load off the robot, repeated names, or a tendon of infinite
+            stiffness driven by length.
+    """
+    _check(robot, loads, drive)
+    guided = [t for t in robot.tendons if t.guides]
+    channels = [t for t in robot.tendons if not t.guides]
+    points = [(load.station, (0.0, 0.0)) for load in loads]
+    first = [len(points)]
+    for tendon in robot.tendons:
+        if tendon.guides:
+            points += [(s, tendon.offset) for s in (0.0, *tendon.guides, tendon.end)]
+        first.append(len(points))
+    force, moment = _vectors([x.force for x in loads]), _vectors([x.moment for x in loads])
+    return Actuation(
+        point_station=np.array([s for s, _ in points], dtype=float),
+        point_offset=np.array([o for _, o in points], dtype=float).reshape(-1, 2),
+        load_force=force,
+        load_moment=moment,
+        load_follows=np.array([x.follows for x in loads], dtype=bool),
+        moments=bool(moment.any()),
+        followers=any(x.follows for x in loads),
+        guided=np.array([t in guided for t in robot.tendons], dtype=bool),
+        first=np.array(first),
+        channel=np.array([-1 if t.guides else channels.index(t) for t in robot.tendons], dtype=int),
+        channel_offset=np.array([t.offset for t in channels], dtype=float).reshape(-1, 2),
+        channel_end=np.array([t.end for t in channels], dtype=float),
+        by_length=drive == "length",
+        stiffness=_values(robot.tendons, "stiffness"),
+        pretension=_values(robot.tendons, "pretension"),
+        limit=_values(robot.tendons, "tension_limit"),
+        straight=_values(robot.tendons, "end"),
+    )
+
+
+def points_only(stations: np.ndarray, offsets: np.ndarray | None = None) -> Actuation:
+    """Material points (k,) [m] and (k, 2) [m] to be observed, without loads and tendons."""
+    stations = np.atleast_1d(np.asarray(stations, dtype=float))
+    offsets = np.zeros((len(stations), 2)) if offsets is None else np.asarray(offsets, dtype=float)
+    nothing, integers = np.empty(0), np.empty(0, dtype=int)
+    return Actuation(
+        point_station=stations,
+        point_offset=offsets,
+        load_force=np.empty((0, 3)),
+        load_moment=np.empty((0, 3)),
+        load_follows=np.empty(0, dtype=bool),
+        moments=False,
+        followers=False,
+        guided=np.empty(0, dtype=bool),
+        first=np.zeros(1, dtype=int),
+        channel=integers,
+        channel_offset=np.empty((0, 2)),
+        channel_end=nothing,
+        by_length=False,
+        stiffness=nothing,
+        pretension=nothing,
+        limit=nothing,
+        straight=nothing,
+    )
+
+
+def scaled(actuation: Actuation, factor: float) -> Actuation:
+    """The same with loads and pretensions multiplied by a factor."""
+    return actuation._replace(
+        load_force=factor * actuation.load_force,
+        load_moment=factor * actuation.load_moment,
+        pretension=factor * actuation.pretension,
+    )
+
+
+def _check(robot: RobotParams, loads: Sequence[Load], drive: str) -> None:
+    if drive not in DRIVES:
+        raise ValueError(f"unknown drive {drive!r}; choose from {', '.join(DRIVES)}")
+    names = [x.name for x in (*robot.tendons, *loads)]
+    if len(set(names)) < len(names):
+        raise ValueError(f"tendons and loads need distinct names, got {names}")
+    for load in loads:
+        if not 0 <= load.station <= robot.length * (1 + 1e-12):
+            raise ValueError(
+                f"load {load.name!r} at {load.station} m is off the robot, 0 to {robot.length} m"
+            )
+    for tendon in robot.tendons:
+        if drive == "length" and isinf(tendon.stiffness):
+            raise ValueError(
+                f"tendon {tendon.name!r} needs a finite stiffness to be driven by length"
+            )
+
+
+def _vectors(values: list[tuple[float, float, float]]) -> np.ndarray:
+    return np.array(values, dtype=float).reshape(-1, 3)
+
+
+def _values(tendons: tuple[Tendon, ...], name: str) -> np.ndarray:
+    return np.array([getattr(t, name) for t in tendons], dtype=float)
+
+
+@kernel
+def path_lengths(actuation, points, lengths):
+    """Set the lengths (n_tendons,) [m] of the guided tendons through points (n_points, 3)."""
+    for k in range(len(actuation.guided)):
+        if actuation.guided[k]:
+            total = lengths[k] * 0
+            for i in range(actuation.first[k], actuation.first[k + 1] - 1):
+                dx = points[i + 1, 0] - points[i, 0]
+                dy = points[i + 1, 1] - points[i, 1]
+                dz = points[i + 1, 2] - points[i, 2]
+                total += np.sqrt(dx * dx + dy * dy + dz * dz)
+            lengths[k] = total
+
+
+@kernel
+def add_path_forces(actuation, points, tension, forces):
+    """Add the pull of tensions (n_tendons,) [N] to the forces (n_points, 3) on the guides.
+
+    Between two guides a tendon pulls both towards each other, (2.83) and (2.84).
+    """
+    for k in range(len(actuation.guided)):
+        if actuation.guided[k]:
+            for i in range(actuation.first[k], actuation.first[k + 1] - 1):
+                dx = points[i + 1, 0] - points[i, 0]
+                dy = points[i + 1, 1] - points[i, 1]
+                dz = points[i + 1, 2] - points[i, 2]
+                pull = tension[k] / np.sqrt(dx * dx + dy * dy + dz * dz)
+                forces[i, 0] += pull * dx
+                forces[i, 1] += pull * dy
+                forces[i, 2] += pull * dz
+                forces[i + 1, 0] -= pull * dx
+                forces[i + 1, 1] -= pull * dy
+                forces[i + 1, 2] -= pull * dz
+
+
+@kernel
+def tendon_tensions(actuation, u, lengths, out):
+    """Set the tensions (n_tendons,) [N] that inputs cause at tendon lengths (n_tendons,) [m].
+
+    Driven by tension they are the inputs. Driven by length, an input s is the length pulled in:
+    F = c (s - s_geo) + F_pre between 0 and the limit, s_geo = straight length - length (audit of
+    (2.91) to (2.99)).
+    """
+    for k in range(len(actuation.guided)):
+        if actuation.by_length:
+            pulled = u[k] - actuation.straight[k] + lengths[k]
+            force = actuation.pretension[k] + actuation.stiffness[k] * pulled
+            if force.real < 0:
+                force = force * 0
+            elif force.real > actuation.limit[k]:
+                force = force * 0 + actuation.limit[k]
+            out[k] = force
+        else:
+            out[k] = u[k]

@@ -1,0 +1,310 @@
+"""Equations of motion that all beam models share, and what a model provides for them.
+
+A model is M(q) a + k(q, v) = f(q, v) + B(q) u: linear in the inputs u (control-affine, thesis
+(2.96)), which are the tensions (or pulled-in lengths) of its tendons, then the amplitudes of its
+loads. Its data are a NamedTuple of numbers and arrays with at least
+
+    n: int, number of coordinates
+    block, reach: int; coordinates come in blocks of equal size (one per piece or node), and the
+        equations of a block involve the coordinates of at most `reach` blocks to either side
+    scale: (n,) float, size of a large change of each coordinate
+    actuation: `actuation.Actuation`
+
+For its type of NamedTuple it implements the functions of the first part of this module and
+registers them with `implement`. Arrays may be real or complex: derivatives are taken along
+imaginary steps. The second part is the same for all models.
+"""
+
+from inspect import signature
+from typing import Any
+
+import numpy as np
+from numba.extending import overload
+
+from softrobot_env.beams.actuation import add_path_forces, path_lengths, tendon_tensions
+from softrobot_env.beams.compilation import kernel
+
+# ---------------------------------------------------------------- provided by a model
+
+
+def internal_residual(model, q, v, a, out):
+    """Set out (n,) to M(q) a + k(q, v) plus elastic and damping forces, less gravity."""
+    raise NotImplementedError
+
+
+def solve_mass(model, q, force, out):
+    """Set out (n,) to M(q)^-1 force; may overwrite the force."""
+    raise NotImplementedError
+
+
+def project(model, q, v):
+    """Remove the drift of redundant coordinates from q and v (n,), in place."""
+    raise NotImplementedError
+
+
+def locate(model, q, out):
+    """Set out (n_points, 3) [m] to the material points `actuation.point_*`."""
+    raise NotImplementedError
+
+
+def add_forces(model, q, forces, out):
+    """Add to out (n,) the generalised force of forces (n_points, 3) [N] on those points.
+
+    The transpose of the derivative of `locate`: both must agree exactly, so that the work of a
+    tension is that of the change of its tendon's length.
+    """
+    raise NotImplementedError
+
+
+def load_axes(model, q, out):
+    """Set out (n_loads, 3, 3) to the orientation of the cross-sections of the loads."""
+    raise NotImplementedError
+
+
+def add_moments(model, q, moments, out):
+    """Add to out (n,) the generalised force of moments (n_loads, 3) [N m] at the loads."""
+    raise NotImplementedError
+
+
+def channel_lengths(model, q, out):
+    """Set out (n_channels,) [m] to the lengths of the continuous channels."""
+    raise NotImplementedError
+
+
+def add_channel_forces(model, q, tension, out):
+    """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels.
+
+    The negative gradient of tension times channel length.
+    """
+    raise NotImplementedError
+
+
+def add_internal_tangent(model, q, v, damping, mass, out):
+    """Add K + damping D + mass M of `internal_residual` to out (n, 3 k + 1); whether that is known.
+
+    A model may leave this out: then differences are taken.
+    """
+    raise NotImplementedError
+
+
+@overload(add_internal_tangent)
+def _unknown_tangent(model, q, v, damping, mass, out):
+    if getattr(model, "instance_class", None) in _WITH_TANGENT:
+        return None
+    return lambda model, q, v, damping, mass, out: False
+
+
+#: Classes of data with a tangent of their own.
+_WITH_TANGENT: set[type] = set()
+
+
+def potential(model, q):
+    """Elastic and gravitational energy [J]; gravity's is zero in the straight pose."""
+    raise NotImplementedError
+
+
+def momentum(model, q, v, out):
+    """Set out (6,) to linear [N s] and angular momentum about the origin [N m s]."""
+    raise NotImplementedError
+
+
+def implement(data_class: type, *kernels: Any) -> None:
+    """Let kernels be the functions above of the same names for data of a class."""
+    for each in kernels:
+        if each.py_func.__name__ == add_internal_tangent.__name__:
+            _WITH_TANGENT.add(data_class)
+        _overload(globals()[each.py_func.__name__], data_class, each.py_func)
+
+
+def _overload(function: Any, data_class: type, implementation: Any) -> None:
+    def choose(*arguments: Any) -> Any:
+        fits = getattr(arguments[0], "instance_class", None) is data_class
+        return implementation if fits else None
+
+    choose.__signature__ = signature(implementation)  # type: ignore[attr-defined]
+    overload(function)(choose)
+
+
+# ---------------------------------------------------------------- the same for all models
+
+
+@kernel
+def tendon_lengths(model, q, points, out):
+    """Set out (n_tendons,) [m] to the tendons' lengths, given the located points."""
+    actuation = model.actuation
+    path_lengths(actuation, points, out)
+    n_channels = len(actuation.channel_end)
+    if n_channels > 0:
+        lengths = np.empty(n_channels, out.dtype)
+        channel_lengths(model, q, lengths)
+        for k in range(len(out)):
+            if not actuation.guided[k]:
+                out[k] = lengths[actuation.channel[k]]
+
+
+@kernel
+def add_applied(model, q, u, out):
+    """Add B(q) u to out (n,): the generalised force of loads and tendons."""
+    actuation = model.actuation
+    n_points, n_tendons = len(actuation.point_station), len(actuation.guided)
+    n_loads = len(actuation.load_follows)
+    points = np.empty((n_points, 3), q.dtype)
+    forces = np.zeros((n_points, 3), q.dtype)
+    if n_points > n_loads:
+        locate(model, q, points)
+    if n_loads > 0:
+        _add_loads(model, q, u[n_tendons:], forces, out)
+    if n_tendons > 0:
+        _add_tendons(model, q, u[:n_tendons], points, forces, out)
+    if n_points > 0:
+        add_forces(model, q, forces, out)
+
+
+@kernel
+def _add_loads(model, q, amplitude, forces, out):
+    actuation = model.actuation
+    n_loads = len(amplitude)
+    moments = np.zeros((n_loads, 3), q.dtype)
+    axes = np.zeros((n_loads, 3, 3), q.dtype)
+    if actuation.followers:
+        load_axes(model, q, axes)
+    for k in range(n_loads):
+        for i in range(3):
+            force, moment = amplitude[k] * 0, amplitude[k] * 0
+            if actuation.load_follows[k]:
+                for j in range(3):
+                    force = force + amplitude[k] * axes[k, i, j] * actuation.load_force[k, j]
+                    moment = moment + amplitude[k] * axes[k, i, j] * actuation.load_moment[k, j]
+                forces[k, i] = force
+                moments[k, i] = moment
+            else:
+                forces[k, i] = amplitude[k] * actuation.load_force[k, i]
+                moments[k, i] = amplitude[k] * actuation.load_moment[k, i]
+    if actuation.moments:
+        add_moments(model, q, moments, out)
+
+
+@kernel
+def _add_tendons(model, q, u, points, forces, out):
+    actuation = model.actuation
+    n_tendons, n_channels = len(u), len(actuation.channel_end)
+    lengths = np.zeros(n_tendons, q.dtype)
+    tension = np.empty(n_tendons, q.dtype)
+    if actuation.by_length:
+        tendon_lengths(model, q, points, lengths)
+    tendon_tensions(actuation, u, lengths, tension)
+    add_path_forces(actuation, points, tension, forces)
+    if n_channels > 0:
+        in_channel = np.empty(n_channels, q.dtype)
+        for k in range(n_tendons):
+            if not actuation.guided[k]:
+                in_channel[actuation.channel[k]] = tension[k]
+        add_channel_forces(model, q, in_channel, out)
+
+
+@kernel
+def residual(model, q, v, a, u, out):
+    """Set out (n,) to M(q) a + k(q, v) - f(q, v) - B(q) u, zero on every motion."""
+    internal_residual(model, q, v, a, out)
+    if len(u) > 0:
+        applied = np.zeros(len(out), out.dtype)
+        add_applied(model, q, u, applied)
+        for i in range(len(out)):
+            out[i] -= applied[i]
+
+
+@kernel
+def acceleration(model, q, v, u, out):
+    """Set out (n,) to the acceleration in state (q, v) under inputs u."""
+    zero = np.zeros(len(q), q.dtype)
+    force = np.empty(len(q), q.dtype)
+    residual(model, q, v, zero, u, force)
+    for i in range(len(q)):
+        force[i] = -force[i]
+    solve_mass(model, q, force, out)
+
+
+@kernel
+def kinetic_energy(model, q, v):
+    """Kinetic energy [J]: v M(q) v / 2."""
+    zero = np.zeros_like(q)
+    with_v, without = np.empty_like(q), np.empty_like(q)
+    internal_residual(model, q, zero, v, with_v)
+    internal_residual(model, q, zero, zero, without)
+    return 0.5 * np.dot(v, with_v - without)
+
+
+@kernel
+def bandwidth(model):
+    """Number of diagonals to either side of the main one that the iteration matrix fills."""
+    return min(model.n - 1, (model.reach + 1) * model.block - 1)
+
+
+#: Relative size of a difference step; the residual's rounding error is then about 1e-9 of it.
+_STEP = 1e-7
+
+
+@kernel
+def iteration_matrix(model, q, v, a, u, damping, mass, out):
+    """Set out to K + damping D + mass M, the derivatives of the residual by q, v and a.
+
+    Args:
+        model: Data of a model.
+        q, v, a: (n,).
+        u: (n_inputs,).
+        damping, mass: Factors.
+        out: (n, 3 k + 1) with k = bandwidth(model): row i holds column j at j - i + k; the last
+            k columns are room for `band.factor` and set to zero.
+    """
+    out[:] = 0.0
+    if add_internal_tangent(model, q, v, damping, mass, out):
+        if _applied_forces_turn(model):
+            _add_differences(model, q, v, a, u, damping, mass, True, out)
+    else:
+        _add_differences(model, q, v, a, u, damping, mass, False, out)
+
+
+@kernel
+def _applied_forces_turn(model):
+    """Whether loads or tendons depend on the coordinates, beyond dead forces on points."""
+    actuation = model.actuation
+    return actuation.moments or actuation.followers or len(actuation.guided) > 0
+
+
+@kernel
+def _differentiated(model, q, v, a, u, applied_only, out):
+    """Set out (n,) to the residual, or to the part of it that loads and tendons cause."""
+    if applied_only:
+        out[:] = 0.0
+        add_applied(model, q, u, out)
+        for i in range(len(out)):
+            out[i] = -out[i]
+    else:
+        residual(model, q, v, a, u, out)
+
+
+@kernel
+def _add_differences(model, q, v, a, u, damping, mass, applied_only, out):
+    """Add the derivatives by differences, arguments as in `iteration_matrix`.
+
+    One perturbation of q, v and a together gives a column of the sum, and columns whose rows
+    do not overlap share one, so the cost does not grow with n where the coupling is local.
+    """
+    n, width = model.n, bandwidth(model)
+    block, reach = model.block, model.reach
+    group = min(n, (2 * reach + 1) * block)
+    base, moved = np.empty(n), np.empty(n)
+    _differentiated(model, q, v, a, u, applied_only, base)
+    q1, v1, a1 = q.copy(), v.copy(), a.copy()
+    for first in range(group):
+        for j in range(first, n, group):
+            q1[j] = q[j] + _STEP * model.scale[j]
+            step = q1[j] - q[j]  # what was really added, after rounding
+            v1[j] = v[j] + damping * step
+            a1[j] = a[j] + mass * step
+        _differentiated(model, q1, v1, a1, u, applied_only, moved)
+        for j in range(first, n, group):
+            step, home = q1[j] - q[j], j // block
+            for i in range(max(0, (home - reach) * block), min(n, (home + reach + 1) * block)):
+                out[i, j - i + width] += (moved[i] - base[i]) / step
+            q1[j], v1[j], a1[j] = q[j], v[j], a[j]

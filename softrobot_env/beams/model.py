@@ -1,0 +1,483 @@
+"""What all beam models offer to Python: one class over the compiled kernels."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams import integration, mechanics, signals
+from softrobot_env.beams.actuation import (
+    Actuation,
+    make_actuation,
+    points_only,
+    tendon_tensions,
+)
+from softrobot_env.beams.compilation import kernel, reference
+from softrobot_env.beams.integration import Control, integrate, workspace
+from softrobot_env.beams.linearization import (
+    StateSpace,
+    input_derivatives,
+    residual_derivatives,
+)
+from softrobot_env.beams.methods import find_method
+from softrobot_env.beams.signals import Signal
+from softrobot_env.beams.statics import EquilibriumError, follow_loads
+from softrobot_env.loads import Load
+from softrobot_env.robots import RobotParams
+
+#: What the codes of `integration.integrate` mean.
+FAILURES = {
+    integration.STEP_TOO_SMALL: "the step size fell below its limit",
+    integration.NOT_CONVERGED: "Newton's iteration did not converge",
+    integration.DIVERGED: "the motion diverged",
+    integration.TOO_MANY_STEPS: "the largest number of steps was used up",
+}
+
+
+class IntegrationError(RuntimeError):
+    """Time integration failed.
+
+    Attributes:
+        time: [s] that was reached.
+    """
+
+    def __init__(self, message: str, time: float) -> None:
+        super().__init__(message)
+        self.time = time
+
+
+class State(NamedTuple):
+    """Coordinates and velocities (n,)."""
+
+    q: np.ndarray
+    v: np.ndarray
+
+
+@dataclass(frozen=True)
+class Motion:
+    """A simulated motion.
+
+    Attributes:
+        time: (k,) [s].
+        q, v: (k, n).
+        steps, rejected: Steps taken and repeated.
+        residuals, matrices: Evaluations of the equations of motion and of Newton's matrix.
+        smallest_step, largest_step: [s].
+    """
+
+    time: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    steps: int
+    rejected: int
+    residuals: int
+    matrices: int
+    smallest_step: float
+    largest_step: float
+
+    @property
+    def end(self) -> State:
+        """The last state."""
+        return State(self.q[-1].copy(), self.v[-1].copy())
+
+
+class ControlAffine(NamedTuple):
+    """M(q) a + k(q, v) = f(q, v) + B(q) u, thesis (2.96), or (2.98) for tendons driven by length.
+
+    Attributes:
+        mass: M (n, n).
+        gyroscopic: k (n,), quadratic in the velocities.
+        force: f (n,), elastic, damping and gravity forces.
+        inputs: B (n, n_inputs).
+    """
+
+    mass: np.ndarray
+    gyroscopic: np.ndarray
+    force: np.ndarray
+    inputs: np.ndarray
+
+
+class BeamModel:
+    """A discretised robot with tendons and loads; subclasses choose coordinates and kinematics.
+
+    Inputs u are the tendons' tensions [N] (or lengths pulled in [m]), then the loads' amplitudes.
+
+    Attributes:
+        robot: The robot.
+        loads: Its loads.
+        drive: "tension" or "length".
+        data: Reference to the structure for the kernels (`beams.mechanics`). Gravity enters it as
+            a field `gravity` that all gravity forces are linear in.
+        input_names: Names of the inputs.
+    """
+
+    def __init__(
+        self, robot: RobotParams, loads: Sequence[Load] = (), drive: str = "tension"
+    ) -> None:
+        self.robot, self.loads, self.drive = robot, tuple(loads), drive
+        self.data: Any = reference(self._data(make_actuation(robot, loads, drive)))
+        self.input_names = tuple(x.name for x in (*robot.tendons, *loads))
+
+    # ------------------------------------------------------------------ chosen by a subclass
+
+    def _data(self, actuation: Actuation) -> Any:
+        """Structure for the kernels with some actuation, an instance of a NamedTuple class."""
+        raise NotImplementedError
+
+    def rest(self) -> np.ndarray:
+        """Coordinates (n,) of the straight pose."""
+        raise NotImplementedError
+
+    def curvature(self, q: np.ndarray) -> np.ndarray:
+        """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece at q (n,)."""
+        raise NotImplementedError
+
+    def tangent(self, q: np.ndarray) -> np.ndarray:
+        """Directions (n, m) that q (n,) can change in; the identity without constraints."""
+        return np.eye(len(q))
+
+    def static_data(self, data: Any) -> Any:
+        """Data whose static equations are regular; differs for redundant coordinates."""
+        return data
+
+    # ------------------------------------------------------------------ equations of motion
+
+    @property
+    def n(self) -> int:
+        """Number of coordinates."""
+        return self.data.n
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.input_names)
+
+    def start(self) -> State:
+        """The straight pose at rest."""
+        q = self.rest()
+        return State(q, np.zeros_like(q))
+
+    def residual(
+        self, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Force (n,) missing from balance: M a + k - f - B u at q, v, a (n,)."""
+        q, v, a = (np.ascontiguousarray(x, dtype=float) for x in (q, v, a))
+        out = np.empty(self.n)
+        mechanics.residual(self.data, q, v, a, self._inputs(u), out)
+        return out
+
+    def acceleration(self, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
+        """Acceleration (n,) in state q, v (n,) under inputs u (n_inputs,), zero if not given."""
+        q, v = (np.ascontiguousarray(x, dtype=float) for x in (q, v))
+        out = np.empty(self.n)
+        mechanics.acceleration(self.data, q, v, self._inputs(u), out)
+        return out
+
+    def first_order(self, u: np.ndarray | Signal) -> Callable[[float, np.ndarray], np.ndarray]:
+        """Right-hand side f(t, y) of y = (q, v) (2 n,) for the solvers of SciPy."""
+        signal, n = reference(self._signal(u)), self.n
+        inputs = np.empty(self.n_inputs)
+
+        def derivative(t: float, y: np.ndarray) -> np.ndarray:
+            signals.evaluate(signal, t, inputs)
+            out = np.empty(2 * n)
+            out[:n] = y[n:]
+            mechanics.acceleration(self.data, y[:n], y[n:], inputs, out[n:])
+            return out
+
+        return derivative
+
+    def control_affine(self, q: np.ndarray, v: np.ndarray) -> ControlAffine:
+        """The equations of motion at q, v (n,), with all tendons taut if driven by length."""
+        zero = np.zeros(self.n)
+        static = self.residual(q, zero, zero)
+        forward, backward = self.residual(q, v, zero), self.residual(q, -np.asarray(v), zero)
+        mass = np.stack([self.residual(q, zero, e) - static for e in np.eye(self.n)], axis=1)
+        force, inputs = -static - (forward - backward) / 2, self._unit_inputs(q)
+        if self.drive == "length":
+            k = len(self.robot.tendons)
+            actuation = self.data.actuation
+            slack = self.tendon_length(q) - actuation.straight
+            # The residual without inputs already holds the tendons that u = 0 leaves taut.
+            taut = self.tendon_tension(q, np.zeros(self.n_inputs))
+            free = actuation.pretension + actuation.stiffness * slack - taut
+            force = force + inputs[:, :k] @ free
+            inputs[:, :k] *= actuation.stiffness
+        return ControlAffine(mass, (forward + backward) / 2 - static, force, inputs)
+
+    def _unit_inputs(self, q: np.ndarray) -> np.ndarray:
+        """B (n, n_inputs) for tensions and load amplitudes."""
+        data = self.data._replace(actuation=self.data.actuation._replace(by_length=False))
+        out = np.empty((self.n, self.n_inputs))
+        input_derivatives(data, np.ascontiguousarray(q, dtype=float), np.zeros(self.n_inputs), out)
+        return out
+
+    # ------------------------------------------------------------------ statics and dynamics
+
+    def equilibrium(
+        self,
+        u: np.ndarray | None = None,
+        guess: np.ndarray | None = None,
+        load_step: float = 1.0,
+        check_stability: bool = True,
+    ) -> np.ndarray:
+        """Coordinates (n,) in equilibrium under constant inputs u (n_inputs,).
+
+        Args:
+            u: Inputs, zero unless given.
+            guess: (n,), start; the straight pose unless given.
+            load_step: First share of the loads; smaller ones are tried where it fails. Follow
+                large loads in steps of 0.1, or Newton's method may find another branch.
+            check_stability: Refuse an equilibrium that the robot would leave by itself.
+
+        Raises:
+            EquilibriumError: None was found, or an unstable one.
+        """
+        u = self._inputs(u)
+        guess = self.rest() if guess is None else np.array(guess, dtype=float)
+        q = follow_loads(self._scaled_data, u, guess, load_step)
+        if check_stability:
+            self._check_stability(q, u)
+        return q
+
+    def _scaled_data(self, factor: float) -> Any:
+        """Static data with gravity and pretension multiplied by a factor."""
+        actuation = self.data.actuation
+        actuation = actuation._replace(pretension=factor * actuation.pretension)
+        scaled = self.data._replace(gravity=factor * self.data.gravity, actuation=actuation)
+        return self.static_data(scaled)
+
+    def _check_stability(self, q: np.ndarray, u: np.ndarray) -> None:
+        space = self.linearize(State(q, np.zeros_like(q)), u)
+        poles = space.poles()
+        growth = float(np.max(poles.real))
+        # Undamped poles lie on the axis; rounding scatters them by about 1e-9 of the fastest.
+        if growth > 1e-7 * float(np.max(np.abs(poles))):
+            raise EquilibriumError(
+                f"the equilibrium is unstable: deviations grow by exp({growth:.3g} t)"
+            )
+
+    def simulate(
+        self,
+        duration: float,
+        u: np.ndarray | Signal | None = None,
+        start: State | None = None,
+        *,
+        method: str = "sdirk4",
+        step: float | None = None,
+        tolerance: float | None = None,
+        samples: np.ndarray | float | None = None,
+        max_steps: int = 10_000_000,
+    ) -> Motion:
+        """Simulate a motion.
+
+        Args:
+            duration: [s].
+            u: Constant inputs (n_inputs,) or a `Signal`; zero unless given.
+            start: Initial state; the straight pose at rest unless given.
+            method: A key of `methods.METHODS`.
+            step: [s], fixed step; without it a method that estimates its error adapts it.
+            tolerance: Largest error of a step, relative to the size of a large motion; 1e-6
+                unless given. With a fixed step it bounds the error of Newton's iteration only,
+                1e-10 unless given: accelerations follow from positions divided by step^2.
+            samples: Instants (k,) [s] from 0 on, or their distance [s]; start and end unless
+                given.
+            max_steps: Where to give up.
+
+        Raises:
+            ValueError: Unknown method, or a method that needs a step.
+            IntegrationError: The integration failed; the message says how and when.
+        """
+        scheme = find_method(method, step)
+        start = self.start() if start is None else start
+        times = _sample_times(duration, samples)
+        q, v = (np.array(x, dtype=float) for x in start)
+        out_q, out_v = np.empty((len(times), self.n)), np.empty((len(times), self.n))
+        counters, steps = np.zeros(4, dtype=np.int64), np.zeros(2)
+        # An adaptive method finds its step within a few steps of any small one.
+        if tolerance is None:
+            tolerance = 1e-6 if step is None else 1e-10
+        control = Control(step is None, step or duration / 1000, tolerance, max_steps)
+        work = workspace(self.n, mechanics.bandwidth(self.data), len(scheme.b), self.n_inputs)
+        given = (reference(x) for x in (scheme, control, self._signal(u), work))
+        code, reached = integrate(self.data, *given, times, q, v, out_q, out_v, counters, steps)
+        if code != integration.DONE:
+            raise IntegrationError(
+                f"{FAILURES[code]} at t = {reached:.4g} s ({method}, "
+                f"{'adaptive step' if step is None else f'step {step:g} s'})",
+                reached,
+            )
+        return Motion(times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps))
+
+    def linearize(self, state: State, u: np.ndarray | None = None) -> StateSpace:
+        """Linear model about a state under inputs u (n_inputs,).
+
+        Redundant coordinates are replaced by those of `tangent`; that is exact only at rest in
+        equilibrium.
+
+        Raises:
+            ValueError: The coordinates are redundant and the state moves.
+        """
+        q, v = (np.array(x, dtype=float) for x in state)
+        u, n = self._inputs(u), self.n
+        by_q, by_v, by_a = np.empty((3, n, n))
+        a = self.acceleration(q, v, u)
+        residual_derivatives(self.data, q, v, a, u, by_q, by_v, by_a)
+        inputs = np.empty((n, self.n_inputs))
+        input_derivatives(self.data, q, u, inputs)
+        t = self.tangent(q)
+        if t.shape[1] < n and np.any(v):
+            raise ValueError("a model with redundant coordinates is linearised at rest only")
+        mass, damping, stiffness = (t.T @ m @ t for m in (by_a, by_v, by_q))
+        tip = self._point_jacobian(q, np.array([self.robot.length])) @ t
+        m = t.shape[1]
+        solved = np.linalg.solve(mass, np.hstack([stiffness, damping, t.T @ inputs]))
+        upper = np.hstack([np.zeros((m, m)), np.eye(m)])
+        return StateSpace(
+            a=np.vstack([upper, -solved[:, : 2 * m]]),
+            b=np.vstack([np.zeros((m, self.n_inputs)), solved[:, 2 * m :]]),
+            c=np.hstack([tip, np.zeros((3, m))]),
+            mass=mass,
+            damping=damping,
+            stiffness=stiffness,
+        )
+
+    # ------------------------------------------------------------------ read-outs
+
+    def positions(
+        self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Material points at arc lengths (k,) [m], offsets (k, 2) [m] in the section.
+
+        Args:
+            q: (n,) or (T, n).
+            stations, offsets: Places; on the centreline unless offset.
+
+        Returns:
+            (k, 3) or (T, k, 3) [m].
+        """
+        probe = reference(self._data(points_only(stations, offsets)))
+        series = np.atleast_2d(np.ascontiguousarray(q, dtype=float))
+        out = np.empty((len(series), len(probe.actuation.point_station), 3))
+        _locate_series(probe, series, out)
+        return out if np.ndim(q) == 2 else out[0]
+
+    def tip(self, q: np.ndarray) -> np.ndarray:
+        """Tip (3,) or (T, 3) [m] of the centreline for q (n,) or (T, n)."""
+        return self.positions(q, np.array([self.robot.length]))[..., 0, :]
+
+    def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
+        """Velocity (k, 3) [m/s] of the centreline at arc lengths (k,) [m] in state q, v (n,)."""
+        return (self._point_jacobian(q, np.atleast_1d(stations)) @ v).reshape(-1, 3)
+
+    def _point_jacobian(self, q: np.ndarray, stations: np.ndarray) -> np.ndarray:
+        """(3 k, n) derivative of centreline points by the coordinates."""
+        probe = reference(self._data(points_only(stations)))
+        out = np.empty((3 * len(stations), self.n))
+        _locate_derivative(probe, np.ascontiguousarray(q, dtype=float), out)
+        return out
+
+    def tendon_length(self, q: np.ndarray) -> np.ndarray:
+        """(n_tendons,) [m] inside the robot at q (n,)."""
+        q = np.ascontiguousarray(q, dtype=float)
+        out = np.empty(len(self.robot.tendons))
+        _all_tendon_lengths(self.data, q, out)
+        return out
+
+    def tendon_tension(self, q: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """(n_tendons,) [N] at q (n,) under inputs u (n_inputs,)."""
+        out = np.empty(len(self.robot.tendons))
+        tendon_tensions(self.data.actuation, self._inputs(u), self.tendon_length(q), out)
+        return out
+
+    def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
+        """[J] in state q, v (n,)."""
+        q, v = (np.ascontiguousarray(x, dtype=float) for x in (q, v))
+        return float(mechanics.kinetic_energy(self.data, q, v))
+
+    def potential_energy(self, q: np.ndarray) -> float:
+        """Elastic and gravitational energy [J] at q (n,), zero in the straight pose."""
+        return float(_potential(self.data, np.ascontiguousarray(q, dtype=float)))
+
+    def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Linear [N s] and angular momentum [N m s] (6,) about the origin in state q, v (n,)."""
+        out = np.empty(6)
+        q, v = (np.ascontiguousarray(x, dtype=float) for x in (q, v))
+        _momentum(self.data, q, v, out)
+        return out
+
+    # ------------------------------------------------------------------ arguments
+
+    def _inputs(self, u: np.ndarray | None) -> np.ndarray:
+        if u is None:
+            return np.zeros(self.n_inputs)
+        u = np.ascontiguousarray(u, dtype=float)
+        if u.shape != (self.n_inputs,):
+            raise ValueError(
+                f"inputs must have shape ({self.n_inputs},) for {', '.join(self.input_names)}; "
+                f"got {u.shape}"
+            )
+        return u
+
+    def _signal(self, u: np.ndarray | Signal | None) -> Signal:
+        if not isinstance(u, Signal):
+            return signals.constant(self._inputs(u))
+        if u.coefficients.shape[2] != self.n_inputs:
+            raise ValueError(
+                f"the signal has {u.coefficients.shape[2]} inputs, the model {self.n_inputs}: "
+                f"{', '.join(self.input_names)}"
+            )
+        return u
+
+
+def _sample_times(duration: float, samples: np.ndarray | float | None) -> np.ndarray:
+    if not duration > 0:
+        raise ValueError(f"duration must be positive, got {duration!r}")
+    if samples is None:
+        return np.array([0.0, duration])
+    if np.ndim(samples) == 0:
+        count = round(duration / float(samples))
+        return np.linspace(0.0, duration, max(1, count) + 1)
+    times = np.array(samples, dtype=float)
+    if times[0] != 0 or np.any(np.diff(times) <= 0) or times[-1] > duration:
+        raise ValueError("samples must start at 0, increase and end within the duration")
+    return times
+
+
+@kernel
+def _locate_series(model, q, out):
+    """Set out (T, n_points, 3) [m] for coordinates (T, n)."""
+    for k in range(len(q)):
+        mechanics.locate(model, q[k], out[k])
+
+
+@kernel
+def _locate_derivative(model, q, out):
+    """Set out (3 n_points, n)."""
+    points = np.empty((len(model.actuation.point_station), 3), np.complex128)
+    q1 = q.astype(np.complex128)
+    for j in range(len(q)):
+        q1[j] += 1e-30j
+        mechanics.locate(model, q1, points)
+        for k in range(len(points)):
+            for i in range(3):
+                out[3 * k + i, j] = points[k, i].imag / 1e-30
+        q1[j] = q[j]
+
+
+@kernel
+def _all_tendon_lengths(model, q, out):
+    points = np.empty((len(model.actuation.point_station), 3))
+    mechanics.locate(model, q, points)
+    mechanics.tendon_lengths(model, q, points, out)
+
+
+@kernel
+def _potential(model, q):
+    return mechanics.potential(model, q)
+
+
+@kernel
+def _momentum(model, q, v, out):
+    mechanics.momentum(model, q, v, out)

@@ -1,0 +1,416 @@
+"""Run one model with one integrator and timestep, and judge the motion against a refined one.
+
+Both kinds of systems, the MuJoCo chain and the beam models, run through the same interface:
+`System.run` returns a `Trace`, which says how the run ended instead of raising.
+"""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import ceil
+from time import perf_counter
+from typing import Any, Protocol
+
+import mujoco
+import numpy as np
+
+from softrobot_env.beams.model import BeamModel, IntegrationError, State
+from softrobot_env.beams.signals import Signal
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.timestep import LinearChain, linearize
+
+Row = dict[str, Any]
+
+#: How a run can end. A wrong run stays finite, but its tip leaves the error bound. One that did
+#: not converge gave up, because Newton's iteration failed or adapted steps became too many.
+STABLE, WRONG, DIVERGED, NOT_CONVERGED = "stable", "wrong", "diverged", "not_converged"
+OUTCOMES = (STABLE, WRONG, DIVERGED, NOT_CONVERGED)
+
+#: Integrators of the MuJoCo chain, and methods of the beam models.
+CHAIN_INTEGRATORS = ("implicitfast", "discrete", "Euler", "implicit", "RK4")
+BEAM_METHODS = ("implicit_euler", "sdirk2", "sdirk4", "rk4")
+
+#: Suffix of a beam's method whose steps follow its error estimate.
+ADAPTIVE = " adaptive"
+
+CHAIN = "mujoco_chain/balanced2"
+
+#: Tolerances of adapted reference runs, the coarser first.
+_REFERENCE_TOLERANCES = (1e-6, 1e-7)
+
+#: Steps after which an adaptive run gives up.
+_MOST_ADAPTED = 20_000
+
+#: Instants in three periods, with the first, below which the motion between them is compared too.
+_LEAST_INSTANTS = 7
+
+_BAD = {
+    int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
+    int(mujoco.mjtWarning.mjWARN_BADQVEL): "velocity",
+    int(mujoco.mjtWarning.mjWARN_BADQACC): "acceleration",
+}
+
+
+@dataclass(frozen=True)
+class Trace:
+    """The tip during a run.
+
+    Attributes:
+        time: (k,) [s].
+        tip: (k, 2) [m] in (x, z); without the part after a failure.
+        outcome: `DIVERGED` or `NOT_CONVERGED` if the run failed, else None.
+        failure: What failed and when, or None.
+        wall_time: [s].
+        steps: Steps taken.
+    """
+
+    time: np.ndarray
+    tip: np.ndarray
+    outcome: str | None
+    failure: str | None
+    wall_time: float
+    steps: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What to simulate.
+
+    Attributes:
+        integrator: Name of the integrator or method; `ADAPTIVE` after it adapts the steps.
+        timestep: [s].
+        steps: Steps in all.
+        sample: [s], about the distance of the instants at which the tip is read.
+        tolerance: Of a beam's adapted steps and Newton's iteration, see `BeamModel.simulate`.
+    """
+
+    integrator: str
+    timestep: float
+    steps: int
+    sample: float
+    tolerance: float = 1e-6
+
+
+class System(Protocol):
+    """A model at rest whose inputs are about to change."""
+
+    def run(self, plan: Plan) -> Trace:
+        """Simulate; failures are reported, not raised."""
+        ...
+
+
+def steps_for(duration: float, timestep: float, least: int, most: int) -> int:
+    """Steps that cover a duration [s], but between `least` and `most`."""
+    return max(least, min(most, ceil(duration / timestep - 1e-9)))
+
+
+#: Controls (nu,) over time [s]; called before every step when they change.
+Controls = Callable[[float], np.ndarray]
+
+
+class ChainSystem:
+    """The MuJoCo chain.
+
+    Args:
+        config: The scene; its timestep and integrator are replaced in every run.
+        posture: (nq,) [rad] at the start.
+        controls: (nu,), constant; or their function of time, held for a control period.
+        speed: (nv,) [rad/s] at the start, zero unless given.
+    """
+
+    def __init__(
+        self,
+        config: SceneConfig,
+        posture: np.ndarray,
+        controls: np.ndarray | Controls,
+        speed: np.ndarray | None = None,
+    ) -> None:
+        self.scene, self.posture, self.speed = neutral_scene(config), posture, speed
+        self.controls = controls
+        self.linear: LinearChain = linearize(self.scene.model)
+
+    def run(self, plan: Plan) -> Trace:
+        """Simulate; failures are reported, not raised."""
+        model = self.scene.model
+        model.opt.timestep = plan.timestep
+        model.opt.integrator = mujoco_integrator(plan.integrator)
+        data = mujoco.MjData(model)
+        data.qpos[:] = self.posture
+        if self.speed is not None:
+            data.qvel[:] = self.speed
+        with silent_warnings():
+            return self._step(model, data, plan)
+
+    def _step(self, model: mujoco.MjModel, data: mujoco.MjData, plan: Plan) -> Trace:
+        varying = callable(self.controls)
+        if not varying:
+            data.ctrl[:] = self.controls
+        sample = self.scene.config.control_period if varying else plan.sample
+        chunk = max(1, round(sample / plan.timestep))
+        tip = data.site("tip").xpos
+        times, tips, done, failure = [], [], 0, None
+        begin = perf_counter()
+        while failure is None and done <= plan.steps:
+            mujoco.mj_kinematics(model, data)
+            failure = chain_failure(data, tip)
+            if failure is None:
+                times.append(done * plan.timestep)
+                tips.append(tip[[0, 2]])
+            count = min(chunk, plan.steps - done)
+            if count == 0:
+                break
+            if varying:
+                data.ctrl[:] = self.controls(done * plan.timestep)
+            mujoco.mj_step(model, data, count)
+            done += count
+        wall_time = perf_counter() - begin
+        outcome = None if failure is None else DIVERGED
+        return Trace(np.array(times), np.array(tips), outcome, failure, wall_time, done)
+
+
+@contextmanager
+def silent_warnings() -> Iterator[None]:
+    """Keep MuJoCo from printing and logging warnings; they are read from the data instead."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda message: None)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def neutral_scene(config: SceneConfig) -> Scene:
+    """The scene with an integrator that no timestep warns of; both are set before every run."""
+    options = {name: getattr(config, name) for name in config.__dataclass_fields__}
+    options |= {"integrator": "discrete", "timestep": config.control_period}
+    return build_scene(SceneConfig(**options))
+
+
+def mujoco_integrator(name: str) -> int:
+    """MuJoCo's number of an integrator."""
+    return int(getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}"))
+
+
+def chain_failure(data: mujoco.MjData, tip: np.ndarray) -> str | None:
+    """What diverged and when, or None; `tip` (3,) [m] must be up to date."""
+    bad = [name for index, name in _BAD.items() if data.warning[index].number]
+    if not bad and np.all(np.isfinite(tip)):
+        return None
+    what = " and ".join(bad) or "tip position"
+    return f"diverged at t = {data.time:.4g} s: {what} not finite or huge"
+
+
+class BeamSystem:
+    """A beam model.
+
+    Args:
+        model: The model.
+        start: Its state at the start.
+        inputs: Constant inputs (n_inputs,), or a signal.
+    """
+
+    def __init__(self, model: BeamModel, start: State, inputs: np.ndarray | Signal) -> None:
+        self.model, self.start, self.inputs = model, start, inputs
+
+    def run(self, plan: Plan) -> Trace:
+        """Simulate; failures are reported, not raised."""
+        h, adaptive = plan.timestep, plan.integrator.endswith(ADAPTIVE)
+        chunk = max(1, round(plan.sample / h))
+        samples = h * np.unique([*range(0, plan.steps, chunk), plan.steps])
+        begin = perf_counter()
+        try:
+            motion = self.model.simulate(
+                samples[-1],
+                self.inputs,
+                self.start,
+                method=plan.integrator.removesuffix(ADAPTIVE),
+                step=None if adaptive else h,
+                samples=samples,
+                tolerance=plan.tolerance,
+                max_steps=_MOST_ADAPTED if adaptive else plan.steps + 1,
+            )
+        except IntegrationError as error:
+            return _failed(error, perf_counter() - begin)
+        wall_time = perf_counter() - begin
+        tip = self.model.tip(motion.q)[:, [0, 2]]
+        return Trace(motion.time, tip, None, None, wall_time, motion.steps)
+
+
+def _failed(error: IntegrationError, wall_time: float) -> Trace:
+    # The message starts with what happened and goes on with " at t = ".
+    what = str(error).split(" at t = ")[0].removeprefix("the motion ")
+    return Trace(
+        np.empty(0),
+        np.empty((0, 2)),
+        DIVERGED if what == DIVERGED else NOT_CONVERGED,
+        f"{what} at t = {error.time:.4g} s",
+        wall_time,
+        0,
+    )
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A refined motion of the same model.
+
+    Attributes:
+        time: (k,) [s].
+        tip: (k, 2) [m].
+        uncertainty: [m], largest distance to the same with coarser steps.
+    """
+
+    time: np.ndarray
+    tip: np.ndarray
+    uncertainty: float
+
+    def at(self, time: np.ndarray) -> np.ndarray:
+        """Tip (k, 2) [m] at instants (k,) [s] that it covers."""
+        from scipy.interpolate import CubicSpline
+
+        return CubicSpline(self.time, self.tip)(time)
+
+    def stretched(self, factor: float) -> "Reference":
+        """The motion of a robot that is slower by a factor and otherwise similar."""
+        return Reference(factor * self.time, self.tip, self.uncertainty)
+
+
+def chain_reference(system: ChainSystem, duration: float, sample: float, most: float) -> Reference:
+    """Extrapolate implicitfast to zero timestep with steps h, h/2 and h/4 (Neville's scheme).
+
+    Args:
+        system: The chain.
+        duration: [s].
+        sample: [s] between the instants; the steps divide it.
+        most: [s], largest step h; it has to be stable.
+    """
+    count = ceil(sample / most)
+    traces = [
+        system.run(
+            Plan(
+                "implicitfast",
+                sample / (count * k),
+                round(duration / sample) * count * k,
+                sample,
+            )
+        )
+        for k in (1, 2, 4)
+    ]
+    _check_finite(traces)
+    a, b, c = (trace.tip for trace in traces)
+    first, second = 2 * b - a, 2 * c - b
+    limit = second + (second - first) / 3
+    return Reference(traces[0].time, limit, _distance(limit, second))
+
+
+def beam_reference(
+    system: BeamSystem, duration: float, sample: float, method: str = "sdirk4", refine: int = 4
+) -> Reference:
+    """Refined motion of a beam with steps sample / refine, compared with steps twice as large.
+
+    Where Newton's iteration fails for such steps, they are adapted to a tight tolerance, and
+    compared with those of one ten times as large.
+    """
+    count = round(duration / sample)
+    plans = [Plan(method, sample / k, count * k, sample) for k in (refine // 2, refine)]
+    traces = [system.run(plan) for plan in plans]
+    if any(trace.failure for trace in traces):
+        traces = [
+            system.run(Plan(method + ADAPTIVE, sample, count, sample, tolerance))
+            for tolerance in _REFERENCE_TOLERANCES
+        ]
+    _check_finite(traces)
+    return Reference(traces[1].time, traces[1].tip, _distance(traces[0].tip, traces[1].tip))
+
+
+def _check_finite(traces: list[Trace]) -> None:
+    for trace in traces:
+        if trace.failure:
+            raise RuntimeError(f"the reference failed: {trace.failure}")
+
+
+def _distance(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.max(np.linalg.norm(a - b, axis=1)))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How a run ended.
+
+    Attributes:
+        outcome: One of `OUTCOMES`.
+        failure: What failed and when, or None.
+        e_max: [m], largest distance of the tip from the truth; None if the run did not end.
+    """
+
+    outcome: str
+    failure: str | None
+    e_max: float | None
+
+
+def judge(trace: Trace, truth: Reference, bound: float, name: str = "the refined run") -> Verdict:
+    """Classify a run; instants that the truth does not cover count for failures only.
+
+    A run with very few instants, which could be right by chance, is compared between them too.
+    """
+    if trace.outcome is not None:
+        return Verdict(trace.outcome, trace.failure, None)
+    covered = trace.time <= truth.time[-1] * (1 + 1e-9)
+    time, tip = np.minimum(trace.time[covered], truth.time[-1]), trace.tip[covered]
+    if len(time) < _LEAST_INSTANTS:
+        time = truth.time[truth.time <= trace.time[-1]]
+        tip = np.stack([np.interp(time, trace.time, x) for x in trace.tip.T], axis=1)
+    return judge_errors(time, np.linalg.norm(tip - truth.at(time), axis=1), bound, name)
+
+
+def judge_errors(time: np.ndarray, error: np.ndarray, bound: float, name: str) -> Verdict:
+    """Classify a finite run by its errors (k,) [m] at instants (k,) [s]."""
+    worst = int(np.argmax(error))
+    e_max = float(error[worst])
+    if e_max <= bound:
+        return Verdict(STABLE, None, e_max)
+    text = f"finite but wrong: tip {1e3 * e_max:.3g} mm from {name} at t = {time[worst]:.4g} s"
+    return Verdict(WRONG, text, e_max)
+
+
+def make_row(
+    case: str,
+    model: str,
+    n: int,
+    plan: Plan,
+    verdict: Verdict,
+    bound: float,
+    wall_time: float,
+    **more: Any,
+) -> Row:
+    """Row of the report.
+
+    Args:
+        case, model, n: What ran; n is the number of hinges or pieces.
+        plan: How.
+        verdict: How it ended.
+        bound: [m].
+        wall_time: [s].
+        **more: stiffness_scale, damping_scale (1 unless given) and damping_ratio,
+            stability_limit, reference, uncertainty (None unless given).
+    """
+    return {
+        "case": case,
+        "model": model,
+        "n": n,
+        "timestep": plan.timestep,
+        "integrator": plan.integrator,
+        "stiffness_scale": more.get("stiffness_scale", 1.0),
+        "damping_scale": more.get("damping_scale", 1.0),
+        "damping_ratio": more.get("damping_ratio"),
+        "stable": verdict.outcome == STABLE,
+        "outcome": verdict.outcome,
+        "failure": verdict.failure,
+        "e_max": verdict.e_max,
+        "e_bound": bound,
+        "wall_time": wall_time,
+        "duration": plan.timestep * plan.steps,
+        "stability_limit": more.get("stability_limit"),
+        "reference": more.get("reference"),
+        "uncertainty": more.get("uncertainty"),
+    }
