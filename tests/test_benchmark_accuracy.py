@@ -200,7 +200,7 @@ def test_rows_are_flat_finite_and_complete(static, motions):
     json.dumps(rows, allow_nan=False)
     assert all(tuple(row) == FIELDS for row in rows)
     for row in rows:
-        assert 0 <= row["e_mean"] <= row["e_max"] < 0.03
+        assert 0 <= row["e_mean"] <= row["e_max"] < 0.05
         if row["kind"] in ("static", "dynamic"):
             assert row["wall_time"] > 0
             assert row["physics"] == (SHEAR if row["model"] == "cosserat" else BENDING).name
@@ -319,8 +319,8 @@ def test_absent_pyelastica_is_said(monkeypatch):
 
 
 def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
-    number = chain_row(scalar_cases()[0], "gauss2", 6, BENDING)
-    rows = [*static, *motions, number, make_row("note", "case", "model", reference="left out")]
+    numbers = [chain_row(case, "balanced2", 6, BENDING) for case in scalar_cases()]
+    rows = [*static, *motions, *numbers, make_row("note", "case", "model", reference="left out")]
     out = StringIO()
     Console(file=out, width=100).print(accuracy_tables.tables(rows))
     text = out.getvalue()

@@ -9,9 +9,9 @@ import pytest
 from softrobot_env.beams.analytic import arc_tip, elastica
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.benchmarks.accuracy import tip_at
+from softrobot_env.loads import Load
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.scene.build import build_scene
-from softrobot_env.loads import Load
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium

@@ -170,22 +170,25 @@ def _solve_stage(model, h, limit, work, counters):
 
 
 @kernel
-def _solve_stage_carefully(model, h, limit, work, counters):
+def _solve_stage_carefully(model, h, limit, hold, work, counters):
     """Newton iteration with a new matrix and a bounded change each time, for very large steps.
 
-    It starts from constant velocity. Returns `_SLOW` or -1, so that the next step forms its own
-    matrix.
+    It starts from constant position (hold) or velocity. Returns a slow contraction, so that the
+    next step forms its own matrix, or -1.
     """
-    work.a[:] = 0.0
+    for i in range(model.n):
+        work.a[i] = -work.start_v[i] / h if hold else 0.0
     _place(h, work)
+    before = np.inf
     for _ in range(_CAREFUL_ITERATIONS):
         if not _newton_matrix(model, work.q, work.v, work.a, h, work, counters):
             return -1.0
         size = _correct(model, h, _CAREFUL_CHANGE, work, counters)
         if not size < _HUGE:
             return -1.0
-        if size < limit:
+        if size < limit or (size < _ROUNDING and size > 0.5 * before):
             return 2 * _SLOW
+        before = size
     return -1.0
 
 
@@ -205,7 +208,9 @@ def _implicit_stages(model, method, signal, t, h, q, v, a, limit, careful, work,
             work.start_q[i] = q[i] + h * dq
             work.start_v[i] = v[i] + h * dv
         if careful:
-            contraction = _solve_stage_carefully(model, gamma, limit, work, counters)
+            contraction = _solve_stage_carefully(model, gamma, limit, False, work, counters)
+            if contraction < 0:
+                contraction = _solve_stage_carefully(model, gamma, limit, True, work, counters)
         else:
             contraction = _solve_stage(model, gamma, limit, work, counters)
         if contraction < 0:

@@ -34,7 +34,8 @@ def _cosserat(robot: RobotParams, pieces: int | None, loads: Sequence[Load]) -> 
 def _ancf(robot: RobotParams, pieces: int | None, loads: Sequence[Load]) -> "BeamModel":
     from softrobot_env.beams.ancf import ANCF
 
-    return ANCF(robot, pieces, loads=loads)
+    pieces = 4 * robot.pieces if pieces is None else pieces
+    return ANCF(robot, pieces, dimension=2, loads=loads)
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,8 @@ def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
             name, physics = contestant.name, contestant.physics
             tips.setdefault((name, physics), {})[n] = tip
             found.append(_static_row(case, name, n, physics, error, wall_time, text))
-    return found + agreement.static_rows(case, tips)
+    found += agreement.static_rows(case, tips)
+    return found if quick else found + agreement.slender_static_rows(case)
 
 
 def static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> tuple[Row, np.ndarray]:

@@ -49,7 +49,7 @@ class Physics:
 
 
 #: Bending and torsion only; with shear and extension; a continuum (in it the shear stress is free,
-#: which corresponds to k = 1, and large strains add terms that no rod model has).
+#: which corresponds to k = 1, and large strains add terms that a rod model has not).
 BENDING = Physics("bending", None)
 SHEAR = Physics("shear", 0.75)
 CONTINUUM = Physics("continuum", 1.0)

@@ -7,7 +7,7 @@ import numpy as np
 from softrobot_env.beams.model import BeamModel, Motion, State
 from softrobot_env.benchmarks import pyelastica_rod, spiral
 from softrobot_env.benchmarks.accuracy_rows import Row, least_time, make_row
-from softrobot_env.benchmarks.beam_models import LUMPED
+from softrobot_env.benchmarks.beam_models import COSSERAT, LUMPED
 
 #: Errors in time [m]: our own, and the thesis' (Tab. 2.2, whose unit is m according to the audit).
 _FINE, _THESIS = 1e-6, 0.9e-3
@@ -78,17 +78,22 @@ def _chain(found: list[Row]) -> Iterator[Row]:
 
 
 def _speed_up(found: list[Row]) -> Iterator[Row]:
-    """Our fastest run of at most the same error, for each of PyElastica's."""
+    """The fastest run of at most the same error, for each of PyElastica's: chain and rod.
+
+    The goal is the chain's; the rod, which has PyElastica's physics, stands beside it.
+    """
     bound = 30.0
     runs = [r for r in found if r["case"] == pyelastica_rod.CASE and r["kind"] == "dynamic"]
-    ours = [r for r in runs if r["model"] != pyelastica_rod.NAME]
     for theirs in (r for r in runs if r["model"] == pyelastica_rod.NAME):
-        good = [r for r in ours if r["e_max"] <= theirs["e_max"]]
-        if good:
-            best = min(good, key=lambda row: row["wall_time"])
-            ratio = theirs["wall_time"] / best["wall_time"]
-            case = f"undamped spiral, at most the error of PyElastica {theirs['n']}: times faster"
-            yield _goal(case, best, ratio, bound, ratio >= bound)
+        for model in (pyelastica_rod.CHAIN, COSSERAT.name):
+            ours = [r for r in runs if r["model"] == model and r["e_max"] <= theirs["e_max"]]
+            if ours:
+                best = min(ours, key=lambda row: row["wall_time"])
+                ratio = theirs["wall_time"] / best["wall_time"]
+                case = f"undamped spiral, error of PyElastica {theirs['n']} or less: times faster"
+                row = _goal(case, best, ratio, bound, ratio >= bound)
+                checked = model == pyelastica_rod.CHAIN
+                yield row if checked else row | {"limit": None, "met": None}
 
 
 def _fastest(found: list[Row], model: str, n: int, good: Test) -> Row | None:

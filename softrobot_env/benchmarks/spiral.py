@@ -23,7 +23,8 @@ CASE = "spiral"
 #: [s] simulated, and between compared instants.
 DURATION, PERIOD = 3.0, 0.01
 
-_FORCE, _RATE = 20.0, 10.0  # N, rad/s
+#: [N] at the end, and [rad/s].
+FORCE, RATE = 20.0, 10.0
 
 ROBOT = replace(CANTILEVER_STIFF, gravity=(0.0, 0.0, 0.0))
 
@@ -33,8 +34,8 @@ _REFERENCE_TOLERANCE = 1e-7
 def force(t: float | np.ndarray) -> np.ndarray:
     """(..., 2) [N] in x and y at time t [s]."""
     t = np.asarray(t)
-    size = (_FORCE * t / DURATION)[..., None]
-    return size * np.stack([np.sin(_RATE * t), np.cos(_RATE * t)], axis=-1)
+    size = (FORCE * t / DURATION)[..., None]
+    return size * np.stack([np.sin(RATE * t), np.cos(RATE * t)], axis=-1)
 
 
 def loads(robot: RobotParams = ROBOT) -> tuple[Load, Load]:
@@ -80,10 +81,18 @@ class ChainSpiral:
         n: Number of joints.
         substeps: Timesteps per 10 ms.
         integrator: MuJoCo's name.
+        robot: The robot.
     """
 
-    def __init__(self, rule: str, n: int, substeps: int, integrator: str = "implicitfast") -> None:
-        self.scene = _scene(rule, n // len(RULES[rule]), substeps, integrator)
+    def __init__(
+        self,
+        rule: str,
+        n: int,
+        substeps: int,
+        integrator: str = "implicitfast",
+        robot: RobotParams = ROBOT,
+    ) -> None:
+        self.scene = _scene(robot, rule, n // len(RULES[rule]), substeps, integrator)
         model = self.scene.model
         self._substeps = substeps
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
@@ -109,9 +118,9 @@ class ChainSpiral:
         return self._sensors[0, :: self._substeps, :3].copy()
 
 
-def _scene(rule: str, pieces: int, substeps: int, integrator: str) -> Scene:
+def _scene(robot: RobotParams, rule: str, pieces: int, substeps: int, integrator: str) -> Scene:
     config = SceneConfig(
-        ROBOT,
+        robot,
         pieces=pieces,
         rule=rule,
         bending="spatial",

@@ -6,7 +6,7 @@ with steps adapted to its error estimate.
 
 import warnings
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import ceil, pi
 
 import numpy as np
@@ -15,6 +15,9 @@ from softrobot_env.beams import signals
 from softrobot_env.beams.analytic import arc_tip, elastica
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.model import State
+from softrobot_env.benchmarks.continuum_arc import TEXT as CONTINUUM_ARC
+from softrobot_env.benchmarks.continuum_arc import continuum_arc_tip
+from softrobot_env.benchmarks.exact_rod import section, tendon_tip
 from softrobot_env.benchmarks.stability_beams import make_beam
 from softrobot_env.benchmarks.stability_map import Job, damped
 from softrobot_env.benchmarks.stability_runs import (
@@ -39,6 +42,7 @@ from softrobot_env.loads import Load
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import TimestepWarning, choose_timestep
+from softrobot_env.tendon_map import TendonMap
 
 #: Method of the beam models, and its steps per first period.
 BEAM_METHOD = "sdirk4"
@@ -47,6 +51,8 @@ BEAM_STEPS = 250
 #: Share of the length that the tip may be off; of the amplitude in a free oscillation.
 SHARE = 0.05
 OSCILLATION_SHARE = 0.2
+
+_SHEAR_COEFFICIENT = 0.75  # of the Cosserat rod
 
 #: Growth of the amplitude that rounding and the sampling of the peaks explain.
 _GROWTH = 1.01
@@ -71,6 +77,8 @@ class Case:
         tip: (2,) [m], where the tip comes to rest; None compares with a refined run.
         truth: What the tip is compared with.
         angle: Start of the coordinates, for robots that start straight but for rounding.
+        tips: The same by model, (2,) [m] and a text, for models of other physics: rods that
+            can be compressed, and the continuum with its large strains.
     """
 
     name: str
@@ -83,6 +91,7 @@ class Case:
     tip: np.ndarray | None = None
     truth: str = "refined run of the same model"
     angle: float = 0.0
+    tips: dict[str, tuple[np.ndarray, str]] = field(default_factory=dict)
 
     @property
     def bound(self) -> float:
@@ -108,9 +117,9 @@ def curl(turns: float = 1.25) -> Case:
     robot, curvature = bare(ARM), 2 * pi * turns / ARM.length
     moment = curvature * robot.bending_stiffness
     load = Load("load", robot.length, moment=(0.0, moment, 0.0), follows=True)
-    return settling(
-        "curl_moment", robot, load, arc_tip(robot.length, curvature), "circular arc (exact)"
-    )
+    tip = arc_tip(robot.length, curvature)
+    case = settling("curl_moment", robot, load, tip, "circular arc (exact)")
+    return replace(case, tips={"ancf2d": (continuum_arc_tip(robot, 0.0, moment), CONTINUUM_ARC)})
 
 
 def follower_tip(length: float, bending_stiffness: float, force: float) -> np.ndarray:
@@ -157,12 +166,29 @@ def rod_of(slenderness: float) -> RobotParams:
 
 
 def tension_limit() -> Case:
-    """All upper tendons jump to their limit: one and a half turns."""
-    limit = ARM.tendons[0].tension_limit
-    reduced = np.full(len(ARM.tendons) // 2, limit)
-    tip = ConstantCurvatureStatics(ARM).tip(reduced)
-    values = np.array([[limit if t.offset[0] > 0 else 0.0 for t in ARM.tendons]])
-    return Case("tension_limit", ARM, values, 1.0, 8.0, tip=tip, truth="constant curvature (exact)")
+    """The longest upper tendon jumps to its limit.
+
+    All three at once would swing the arm beyond the curvature 1 / outer radius, where the inner
+    side folds, and compress a St. Venant-Kirchhoff continuum beyond its largest force.
+    """
+    limit = ARM.tendons[-2].tension_limit
+    tension = np.array([0.0] * (len(ARM.tendons) - 2) + [limit, 0.0])
+    tip = ConstantCurvatureStatics(ARM).tip(TendonMap(ARM).reduced(tension))
+    pressed = tendon_tip(ARM, section(ARM, _SHEAR_COEFFICIENT), tension)
+    bent = continuum_arc_tip(ARM, -limit, limit * ARM.outer_radius)
+    return Case(
+        "tension_limit",
+        ARM,
+        tension[None],
+        1.0,
+        8.0,
+        tip=tip,
+        truth="constant curvature (exact)",
+        tips={
+            "cosserat": (pressed, "constant curvature and compression (exact)"),
+            "ancf2d": (bent, CONTINUUM_ARC),
+        },
+    )
 
 
 def slack_taut(pull: float = 0.01, stiffness: float = 2e4) -> Case:
@@ -232,14 +258,16 @@ def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[Job]:
 
 def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
     """Run one case on one model; `method` is for beams. Of adapted steps the mean is reported."""
+    tip, truth = case.tips.get(model, (case.tip, case.truth))
+    case = replace(case, tip=tip, truth=truth)
     system = _system(case, model, n)
     plan = _plan(case.robot, system, case.duration)
     if isinstance(system, BeamSystem):
         plan = replace(plan, integrator=method)
     if case.tip is None:
-        truth = refined(_system(replace(case, angle=0.0), model, n), plan)
+        finer = refined(_system(replace(case, angle=0.0), model, n), plan)
         trace = system.run(plan)
-        verdict, uncertainty = judge(trace, truth, case.bound), truth.uncertainty
+        verdict, uncertainty = judge(trace, finer, case.bound), finer.uncertainty
     else:
         trace = system.run(plan)
         verdict, uncertainty = _judge_rest(trace, case), None

@@ -7,7 +7,9 @@ import numpy as np
 
 from softrobot_env.beams.analytic import arc_tip, elastica
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.benchmarks.accuracy_rows import BENDING, Physics
+from softrobot_env.benchmarks.accuracy_rows import BENDING, CONTINUUM, Physics
+from softrobot_env.benchmarks.continuum_arc import TEXT as CONTINUUM_ARC
+from softrobot_env.benchmarks.continuum_arc import continuum_arc_tip
 from softrobot_env.benchmarks.exact_rod import rod_tip, section, tendon_tip
 from softrobot_env.loads import Load
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
@@ -30,6 +32,8 @@ class StaticCase:
         truth: The true tip for some physics.
         loads: Dead loads, applied in full.
         reduced: (n_inputs,) [N], tendon inputs; empty for robots without tendons.
+        uniform: Whether the truth for the continuum has its large strains, which are known where
+            bending is uniform; else it is that of a rod.
     """
 
     name: str
@@ -37,6 +41,7 @@ class StaticCase:
     truth: Truth
     loads: tuple[Load, ...] = ()
     reduced: tuple[float, ...] = ()
+    uniform: bool = False
 
     @property
     def tip(self) -> np.ndarray:
@@ -73,8 +78,13 @@ def tip_moment(moment: float) -> StaticCase:
     robot = weightless()
     tip = arc_tip(robot.length, moment / robot.bending_stiffness)
     load = Load("load", robot.length, moment=(0.0, moment, 0.0))
-    name = f"tip_moment_{moment:g}Nm"
-    return StaticCase(name, robot, lambda _: (tip, "circular arc (exact)"), (load,))
+
+    def truth(physics: Physics) -> tuple[np.ndarray, str]:
+        if physics == CONTINUUM:
+            return continuum_arc_tip(robot, 0.0, moment), CONTINUUM_ARC
+        return tip, "circular arc (exact)"
+
+    return StaticCase(f"tip_moment_{moment:g}Nm", robot, truth, (load,), uniform=True)
 
 
 def tip_force(force: float) -> StaticCase:
@@ -104,10 +114,12 @@ def tendon(force: float) -> StaticCase:
         if physics.shear_coefficient is None:
             tip = ConstantCurvatureStatics(ARM).tip(np.array(reduced))
             return tip, "constant curvature (exact)"
+        if physics == CONTINUUM:
+            return continuum_arc_tip(ARM, -force, force * ARM.outer_radius), CONTINUUM_ARC
         tip = _tendon_tip(ARM, reduced, physics)
         return tip, "constant curvature and compression (exact)"
 
-    return StaticCase("tendon_static", ARM, truth, reduced=reduced)
+    return StaticCase("tendon_static", ARM, truth, reduced=reduced, uniform=True)
 
 
 def guided_tendon(force: float) -> StaticCase:

@@ -334,7 +334,7 @@ def _quadrature_times(axes: "Axes", rows: list[Row]) -> None:
     axes.set_xlabel("order")
     axes.set_ylabel(r"time per evaluation [$\mu$s]")
     axes.set_xticks(range(0, 21, 2))
-    _legend(axes, loc="lower right")
+    _legend(axes, loc="center right")
 
 
 # ---------------------------------------------------------------- cost

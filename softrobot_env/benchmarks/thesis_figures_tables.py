@@ -65,7 +65,7 @@ def _printed(rows: list[Row]) -> Table:
     for head in ("figure", "case", "model", "what"):
         out.add_column(head, overflow="fold")
     for head in ("thesis", "audit", "ours"):
-        out.add_column(head, justify="right", no_wrap=True)
+        out.add_column(head, justify="right", overflow="fold")
     for row in sorted(rows, key=_place):
         stated = row["thesis"] is not None and row["figure"] not in _SOLVERS
         if stated or _is_printed_step(row):
@@ -113,9 +113,9 @@ def _solvers(rows: list[Row]) -> Table:
     """Tab. 2.2 and 2.3, ours with the thesis' numbers in brackets."""
     out = _new_table("Tab. 2.2 and 2.3, spiral of 3 s: ours (thesis)")
     for head in ("model", "solver, accuracy"):
-        out.add_column(head, no_wrap=True)
+        out.add_column(head, overflow="fold")
     for head in ("time ms", "error mm", "steps ms"):
-        out.add_column(head, justify="right", no_wrap=True)
+        out.add_column(head, justify="right", overflow="fold")
     lines: dict[tuple[str, str], dict[str, Row]] = {}
     for row in rows:
         if row["figure"] in _SOLVERS and not _is_printed_step(row):

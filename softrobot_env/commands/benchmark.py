@@ -1,4 +1,4 @@
-"""`softrobot benchmark`: accuracy against cost, speed and stability."""
+"""`softrobot benchmark`: accuracy against cost, speed, stability, and the thesis' figures."""
 
 import argparse
 from collections.abc import Callable
