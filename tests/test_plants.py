@@ -123,8 +123,13 @@ def compressed(robot, force, moment):
     return 1 + force / (robot.youngs_modulus * robot.area), moment / robot.bending_stiffness
 
 
+def continuum(robot, force, moment):
+    """The same for a continuum; one tendon at the outer radius does what the tendons do here."""
+    return continuum_arc(robot, 0.0, -force, -moment / force)
+
+
 #: Beam theory of a piece under an axial force and a moment, by plant.
-THEORY = {"pcc": inextensible, "cosserat": compressed, "ancf": continuum_arc}
+THEORY = {"pcc": inextensible, "cosserat": compressed, "ancf": continuum}
 
 
 def closed_form(robot, tension, theory):

@@ -151,7 +151,9 @@ def _goals(rows: list[Row]) -> Table:
     out = _table("Goals", ("goal", "by"), ("found", "bound", ""))
     for row in rows:
         if row["kind"] == "goal":
-            values = (f"{row[name]:.3g}" for name in ("value", "limit"))
+            values = (
+                "-" if row[name] is None else f"{row[name]:.3g}" for name in ("value", "limit")
+            )
             out.add_row(row["case"], f"{row['model']} {row['n']}", *values, _verdict(row["met"]))
     return out
 

@@ -113,13 +113,17 @@ def bare(robot: RobotParams) -> RobotParams:
 
 
 def curl(turns: float = 1.25) -> Case:
-    """A tip moment that bends the rod to more than a full circle."""
-    robot, curvature = bare(ARM), 2 * pi * turns / ARM.length
+    """A tip moment that bends a rod to more than a full circle.
+
+    Its length is 40 radii: the arm's thick section would compress a St. Venant-Kirchhoff continuum
+    beyond its largest stress.
+    """
+    robot, curvature = rod_of(40), 2 * pi * turns / ARM.length
     moment = curvature * robot.bending_stiffness
     load = Load("load", robot.length, moment=(0.0, moment, 0.0), follows=True)
     tip = arc_tip(robot.length, curvature)
     case = settling("curl_moment", robot, load, tip, "circular arc (exact)")
-    return replace(case, tips={"ancf2d": (continuum_arc_tip(robot, 0.0, moment), CONTINUUM_ARC)})
+    return replace(case, tips={"ancf2d": (continuum_arc_tip(robot, moment), CONTINUUM_ARC)})
 
 
 def follower_tip(length: float, bending_stiffness: float, force: float) -> np.ndarray:
@@ -169,13 +173,13 @@ def tension_limit() -> Case:
     """The longest upper tendon jumps to its limit.
 
     All three at once would swing the arm beyond the curvature 1 / outer radius, where the inner
-    side folds, and compress a St. Venant-Kirchhoff continuum beyond its largest force.
+    side folds. A St. Venant-Kirchhoff continuum (ANCF) has no equilibrium at this tension: its
+    fibres soften under compression (`continuum_arc` finds none from about 75 N on).
     """
     limit = ARM.tendons[-2].tension_limit
     tension = np.array([0.0] * (len(ARM.tendons) - 2) + [limit, 0.0])
     tip = ConstantCurvatureStatics(ARM).tip(TendonMap(ARM).reduced(tension))
     pressed = tendon_tip(ARM, section(ARM, _SHEAR_COEFFICIENT), tension)
-    bent = continuum_arc_tip(ARM, -limit, limit * ARM.outer_radius)
     return Case(
         "tension_limit",
         ARM,
@@ -186,7 +190,7 @@ def tension_limit() -> Case:
         truth="constant curvature (exact)",
         tips={
             "cosserat": (pressed, "constant curvature and compression (exact)"),
-            "ancf2d": (bent, CONTINUUM_ARC),
+            "ancf2d": (tip, "constant curvature; this continuum has no equilibrium"),
         },
     )
 
@@ -222,7 +226,7 @@ def jobs(beams: tuple[str, ...], quick: bool = False) -> Iterator[Job]:
     """All cases on the chain and the given beam models; n is chosen per case."""
     weak = replace(CANTILEVER_WEAK, poisson_ratio=0.49)
     cases = [  # with hinges of the chain, and pieces of the beams
-        (curl(), 24, 12),
+        (curl(), 24, 24),
         (tension_limit(), 12, 12),
         (slack_taut(), 12, 6),
         (straight(0.0), 12, 6),

@@ -81,7 +81,7 @@ def tip_moment(moment: float) -> StaticCase:
 
     def truth(physics: Physics) -> tuple[np.ndarray, str]:
         if physics == CONTINUUM:
-            return continuum_arc_tip(robot, 0.0, moment), CONTINUUM_ARC
+            return continuum_arc_tip(robot, moment), CONTINUUM_ARC
         return tip, "circular arc (exact)"
 
     return StaticCase(f"tip_moment_{moment:g}Nm", robot, truth, (load,), uniform=True)
@@ -115,7 +115,7 @@ def tendon(force: float) -> StaticCase:
             tip = ConstantCurvatureStatics(ARM).tip(np.array(reduced))
             return tip, "constant curvature (exact)"
         if physics == CONTINUUM:
-            return continuum_arc_tip(ARM, -force, force * ARM.outer_radius), CONTINUUM_ARC
+            return continuum_arc_tip(ARM, tension=force, offset=ARM.outer_radius), CONTINUUM_ARC
         tip = _tendon_tip(ARM, reduced, physics)
         return tip, "constant curvature and compression (exact)"
 

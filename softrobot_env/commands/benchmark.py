@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 
 from rich.console import Console, Group
@@ -12,6 +13,8 @@ from softrobot_env.commands.arguments import add_out
 from softrobot_env.evaluation.report import write_json
 
 EXAMPLE = "softrobot benchmark speed --quick"
+
+_WIDTH = 110  # characters of a report
 
 #: What can be measured.
 BENCHMARKS = ("accuracy", "speed", "stability", "thesis")
@@ -71,10 +74,18 @@ def run(args: argparse.Namespace) -> int:
 
         rows = benchmark.run(args.quick, show)
     write_json(out / "report.json", rows, args.command_line)
-    console.print(benchmark.tables(rows))
-    written = ["report.json"]
+    tables = benchmark.tables(rows)
+    console.print(tables)
+    (out / "report.md").write_text(_markdown(args.what, tables, args.command_line), "utf-8")
     if benchmark.plot is not None:
         benchmark.plot(rows, out / f"{args.what}.png")
-        written.append(f"{args.what}.png")
-    console.print(f"Wrote {', '.join(written)} to {out}")
+    console.print(f"Wrote {', '.join(sorted(path.name for path in out.iterdir()))} to {out}")
     return 0
+
+
+def _markdown(what: str, tables: Group, command: str) -> str:
+    """The tables as they appear on a terminal, with the command that made them."""
+    page = Console(record=True, width=_WIDTH, file=StringIO())
+    page.print(tables)
+    text = page.export_text()
+    return f"# Benchmark: {what}\n\nMade by `{command}`.\n\n```text\n{text.rstrip()}\n```\n"

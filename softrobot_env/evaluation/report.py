@@ -78,13 +78,14 @@ def _metrics(kind: type, values: TrackingMetrics | StepMetrics | None) -> Row:
 
 
 def write_json(path: Path, rows: list[Row], command: str) -> None:
-    """Write `{"meta": ..., "rows": ...}`; `command` is what made them.
+    """Write `{"meta": ..., "rows": ...}`, a row per line; `command` is what made them.
 
     Raises:
         ValueError: A row holds NaN or infinity; failed runs must say None and why.
     """
-    text = json.dumps({"meta": metadata(command), "rows": rows}, indent=1, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    meta = json.dumps(metadata(command), indent=1)
+    lines = ",\n".join(json.dumps(row, allow_nan=False) for row in rows)
+    path.write_text(f'{{"meta": {meta},\n"rows": [\n{lines}\n]}}\n', encoding="utf-8")
 
 
 def metadata(command: str) -> dict[str, Any]:
