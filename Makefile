@@ -15,8 +15,9 @@ setup: .venv/.setup
 evaluate: .venv/.setup
 	$(BIN)/softrobot evaluate
 
+# Files stay together, so that each beam model is compiled in one worker only.
 test: .venv/.setup-test
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 lint: .venv/.setup-test
 	$(BIN)/ruff check .

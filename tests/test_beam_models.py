@@ -332,3 +332,66 @@ def test_divergence_is_reported_with_its_time():
     with pytest.raises(IntegrationError, match="diverged at t") as caught:
         model.simulate(1.0, method="rk4", step=0.02)
     assert 0 <= caught.value.time < 1.0
+
+
+def test_short_pulses_are_not_jumped_over():
+    """At rest the error estimate is zero, so only the inputs' own instants stop the step."""
+    load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
+    model = PCC(WEIGHTLESS, 2, axes="planar", loads=(load,))
+    for begin in (60, 90, 130):
+        values = np.zeros((200, 1))
+        values[begin : begin + 3] = 2.0
+        pulse = signals.held(values, 0.05)
+        adapted = model.simulate(10.0, pulse, samples=0.05, tolerance=1e-7)
+        fixed = model.simulate(10.0, pulse, samples=0.05, method="sdirk4", step=0.005)
+        assert np.max(np.abs(fixed.q)) > 0.5
+        np.testing.assert_allclose(adapted.q, fixed.q, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("method", "step"),
+    [("sdirk4", 0.02), ("implicit_midpoint", 0.02), ("sdirk2", 0.02), ("dormand_prince", 0.004)],
+)
+def test_samples_beside_a_jump_know_nothing_of_what_comes(method, step):
+    load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
+    model = PCC(WEIGHTLESS, 2, axes="planar", loads=(load,))
+    jump = signals.held(np.array([[0.0], [1.0]]), 0.1)
+    coarse = model.simulate(0.2, jump, method=method, step=step, samples=0.004)
+    assert np.max(np.abs(coarse.q[:26])) < 1e-12
+    # Right after it the quintic is as good as the steps themselves.
+    fine = model.simulate(0.2, jump, tolerance=1e-9, samples=0.004)
+    at_steps = np.max(np.abs((coarse.q - fine.q)[::5]))
+    assert np.max(np.abs(coarse.q - fine.q)) < 3 * at_steps + 1e-4
+
+
+def test_fixed_steps_end_at_the_end():
+    model = PCC(replace(CANTILEVER_STIFF, gravity=FREE), 1, axes="planar")
+    for duration, step in ((20.0, 1e-3), (5.0, 5e-4)):
+        motion = model.simulate(duration, method="sdirk2", step=step)
+        assert motion.steps == round(duration / step)
+
+
+def test_shapes_and_places_are_checked():
+    model = PCC(WEIGHTLESS, 3)
+    with pytest.raises(ValueError, match=r"shape \(6,\)"):
+        model.acceleration(np.zeros(2), np.zeros(6))
+    with pytest.raises(ValueError, match=r"shape \(6,\)"):
+        model.simulate(0.1, start=State(np.zeros(2), np.zeros(2)))
+    with pytest.raises(ValueError, match=r"between 0 and 0\.5"):
+        model.positions(model.rest(), [0.2, 5.0])
+    with pytest.raises(ValueError, match="must divide"):
+        model.simulate(1.0, samples=0.4)
+    with pytest.raises(ValueError, match="end at the duration"):
+        model.simulate(1.0, samples=[0, 0.2])
+    with pytest.raises(ValueError, match="share"):
+        model.equilibrium(load_step=0.0)
+
+
+@pytest.mark.parametrize("pieces", [8, 48])
+def test_fine_models_refuse_what_coarse_ones_do(pieces):
+    load = Load("press", LENGTH, force=(0.0, 0.0, -1.0))
+    model = ANCF(WEIGHTLESS, pieces, dimension=2, loads=(load,))
+    critical = np.pi**2 * WEIGHTLESS.bending_stiffness / (2 * LENGTH) ** 2
+    model.equilibrium([0.9 * critical])
+    with pytest.raises(EquilibriumError, match="unstable"):
+        model.equilibrium([1.1 * critical])

@@ -292,6 +292,7 @@ def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
         spiral_row("mujoco_chain/gauss2", 6, 0.003),
         spiral_row("mujoco_chain/gauss2", 2, 0.001, e_mean=3e-4),
         spiral_row("pyelastica", 7, 1.0, case=pyelastica_rod.CASE, e_max=1e-3),
+        spiral_row("mujoco_chain/gauss2", 2, 0.02, case=pyelastica_rod.CASE, e_max=9e-4),
         spiral_row("cosserat", 7, 0.01, case=pyelastica_rod.CASE, e_max=9e-4),
         spiral_row("cosserat", 3, 0.001, case=pyelastica_rod.CASE, e_max=2e-3),
     ]
@@ -302,7 +303,8 @@ def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
         (pytest.approx(5e-6), True),
         (pytest.approx(4), True),
         (pytest.approx(1000), True),
-        (pytest.approx(100), True),
+        (pytest.approx(50), True),
+        (pytest.approx(100), None),  # beside the goal, which is the chain's
     ]
 
 

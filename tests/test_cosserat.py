@@ -16,8 +16,6 @@ from softrobot_env.beams import (
     mechanics,
     quaternions,
 )
-from softrobot_env.beams.actuation import points_only
-from softrobot_env.beams.compilation import reference
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.linearization import residual_derivatives
 from softrobot_env.loads import Load
@@ -334,7 +332,7 @@ SIDES = np.array([[0.02, -0.01]] * 3 + [[0.0, 0.0]] + [[0.01, 0.03]] * 3)
 @pytest.mark.parametrize("pieces", [1, 2, 4])
 def test_forces_on_points_are_the_transpose_of_their_motion(pieces, clamped):
     model = CosseratRod(TWISTY, pieces, clamped=clamped)
-    data = reference(model._data(points_only(PLACES, SIDES)))
+    data = model.probe(PLACES, SIDES)
     q, _ = shaken(model, unit=False)
     moves = jacobian(lambda x: filled(cosserat_actuation.locate, (7, 3))(data, x), q)
     forces, out = np.random.default_rng(1).normal(size=(7, 3)), np.zeros(model.n)

@@ -8,8 +8,6 @@ import pytest
 from scipy.linalg import eigh, expm
 
 from softrobot_env.beams import analytic, pcc_actuation, pcc_dynamics
-from softrobot_env.beams.actuation import points_only
-from softrobot_env.beams.compilation import reference
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.constant_strain import stumpff
 from softrobot_env.beams.pcc import PCC
@@ -144,7 +142,7 @@ def test_pose_and_its_derivatives_are_those_of_the_exponential(turn):
 
         def place(p, s=s, offset=offset):
             out = np.empty((1, 3), p.dtype)
-            data = reference(model._data(points_only(np.array([s]), np.array([offset]))))
+            data = model.probe([s], np.array([offset]))
             pcc_actuation.locate(data, p, out)
             return out[0]
 

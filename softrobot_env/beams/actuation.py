@@ -135,15 +135,6 @@ def points_only(stations: np.ndarray, offsets: np.ndarray | None = None) -> Actu
     )
 
 
-def scaled(actuation: Actuation, factor: float) -> Actuation:
-    """The same with loads and pretensions multiplied by a factor."""
-    return actuation._replace(
-        load_force=factor * actuation.load_force,
-        load_moment=factor * actuation.load_moment,
-        pretension=factor * actuation.pretension,
-    )
-
-
 def _check(robot: RobotParams, loads: Sequence[Load], drive: str) -> None:
     if drive not in DRIVES:
         raise ValueError(f"unknown drive {drive!r}; choose from {', '.join(DRIVES)}")

@@ -28,6 +28,7 @@ _SLOW = 0.3  # contraction per iteration beyond which the iteration matrix is fo
 _NEWTON_SHARE = 0.02  # of the tolerance that the iteration's error may take
 _SMALLEST_STEP = 1e-9  # of the whole duration
 _SHRINK, _GROW, _MARGIN, _WORTHWHILE = 0.2, 4.0, 0.9, 1.2
+_MOST_INTERVALS = 32  # of a smooth signal in one step
 _NUDGE = 1e-6  # of a step, by which stages keep off its ends, where inputs may jump
 _HUGE = 1e6  # sizes of a coordinate beyond which a motion counts as diverged
 
@@ -226,7 +227,10 @@ def _implicit_stages(model, method, signal, t, h, q, v, a, limit, careful, work,
 def _solve_stages(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
     """All stages with the old Newton matrix, else with a new one, else carefully; whether found."""
     gamma = method.diagonal * h
+    fresh = False
     for attempt in range(3 if careful else 2):
+        if attempt == 1 and fresh:
+            continue  # a new matrix was tried already
         fresh = work.formed[0] != gamma or attempt == 1
         if fresh and attempt < 2:
             signals.evaluate(signal, t, work.u)
@@ -333,9 +337,39 @@ def _complete(model, method, signal, t, h, work, counters):
     if method.last and method.diagonal > 0:
         copy(work.stage_a[-1], work.a)
     else:
-        signals.evaluate(signal, t + _NUDGE * h, work.u)  # the next step's first stage
+        signals.evaluate(signal, t - _NUDGE * h, work.u)
         acceleration(model, work.q, work.v, work.u, work.a)
         counters[RESIDUALS] += 1
+
+
+@kernel
+def _restart(model, signal, t, h, q, v, a, before, work, counters):
+    """Set the acceleration a anew if held inputs jump at t, between two steps."""
+    if signal.coefficients.shape[0] == 1 or signal.coefficients.shape[1] > 1:
+        return
+    signals.evaluate(signal, t - _NUDGE * h, before)
+    signals.evaluate(signal, t + _NUDGE * h, work.u)
+    for j in range(len(before)):
+        if before[j] != work.u[j]:
+            acceleration(model, q, v, work.u, a)
+            counters[RESIDUALS] += 1
+            return
+
+
+@kernel
+def _longest_step(signal, t):
+    """Longest step [s] from t that misses no change of the inputs.
+
+    Held inputs may jump at the next instant; smooth ones change over several intervals.
+    """
+    intervals, terms = signal.coefficients.shape[0], signal.coefficients.shape[1]
+    if intervals == 1:
+        return np.inf
+    if terms > 1:
+        return _MOST_INTERVALS * signal.step
+    place = (t - signal.start) / signal.step
+    following = max(1.0, np.floor(place + 1e-9) + 1)
+    return (following - place) * signal.step if following < intervals else np.inf
 
 
 @kernel
@@ -388,24 +422,26 @@ def integrate(model, method, control, signal, work, times, q, v, out_q, out_v, c
         A code out of DONE, ..., and the time [s] reached.
     """
     t, end, a = times[0], times[-1], np.empty(model.n)
-    h, smallest = _first_step(control, end - t), _SMALLEST_STEP * (end - t)
+    wish, smallest = _first_step(control, end - t), _SMALLEST_STEP * (end - t)
     limit = _NEWTON_SHARE * control.tolerance
+    before = np.empty(len(work.u))
     copy(q, out_q[0])
     copy(v, out_v[0])
     steps[0], steps[1] = np.inf, 0.0
-    done, repeated = 1, False
+    done, repeated, taken = 1, False, 0
     signals.evaluate(signal, t, work.u)
     acceleration(model, q, v, work.u, a)
     while done < len(times):
         if counters[STEPS] + counters[REJECTED] >= control.max_steps:
             return TOO_MANY_STEPS, t
+        h = min(wish, _longest_step(signal, t), end - t) if control.adaptive else wish
         careful = not control.adaptive  # an adaptive step is shortened instead
         error = _attempt(model, method, signal, t, h, q, v, a, limit, careful, work, counters)
         factor = _step_factor(method, error, control.tolerance) if control.adaptive else 1.0
         if error < 0 or (control.adaptive and not error <= control.tolerance):
             counters[REJECTED] += 1
-            h, repeated = h * min(factor, _MARGIN), True
-            code = _rejection(error, control.adaptive, h, smallest)
+            wish, repeated = h * min(factor, _MARGIN), True
+            code = _rejection(error, control.adaptive, wish, smallest)
             if code != DONE:
                 return code, t
             continue
@@ -416,16 +452,28 @@ def integrate(model, method, control, signal, work, times, q, v, out_q, out_v, c
         copy(work.q, q)
         copy(work.v, v)
         copy(work.a, a)
-        t += h
+        taken += 1
         counters[STEPS] += 1
         steps[0], steps[1] = min(steps[0], h), max(steps[1], h)
         if control.adaptive:
-            # No growth right after a repeated step, and small growth is not worth a new matrix.
-            largest = 1.0 if repeated else _GROW
-            factor = min(factor, largest)
-            if factor < 1.0 or factor > _WORTHWHILE or method.diagonal == 0:
-                h *= factor
-            if end - t > smallest:
-                h = min(h, end - t)
+            t += h
+            wish = _next_step(method, h, wish, factor, repeated)
             repeated = False
+        else:
+            t = times[0] + taken * h  # without the rounding of a sum
+        _restart(model, signal, t, h, q, v, a, before, work, counters)
     return DONE, t
+
+
+@kernel
+def _next_step(method, h, wish, factor, repeated):
+    """Step to try after one of size h that was accepted; `wish` is what h was cut from.
+
+    It does not grow right after a repeated step, and small growth is not worth a new matrix.
+    """
+    factor = min(factor, 1.0) if repeated else factor
+    if h < wish and factor >= 1.0:
+        return max(wish, h * factor)
+    if factor < 1.0 or factor > _WORTHWHILE or method.diagonal == 0:
+        return h * factor
+    return h

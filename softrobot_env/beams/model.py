@@ -102,6 +102,8 @@ class BeamModel:
     """A discretised robot with tendons and loads; subclasses choose coordinates and kinematics.
 
     Inputs u are the tendons' tensions [N] (or lengths pulled in [m]), then the loads' amplitudes.
+    Tensions are applied as given: limits, and that tendons cannot push, are up to the drive
+    (`TendonMap`).
 
     Attributes:
         robot: The robot.
@@ -162,14 +164,14 @@ class BeamModel:
         self, q: np.ndarray, v: np.ndarray, a: np.ndarray, u: np.ndarray | None = None
     ) -> np.ndarray:
         """Force (n,) missing from balance: M a + k - f - B u at q, v, a (n,)."""
-        q, v, a = (np.ascontiguousarray(x, dtype=float) for x in (q, v, a))
+        q, v, a = (self._vector(x) for x in (q, v, a))
         out = np.empty(self.n)
         mechanics.residual(self.data, q, v, a, self._inputs(u), out)
         return out
 
     def acceleration(self, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
         """Acceleration (n,) in state q, v (n,) under inputs u (n_inputs,), zero if not given."""
-        q, v = (np.ascontiguousarray(x, dtype=float) for x in (q, v))
+        q, v = self._vector(q), self._vector(v)
         out = np.empty(self.n)
         mechanics.acceleration(self.data, q, v, self._inputs(u), out)
         return out
@@ -235,7 +237,7 @@ class BeamModel:
             EquilibriumError: None was found, or an unstable one.
         """
         u = self._inputs(u)
-        guess = self.rest() if guess is None else np.array(guess, dtype=float)
+        guess = self.rest() if guess is None else self._vector(guess)
         q = follow_loads(self._scaled_data, u, guess, load_step)
         if check_stability:
             self._check_stability(q, u)
@@ -250,10 +252,20 @@ class BeamModel:
 
     def _check_stability(self, q: np.ndarray, u: np.ndarray) -> None:
         space = self.linearize(State(q, np.zeros_like(q)), u)
-        poles = space.poles()
-        growth = float(np.max(poles.real))
-        # Undamped poles lie on the axis; rounding scatters them by about 1e-9 of the fastest.
-        if growth > 1e-7 * float(np.max(np.abs(poles))):
+        stiffness = space.stiffness
+        size = np.max(np.abs(stiffness))
+        if np.max(np.abs(stiffness - stiffness.T)) < 1e-9 * size:
+            lowest = float(np.linalg.eigvalsh((stiffness + stiffness.T) / 2)[0])
+            if lowest < 0:
+                raise EquilibriumError(
+                    "the equilibrium is unstable: its energy is not a minimum (lowest stiffness "
+                    f"{lowest:.3g})"
+                )
+            return
+        # Forces without a potential may also make it flutter. Rounding scatters the poles.
+        growth = float(np.max(space.poles().real))
+        fastest = np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(space.mass, stiffness)))))
+        if growth > 1e-7 * fastest:
             raise EquilibriumError(
                 f"the equilibrium is unstable: deviations grow by exp({growth:.3g} t)"
             )
@@ -281,8 +293,8 @@ class BeamModel:
             tolerance: Largest error of a step, relative to the size of a large motion; 1e-6
                 unless given. With a fixed step it bounds the error of Newton's iteration only,
                 1e-10 unless given: accelerations follow from positions divided by step^2.
-            samples: Instants (k,) [s] from 0 on, or their distance [s]; start and end unless
-                given.
+            samples: Instants (k,) [s] from 0 to the duration, or their distance [s], which
+                divides it; start and end unless given.
             max_steps: Where to give up.
 
         Raises:
@@ -292,7 +304,7 @@ class BeamModel:
         scheme = find_method(method, step)
         start = self.start() if start is None else start
         times = _sample_times(duration, samples)
-        q, v = (np.array(x, dtype=float) for x in start)
+        q, v = (self._vector(x).copy() for x in start)
         out_q, out_v = np.empty((len(times), self.n)), np.empty((len(times), self.n))
         counters, steps = np.zeros(4, dtype=np.int64), np.zeros(2)
         # An adaptive method finds its step within a few steps of any small one.
@@ -319,7 +331,7 @@ class BeamModel:
         Raises:
             ValueError: The coordinates are redundant and the state moves.
         """
-        q, v = (np.array(x, dtype=float) for x in state)
+        q, v = (self._vector(x).copy() for x in state)
         u, n = self._inputs(u), self.n
         by_q, by_v, by_a = np.empty((3, n, n))
         a = self.acceleration(q, v, u)
@@ -357,11 +369,35 @@ class BeamModel:
         Returns:
             (k, 3) or (T, k, 3) [m].
         """
-        probe = reference(self._data(points_only(stations, offsets)))
+        probe = self.probe(stations, offsets)
         series = np.atleast_2d(np.ascontiguousarray(q, dtype=float))
+        if series.shape[1] != self.n:
+            raise ValueError(f"need coordinates of {self.n} numbers each, got {np.shape(q)}")
         out = np.empty((len(series), len(probe.actuation.point_station), 3))
         _locate_series(probe, series, out)
         return out if np.ndim(q) == 2 else out[0]
+
+    def probe(self, stations: np.ndarray, offsets: np.ndarray | None = None) -> Any:
+        """Data of the model whose points, for `mechanics.locate`, are these.
+
+        Args:
+            stations: (k,) [m] from 0 to the robot's length.
+            offsets: (k, 2) [m] in the section; on the centreline unless given.
+
+        Raises:
+            ValueError: A point is off the robot, or the shapes do not fit.
+        """
+        stations = np.atleast_1d(np.asarray(stations, dtype=float))
+        on = (stations >= 0) & (stations <= self.robot.length * (1 + 1e-12))
+        if not np.all(on):
+            raise ValueError(
+                f"stations must lie between 0 and {self.robot.length} m, got {stations[~on]}"
+            )
+        if offsets is not None and np.shape(offsets) != (len(stations), 2):
+            raise ValueError(
+                f"offsets must have shape ({len(stations)}, 2), got {np.shape(offsets)}"
+            )
+        return reference(self._data(points_only(stations, offsets)))
 
     def tip(self, q: np.ndarray) -> np.ndarray:
         """Tip (3,) or (T, 3) [m] of the centreline for q (n,) or (T, n)."""
@@ -373,14 +409,14 @@ class BeamModel:
 
     def _point_jacobian(self, q: np.ndarray, stations: np.ndarray) -> np.ndarray:
         """(3 k, n) derivative of centreline points by the coordinates."""
-        probe = reference(self._data(points_only(stations)))
+        probe = self.probe(stations)
         out = np.empty((3 * len(stations), self.n))
-        _locate_derivative(probe, np.ascontiguousarray(q, dtype=float), out)
+        _locate_derivative(probe, self._vector(q), out)
         return out
 
     def tendon_length(self, q: np.ndarray) -> np.ndarray:
         """(n_tendons,) [m] inside the robot at q (n,)."""
-        q = np.ascontiguousarray(q, dtype=float)
+        q = self._vector(q)
         out = np.empty(len(self.robot.tendons))
         _all_tendon_lengths(self.data, q, out)
         return out
@@ -393,21 +429,28 @@ class BeamModel:
 
     def kinetic_energy(self, q: np.ndarray, v: np.ndarray) -> float:
         """[J] in state q, v (n,)."""
-        q, v = (np.ascontiguousarray(x, dtype=float) for x in (q, v))
+        q, v = self._vector(q), self._vector(v)
         return float(mechanics.kinetic_energy(self.data, q, v))
 
     def potential_energy(self, q: np.ndarray) -> float:
         """Elastic and gravitational energy [J] at q (n,), zero in the straight pose."""
-        return float(_potential(self.data, np.ascontiguousarray(q, dtype=float)))
+        return float(_potential(self.data, self._vector(q)))
 
     def momentum(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Linear [N s] and angular momentum [N m s] (6,) about the origin in state q, v (n,)."""
+        q, v = self._vector(q), self._vector(v)
         out = np.empty(6)
-        q, v = (np.ascontiguousarray(x, dtype=float) for x in (q, v))
         _momentum(self.data, q, v, out)
         return out
 
     # ------------------------------------------------------------------ arguments
+
+    def _vector(self, x: np.ndarray) -> np.ndarray:
+        """Coordinates, velocities or accelerations, whose shape the kernels rely on."""
+        x = np.ascontiguousarray(x, dtype=float)
+        if x.shape != (self.n,):
+            raise ValueError(f"states of this model have shape ({self.n},), got {x.shape}")
+        return x
 
     def _inputs(self, u: np.ndarray | None) -> np.ndarray:
         if u is None:
@@ -437,11 +480,13 @@ def _sample_times(duration: float, samples: np.ndarray | float | None) -> np.nda
     if samples is None:
         return np.array([0.0, duration])
     if np.ndim(samples) == 0:
-        count = round(duration / float(samples))
-        return np.linspace(0.0, duration, max(1, count) + 1)
+        count = round(duration / samples) if samples > 0 else 0
+        if count < 1 or abs(count * samples - duration) > 1e-9 * duration:
+            raise ValueError(f"the distance of samples must divide {duration} s, got {samples!r}")
+        return np.linspace(0.0, duration, count + 1)
     times = np.array(samples, dtype=float)
-    if times[0] != 0 or np.any(np.diff(times) <= 0) or times[-1] > duration:
-        raise ValueError("samples must start at 0, increase and end within the duration")
+    if times[0] != 0 or not np.all(np.diff(times) > 0) or times[-1] != duration:
+        raise ValueError("samples must start at 0, increase and end at the duration")
     return times
 
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 
 from softrobot_env.beams import integration, mechanics
-from softrobot_env.beams.actuation import points_only
 from softrobot_env.beams.compilation import kernel, reference
 from softrobot_env.beams.integration import Control, integrate, workspace
 from softrobot_env.beams.methods import find_method
@@ -98,7 +97,7 @@ class SteppedModel:
         places = np.concatenate((stations, stations, [robot.length]))
         offsets = np.zeros((len(places), 2))
         offsets[: len(stations)], offsets[len(stations) : -1] = offset, -offset
-        self._probe = reference(self.model._data(points_only(places, offsets)))
+        self._probe = self.model.probe(places, offsets)
 
     # ------------------------------------------------------------------ postures
 
@@ -143,10 +142,12 @@ class SteppedModel:
         applied = wanted.copy()
         try:
             q = posture(applied)
-            for _ in range(_ITERATIONS):
+            for iteration in range(_ITERATIONS + 1):
                 error = read(q) - wanted
                 if np.max(np.abs(error)) <= _CURVATURE_ERROR * limit:
                     return q
+                if iteration == _ITERATIONS:
+                    break
                 moved = [read(posture(applied + e, q)) for e in change * np.eye(pieces)]
                 jacobian = (np.stack(moved, axis=1) - (error + wanted)[:, None]) / change
                 applied = applied - np.linalg.solve(jacobian, error)

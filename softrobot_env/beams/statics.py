@@ -54,8 +54,11 @@ def follow_loads(scaled_data, u: np.ndarray, guess: np.ndarray, first: float) ->
         first: First step, as a share of the loads; 1 tries them at once.
 
     Raises:
+        ValueError: The first step is no share of the loads.
         EquilibriumError: Newton's method failed even for the smallest step.
     """
+    if not 0 < first <= 1:
+        raise ValueError(f"the first load step must be a share in (0, 1], got {first!r}")
     q, reached, step = guess.copy(), 0.0, first
     while reached < 1:
         share = min(1.0, reached + step)
@@ -67,6 +70,6 @@ def follow_loads(scaled_data, u: np.ndarray, guess: np.ndarray, first: float) ->
         else:
             raise EquilibriumError(
                 f"no equilibrium beyond {reached:.1%} of the loads: Newton's method fails for "
-                f"steps of {_SMALLEST_LOAD_STEP:.2%} of them"
+                f"steps of {step:.2%} of them"
             )
     return q

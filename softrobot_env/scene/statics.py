@@ -71,7 +71,7 @@ def _solve(model: mujoco.MjModel, ctrl: np.ndarray, q: np.ndarray) -> np.ndarray
 
 
 def _check_stability(jacobian: np.ndarray) -> None:
-    # With a positive mass matrix a restoring force field has eigenvalues left of the axis.
+    # Exact for forces with a potential; follower loads may also cause flutter, which this misses.
     if np.max(np.linalg.eigvals(jacobian).real) >= 0:
         raise EquilibriumError("the equilibrium is unstable: the robot would leave it by itself")
 

@@ -83,7 +83,8 @@ def _pull_by_tension(spec: mujoco.MjSpec, tendon: Tendon) -> None:
 
 
 def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, angle: float) -> None:
-    """Control = pulled-in length s [m]: F = max(0, F_pre + c (s - s_geo)), (2.91) to (2.99).
+    """Control = pulled-in length s [m]: F = F_pre + c (s - s_geo) between 0 and
+    the tension limit, (2.91) to (2.99).
 
     s_geo = straight length - length is the part of the pull that the bending robot follows;
     under gear -1 MuJoCo's actuator length is minus the tendon length. The control range covers
