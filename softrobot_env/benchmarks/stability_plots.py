@@ -119,7 +119,8 @@ def _draw_cells(axes: "Axes", rows: list[Row], colors: "Colormap", norm: "LogNor
     axes.pcolormesh(_edges(x), _edges(y), picture, edgecolors="white", linewidth=0.4)
     axes.set_xscale("log")
     axes.set_yscale("log")
-    axes.set_ylim(_LOWEST, _HIGHEST)
+    ruled = rows[0]["model"] == CHAIN  # its picks may lie below the map
+    axes.set_ylim(_LOWEST if ruled else _edges(y)[0], _HIGHEST)
     _ticks(axes)
 
 
