@@ -247,8 +247,16 @@ def test_models_fall_alike():
     assert np.max(np.linalg.norm(rigid - pcc, axis=1)) < 1e-3 * robot.length
     apart = np.max(np.linalg.norm(rod - pcc, axis=1))
     assert 0.3 * 0.9 * 12.7e-3 < apart < 0.9 * 12.7e-3 + 2e-3
-    # Coefficient 1 and 5.151 Hz: 0.2 rad from the rod.
     assert np.max(np.linalg.norm(rod - ancf, axis=1)) < 0.2 * 12.7e-3 + 1e-3
+
+
+@pytest.mark.parametrize(("weight", "share"), [(1.0, 2e-3), (0.1, 1e-4)])
+def test_continuum_falls_like_a_rod_of_coefficient_1_while_strains_are_small(weight, share):
+    """The rest are the large strains' terms, of second order in the load."""
+    robot = replace(CANTILEVER_STIFF, gravity=(-9.81 * weight, 0.0, 0.0))
+    rod = limit_of_fall(lambda n: CosseratRod(robot, n, shear_coefficient=1.0))
+    ancf = limit_of_fall(lambda n: ANCF(robot, n, dimension=2))
+    assert np.max(np.linalg.norm(rod - ancf, axis=1)) < share * robot.length
 
 
 @pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
