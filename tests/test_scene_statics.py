@@ -181,3 +181,10 @@ def test_unstable_equilibria_are_refused():
         equilibrium(standing, np.zeros(standing.nu))
     hanging = build_scene(SceneConfig(replace(ARM, gravity=(0.0, 0.0, 9.81)))).model
     np.testing.assert_array_equal(equilibrium(hanging, np.zeros(hanging.nu)), 0.0)
+
+
+def test_controls_out_of_range_are_refused_rather_than_clamped():
+    model = build_scene(SceneConfig(ARM)).model
+    for value in (-1.0, 80.1):
+        with pytest.raises(ValueError, match=r"'pair1_up' must lie in \[0, 80\]"):
+            equilibrium(model, np.array([value, 0, 0, 0, 0, 0]))

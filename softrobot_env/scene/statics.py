@@ -37,12 +37,14 @@ def equilibrium(
     Raises:
         EquilibriumError: No convergence (the message gives the remaining force), or the
             equilibrium found is unstable.
-        ValueError: `load_steps` is not a positive whole number.
+        ValueError: `load_steps` is not a positive whole number, or a control is out of its range,
+            to which MuJoCo would clamp it silently.
     """
     if not (load_steps >= 1 and load_steps % 1 == 0):
         raise ValueError(f"load_steps must be a whole number, at least one, got {load_steps}")
     q = np.array(model.qpos0 if guess is None else guess, dtype=float)
     ctrl = np.asarray(ctrl, dtype=float)
+    _check_range(model, ctrl)
     if load_steps > 1:
         # The caller's model may be simulating in another thread.
         gravity, model = model.opt.gravity.copy(), copy(model)
@@ -51,6 +53,17 @@ def equilibrium(
             q = _solve(model, share * ctrl, q)
         model.opt.gravity[:] = gravity
     return _solve(model, ctrl, q)
+
+
+def _check_range(model: mujoco.MjModel, ctrl: np.ndarray) -> None:
+    low, high = model.actuator_ctrlrange.T
+    beyond = np.flatnonzero(model.actuator_ctrllimited & ((ctrl < low) | (ctrl > high)))
+    if len(beyond):
+        k = int(beyond[0])
+        raise ValueError(
+            f"control {model.actuator(k).name!r} must lie in [{low[k]:g}, {high[k]:g}], "
+            f"got {ctrl[k]:g}"
+        )
 
 
 def _solve(model: mujoco.MjModel, ctrl: np.ndarray, q: np.ndarray) -> np.ndarray:
