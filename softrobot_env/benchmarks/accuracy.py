@@ -6,7 +6,7 @@ those that only bend and twist, so each is compared with the truth of its own ph
 models share the physics, their limits must agree (`benchmarks.agreement`).
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
@@ -25,6 +25,7 @@ from softrobot_env.benchmarks.accuracy_rows import (
 )
 from softrobot_env.benchmarks.beam_models import Contestant, contestants
 from softrobot_env.benchmarks.frequency_cases import ScalarCase, beam_row, chain_row, scalar_cases
+from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.static_cases import StaticCase, static_cases
 from softrobot_env.benchmarks.timing import best_of, step_cost
 from softrobot_env.robots import ARM, RobotParams
@@ -32,8 +33,6 @@ from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import equilibrium
-
-Progress = Callable[[str, int, int], None]
 
 #: Numbers of hinges, coarse to fine; a quick run stops after the second.
 HINGES = (6, 12, 24, 48)
@@ -62,8 +61,6 @@ _NEWTON = 1e-6
 
 _LOAD_STEP = 0.2
 
-_Job = tuple[str, Callable[[], list[Row]]]
-
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     """Measure all cases, models and resolutions.
@@ -87,20 +84,16 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         * value, limit, met: of a number its value; of an agreement the distance over the robot's
           length and its bound; of a goal the measured figure and its bound.
     """
+    rows: list[Row] = []
+
+    def reach_goals() -> list[Row]:
+        _share_step_times(rows)
+        return goals.rows(rows, quick)
+
     jobs = [*_static_jobs(quick), *_number_jobs(quick), *_dynamic_jobs(quick)]
     jobs.append(("PyElastica", lambda: pyelastica_rod.rows(quick)))
-    rows = []
-    for done, (description, job) in enumerate(jobs):
-        if progress is not None:
-            progress(description, done, len(jobs) + 1)
-        rows += job()
-    _share_step_times(rows)
-    if progress is not None:
-        progress("goals", len(jobs), len(jobs) + 1)
-    rows += goals.rows(rows, quick)
-    if progress is not None:
-        progress("done", len(jobs) + 1, len(jobs) + 1)
-    return rows
+    jobs.append(("goals", reach_goals))
+    return run_jobs(jobs, progress, rows)
 
 
 def _share_step_times(rows: list[Row]) -> None:
@@ -137,7 +130,7 @@ def rule_of(row: Row) -> str:
 # ---------------------------------------------------------------- statics
 
 
-def _static_jobs(quick: bool) -> Iterator[_Job]:
+def _static_jobs(quick: bool) -> Iterator[Job]:
     repeats = 2 if quick else 5
     for case in static_cases():
         yield case.name, lambda c=case: _static_rows(c, quick, repeats)
@@ -221,7 +214,7 @@ def tip_at(model: mujoco.MjModel, posture: np.ndarray) -> np.ndarray:
 # ---------------------------------------------------------------- frequencies and torsion
 
 
-def _number_jobs(quick: bool) -> Iterator[_Job]:
+def _number_jobs(quick: bool) -> Iterator[Job]:
     for case in scalar_cases():
         yield case.name, lambda c=case: _number_rows(c, quick)
 
@@ -241,7 +234,7 @@ def _number_rows(case: ScalarCase, quick: bool) -> list[Row]:
 # ---------------------------------------------------------------- motions
 
 
-def _dynamic_jobs(quick: bool) -> Iterator[_Job]:
+def _dynamic_jobs(quick: bool) -> Iterator[Job]:
     limits: dict[tuple[str, str], Limit] = {}
 
     def find_limits(case: str, contestant: Contestant) -> list[Row]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from softrobot_env.benchmarks import accuracy_rule_plots, pyelastica_rod, spiral, tension_step
+from softrobot_env.benchmarks.accuracy_rule_plots import label_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,7 +107,7 @@ def _work_precision(rows: list[Row], path: Path) -> None:
 def _motions(axes: "Axes", rows: list[Row], title: str) -> None:
     for model in _STYLE:
         _front(axes, model, [row for row in rows if family(row) == model], "e_mean")
-    _scales(axes, title, "run time of 3 s of motion [ms]")
+    label_axes(axes, title, "run time of 3 s of motion [ms]")
     axes.set_ylabel("mean tip error [mm]")
 
 
@@ -147,7 +148,7 @@ def _in_time(axes: "Axes", rows: list[Row]) -> None:
             color="0.35",
         )
     title = "The same, error in time alone, pieces of the thesis"
-    _scales(axes, title, "run time of 3 s of motion [ms]")
+    label_axes(axes, title, "run time of 3 s of motion [ms]")
     axes.set_ylabel("largest tip error [mm]")
     axes.text(
         0.98,
@@ -202,7 +203,7 @@ def _resolution(rows: list[Row], path: Path) -> None:
         panels = part.subplots(1, len(titles), sharex=True, sharey=True)
         for axes, (case, title) in zip(panels, titles.items(), strict=True):
             _draw_resolution(axes, [r for r in shown if r["case"] == case], floor)
-            _scales(axes, title, "pieces (chain: joints)")
+            label_axes(axes, title, "pieces (chain: joints)")
             axes.set_xticks([3, 6, 12, 24, 48], labels=["3", "6", "12", "24", "48"])
             axes.set_xticks([], minor=True)
         panels[0].set_ylim(bottom=floor / 2)
@@ -239,16 +240,6 @@ def _plain_ticks(axes: "Axes") -> None:
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         axis.set_minor_formatter(NullFormatter())
-
-
-def _scales(axes: "Axes", title: str, x: str) -> None:
-    axes.set_xscale("log")
-    axes.set_yscale("log")
-    axes.set_title(title, fontsize=10)
-    axes.set_xlabel(x)
-    axes.grid(which="major", color="0.88", linewidth=0.6)
-    axes.set_axisbelow(True)
-    axes.tick_params(labelsize=8.5)
 
 
 def _legend(figure: Any, models: set[str]) -> None:

@@ -61,7 +61,7 @@ def _draw_static(figure: "SubFigure", rows: list[Row]) -> None:
         for rule in RULES:
             _line(axes, rule, [row for row in mine if rule_of(row) == rule], x="n", y="e_mean")
         _second_order(axes)
-        _label(axes, title, "number of hinges")
+        label_axes(axes, title, "number of hinges")
         _hinge_ticks(axes)
     panels[0].set_ylabel("tip error [mm]")
     panels[0].set_ylim(5e-7, 20)
@@ -83,7 +83,7 @@ def _draw_dynamic(figure: "SubFigure", rows: list[Row]) -> None:
             for rule in RULES:
                 same = [row for row in chosen if rule_of(row) == rule]
                 _line(axes, rule, same, "wall_time", "e_mean", integrator)
-        _label(axes, _size_title(n, mine), "run time [ms]")
+        label_axes(axes, _size_title(n, mine), "run time [ms]")
         _time_ticks(axes)
     panels[0].set_ylabel("mean tip error [mm]")
     panels[0].set_ylim(0.02, 5)
@@ -115,7 +115,8 @@ def _second_order(axes: "Axes") -> None:
     axes.text(20, 3.2, "order 2", color="0.4", fontsize=7.5)
 
 
-def _label(axes: "Axes", title: str, x: str) -> None:
+def label_axes(axes: "Axes", title: str, x: str) -> None:
+    """Logarithmic axes with a title, a name of x and a quiet grid."""
     axes.set_xscale("log")
     axes.set_yscale("log")
     axes.set_title(title, fontsize=9.5)

@@ -12,9 +12,6 @@ from softrobot_env.benchmarks.accuracy_rows import BENDING, CONTINUUM, SHEAR, Ph
 from softrobot_env.loads import Load
 from softrobot_env.robots import RobotParams
 
-#: How a model may move.
-SPACES = ("planar", "spatial", "torsion")
-
 
 @dataclass(frozen=True)
 class Contestant:
@@ -50,7 +47,8 @@ class Contestant:
             robot: The robot.
             pieces: Number of pieces.
             loads: Loads.
-            space: One of `SPACES`: the cheapest version that can do this motion is taken.
+            space: "planar", "spatial" or "torsion": the cheapest version that can do this
+                motion is taken.
             **options: Further options of the model.
         """
         kind, _, option = self.name.partition("/")

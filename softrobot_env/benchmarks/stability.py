@@ -4,9 +4,10 @@ A run is stable only if it stays finite and its tip stays within a stated bound 
 of the same model (or of an independent truth). Everything else is a failure with its reason.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from softrobot_env.benchmarks import stability_extremes
+from softrobot_env.benchmarks.jobs import Progress, run_jobs
 from softrobot_env.benchmarks.stability_beams import BEAMS, make_beam
 from softrobot_env.benchmarks.stability_map import (
     ALL_DAMPINGS,
@@ -19,8 +20,6 @@ from softrobot_env.benchmarks.stability_map import (
     chain_jobs,
 )
 from softrobot_env.benchmarks.stability_runs import Row
-
-Progress = Callable[[str, int, int], None]
 
 #: Hinges of the chain and pieces of the beams, with the damping ratios of their maps.
 CHAINS = ((12, ALL_DAMPINGS), (6, SOME_DAMPINGS), (48, SOME_DAMPINGS))
@@ -46,15 +45,7 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         stability limit of the linearised chain), or the name of an extreme case. e_max is None
         for runs that did not reach their end.
     """
-    jobs = list(_quick_jobs() if quick else _full_jobs())
-    rows = []
-    for done, (description, job) in enumerate(jobs):
-        if progress is not None:
-            progress(description, done, len(jobs))
-        rows += job()
-    if progress is not None:
-        progress("done", len(jobs), len(jobs))
-    return rows
+    return run_jobs(list(_quick_jobs() if quick else _full_jobs()), progress)
 
 
 def beam_family(name: str, pieces: int) -> Family:

@@ -15,6 +15,7 @@ from math import isinf, pi
 import numpy as np
 
 from softrobot_env.beams.model import BeamModel, State
+from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.stability_runs import (
     BEAM_METHODS,
     CHAIN,
@@ -71,7 +72,6 @@ _LIMIT_SHARE = 0.4
 _LARGEST_LIMIT = 0.1
 
 MakeBeam = Callable[[RobotParams, int], BeamModel]
-Job = tuple[str, Callable[[], list[Row]]]
 
 
 def damped(robot: RobotParams, damping_ratio: float) -> RobotParams:

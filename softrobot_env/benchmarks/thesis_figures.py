@@ -1,7 +1,6 @@
 """Figures and tables of chapter 2 of the thesis as data, with the audit's corrections."""
 
-from collections.abc import Callable
-
+from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.thesis_figures_cosserat import (
     drift_rows,
     influence_rows,
@@ -27,10 +26,6 @@ from softrobot_env.benchmarks.thesis_figures_statics import (
     deflection_rows,
     torsion_rows,
 )
-
-Progress = Callable[[str, int, int], None]
-
-_Job = tuple[str, Callable[[], list[Row]]]
 
 #: Numbers of pieces, and orders of integration of an ANCF element.
 PIECES, QUICK_PIECES = tuple(range(1, 21)), (1, 2, 3, 4, 5, 8, 14)
@@ -62,17 +57,10 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         where something could not be computed, and the note then says why.
     """
     rows: list[Row] = []
-    jobs = [*_planar_jobs(quick, rows), *_spiral_jobs(quick)]
-    for done, (description, job) in enumerate(jobs):
-        if progress is not None:
-            progress(description, done, len(jobs))
-        rows += job()
-    if progress is not None:
-        progress("done", len(jobs), len(jobs))
-    return rows
+    return run_jobs([*_planar_jobs(quick, rows), *_spiral_jobs(quick)], progress, rows)
 
 
-def _planar_jobs(quick: bool, rows: list[Row]) -> list[_Job]:
+def _planar_jobs(quick: bool, rows: list[Row]) -> list[Job]:
     """Jobs of all but the spiral; `rows` are those of the jobs done before."""
     pieces = QUICK_PIECES if quick else PIECES
     orders = QUICK_ORDERS if quick else ORDERS
@@ -92,7 +80,7 @@ def _planar_jobs(quick: bool, rows: list[Row]) -> list[_Job]:
     ]
 
 
-def _spiral_jobs(quick: bool) -> list[_Job]:
+def _spiral_jobs(quick: bool) -> list[Job]:
     sizes = QUICK_SPIRAL_PIECES if quick else SPIRAL_PIECES
     curves: list[Curve] = []
 
@@ -100,7 +88,7 @@ def _spiral_jobs(quick: bool) -> list[_Job]:
         curves.extend(curve(model, n) for n in sizes[model])
         return []
 
-    jobs: list[_Job] = [(f"Fig. 2.20 spiral, {m}", lambda m=m: compute(m)) for m in MODELS]
+    jobs: list[Job] = [(f"Fig. 2.20 spiral, {m}", lambda m=m: compute(m)) for m in MODELS]
     jobs.append(("Fig. 2.20 to 2.22 spiral", lambda: curve_rows(curves)))
     for m in MODELS:
         jobs.append((f"Fig. 2.19 spiral times, {m}", lambda m=m: time_rows(m, sizes[m])))
