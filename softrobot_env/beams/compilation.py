@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Callable
+from functools import cache
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -15,29 +16,29 @@ from numba.extending import overload
 _PACKAGE = __name__.split(".")[0]
 
 
-def _stamp() -> tuple[str, int]:
-    """Digest and number of this folder's sources."""
-    sources = sorted(Path(__file__).parent.glob("*.py"))
-    digest = sha256()
-    for source in sources:
-        digest.update(source.read_bytes())
-    return digest.hexdigest(), len(sources)
-
-
-_STAMP = _stamp()
+@cache
+def _stamp(folder: Path) -> tuple[str, int]:
+    """Digest and number of the sources in this folder and in another."""
+    digest, count = sha256(), 0
+    for place in dict.fromkeys((Path(__file__).parent, folder)):
+        for source in sorted(place.glob("*.py")):
+            digest.update(source.read_bytes())
+            count += 1
+    return digest.hexdigest(), count
 
 
 class _KernelCache(FunctionCache):
     """Numba's cache, made safe for kernels that call each other and take foreign models.
 
     Numba watches the file of the function alone: here every kernel is stamped with all sources
-    of the folder, so that an edit anywhere recompiles. And a kernel compiled for a model that is
-    defined elsewhere, in a script for instance, is not stored: nobody else could read the index.
+    of this folder and of its own, so that an edit anywhere recompiles. And a kernel compiled for
+    a model that is defined elsewhere, in a script for instance, is not stored: nobody else could
+    read the index.
     """
 
     def __init__(self, function: Callable) -> None:
         super().__init__(function)
-        self._cache_file._source_stamp = _STAMP
+        self._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel if all types of its arguments belong to this package."""

@@ -1,11 +1,30 @@
 """From a controller of one robot to stable-baselines3's `predict`, single or batched."""
 
 from abc import ABC, abstractmethod
-from typing import Any, ClassVar
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from softrobot_env.interfaces import Observation
+
+
+class Held(NamedTuple):
+    """State of a policy that decides less often than it is asked.
+
+    Attributes:
+        inner: State of its `act`.
+        action: (n_inputs,) [1], the action in force.
+        left: Calls until the next decision.
+    """
+
+    inner: Any
+    action: np.ndarray
+    left: int
+
+    @property
+    def status(self) -> str | None:
+        """Why the action is not the one wanted, or None."""
+        return getattr(self.inner, "status", None)
 
 
 class Controller(ABC):
@@ -13,11 +32,16 @@ class Controller(ABC):
 
     Subclasses implement `start` and `act`. Nothing about an episode is kept in the object: the
     state returned by `predict` carries it (a list with one entry per environment when the
-    observations are stacked).
+    observations are stacked). A state may have a `status`: why the action is not the one wanted
+    (tension limit, reference out of reach, bad observation), or None.
+
+    Attributes:
+        requires: Observables the policy reads.
+        hold: Number of control periods that an action is kept for.
     """
 
-    #: Observables the policy reads.
-    requires: ClassVar[tuple[str, ...]]
+    requires: tuple[str, ...]
+    hold: int = 1
 
     @abstractmethod
     def start(self, observation: Observation) -> Any:
@@ -37,19 +61,37 @@ class Controller(ABC):
         """See `softrobot_env.interfaces.Policy`.
 
         Raises:
-            ValueError: The observation lacks an observable in `requires`.
+            ValueError: The observation lacks an observable in `requires`, or one has a size the
+                policy cannot use.
         """
+        first = observation.get(self.requires[0])
+        if first is None or first.ndim > 1:
+            self._check(observation)
+            return self._predict_stacked(observation, state, episode_start)
+        if state is None or (episode_start is not None and bool(episode_start)):
+            self._check(observation)
+            return self._decide(observation, self.start(observation))
+        return self._go_on(observation, state)
+
+    def _check(self, observation: Observation) -> None:
         missing = [name for name in self.requires if name not in observation]
         if missing:
             raise ValueError(
                 f"{type(self).__name__} needs the observables {', '.join(self.requires)}; add "
                 f"{', '.join(missing)} to the environment's observe="
             )
-        if observation[self.requires[0]].ndim == 1:
-            fresh = state is None or (episode_start is not None and bool(np.any(episode_start)))
-            action, state = self.act(observation, self.start(observation) if fresh else state)
-            return action.astype(np.float32), state
-        return self._predict_stacked(observation, state, episode_start)
+
+    def _go_on(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
+        if self.hold == 1:
+            return self._decide(observation, state)
+        if state.left:
+            return state.action, Held(state.inner, state.action, state.left - 1)
+        return self._decide(observation, state.inner)
+
+    def _decide(self, observation: Observation, inner: Any) -> tuple[np.ndarray, Any]:
+        action, inner = self.act(observation, inner)
+        action = action.astype(np.float32)
+        return action, inner if self.hold == 1 else Held(inner, action, self.hold - 1)
 
     def _predict_stacked(
         self, observation: Observation, state: Any, episode_start: np.ndarray | None
@@ -60,7 +102,21 @@ class Controller(ABC):
         actions = []
         for i in range(count):
             one = {name: observation[name][i] for name in self.requires}
-            fresh = states[i] is None or bool(starts[i])
-            action, states[i] = self.act(one, self.start(one) if fresh else states[i])
-            actions.append(action.astype(np.float32))
+            action, states[i] = self.predict(one, None if starts[i] else states[i])
+            actions.append(action)
         return np.stack(actions), states
+
+
+def hold_for(period: float, control_period: float, policy: str) -> int:
+    """Number of control periods in a policy's own period [s].
+
+    Raises:
+        ValueError: It is not a whole number of them.
+    """
+    count = round(period / control_period)
+    if count < 1 or abs(count * control_period - period) > 1e-9:
+        raise ValueError(
+            f"{policy} decides every {period:g} s: give the environment a control_period that "
+            f"divides it, not {control_period:g} s"
+        )
+    return count

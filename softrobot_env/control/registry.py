@@ -1,6 +1,8 @@
 """Policies by name."""
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
 
 from softrobot_env.control.base import Controller
 from softrobot_env.control.feedforward import Feedforward
@@ -8,12 +10,32 @@ from softrobot_env.control.feedforward_pi import FeedforwardPI
 from softrobot_env.control.hold import Hold
 from softrobot_env.robots import RobotParams
 
-#: Name -> factory(nominal robot, control period [s]).
-POLICIES: dict[str, Callable[[RobotParams, float], Controller]] = {
-    "hold": lambda robot, period: Hold(),
-    "feedforward": lambda robot, period: Feedforward(robot),
-    "feedforward_pi": FeedforwardPI,
+
+@dataclass(frozen=True)
+class PolicySpec:
+    """How to build a policy, and the environment it is meant for.
+
+    Attributes:
+        make: Factory(nominal robot, control period [s]).
+        environment: Keyword arguments of the environment (`control_period`, `preview`) where the
+            policy needs others than the defaults.
+    """
+
+    make: Callable[[RobotParams, float], Controller]
+    environment: dict[str, Any] = field(default_factory=dict)
+
+
+POLICIES: dict[str, PolicySpec] = {
+    "hold": PolicySpec(lambda robot, period: Hold()),
+    "feedforward": PolicySpec(lambda robot, period: Feedforward(robot)),
+    "feedforward_pi": PolicySpec(FeedforwardPI),
 }
+
+
+def _find(name: str) -> PolicySpec:
+    if name not in POLICIES:
+        raise ValueError(f"unknown policy {name!r}; choose from {', '.join(POLICIES)}")
+    return POLICIES[name]
 
 
 def make_policy(name: str, robot: RobotParams, control_period: float) -> Controller:
@@ -25,8 +47,18 @@ def make_policy(name: str, robot: RobotParams, control_period: float) -> Control
         control_period: [s] between calls of `predict`.
 
     Raises:
+        ValueError: Unknown name; the message lists the known ones. Or a control period that the
+            policy cannot work with.
+    """
+    return _find(name).make(robot, control_period)
+
+
+def policy_environment(name: str) -> dict[str, Any]:
+    """Keyword arguments that an environment for this policy needs; none if any will do.
+
+    `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("mpc"))` suits the policy.
+
+    Raises:
         ValueError: Unknown name; the message lists the known ones.
     """
-    if name not in POLICIES:
-        raise ValueError(f"unknown policy {name!r}; choose from {', '.join(POLICIES)}")
-    return POLICIES[name](robot, control_period)
+    return dict(_find(name).environment)
