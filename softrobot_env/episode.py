@@ -20,7 +20,9 @@ class Moment:
     Attributes:
         observation, info: As `reset` or `step` returned them.
         reward: [1] of the step that led here, zero at the start.
-        policy_time: [s] spent in `predict` for that step, None at the start.
+        policy_time: [s] spent in `predict` for that step; None at the start, and while a policy
+            that decides less often only holds its action.
+        status: Why the policy's action was not the one it wanted, or None.
         failed: Whether that step failed.
     """
 
@@ -28,6 +30,7 @@ class Moment:
     info: dict[str, Any]
     reward: float = 0.0
     policy_time: float | None = None
+    status: str | None = None
     failed: bool = False
 
 
@@ -43,8 +46,8 @@ def play(
     """
     observation, info = env.reset(seed=seed, options=options)
     yield Moment(observation, info)
-    names = getattr(policy, "requires", None)
-    state, start, over = None, np.array([True]), False
+    names, hold = getattr(policy, "requires", None), getattr(policy, "hold", 1)
+    state, start, over, count = None, np.array([True]), False, 0
     while not over:
         seen = observation if names is None else {name: observation[name] for name in names}
         before = perf_counter()
@@ -53,4 +56,7 @@ def play(
         start = np.array([False])
         observation, reward, terminated, truncated, info = env.step(action)
         over = terminated or truncated
-        yield Moment(observation, info, float(reward), policy_time, terminated)
+        decided = policy_time if count % hold == 0 else None
+        status = getattr(state, "status", None)
+        yield Moment(observation, info, float(reward), decided, status, terminated)
+        count += 1

@@ -19,7 +19,9 @@ class Rollout:
         tendon_length: (T, n_tendons) [m] inside the robot.
         curvature: (T, n_pieces) [1/m].
         reward: (T,) [1], zero at the first instant.
-        policy_time: (T - 1,) [s] spent in `predict`; one more when the last step failed.
+        policy_time: (d,) [s] spent in `predict`, at each of the policy's decisions. There is one
+            for every step but the failed, unless the policy decides less often.
+        policy_status: (d,) str, why the decided action was not the one wanted; "" where it was.
         wall_time: [s] the whole episode took, policy included.
         source: "sim" or "real".
         failure: What went wrong, or None.
@@ -34,6 +36,7 @@ class Rollout:
     curvature: np.ndarray
     reward: np.ndarray
     policy_time: np.ndarray
+    policy_status: np.ndarray
     wall_time: float
     source: str = "sim"
     failure: str | None = None

@@ -16,7 +16,7 @@ COMMAND = "softrobot evaluate --tasks swing"
 ROW_KEYS = {
     "task", "step_width", "policy", "robot", "plant", "variation", "e_mean", "e_max", "e_rms",
     "e_final", "rise_time", "settling_time", "overshoot", "steady_state_error",
-    "policy_time_median", "policy_time_p99", "realtime_factor", "failure",
+    "policy_time_median", "policy_time_p99", "realtime_factor", "remarks", "failure",
 }  # fmt: skip
 
 

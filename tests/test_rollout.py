@@ -22,6 +22,7 @@ def rollout():
         curvature=rng.normal(size=(t, 6)),
         reward=rng.normal(size=t),
         policy_time=rng.uniform(0, 1e-3, t - 1),
+        policy_status=np.array(["", "tension limit reached"] * ((t - 1) // 2)),
         wall_time=0.25,
     )
 
@@ -51,7 +52,9 @@ def test_round_trip_under_the_name_given(rollout, tmp_path):
 def test_a_record_of_the_start_alone(rollout, tmp_path):
     """An episode can fail in its first step."""
     arrays = {f.name: getattr(rollout, f.name)[:1] for f in fields(Rollout) if f.type is np.ndarray}
-    start = replace(rollout, **arrays | {"policy_time": np.zeros(0)})
+    start = replace(
+        rollout, **arrays | {"policy_time": np.zeros(0), "policy_status": np.zeros(0, "<U1")}
+    )
     start.save(tmp_path / "start.npz")
     loaded = Rollout.load(tmp_path / "start.npz")
     assert loaded.time.shape == (1,)

@@ -6,6 +6,7 @@ from math import inf, nan
 from pathlib import Path
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
+from softrobot_env.control.registry import FEEDBACKS, policy_environment
 from softrobot_env.robots import VARIABLE
 from softrobot_env.scene.config import INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
@@ -26,7 +27,10 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     """Discretisation and integration, as `SceneConfig` has them."""
     group = parser.add_argument_group("scene")
     group.add_argument(
-        "--control-period", type=positive, default=0.01, metavar="S", help="default: 0.01 s"
+        "--control-period",
+        type=positive,
+        metavar="S",
+        help="default: the policy's own where it has one, else 0.01 s",
     )
     group.add_argument("--pieces", type=int, help="pieces of the robot; default: the robot's own")
     group.add_argument(
@@ -41,7 +45,8 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
 def scene_options(args: argparse.Namespace) -> dict[str, object]:
     """Keyword arguments of an environment from `add_scene`."""
     names = ("control_period", "pieces", "rule", "timestep", "integrator")
-    return {name: getattr(args, name) for name in names}
+    given = {name: getattr(args, name) for name in names}
+    return {name: value for name, value in given.items() if value is not None}
 
 
 def add_plant(parser: argparse.ArgumentParser) -> None:
@@ -55,20 +60,35 @@ def add_plant(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def plant_options(args: argparse.Namespace) -> dict[str, object]:
-    """Keyword arguments of an environment from `add_plant`.
+def plant_options(args: argparse.Namespace, policy: str) -> dict[str, object]:
+    """Keyword arguments of an environment for a policy, from `add_plant`.
 
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
     """
+    return policy_environment(policy) | _given_options(args)
+
+
+def _given_options(args: argparse.Namespace) -> dict[str, object]:
     if args.plant == MUJOCO:
         return scene_options(args)
     given = {"rule": args.rule != _RULE, "timestep": args.timestep, "integrator": args.integrator}
     foreign = [f"--{name}" for name, value in given.items() if value]
     if foreign:
         raise ValueError(f"{', '.join(foreign)}: only with --plant {MUJOCO}")
-    plant = BeamPlant(args.plant, args.pieces)
-    return {"control_period": args.control_period, "plant": plant}
+    period = {} if args.control_period is None else {"control_period": args.control_period}
+    return {"plant": BeamPlant(args.plant, args.pieces), **period}
+
+
+def add_feedback(parser: argparse.ArgumentParser) -> None:
+    """--feedback."""
+    parser.add_argument(
+        "--feedback",
+        choices=FEEDBACKS,
+        default=FEEDBACKS[0],
+        help="what policies measure: the full state, or tip and curvatures with an observer for "
+        "the rates; default: state",
+    )
 
 
 def add_out(parser: argparse.ArgumentParser, default: str, note: str = "") -> None:

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from softrobot_env.commands.arguments import (
+    add_feedback,
     add_out,
     add_plant,
     expand_all,
@@ -90,6 +91,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--no-plots", action="store_true", help="skip the plots")
     parser.add_argument("--save-rollouts", action="store_true", help="also write npz records")
+    add_feedback(parser)
     add_plant(parser)
     add_out(parser, "out/evaluate")
 
@@ -146,21 +148,23 @@ def _run_cases(cases: list[Case], args: argparse.Namespace, console: Console) ->
         bar = progress.add_task("evaluate", total=len(cases))
         for case in cases:
             progress.update(bar, description=case.label)
-            name = case.task.name
+            options = {"task": case.task.name, **plant_options(args, case.policy)}
+            name = str(options)
             if name not in environments:
-                environments[name] = TrackingEnv(name, observe="all", **plant_options(args))
-            outcomes.append(_run_case(environments[name], case, args.plant))
+                environments[name] = TrackingEnv(observe="all", **options)
+            outcomes.append(_run_case(environments[name], case, args))
             progress.advance(bar)
     return outcomes
 
 
-def _run_case(env: TrackingEnv, case: Case, plant: str) -> Outcome:
-    policy = make_policy(case.policy, case.task.robot, env.control_period)
+def _run_case(env: TrackingEnv, case: Case, args: argparse.Namespace) -> Outcome:
+    policy = make_policy(case.policy, case.task.robot, env.control_period, args.feedback)
     options: dict[str, object] = {"vary": case.variation}
     if case.task.step_width is not None:
         options |= {"step_width": case.task.step_width, "duration": STEP_DURATION}
     rollout = run_episode(env, policy, seed=0, options=options)
-    row = report.make_row(rollout, case.task, case.policy, plant, case.variation)
+    row = report.make_row(rollout, case.task, case.policy, args.plant, case.variation)
+    row["feedback"] = args.feedback
     return Outcome(case, rollout, row)
 
 

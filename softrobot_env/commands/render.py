@@ -7,6 +7,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from softrobot_env.commands.arguments import (
+    add_feedback,
     add_plant,
     add_task,
     plant_options,
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fps", type=int, default=30, help="frames per second; default: 30")
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
+    add_feedback(parser)
     add_plant(parser)
 
 
@@ -45,9 +47,9 @@ def run(args: argparse.Namespace) -> int:
         render_mode="rgb_array",
         width=width,
         height=height,
-        **plant_options(args),
+        **plant_options(args, args.policy),
     )
-    policy = make_policy(args.policy, task.robot, env.control_period)
+    policy = make_policy(args.policy, task.robot, env.control_period, args.feedback)
     console = Console()
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(f"{task.label}, {args.policy}", total=1.0)

@@ -107,6 +107,11 @@ class Controller(ABC):
         return np.stack(actions), states
 
 
+def usable(values: np.ndarray) -> np.ndarray:
+    """Values (k,) with zeros in place of those that are no finite number."""
+    return np.where(np.isfinite(values), values, 0.0)
+
+
 def hold_for(period: float, control_period: float, policy: str) -> int:
     """Number of control periods in a policy's own period [s].
 

@@ -1,13 +1,16 @@
 """Inverse statics as feedforward: the tensions that hold the tip at the present reference."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics, InverseStatics
-from softrobot_env.control.base import Controller
+from softrobot_env.control.base import Controller, usable
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
+
+#: Status of a policy that was shown something that is no number.
+NOT_FINITE = "observation not finite"
 
 
 @dataclass(frozen=True)
@@ -40,13 +43,16 @@ class Feedforward(Controller):
 
     def start(self, observation: Observation) -> FeedforwardState:
         """Begin from the inputs in force."""
-        inputs = observation["previous_action"] * self._statics.limit
+        inputs = usable(observation["previous_action"]) * self._statics.limit
         return FeedforwardState(np.full(2, np.nan), InverseStatics(inputs, 0.0, True), None)
 
     def act(
         self, observation: Observation, state: FeedforwardState
     ) -> tuple[np.ndarray, FeedforwardState]:
         """Statics of the present reference."""
+        action = keep_if_not_finite(observation, self.requires)
+        if action is not None:
+            return action, replace(state, status=NOT_FINITE)
         solution = self.solve(observation["reference"], state)
         action, saturated = saturate(solution.reduced / self._statics.limit)
         status = explain(solution, saturated)
@@ -59,6 +65,13 @@ class Feedforward(Controller):
         return self._statics.inverse(target, state.statics.reduced)
 
 
+def keep_if_not_finite(observation: Observation, names: tuple[str, ...]) -> np.ndarray | None:
+    """The previous action, or zero, if a named observable is not finite; else None."""
+    if all(np.isfinite(observation[name]).all() for name in names):
+        return None
+    return usable(observation["previous_action"])
+
+
 def saturate(action: np.ndarray) -> tuple[np.ndarray, bool]:
     """Limit an action to [-1, 1], and tell whether that changed it."""
     limited = np.clip(action, -1.0, 1.0)
@@ -68,5 +81,10 @@ def saturate(action: np.ndarray) -> tuple[np.ndarray, bool]:
 def explain(solution: InverseStatics, saturated: bool) -> str | None:
     """Why an action falls short, for people; None if it does not."""
     if not solution.converged:
-        return f"reference out of reach by {1e3 * solution.residual:.1f} mm"
+        return "reference out of reach"
     return "tension limit reached" if saturated else None
+
+
+def make_feedforward(robot: RobotParams, control_period: float) -> Feedforward:
+    """The policy of a robot; it works at any control period [s]."""
+    return Feedforward(robot)

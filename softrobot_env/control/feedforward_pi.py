@@ -1,12 +1,19 @@
 """Inverse statics plus PI feedback on the tip position (the structure of thesis sec. 6.1)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.base import Controller
-from softrobot_env.control.feedforward import Feedforward, FeedforwardState, explain, saturate
+from softrobot_env.control.feedforward import (
+    NOT_FINITE,
+    Feedforward,
+    FeedforwardState,
+    explain,
+    keep_if_not_finite,
+    saturate,
+)
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
@@ -75,6 +82,9 @@ class FeedforwardPI(Controller):
         self, observation: Observation, state: FeedforwardPIState
     ) -> tuple[np.ndarray, FeedforwardPIState]:
         """Feedforward plus feedback."""
+        action = keep_if_not_finite(observation, self.requires)
+        if action is not None:
+            return action, replace(state, status=NOT_FINITE)
         target = observation["reference"]
         error = target - observation["tip_position"]
         solution = self._feedforward.solve(target, state.feedforward)

@@ -2,8 +2,9 @@
 
 import numpy as np
 
-from softrobot_env.control.base import Controller
+from softrobot_env.control.base import Controller, usable
 from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams
 
 
 class Hold(Controller):
@@ -13,8 +14,13 @@ class Hold(Controller):
 
     def start(self, observation: Observation) -> np.ndarray:
         """The action to keep."""
-        return np.array(observation["previous_action"])
+        return usable(observation["previous_action"])
 
     def act(self, observation: Observation, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The kept action."""
         return state, state
+
+
+def make_hold(robot: RobotParams, control_period: float) -> Hold:
+    """The policy holds any robot, at any control period [s]."""
+    return Hold()

@@ -1,14 +1,17 @@
-"""Policies by name."""
+"""Policies by name. What a policy imports is loaded when it is built."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
-from softrobot_env.control.base import Controller
-from softrobot_env.control.feedforward import Feedforward
-from softrobot_env.control.feedforward_pi import FeedforwardPI
-from softrobot_env.control.hold import Hold
 from softrobot_env.robots import RobotParams
+
+if TYPE_CHECKING:
+    from softrobot_env.control.base import Controller
+
+#: What policies may measure: the full state, or tip and curvatures alone, with an observer.
+FEEDBACKS = ("state", "output")
 
 
 @dataclass(frozen=True)
@@ -16,19 +19,38 @@ class PolicySpec:
     """How to build a policy, and the environment it is meant for.
 
     Attributes:
-        make: Factory(nominal robot, control period [s]).
+        module: Module of this folder.
+        make: Name of its factory(nominal robot, control period [s], **options).
+        options: Keyword arguments of the factory.
         environment: Keyword arguments of the environment (`control_period`, `preview`) where the
-            policy needs others than the defaults.
+            policy needs others than the defaults; or the name of a function of the module that
+            returns them.
     """
 
-    make: Callable[[RobotParams, float], Controller]
-    environment: dict[str, Any] = field(default_factory=dict)
+    module: str
+    make: str
+    options: dict[str, Any] = field(default_factory=dict)
+    environment: dict[str, Any] | str = field(default_factory=dict)
+
+    def load(self, name: str) -> Callable[..., Any]:
+        """An attribute of the module."""
+        return getattr(import_module(f"softrobot_env.control.{self.module}"), name)
 
 
 POLICIES: dict[str, PolicySpec] = {
-    "hold": PolicySpec(lambda robot, period: Hold()),
-    "feedforward": PolicySpec(lambda robot, period: Feedforward(robot)),
-    "feedforward_pi": PolicySpec(FeedforwardPI),
+    "hold": PolicySpec("hold", "make_hold"),
+    "feedforward": PolicySpec("feedforward", "make_feedforward"),
+    "feedforward_pi": PolicySpec("feedforward_pi", "FeedforwardPI"),
+    "qs_nn": PolicySpec(
+        "qs_nn", "QuasiStaticNetwork", environment={"control_period": 0.01, "preview": (0.2,)}
+    ),
+    "lqi": PolicySpec("lqi", "LQI", environment={"control_period": 0.001}),
+    "lq_preview": PolicySpec("lq_preview", "LQPreview", environment="environment"),
+    "lq_adaptive": PolicySpec(
+        "lq_preview", "LQPreview", {"adaptive": True}, environment="environment"
+    ),
+    "mpc": PolicySpec("mpc", "MPC", environment={"control_period": 0.01}),
+    "mpc_preview": PolicySpec("mpc", "make_preview", environment="preview_environment"),
 }
 
 
@@ -38,27 +60,43 @@ def _find(name: str) -> PolicySpec:
     return POLICIES[name]
 
 
-def make_policy(name: str, robot: RobotParams, control_period: float) -> Controller:
+def make_policy(
+    name: str, robot: RobotParams, control_period: float, feedback: str = FEEDBACKS[0]
+) -> "Controller":
     """Build a policy by name.
 
     Args:
         name: One of `POLICIES`.
         robot: The nominal robot, which the policy may know.
         control_period: [s] between calls of `predict`.
+        feedback: One of `FEEDBACKS`. Policies that use curvature rates get them from an observer
+            under "output"; the others are the same under both.
 
     Raises:
         ValueError: Unknown name; the message lists the known ones. Or a control period that the
             policy cannot work with.
     """
-    return _find(name).make(robot, control_period)
+    spec = _find(name)
+    if feedback not in FEEDBACKS:
+        raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
+    policy = spec.load(spec.make)(robot, control_period, **spec.options)
+    if feedback == "state" or "curvature_rate" not in policy.requires:
+        return policy
+    from softrobot_env.control.observer import RateObserver
+    from softrobot_env.control.output_feedback import OutputFeedback
+
+    return OutputFeedback(policy, RateObserver(robot, control_period))
 
 
 def policy_environment(name: str) -> dict[str, Any]:
     """Keyword arguments that an environment for this policy needs; none if any will do.
 
-    `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("mpc"))` suits the policy.
+    `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("lqi"))` suits the policy.
 
     Raises:
         ValueError: Unknown name; the message lists the known ones.
     """
-    return dict(_find(name).environment)
+    spec = _find(name)
+    if isinstance(spec.environment, str):
+        return spec.load(spec.environment)()
+    return dict(spec.environment)

@@ -42,8 +42,8 @@ _COLUMNS = {
     "settling_time": ("settling s", 1.0, 2),
     "overshoot": ("overshoot %", 100.0, 1),
     "steady_state_error": ("steady %", 100.0, 2),
-    "policy_time_median": ("policy us", 1e6, 0),
-    "policy_time_p99": ("p99 us", 1e6, 0),
+    "policy_time_median": ("policy us", 1e6, 1),
+    "policy_time_p99": ("p99 us", 1e6, 1),
     "realtime_factor": ("times real", 1.0, 0),
 }
 
@@ -69,8 +69,15 @@ def make_row(
         "policy_time_median": float(np.median(rollout.policy_time)),
         "policy_time_p99": float(np.percentile(rollout.policy_time, 99)),
         "realtime_factor": float(rollout.time[-1] / rollout.wall_time),
+        "remarks": _remarks(rollout.policy_status),
         "failure": rollout.failure,
     }
+
+
+def _remarks(status: np.ndarray) -> dict[str, float]:
+    """Share of the decisions in which the policy had each reason not to do what it wanted."""
+    reasons, counts = np.unique(status, return_counts=True)
+    return {str(r): float(c / len(status)) for r, c in zip(reasons, counts, strict=True) if r}
 
 
 def _metrics(kind: type, values: TrackingMetrics | StepMetrics | None) -> Row:
@@ -167,6 +174,17 @@ def _policy_label(row: Row) -> str:
     return f"{row['policy']} FAILED" if row["failure"] else row["policy"]
 
 
+def remarks(rows: list[Row]) -> list[str]:
+    """One sentence per episode in which the policy could not do what it wanted."""
+    out = []
+    for row in rows:
+        shares = [f"{reason} in {100 * s:.2g} %" for reason, s in row.get("remarks", {}).items()]
+        if shares:
+            name = " ".join(filter(None, (row["policy"], variation_label(row))))
+            out.append(f"{name}, of its decisions: {', '.join(shares)}.")
+    return out
+
+
 def failures(rows: list[Row]) -> list[str]:
     """One sentence per failed episode."""
     return [
@@ -180,7 +198,7 @@ def markdown(rows: list[Row], command: str) -> str:
     """The rows as Markdown, one table per task, the thesis' figures below ours."""
     parts = ["# Evaluation", f"Command: `{command}`"]
     for label, group in _by_task(rows):
-        parts += [f"## {label}", _markdown_table(group), *failures(group)]
+        parts += [f"## {label}", _markdown_table(group), *failures(group), *remarks(group)]
     parts.append("The thesis gives a steady-state error of 0.01 % as an upper bound.")
     return "\n\n".join(parts) + "\n"
 

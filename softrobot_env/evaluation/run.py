@@ -41,10 +41,12 @@ def run_episode(
     begin = perf_counter()
     moments = list(play(env, policy, seed, options))
     wall_time = perf_counter() - begin
+    decisions = [moment for moment in moments if moment.policy_time is not None]
     samples = [_sample(moment) for moment in moments if not moment.failed]
     return Rollout(
         **{name: np.array([s[name] for s in samples]) for name in samples[0]},
-        policy_time=np.array([m.policy_time for m in moments[1:]]),
+        policy_time=np.array([m.policy_time for m in decisions]),
+        policy_status=np.array([m.status or "" for m in decisions]),
         wall_time=wall_time,
         failure=moments[-1].info.get("failure"),
     )

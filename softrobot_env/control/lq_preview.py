@@ -1,0 +1,224 @@
+"""LQ tracking with reference preview, offset-free and, if wanted, adaptive in the stiffness.
+
+What it adds to the thesis' LQI: the coming reference enters the law; the equilibrium it deviates
+from moves with the reference; jumps are smoothed; and in place of the integral of the error, which
+overshoots, what the model leaves unexplained is estimated and compensated.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.beams import planar_arm
+from softrobot_env.beams.compilation import kernel
+from softrobot_env.beams.planar_arm import PlanarArm, make_planar_arm
+from softrobot_env.control import jumps
+from softrobot_env.control.base import Controller, hold_for, usable
+from softrobot_env.control.estimation import PRIOR, update_estimate
+from softrobot_env.control.operating_points import GainTable, interpolate, load_gains
+from softrobot_env.control.preview_gains import KNOTS
+from softrobot_env.control.remarks import (
+    FINE,
+    NOT_FINITE,
+    OUTSIDE,
+    SATURATED,
+    UNREACHABLE,
+    Memory,
+    finite,
+    kept,
+    limited,
+)
+from softrobot_env.control.statics import follow
+from softrobot_env.interfaces import Observation
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import RobotParams
+from softrobot_env.tendon_map import TendonMap
+
+#: [s] between decisions.
+PERIOD = 1e-3
+
+_REACH = 1e-4  # m, distance from the equilibrium to the reference that counts as out of reach
+_RELAXATION = 0.02  # of the way to the inputs of least norm, per decision
+_OFFSET_BANDWIDTH = 100.0  # 1/s, of the difference between measured and modelled tip
+
+
+class LQPreview(Controller):
+    """u = u_OP + mu u._OP - K(sigma) (x - x_OP) + sum_i G_i(sigma) (r_i - r_0 - t_i r.).
+
+    x_OP and u_OP hold the tip at the present reference r_0 and move with it at its velocity r.;
+    r_i is the reference at the time t_i ahead. The equilibrium takes into account the force d on
+    the curvatures and the offset of the tip that the nominal model leaves unexplained, and, if
+    `adaptive`, the stiffness; all three are estimated from the inputs really applied, so nothing
+    winds up at the tension limit.
+    """
+
+    requires = (
+        "curvature",
+        "curvature_rate",
+        "tip_position",
+        "reference",
+        "reference_preview",
+        "previous_action",
+    )
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        adaptive: bool = False,
+        gains: Path | None = None,
+    ) -> None:
+        """Load the gain table.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between calls, a part of 1 ms or 1 ms.
+            adaptive: Whether to estimate the stiffness.
+            gains: Gain table; the shipped one unless given.
+
+        Raises:
+            ValueError: Another control period, or a table of another robot.
+        """
+        self.hold = hold_for(PERIOD, control_period, "lq_preview")
+        self._arm = make_planar_arm(robot)
+        self._limit = TendonMap(robot).input_scale
+        self._adaptive = adaptive
+        self._times = np.array((0.0, *KNOTS))
+        path = models_dir() / "lq_preview.npz" if gains is None else gains
+        self._table, _ = load_gains(path, robot, "softrobot train lq_preview")
+
+    def start(self, observation: Observation) -> Memory:
+        """Begin from the inputs in force, with the nominal model.
+
+        Raises:
+            ValueError: The preview is not at the times this policy needs.
+        """
+        if observation["reference_preview"].size != 2 * len(KNOTS):
+            raise ValueError(f"lq_preview needs an environment with preview={KNOTS}")
+        n, m = self._arm.inputs.shape
+        values = np.zeros(3 * n + m + 5 + jumps.SIZE)
+        _, _, _, inputs, _, information, jump, _ = _split(values, n, m)
+        inputs[:] = usable(observation["previous_action"]) * self._limit
+        information[:] = PRIOR
+        jumps.begin_smoothing(observation["tip_position"], jump)
+        return Memory(values, FINE)
+
+    def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
+        """The control law."""
+        action, values, code = _act(
+            self._arm,
+            self._table,
+            self._limit,
+            self._times,
+            self._adaptive,
+            state.values,
+            observation["curvature"],
+            observation["curvature_rate"],
+            observation["tip_position"],
+            observation["reference"],
+            observation["reference_preview"],
+            observation["previous_action"],
+        )
+        return action, Memory(values, code)
+
+
+@kernel
+def _split(memory: np.ndarray, n: int, m: int) -> tuple:
+    """Views: curvature, rate, force, inputs, tip offset, information, jump and begun (1,)."""
+    k = 3 * n + m
+    return (
+        memory[:n],
+        memory[n : 2 * n],
+        memory[2 * n : 3 * n],
+        memory[3 * n : k],
+        memory[k : k + 2],
+        memory[k + 2 : k + 4],
+        memory[k + 5 :],
+        memory[k + 4 : k + 5],
+    )
+
+
+@kernel
+def _act(
+    arm: PlanarArm,
+    table: GainTable,
+    limit: np.ndarray,
+    times: np.ndarray,
+    adaptive: bool,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    target: np.ndarray,
+    preview: np.ndarray,
+    previous: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Action (n_inputs,), next memory and code."""
+    n, m = arm.inputs.shape
+    memory = memory.copy()
+    sound = finite(curvature) and finite(rate) and finite(tip) and finite(previous)
+    before, rate_before, force, inputs, offset, information, jump, begun = _split(memory, n, m)
+    if not (sound and finite(target) and finite(preview)):
+        begun[0] = 0.0  # the next balance of forces would span more than a period
+        return kept(previous), memory, NOT_FINITE
+    scale = 1.0
+    point, jacobian = np.empty(2), np.empty((2, n))
+    planar_arm.tip(arm, curvature, point, jacobian)
+    if begun[0]:
+        scale = update_estimate(
+            arm,
+            PERIOD,
+            before,
+            rate_before,
+            curvature,
+            rate,
+            previous * limit,
+            limit,
+            adaptive,
+            information,
+            force,
+        )
+        share = 1 - np.exp(-_OFFSET_BANDWIDTH * PERIOD)
+        for i in range(2):
+            offset[i] += share * (tip[i] - point[i] - offset[i])
+    else:
+        begun[0] = 1.0
+        for i in range(2):
+            offset[i] = tip[i] - point[i]
+    before[:], rate_before[:] = curvature, rate
+
+    points = np.empty((len(times), 2))
+    points[0] = target
+    points[1:] = preview.reshape(-1, 2)
+    jumps.smoothed(PERIOD, target, times, jump, points)
+    rest, inverse = np.empty(n), np.empty((m, 2))
+    gap = follow(arm, points[0] - offset, force, scale, _RELAXATION, limit, inputs, rest, inverse)
+    velocity = (points[1] - points[0]) / times[1]
+    inputs_rate = inverse @ velocity
+    rest_rate = arm.inputs @ inputs_rate / (scale * arm.stiffness)
+
+    knots = len(times) - 1
+    gains = np.empty(m * 2 * (n + knots))
+    inside = interpolate(table, curvature, gains)
+    law = gains.reshape(m, 2 * (n + knots))
+    wanted = inputs + arm.damping_time * inputs_rate
+    for j in range(m):
+        for i in range(n):
+            wanted[j] -= law[j, i] * (curvature[i] - rest[i])
+            wanted[j] -= law[j, n + i] * (rate[i] - rest_rate[i])
+        for k in range(knots):
+            for i in range(2):
+                ahead = points[k + 1, i] - points[0, i] - times[k + 1] * velocity[i]
+                wanted[j] += law[j, 2 * (n + k) + i] * ahead
+    action = np.empty(m)
+    if limited(wanted, limit, action):
+        return action, memory, SATURATED
+    if gap > _REACH:
+        return action, memory, UNREACHABLE
+    return action, memory, FINE if inside else OUTSIDE
+
+
+def environment() -> dict[str, Any]:
+    """Keyword arguments of the environment that the policy needs."""
+    return {"control_period": PERIOD, "preview": KNOTS}

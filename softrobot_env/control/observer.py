@@ -1,0 +1,128 @@
+"""Curvature rates from measured curvatures, by a Kalman filter on the arm's equations of motion."""
+
+from math import ceil
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from softrobot_env.beams.compilation import kernel
+from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces, make_planar_arm
+from softrobot_env.control.base import usable
+from softrobot_env.control.lqi import linear_model
+from softrobot_env.control.preview_gains import discretized
+from softrobot_env.robots import RobotParams
+from softrobot_env.tendon_map import TendonMap
+
+#: [s], longest step of the prediction.
+_STEP = 1e-3
+
+
+class RateObserver:
+    """Estimates curvatures, their rates and unexplained forces on them.
+
+    Predicts with the nonlinear model of the nominal arm (linearly implicit Euler, stable whatever
+    the stiffness), corrects with the stationary Kalman gain of the straight arm. The forces d are
+    a random walk, so that the estimates have no offset where the model is wrong.
+    """
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        curvature_noise: float = 1e-2,
+        force_walk: float = 1.0,
+    ) -> None:
+        """Compute the gain.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between two updates.
+            curvature_noise: [1/m], standard deviation of the measured curvatures.
+            force_walk: [1/s^0.5], growth of the deviation of d, over the full actuation.
+        """
+        self._arm = make_planar_arm(robot)
+        self._limit = TendonMap(robot).input_scale
+        self._period = control_period
+        walk = force_walk * np.max(self._arm.inputs @ self._limit)
+        self._gain = _stationary_gain(self._arm, control_period, curvature_noise, walk)
+
+    def start(self, curvature: np.ndarray) -> np.ndarray:
+        """Estimate (3, n) of curvature [1/m], rate [1/(m s)] and force [N m2], at rest."""
+        estimate = np.zeros((3, self._arm.n))
+        estimate[0] = usable(curvature)
+        return estimate
+
+    def update(self, estimate: np.ndarray, action: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+        """Next estimate (3, n).
+
+        Args:
+            estimate: (3, n), the one before.
+            action: (n_inputs,) [1], applied since then.
+            curvature: (n,) [1/m], measured now; where it is not finite it is predicted only.
+        """
+        steps = ceil(self._period / _STEP - 1e-9)
+        return _update(
+            self._arm,
+            self._period,
+            steps,
+            self._gain,
+            estimate,
+            usable(action) * self._limit,
+            curvature,
+        )
+
+
+def _stationary_gain(
+    arm: PlanarArm, period: float, curvature_noise: float, force_walk: float
+) -> np.ndarray:
+    """Kalman gain (3 n, n) for the straight arm with forces that walk."""
+    n = arm.n
+    a, _, _ = linear_model(arm, np.zeros(n))
+    mass = np.empty((n, n))
+    inertia_forces(arm, np.zeros(n), np.zeros(n), mass, np.empty(n))
+    force = np.vstack([np.zeros((n, n)), np.linalg.inv(mass)])
+    a, b = discretized(a, force, period)
+    a = np.block([[a, b], [np.zeros((n, 2 * n)), np.eye(n)]])
+    c = np.eye(n, 3 * n)
+    # Rounding needs some process noise on every state; this is far below the measured one.
+    process = np.diag(np.repeat([1e-4 * curvature_noise**2, 0.0, force_walk**2 * period], n))
+    noise = curvature_noise**2 * np.eye(n)
+    covariance = solve_discrete_are(a.T, c.T, process, noise)
+    return covariance @ c.T @ np.linalg.inv(c @ covariance @ c.T + noise)
+
+
+@kernel
+def _update(
+    arm: PlanarArm,
+    period: float,
+    steps: int,
+    gain: np.ndarray,
+    estimate: np.ndarray,
+    inputs: np.ndarray,
+    measured: np.ndarray,
+) -> np.ndarray:
+    n = arm.n
+    out = estimate.copy()
+    q, v, force = out[0], out[1], out[2]
+    mass, gyroscopic, right = np.empty((n, n)), np.empty(n), np.empty(n)
+    h = period / steps
+    for _ in range(steps):
+        inertia_forces(arm, q, v, mass, gyroscopic)
+        for i in range(n):
+            right[i] = h * (force[i] - gyroscopic[i] - arm.stiffness * q[i])
+            for j in range(len(inputs)):
+                right[i] += h * arm.inputs[i, j] * inputs[j]
+            for k in range(n):
+                right[i] += mass[i, k] * v[k]
+        for i in range(n):
+            mass[i, i] += h * (arm.damping_time + h) * arm.stiffness
+        v[:] = np.linalg.solve(mass, right)
+        q += h * v
+    error = measured - q
+    for k in range(n):
+        if np.isfinite(error[k]):
+            for i in range(n):
+                q[i] += gain[i, k] * error[k]
+                v[i] += gain[n + i, k] * error[k]
+                force[i] += gain[2 * n + i, k] * error[k]
+    return out
