@@ -28,11 +28,11 @@ lint: .venv/.setup-test
 	$(PYTHON) -m venv .venv
 
 .venv/.setup: .venv/bin/python pyproject.toml constraints.txt
-	$(PIP) install --quiet -c constraints.txt -e '.[viz]'
+	$(PIP) install --quiet -c constraints.txt -e '.[viz,mpc]'
 	touch $@
 
 .venv/.setup-test: .venv/.setup
-	$(PIP) install --quiet -c constraints.txt -e '.[viz,rl,test]'
+	$(PIP) install --quiet -c constraints.txt -e '.[viz,rl,mpc,test]'
 	touch $@
 
 clean:

@@ -10,6 +10,7 @@ COMMANDS = {
     "evaluate": "run policies on tasks; write report.json, report.md and plots",
     "render": "write a video of a policy on a task",
     "benchmark": "measure accuracy and speed",
+    "train": "make the trained artefacts that policies load",
     "inspect": "print what a scene contains and what it leaves out",
     "export": "write the MJCF of the registered scenes",
 }

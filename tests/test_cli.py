@@ -56,6 +56,7 @@ def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     vary = ["--vary", "youngs_modulus=0.5", "--vary", "density=2"]
     arguments = ["--tasks", "swing", "step", "--step-widths", "0.05", "--control-period", "0.1"]
+    arguments += ["--policies", "hold", "feedforward", "feedforward_pi"]
     main(["evaluate", *arguments, *vary, "--no-plots", "--out", str(tmp_path)])
     out = capsys.readouterr().out
     assert "\u2026" not in out

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
@@ -16,29 +16,36 @@ from numba.extending import overload
 _PACKAGE = __name__.split(".")[0]
 
 
+_HERE = Path(__file__).parent
+
+
 @cache
-def _stamp(folder: Path) -> tuple[str, int]:
-    """Digest and number of the sources in this folder and in another."""
-    digest, count = sha256(), 0
-    for place in dict.fromkeys((Path(__file__).parent, folder)):
-        for source in sorted(place.glob("*.py")):
+def _digest(places: tuple[Path, ...], pattern: str) -> str:
+    """Digest of the sources in some folders."""
+    digest = sha256()
+    for place in dict.fromkeys(places):
+        for source in sorted(place.glob(pattern)):
             digest.update(source.read_bytes())
-            count += 1
-    return digest.hexdigest(), count
+    return digest.hexdigest()
 
 
 class _KernelCache(FunctionCache):
     """Numba's cache, made safe for kernels that call each other and take foreign models.
 
-    Numba watches the file of the function alone: here every kernel is stamped with all sources
-    of this folder and of its own, so that an edit anywhere recompiles. And a kernel compiled for
-    a model that is defined elsewhere, in a script for instance, is not stored: nobody else could
-    read the index.
+    Numba watches the file of the function alone: here every kernel depends on all sources of this
+    folder and of its own, so that an edit anywhere recompiles. And a kernel compiled for a model
+    that is defined elsewhere, in a script for instance, is not stored: nobody else could read the
+    index.
     """
 
-    def __init__(self, function: Callable) -> None:
+    def __init__(self, function: Callable, everywhere: bool) -> None:
         super().__init__(function)
-        self._cache_file._source_stamp = _stamp(Path(function.__code__.co_filename).parent)
+        own = Path(function.__code__.co_filename).parent
+        digest = (
+            _digest((_HERE.parent,), "**/*.py") if everywhere else _digest((_HERE, own), "*.py")
+        )
+        # Numba compares the version before it unpickles the rest, whose classes may be gone.
+        self._cache_file._version = f"{self._cache_file._version} {digest}"
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel if all types of its arguments belong to this package."""
@@ -47,13 +54,18 @@ class _KernelCache(FunctionCache):
             super().save_overload(sig, data)
 
 
-def kernel(function: Callable) -> Any:
+def kernel(function: Callable, everywhere: bool = False) -> Any:
     """Compile a function on its first call for every new combination of argument types.
 
     Division by zero gives inf or nan, as in NumPy, so that a diverging state shows as one.
+
+    Args:
+        function: The function.
+        everywhere: Whether structures from anywhere in the package may be passed to it, so that
+            an edit of any of its sources recompiles it.
     """
     compiled = numba.njit(error_model="numpy", fastmath={"contract", "nsz"})(function)
-    compiled._cache = _KernelCache(function)
+    compiled._cache = _KernelCache(function, everywhere)
     return compiled
 
 
@@ -128,7 +140,7 @@ def _referred_implementation(value):
     return namespace["convert"]
 
 
-@kernel
+@partial(kernel, everywhere=True)
 def refer(data):
     """As `reference`, inside a kernel."""
     return _referred(data)

@@ -64,14 +64,20 @@ class Controller(ABC):
             ValueError: The observation lacks an observable in `requires`, or one has a size the
                 policy cannot use.
         """
-        first = observation.get(self.requires[0])
-        if first is None or first.ndim > 1:
-            self._check(observation)
-            return self._predict_stacked(observation, state, episode_start)
-        if state is None or (episode_start is not None and bool(episode_start)):
-            self._check(observation)
-            return self._decide(observation, self.start(observation))
+        if state is None or isinstance(state, list):
+            return self._begin(observation, state, episode_start)
+        if episode_start is not None and bool(episode_start):
+            return self._begin(observation, None, None)
         return self._go_on(observation, state)
+
+    def _begin(
+        self, observation: Observation, state: Any, episode_start: np.ndarray | None
+    ) -> tuple[np.ndarray, Any]:
+        """Start an episode, or serve several environments, whose states are a list."""
+        self._check(observation)
+        if observation[self.requires[0]].ndim > 1:
+            return self._predict_stacked(observation, state, episode_start)
+        return self._decide(observation, self.start(observation))
 
     def _check(self, observation: Observation) -> None:
         missing = [name for name in self.requires if name not in observation]
@@ -90,7 +96,7 @@ class Controller(ABC):
 
     def _decide(self, observation: Observation, inner: Any) -> tuple[np.ndarray, Any]:
         action, inner = self.act(observation, inner)
-        action = action.astype(np.float32)
+        action = action.astype(np.float32, copy=False)
         return action, inner if self.hold == 1 else Held(inner, action, self.hold - 1)
 
     def _predict_stacked(

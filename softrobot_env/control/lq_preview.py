@@ -86,7 +86,9 @@ class LQPreview(Controller):
         self._adaptive = adaptive
         self._times = np.array((0.0, *KNOTS))
         path = models_dir() / "lq_preview.npz" if gains is None else gains
-        self._table, _ = load_gains(path, robot, "softrobot train lq_preview")
+        n, m = self._arm.inputs.shape
+        count = 2 * m * (n + len(KNOTS))
+        self._table = load_gains(path, robot, "softrobot train lq_preview", count)
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the inputs in force, with the nominal model.
@@ -101,7 +103,9 @@ class LQPreview(Controller):
         _, _, _, inputs, _, information, jump, _ = _split(values, n, m)
         inputs[:] = usable(observation["previous_action"]) * self._limit
         information[:] = PRIOR
-        jumps.begin_smoothing(observation["tip_position"], jump)
+        tip = observation["tip_position"]
+        here = tip if np.isfinite(tip).all() else observation["reference"]
+        jumps.begin_smoothing(usable(here), jump)
         return Memory(values, FINE)
 
     def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:

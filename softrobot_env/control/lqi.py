@@ -69,7 +69,8 @@ class LQI(Controller):
         self._arm = make_planar_arm(robot)
         self._limit = TendonMap(robot).input_scale
         path = models_dir() / "lqi.npz" if gains is None else gains
-        self._table, _ = load_gains(path, robot, "softrobot train lqi")
+        n, m = self._arm.inputs.shape
+        self._table = load_gains(path, robot, "softrobot train lqi", m * (2 * n + 2))
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the inputs in force, without integrated error."""

@@ -30,7 +30,7 @@ class RateObserver:
         robot: RobotParams,
         control_period: float,
         curvature_noise: float = 1e-2,
-        force_walk: float = 1.0,
+        force_walk: float = 0.5,
     ) -> None:
         """Compute the gain.
 
@@ -38,7 +38,8 @@ class RateObserver:
             robot: Nominal robot.
             control_period: [s] between two updates.
             curvature_noise: [1/m], standard deviation of the measured curvatures.
-            force_walk: [1/s^0.5], growth of the deviation of d, over the full actuation.
+            force_walk: [1/s^0.5], growth of the deviation of d, over the full actuation. More
+                follows a wrong model faster and lets more noise through.
         """
         self._arm = make_planar_arm(robot)
         self._limit = TendonMap(robot).input_scale

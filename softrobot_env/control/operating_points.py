@@ -92,38 +92,39 @@ def identity(robot: RobotParams) -> np.ndarray:
     return np.array([*own, float(robot.pieces), *ends, *radii])
 
 
-def save_gains(path: Path, robot: RobotParams, gains: np.ndarray, **more: np.ndarray) -> None:
-    """Write gains in single precision, which is far finer than they need be."""
-    table = gains.astype(np.float32)
-    np.savez_compressed(path, gains=table, robot=identity(robot), **more)
+def save_gains(path: Path, robot: RobotParams, gains: np.ndarray) -> None:
+    """Write gains (n1, n2, n3, k), in single precision, which is far finer than they need be."""
+    np.savez_compressed(path, gains=gains.astype(np.float32), robot=identity(robot))
 
 
-def load_gains(path: Path, robot: RobotParams, command: str) -> tuple[GainTable, dict]:
+def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> GainTable:
     """Read what `save_gains` wrote.
 
     Args:
         path: File.
         robot: The robot it is wanted for.
         command: The command that makes the file, for the error message.
+        count: Number of gains per point that is wanted.
 
     Returns:
-        The table, as a reference for kernels, and the other arrays by name.
+        The table, as a reference for kernels.
 
     Raises:
-        ValueError: There is no such file, or it belongs to another robot.
+        ValueError: There is no such file, or it belongs to another robot or law.
     """
     if not path.exists():
         raise ValueError(f"{path} is missing; `{command}` makes it")
     with np.load(path) as data:
-        stored = dict(data)
-    wanted, found = identity(robot), stored.pop("robot")
+        found, gains = data["robot"], np.ascontiguousarray(data["gains"], dtype=np.float64)
+    wanted = identity(robot)
     if wanted.shape != found.shape or not np.allclose(wanted, found, rtol=1e-9):
-        raise ValueError(f"{path} holds gains of another robot than {robot.name!r}")
-    gains = np.ascontiguousarray(stored.pop("gains"), dtype=np.float64)
+        raise ValueError(f"{path} holds gains of another robot than this {robot.name!r}")
+    if gains.shape != (*(size for size, _ in GRID), count):
+        raise ValueError(f"{path} does not fit this version; `{command}` makes it anew")
     points = axes()
     low = np.array([axis[0] for axis in points])
     spacing = np.array([axis[1] - axis[0] for axis in points])
-    return reference(GainTable(low, spacing, gains)), stored
+    return reference(GainTable(low, spacing, gains))
 
 
 @kernel

@@ -7,7 +7,10 @@ from softrobot_env.beams.planar_arm import PlanarArm, tip
 
 #: Squared damping [m2/N2] of the inverse: J loses rank in the straight pose.
 _DAMPING = 1e-8
+#: Growth [1/N2] of the damping with the squared distance from the target, where J changes a lot.
+_DAMPING_BY_GAP = 1e-2
 _ITERATIONS = 5
+_HALVINGS = 3  # of a step that leads away from the target
 _TOLERANCE = 1e-7  # m
 
 
@@ -33,32 +36,51 @@ def equilibrium(
 
 @kernel
 def inverse_jacobian(
-    arm: PlanarArm, jacobian: np.ndarray, scale: float, out: np.ndarray, null: np.ndarray
+    by_inputs: np.ndarray, free: np.ndarray, damping: float, out: np.ndarray, null: np.ndarray
 ) -> None:
-    """Set J+ and the projector on the null space of the static tip Jacobian J by the inputs.
+    """Set the damped pseudo-inverse of J and the projector on its null space.
 
     Args:
-        arm: The arm.
-        jacobian: (2, n) [m2], derivative of the tip by the curvatures.
-        scale: Factor [1] on the arm's stiffness.
-        out: (n_inputs, 2) [N/m], set to the damped pseudo-inverse.
+        by_inputs: J (2, n_inputs) [m/N], derivative of the tip by the inputs.
+        free: (n_inputs,), 1 for inputs that may move, else 0.
+        damping: [m2/N2].
+        out: (n_inputs, 2) [N/m], set.
         null: (n_inputs, n_inputs), set.
     """
-    m = arm.inputs.shape[1]
-    by_inputs = jacobian @ arm.inputs / (scale * arm.stiffness)
-    a, b, d = _DAMPING, 0.0, _DAMPING
+    m = by_inputs.shape[1]
+    a, b, d = damping, 0.0, damping
     for j in range(m):
-        a += by_inputs[0, j] ** 2
-        b += by_inputs[0, j] * by_inputs[1, j]
-        d += by_inputs[1, j] ** 2
+        a += free[j] * by_inputs[0, j] ** 2
+        b += free[j] * by_inputs[0, j] * by_inputs[1, j]
+        d += free[j] * by_inputs[1, j] ** 2
     size = a * d - b * b
     for j in range(m):
-        x, z = by_inputs[0, j], by_inputs[1, j]
+        x, z = free[j] * by_inputs[0, j], free[j] * by_inputs[1, j]
         out[j, 0], out[j, 1] = (d * x - b * z) / size, (a * z - b * x) / size
     for j in range(m):
         for k in range(m):
             null[j, k] = -out[j, 0] * by_inputs[0, k] - out[j, 1] * by_inputs[1, k]
-        null[j, j] += 1
+            null[j, k] *= free[k]
+        null[j, j] += free[j]
+
+
+@kernel
+def _gap(
+    arm: PlanarArm,
+    inputs: np.ndarray,
+    target: np.ndarray,
+    force: np.ndarray,
+    scale: float,
+    curvature: np.ndarray,
+    jacobian: np.ndarray,
+    way: np.ndarray,
+) -> float:
+    """Distance [m] from the equilibrium's tip to a target; sets the last three arguments."""
+    equilibrium(arm, inputs, force, scale, curvature)
+    tip(arm, curvature, way, jacobian)
+    for i in range(2):
+        way[i] = target[i] - way[i]
+    return np.hypot(way[0], way[1])
 
 
 @kernel
@@ -73,10 +95,11 @@ def follow(
     curvature: np.ndarray,
     inverse: np.ndarray,
 ) -> float:
-    """Move inputs on to those that hold the tip at a target, by Newton's method.
+    """Move inputs on to those that hold the tip at a target, or nearest to it within the limits.
 
-    The redundancy is resolved step by step: the inputs move straight to the target, and relax
-    towards those of least norm that hold it.
+    Gauss-Newton with the inputs at their limits set aside. The redundancy is resolved step by
+    step: the inputs move straight to the target, and relax towards those of least norm that hold
+    it.
 
     Args:
         arm: The arm.
@@ -93,19 +116,28 @@ def follow(
         Distance [m] from the target that is left.
     """
     m = len(inputs)
-    point, jacobian, null = np.empty(2), np.empty((2, arm.n)), np.empty((m, m))
-    gap = np.inf
+    jacobian, way, null, free = np.empty((2, arm.n)), np.empty(2), np.empty((m, m)), np.ones(m)
+    gap = _gap(arm, inputs, target, force, scale, curvature, jacobian, way)
+    before, trial = inputs.copy(), np.empty(m)
     for iteration in range(_ITERATIONS):
-        equilibrium(arm, inputs, force, scale, curvature)
-        tip(arm, curvature, point, jacobian)
-        inverse_jacobian(arm, jacobian, scale, inverse, null)
-        to_x, to_z = target[0] - point[0], target[1] - point[1]
-        gap = np.hypot(to_x, to_z)
-        if gap < _TOLERANCE and iteration:
-            break
-        step = inverse[:, 0] * to_x + inverse[:, 1] * to_z
-        if iteration == 0:
-            step = step - relaxation * (null @ inputs)
+        by_inputs = jacobian @ arm.inputs / (scale * arm.stiffness)
         for j in range(m):
-            inputs[j] = min(max(inputs[j] + step[j], -limit[j]), limit[j])
+            pull = by_inputs[0, j] * way[0] + by_inputs[1, j] * way[1]
+            outward = pull if inputs[j] > 0 else -pull
+            free[j] = 0.0 if abs(inputs[j]) >= limit[j] and outward > 0 else 1.0
+        inverse_jacobian(by_inputs, free, _DAMPING + _DAMPING_BY_GAP * gap**2, inverse, null)
+        if iteration and gap < _TOLERANCE:
+            break
+        step = inverse[:, 0] * way[0] + inverse[:, 1] * way[1]
+        if iteration == 0:
+            step -= relaxation * (null @ inputs)
+        before[:] = inputs
+        for _ in range(_HALVINGS):
+            for j in range(m):
+                trial[j] = min(max(before[j] + step[j], -limit[j]), limit[j])
+            reached = _gap(arm, trial, target, force, scale, curvature, jacobian, way)
+            if reached <= max(gap, _TOLERANCE):
+                break
+            step *= 0.5
+        inputs[:], gap = trial, reached
     return gap

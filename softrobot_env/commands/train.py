@@ -1,0 +1,157 @@
+"""`softrobot train`: make the trained artefacts that policies load."""
+
+import argparse
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from softrobot_env.commands.arguments import add_out
+
+if TYPE_CHECKING:
+    import numpy as np
+
+EXAMPLE = "softrobot train qs_nn --seed 0"
+
+#: Told the description of what is done, how much of it is done, and how much there is.
+Show = Callable[[str, int, int], None]
+
+#: What a training found, as pairs of a quantity and its value with unit.
+Figures = list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Trainer:
+    """How to make an artefact.
+
+    Attributes:
+        file: Name of the file written.
+        run: Train by seed, write the file and return the figures.
+    """
+
+    file: str
+    run: Callable[[int, Path, Show], Figures]
+
+
+def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
+    """Network of the quasi-static controller for the arm (thesis sec. 6.3)."""
+    import numpy as np
+
+    from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
+    from softrobot_env.learned import quasi_static
+    from softrobot_env.robots import ARM
+
+    statics = ConstantCurvatureStatics(ARM)
+    # Independent streams, so that the validation data are not those of another seed.
+    drawn, start, fresh = (np.random.default_rng(s) for s in np.random.SeedSequence(seed).spawn(3))
+    how = quasi_static.Sampling()
+    samples = quasi_static.sample(statics.tip, statics.n_inputs, how, drawn)
+
+    def report(done: int, total: int, error: float) -> None:
+        show(f"squared error {error:.4g}", done, total)
+
+    fit = quasi_static.fit_inverse(samples, start, progress=report)
+    validation = quasi_static.sample(statics.tip, statics.n_inputs, how, fresh)
+    about = quasi_static.describe(ARM)
+    about |= {"workspace": quasi_static.workspace(samples.reached), "seed": np.array(seed)}
+    fit.network.save(path, about)
+    return [
+        ("rms error, training data", f"{quasi_static.rms(fit.network, samples):.4f} N"),
+        ("rms error, fresh data", f"{quasi_static.rms(fit.network, validation):.4f} N"),
+        ("parameters", str(len(fit.network.parameters))),
+        ("effective parameters", f"{fit.effective_parameters:.1f}"),
+        ("alpha, beta", f"{fit.alpha:.4g}, {fit.beta:.4g}"),
+        ("steps", f"{fit.iterations}{' (converged)' if fit.converged else ''}"),
+    ]
+
+
+def _train_lqi(seed: int, path: Path, show: Show) -> Figures:
+    """Gain table of the LQI controller for the arm (thesis sec. 6.4); nothing in it is random."""
+    from softrobot_env.beams.planar_arm import make_planar_arm
+    from softrobot_env.control import lqi
+    from softrobot_env.control.operating_points import build_gains, save_gains
+    from softrobot_env.robots import ARM
+
+    arm = make_planar_arm(ARM)
+    gains = build_gains(ARM, lambda bend: lqi.design(arm, bend), _points(show))
+    save_gains(path, ARM, gains)
+    return _table_figures(gains)
+
+
+def _train_lq_preview(seed: int, path: Path, show: Show) -> Figures:
+    """Gain table of LQ tracking with preview for the arm; nothing in it is random."""
+    from softrobot_env.beams.planar_arm import make_planar_arm
+    from softrobot_env.control import preview_gains
+    from softrobot_env.control.lq_preview import PERIOD
+    from softrobot_env.control.operating_points import build_gains, save_gains
+    from softrobot_env.robots import ARM
+
+    arm, weights = make_planar_arm(ARM), preview_gains.Weights()
+
+    def design(bend: "np.ndarray") -> "np.ndarray":
+        return preview_gains.preview_design(arm, bend, PERIOD, weights)
+
+    gains = build_gains(ARM, design, _points(show))
+    save_gains(path, ARM, gains)
+    return _table_figures(gains)
+
+
+def _points(show: Show) -> Callable[[int, int], None]:
+    return lambda done, total: show("operating points", done, total)
+
+
+def _table_figures(gains: "np.ndarray") -> Figures:
+    return [
+        ("operating points", " x ".join(str(count) for count in gains.shape[:3])),
+        ("gains per point", str(gains.shape[3])),
+    ]
+
+
+#: Artefact (the name of its policy) -> how to make it.
+TRAINERS = {
+    "qs_nn": Trainer("qs_nn.npz", _train_qs_nn),
+    "lqi": Trainer("lqi.npz", _train_lqi),
+    "lq_preview": Trainer("lq_preview.npz", _train_lq_preview),
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("what", choices=list(TRAINERS))
+    parser.add_argument("--seed", type=_seed, default=0, help="of the randomness; default: 0")
+    add_out(parser, "models")
+
+
+def _seed(text: str) -> int:
+    """A whole number, zero or more."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of zero or more")
+    return int(text)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    console = Console()
+    args.out.mkdir(parents=True, exist_ok=True)
+    trainer = TRAINERS[args.what]
+    path = args.out / trainer.file
+    began = perf_counter()
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task(args.what, total=None)
+
+        def show(description: str, done: int, total: int) -> None:
+            text = f"{args.what}: {description}"
+            progress.update(bar, description=text, completed=done, total=total)
+
+        figures = trainer.run(args.seed, path, show)
+    table = Table("quantity", "value", title=f"{args.what}, seed {args.seed}")
+    for name, value in [*figures, ("time", f"{perf_counter() - began:.1f} s")]:
+        table.add_row(name, value)
+    console.print(table)
+    console.print(f"Wrote {path}")
+    return 0

@@ -1,0 +1,1 @@
+"""Learned functions: networks, their training and the data they are trained on."""

@@ -1,0 +1,170 @@
+"""Feed-forward network with tanh neurons, a linear output layer and scaled inputs and outputs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+_ABOUT = "about_"
+
+
+@dataclass(frozen=True)
+class Scaling:
+    """Affine map of the range [low, high] of each quantity to [-1, 1], and back.
+
+    Attributes:
+        low, high: (n,), in the unit of the quantity.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+
+    def __post_init__(self) -> None:
+        if np.shape(self.low) != np.shape(self.high) or not np.all(self.low < self.high):
+            raise ValueError("scaling needs low < high in every entry, and as many of both")
+
+    @classmethod
+    def of(cls, data: np.ndarray) -> "Scaling":
+        """The range of data (k, n)."""
+        return cls(data.min(axis=0), data.max(axis=0))
+
+    @property
+    def centre(self) -> np.ndarray:
+        """(n,), what is mapped to zero."""
+        return (self.high + self.low) / 2
+
+    @property
+    def half(self) -> np.ndarray:
+        """(n,), half the width of the range."""
+        return (self.high - self.low) / 2
+
+    def scale(self, values: np.ndarray) -> np.ndarray:
+        """(..., n) [1] of values (..., n)."""
+        return (values - self.centre) / self.half
+
+    def restore(self, scaled: np.ndarray) -> np.ndarray:
+        """(..., n) values of (..., n) [1]."""
+        return scaled * self.half + self.centre
+
+
+@dataclass(frozen=True)
+class Network:
+    """Layers y = tanh(W x + b), the last one without tanh, between scaled inputs and outputs.
+
+    Attributes:
+        weights: (n_neurons, n_previous) of each layer.
+        biases: (n_neurons,) of each layer.
+        inputs, outputs: Scaling of the inputs (n_in,) and outputs (n_out,).
+    """
+
+    weights: tuple[np.ndarray, ...]
+    biases: tuple[np.ndarray, ...]
+    inputs: Scaling
+    outputs: Scaling
+
+    def __post_init__(self) -> None:
+        sizes = [len(self.inputs.low), *(len(b) for b in self.biases)]
+        shapes = [w.shape for w in self.weights]
+        if shapes != list(zip(sizes[1:], sizes, strict=False)) or sizes[-1] != len(
+            self.outputs.low
+        ):
+            raise ValueError(
+                f"layers do not fit together: weights {shapes}, neurons {sizes}, "
+                f"{len(self.outputs.low)} outputs"
+            )
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of inputs, of neurons in every hidden layer, and of outputs."""
+        return (len(self.inputs.low), *(len(b) for b in self.biases))
+
+    def __call__(self, inputs: np.ndarray) -> np.ndarray:
+        """Outputs (k, n_out) for inputs (k, n_in)."""
+        return self.outputs.restore(self.activations(self.inputs.scale(inputs))[-1])
+
+    def activations(self, scaled: np.ndarray) -> list[np.ndarray]:
+        """Scaled inputs (k, n_in), what every hidden layer gives, and the scaled outputs."""
+        values = [scaled]
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            values.append(np.tanh(values[-1] @ weight.T + bias))
+        values.append(values[-1] @ self.weights[-1].T + self.biases[-1])
+        return values
+
+    def jacobian(self, scaled: np.ndarray) -> np.ndarray:
+        """Derivative (k, n_out, n_parameters) of scaled outputs at scaled inputs (k, n_in)."""
+        values = self.activations(scaled)
+        outputs = len(self.biases[-1])
+        # Derivative of the outputs with respect to what enters the layer's neurons.
+        slope = np.broadcast_to(np.eye(outputs), (len(scaled), outputs, outputs))
+        blocks = []
+        for layer in reversed(range(len(self.weights))):
+            below = values[layer]
+            by_weight = slope[..., None] * below[:, None, None, :]
+            blocks += [slope, by_weight.reshape(len(scaled), outputs, -1)]
+            slope = (slope @ self.weights[layer]) * (1 - below**2)[:, None, :]
+        return np.concatenate(blocks[::-1], axis=2)
+
+    @property
+    def parameters(self) -> np.ndarray:
+        """(n_parameters,): of each layer its weights by rows, then its biases."""
+        pairs = zip(self.weights, self.biases, strict=True)
+        return np.concatenate([part.ravel() for pair in pairs for part in pair])
+
+    def with_parameters(self, parameters: np.ndarray) -> "Network":
+        """The network with other weights and biases, ordered as `parameters`."""
+        weights, biases, at = [], [], 0
+        for weight, bias in zip(self.weights, self.biases, strict=True):
+            middle, end = at + weight.size, at + weight.size + bias.size
+            weights.append(parameters[at:middle].reshape(weight.shape))
+            biases.append(parameters[middle:end])
+            at = end
+        return replace(self, weights=tuple(weights), biases=tuple(biases))
+
+    def save(self, path: str | Path, about: Mapping[str, object]) -> None:
+        """Write an npz file, with numbers, texts and arrays `about` what it was trained for."""
+        values = {f"{_ABOUT}{name}": np.asarray(value) for name, value in about.items()}
+        for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            values |= {f"weight_{k}": weight, f"bias_{k}": bias}
+        for name, scaling in (("input", self.inputs), ("output", self.outputs)):
+            values |= {f"{name}_low": scaling.low, f"{name}_high": scaling.high}
+        with Path(path).open("wb") as file:  # given a name, NumPy would append to it
+            np.savez(file, allow_pickle=False, **values)
+
+    @classmethod
+    def load(cls, path: str | Path) -> tuple["Network", dict[str, np.ndarray]]:
+        """Read what `save` wrote: the network, and the arrays `about` it."""
+        with np.load(path, allow_pickle=False) as data:
+            values = dict(data)
+        layers = range(sum(name.startswith("weight_") for name in values))
+        network = cls(
+            tuple(values[f"weight_{k}"] for k in layers),
+            tuple(values[f"bias_{k}"] for k in layers),
+            Scaling(values["input_low"], values["input_high"]),
+            Scaling(values["output_low"], values["output_high"]),
+        )
+        about = {n.removeprefix(_ABOUT): v for n, v in values.items() if n.startswith(_ABOUT)}
+        return network, about
+
+
+def initial_network(
+    hidden: Sequence[int], inputs: Scaling, outputs: Scaling, rng: np.random.Generator
+) -> Network:
+    """A network before training, its tanh neurons spread over the inputs (Nguyen and Widrow 1990).
+
+    Args:
+        hidden: Neurons of each hidden layer; none makes the network affine.
+        inputs, outputs: Scaling of the inputs and outputs.
+        rng: Source of randomness.
+    """
+    sizes = [len(inputs.low), *hidden, len(outputs.low)]
+    weights, biases = [], []
+    for below, here in pairwise(sizes[:-1]):
+        direction = rng.uniform(-1, 1, (here, below))
+        reach = 0.7 * here ** (1 / below)
+        weights.append(reach * direction / np.linalg.norm(direction, axis=1, keepdims=True))
+        biases.append(reach * np.linspace(-1, 1, here) * np.sign(weights[-1][:, 0]))
+    weights.append(rng.uniform(-0.5, 0.5, (sizes[-1], sizes[-2])))
+    biases.append(rng.uniform(-0.5, 0.5, sizes[-1]))
+    return Network(tuple(weights), tuple(biases), inputs, outputs)
