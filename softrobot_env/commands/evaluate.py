@@ -22,7 +22,7 @@ from softrobot_env.commands.arguments import (
 from softrobot_env.control.registry import POLICIES, make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import report
-from softrobot_env.evaluation.run import run_episode
+from softrobot_env.evaluation.run import run_episode, warm_up
 from softrobot_env.rollout import Rollout
 from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, make_task
 
@@ -162,6 +162,7 @@ def _run_case(env: TrackingEnv, case: Case, args: argparse.Namespace) -> Outcome
     options: dict[str, object] = {"vary": case.variation}
     if case.task.step_width is not None:
         options |= {"step_width": case.task.step_width, "duration": STEP_DURATION}
+    warm_up(env, policy)
     rollout = run_episode(env, policy, seed=0, options=options)
     row = report.make_row(rollout, case.task, case.policy, args.plant, case.variation)
     row["feedback"] = args.feedback

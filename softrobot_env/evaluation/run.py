@@ -52,6 +52,12 @@ def run_episode(
     )
 
 
+def warm_up(env: "gymnasium.Env", policy: Policy) -> None:
+    """Run one step, so that no policy time includes what happens on a first call only."""
+    for _ in play(env, policy, options={"duration": env.unwrapped.control_period}):
+        pass
+
+
 def _sample(moment: Moment) -> dict[str, Any]:
     observation, info = moment.observation, moment.info
     return {

@@ -15,8 +15,19 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: Okabe and Ito's palette: readable with colour-blindness and in print.
-_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+#: Okabe and Ito's palette, readable with colour-blindness and in print, without the black of the
+#: reference and with three more.
+_COLOURS = (
+    "#7F7F7F",
+    "#0072B2",
+    "#D55E00",
+    "#009E73",
+    "#CC79A7",
+    "#E69F00",
+    "#56B4E9",
+    "#6A3D9A",
+    "#8C510A",
+)
 
 #: Lower end [mm] of the error axis.
 _SMALLEST_ERROR = 1e-2
@@ -80,6 +91,13 @@ def _cycle(colours: tuple[str, ...], count: int) -> list[str]:
     return [colours[i % len(colours)] for i in range(count)]
 
 
+def _add_legend(figure: "Figure", axis: "Axes") -> None:
+    """One legend for all axes, below them."""
+    handles, labels = axis.get_legend_handles_labels()
+    columns = min(4, len(labels))
+    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize="small")
+
+
 def _shown(rollout: Rollout, task: Task) -> slice:
     """Samples to show over time."""
     if task.step_width is None:
@@ -89,11 +107,15 @@ def _shown(rollout: Rollout, task: Task) -> slice:
 
 def _plot_tip(rollouts: dict[str, Rollout], task: Task) -> "Figure":
     figure, axes = _figure(3, 1, (7.0, 7.0))
-    longest = max(rollouts.values(), key=lambda r: len(r.time))
+    longest = max(rollouts.values(), key=lambda r: r.time[-1])
     shown = _shown(longest, task)
     for axis, index in zip(axes, (0, 2), strict=False):
         axis.plot(
-            longest.time[shown], 1e3 * longest.reference[shown, index], "k--", label="reference"
+            longest.time[shown],
+            1e3 * longest.reference[shown, index],
+            "k--",
+            zorder=3,
+            label="reference",
         )
     for label, rollout, colour in _styles(rollouts):
         shown = _shown(rollout, task)
@@ -105,7 +127,7 @@ def _plot_tip(rollouts: dict[str, Rollout], task: Task) -> "Figure":
     axes[-1].set_yscale("log")
     axes[-1].set_ylim(bottom=_SMALLEST_ERROR)
     axes[-1].set_xlabel("time in s")
-    axes[0].legend(fontsize="small")
+    _add_legend(figure, axes[0])
     figure.suptitle(task.label)
     return figure
 
@@ -122,7 +144,7 @@ def _plot_inputs(rollouts: dict[str, Rollout], task: Task) -> "Figure":
     for number, axis in enumerate(axes, 1):
         axis.set_ylabel(f"pair {number} in N")
     axes[-1].set_xlabel("time in s")
-    axes[0].legend(fontsize="small")
+    _add_legend(figure, axes[0])
     figure.suptitle(f"{task.label}: tendon tension (positive: upper tendon)")
     return figure
 
@@ -137,11 +159,11 @@ def _plot_shapes(rollouts: dict[str, Rollout], task: Task) -> "Figure":
         axis.plot(tip[:, 0], tip[:, 2], color=colour, linewidth=0.8, alpha=0.7)
         shape = 1e3 * centerline(task.robot, rollout.curvature[-1])
         # Later lines are thinner, so that equal shapes show beneath one another.
-        width = 2 + 1.8 * (len(styles) - 1 - order)
+        width = 2 + min(1.8, 9 / len(styles)) * (len(styles) - 1 - order)
         axis.plot(shape[:, 0], shape[:, 2], color=colour, linewidth=width, label=label)
     axis.set_aspect("equal")
     axis.set_xlabel("x in mm")
     axis.set_ylabel("z in mm")
-    axis.legend(fontsize="small")
+    _add_legend(figure, axis)
     figure.suptitle(f"{task.label}: path of the tip and final shape")
     return figure
