@@ -74,7 +74,17 @@ def test_tracking_metrics():
     tip = np.stack([error, np.zeros(4), np.zeros(4)], axis=1)
     zeros = np.zeros((4, 3))
     rollout = Rollout(
-        np.arange(4.0), zeros, tip, zeros, zeros, zeros, zeros, np.zeros(4), np.zeros(3), 1.0
+        time=np.arange(4.0),
+        reference=zeros,
+        tip=tip,
+        action=zeros,
+        tendon_tension=zeros,
+        tendon_length=zeros,
+        curvature=zeros,
+        reward=np.zeros(4),
+        policy_time=np.zeros(3),
+        policy_status=np.full(3, ""),
+        wall_time=1.0,
     )
     metrics = tracking_metrics(rollout)
     assert metrics.e_mean == pytest.approx(2e-3)

@@ -1,4 +1,4 @@
-"""`softrobot benchmark`: accuracy against cost, speed, stability, and the thesis' figures."""
+"""`softrobot benchmark`: models against cost, controllers, speed, stability, thesis' figures."""
 
 import argparse
 from collections.abc import Callable
@@ -17,7 +17,10 @@ EXAMPLE = "softrobot benchmark speed --quick"
 _WIDTH = 110  # characters of a report
 
 #: What can be measured.
-BENCHMARKS = ("accuracy", "speed", "stability", "thesis")
+BENCHMARKS = ("accuracy", "controllers", "speed", "stability", "thesis")
+
+#: Entry of a row with arrays for the pictures; reports go without.
+_TRACE = "trace"
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,10 @@ def _load(what: str) -> Benchmark:
         from softrobot_env.benchmarks import accuracy, accuracy_plots, accuracy_tables
 
         return Benchmark(accuracy.run, accuracy_tables.tables, accuracy_plots.plot)
+    if what == "controllers":
+        from softrobot_env.benchmarks import controllers, controllers_plots, controllers_tables
+
+        return Benchmark(controllers.run, controllers_tables.tables, controllers_plots.plot)
     if what == "stability":
         from softrobot_env.benchmarks import stability, stability_plots, stability_tables
 
@@ -73,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
             progress.update(bar, description=description, completed=done, total=total)
 
         rows = benchmark.run(args.quick, show)
-    write_json(out / "report.json", rows, args.command_line)
+    write_json(out / "report.json", [_written(row) for row in rows], args.command_line)
     tables = benchmark.tables(rows)
     console.print(tables)
     (out / "report.md").write_text(_markdown(args.what, tables, args.command_line), "utf-8")
@@ -81,6 +88,11 @@ def run(args: argparse.Namespace) -> int:
         benchmark.plot(rows, out / f"{args.what}.png")
     console.print(f"Wrote {', '.join(sorted(path.name for path in out.iterdir()))} to {out}")
     return 0
+
+
+def _written(row: dict) -> dict:
+    """A row as a report has it."""
+    return {name: value for name, value in row.items() if name != _TRACE}
 
 
 def _markdown(what: str, tables: Group, command: str) -> str:

@@ -6,12 +6,12 @@ overshoots, what the model leaves unexplained is estimated and compensated.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from softrobot_env.beams import planar_arm
-from softrobot_env.beams.compilation import kernel
+from softrobot_env.beams.compilation import kernel, reference, structure
 from softrobot_env.beams.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.control import jumps
 from softrobot_env.control.base import Controller, hold_for, usable
@@ -41,6 +41,17 @@ PERIOD = 1e-3
 _REACH = 1e-4  # m, distance from the equilibrium to the reference that counts as out of reach
 _RELAXATION = 0.02  # of the way to the inputs of least norm, per decision
 _OFFSET_BANDWIDTH = 100.0  # 1/s, of the difference between measured and modelled tip
+
+
+@structure
+class _Law(NamedTuple):
+    """What the kernel needs of a robot; one argument is faster to pass than five."""
+
+    arm: PlanarArm
+    table: GainTable
+    limit: np.ndarray
+    times: np.ndarray
+    adaptive: bool
 
 
 class LQPreview(Controller):
@@ -81,14 +92,13 @@ class LQPreview(Controller):
             ValueError: Another control period, or a table of another robot.
         """
         self.hold = hold_for(PERIOD, control_period, "lq_preview")
-        self._arm = make_planar_arm(robot)
-        self._limit = TendonMap(robot).input_scale
-        self._adaptive = adaptive
-        self._times = np.array((0.0, *KNOTS))
+        arm = make_planar_arm(robot)
         path = models_dir() / "lq_preview.npz" if gains is None else gains
-        n, m = self._arm.inputs.shape
+        n, m = arm.inputs.shape
         count = 2 * m * (n + len(KNOTS))
-        self._table = load_gains(path, robot, "softrobot train lq_preview", count)
+        table = load_gains(path, robot, "softrobot train lq_preview", count)
+        limit, times = TendonMap(robot).input_scale, np.array((0.0, *KNOTS))
+        self._law = reference(_Law(arm, table, limit, times, adaptive))
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the inputs in force, with the nominal model.
@@ -98,10 +108,10 @@ class LQPreview(Controller):
         """
         if observation["reference_preview"].size != 2 * len(KNOTS):
             raise ValueError(f"lq_preview needs an environment with preview={KNOTS}")
-        n, m = self._arm.inputs.shape
+        n, m = self._law.arm.inputs.shape
         values = np.zeros(3 * n + m + 5 + jumps.SIZE)
         _, _, _, inputs, _, information, jump, _ = _split(values, n, m)
-        inputs[:] = usable(observation["previous_action"]) * self._limit
+        inputs[:] = usable(observation["previous_action"]) * self._law.limit
         information[:] = PRIOR
         tip = observation["tip_position"]
         here = tip if np.isfinite(tip).all() else observation["reference"]
@@ -111,11 +121,7 @@ class LQPreview(Controller):
     def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
         """The control law."""
         action, values, code = _act(
-            self._arm,
-            self._table,
-            self._limit,
-            self._times,
-            self._adaptive,
+            self._law,
             state.values,
             observation["curvature"],
             observation["curvature_rate"],
@@ -145,11 +151,7 @@ def _split(memory: np.ndarray, n: int, m: int) -> tuple:
 
 @kernel
 def _act(
-    arm: PlanarArm,
-    table: GainTable,
-    limit: np.ndarray,
-    times: np.ndarray,
-    adaptive: bool,
+    law: _Law,
     memory: np.ndarray,
     curvature: np.ndarray,
     rate: np.ndarray,
@@ -159,6 +161,7 @@ def _act(
     previous: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (n_inputs,), next memory and code."""
+    arm, table, limit, times = law.arm, law.table, law.limit, law.times
     n, m = arm.inputs.shape
     memory = memory.copy()
     sound = finite(curvature) and finite(rate) and finite(tip) and finite(previous)
@@ -179,7 +182,7 @@ def _act(
             rate,
             previous * limit,
             limit,
-            adaptive,
+            law.adaptive,
             information,
             force,
         )
@@ -205,16 +208,16 @@ def _act(
     knots = len(times) - 1
     gains = np.empty(m * 2 * (n + knots))
     inside = interpolate(table, curvature, gains)
-    law = gains.reshape(m, 2 * (n + knots))
+    gain = gains.reshape(m, 2 * (n + knots))
     wanted = inputs + arm.damping_time * inputs_rate
     for j in range(m):
         for i in range(n):
-            wanted[j] -= law[j, i] * (curvature[i] - rest[i])
-            wanted[j] -= law[j, n + i] * (rate[i] - rest_rate[i])
+            wanted[j] -= gain[j, i] * (curvature[i] - rest[i])
+            wanted[j] -= gain[j, n + i] * (rate[i] - rest_rate[i])
         for k in range(knots):
             for i in range(2):
                 ahead = points[k + 1, i] - points[0, i] - times[k + 1] * velocity[i]
-                wanted[j] += law[j, 2 * (n + k) + i] * ahead
+                wanted[j] += gain[j, 2 * (n + k) + i] * ahead
     action = np.empty(m)
     if limited(wanted, limit, action):
         return action, memory, SATURATED

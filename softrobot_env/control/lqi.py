@@ -1,12 +1,13 @@
 """LQI control with gain scheduling (thesis sec. 6.4, with the audit's corrections)."""
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from softrobot_env.beams import planar_arm
-from softrobot_env.beams.compilation import kernel
+from softrobot_env.beams.compilation import kernel, reference, structure
 from softrobot_env.beams.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.control.base import Controller, hold_for, usable
 from softrobot_env.control.operating_points import GainTable, interpolate, load_gains
@@ -40,6 +41,15 @@ _REACH = 1e-4  # m, distance from the equilibrium to the reference that counts a
 _RELAXATION = 0.02  # of the way to the inputs of least norm, per decision
 
 
+@structure
+class _Law(NamedTuple):
+    """What the kernel needs of a robot; one argument is faster to pass than three."""
+
+    arm: PlanarArm
+    table: GainTable
+    limit: np.ndarray
+
+
 class LQI(Controller):
     """u = -K(sigma) (x - x_OP) - K_i(sigma) int (z - z_ref) dt + u_OP, corrected (6.28).
 
@@ -66,11 +76,12 @@ class LQI(Controller):
             ValueError: Another control period, or a table of another robot.
         """
         self.hold = hold_for(PERIOD, control_period, "lqi")
-        self._arm = make_planar_arm(robot)
+        arm = make_planar_arm(robot)
         self._limit = TendonMap(robot).input_scale
         path = models_dir() / "lqi.npz" if gains is None else gains
-        n, m = self._arm.inputs.shape
-        self._table = load_gains(path, robot, "softrobot train lqi", m * (2 * n + 2))
+        n, m = arm.inputs.shape
+        table = load_gains(path, robot, "softrobot train lqi", m * (2 * n + 2))
+        self._law = reference(_Law(arm, table, self._limit))
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the inputs in force, without integrated error."""
@@ -80,9 +91,7 @@ class LQI(Controller):
     def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
         """The control law."""
         action, values, code = _act(
-            self._arm,
-            self._table,
-            self._limit,
+            self._law,
             state.values,
             observation["curvature"],
             observation["curvature_rate"],
@@ -95,9 +104,7 @@ class LQI(Controller):
 
 @kernel
 def _act(
-    arm: PlanarArm,
-    table: GainTable,
-    limit: np.ndarray,
+    law: _Law,
     memory: np.ndarray,
     curvature: np.ndarray,
     rate: np.ndarray,
@@ -106,6 +113,7 @@ def _act(
     previous: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (n_inputs,), next memory (inputs of the equilibrium, integral) and code."""
+    arm, table, limit = law.arm, law.table, law.limit
     n, m = arm.inputs.shape
     memory = memory.copy()
     sound = finite(curvature) and finite(rate) and finite(previous)
@@ -116,14 +124,14 @@ def _act(
     gap = follow(arm, target, np.zeros(n), 1.0, _RELAXATION, limit, inputs, rest, inverse)
     gains = np.empty(m * (2 * n + 2))
     inside = interpolate(table, curvature, gains)
-    law = gains.reshape(m, 2 * n + 2)
+    gain = gains.reshape(m, 2 * n + 2)
     wanted = inputs.copy()
     for j in range(m):
         for i in range(n):
-            wanted[j] -= law[j, i] * (curvature[i] - rest[i]) + law[j, n + i] * rate[i]
-        wanted[j] -= law[j, 2 * n] * integral[0] + law[j, 2 * n + 1] * integral[1]
+            wanted[j] -= gain[j, i] * (curvature[i] - rest[i]) + gain[j, n + i] * rate[i]
+        wanted[j] -= gain[j, 2 * n] * integral[0] + gain[j, 2 * n + 1] * integral[1]
     step = PERIOD * (tip - target)
-    integrated = wanted - law[:, 2 * n] * step[0] - law[:, 2 * n + 1] * step[1]
+    integrated = wanted - gain[:, 2 * n] * step[0] - gain[:, 2 * n + 1] * step[1]
     beyond = excess(integrated, limit)
     if gap <= _REACH and (beyond == 0 or beyond < excess(wanted, limit)):
         integral += step

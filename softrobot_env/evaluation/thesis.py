@@ -1,8 +1,8 @@
 """Figures the thesis reports for its controllers, to print beside ours.
 
 M. Grube, Modeling, Sensing, and Control for Agile Trajectory Tracking of Soft Robots, 2026:
-Tabs. 6.2 to 6.5 and the text of sec. 6.6.2. The plant there is the PCC model with six pieces.
-"<0.01 %" is kept as its bound.
+Tabs. 6.2 to 6.5 and the text of secs. 6.6.2 and 6.6.3. The plant there is the PCC model with six
+pieces. "<0.01 %" is kept as its bound.
 """
 
 from dataclasses import dataclass
@@ -10,7 +10,11 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class ThesisFigure:
-    """One controller on one task; None where the thesis gives no figure. SI units."""
+    """One controller on one task; None where the thesis gives no figure. SI units.
+
+    Attributes:
+        e_motion: Upper bound of the error [m] away from the kinks of the reference.
+    """
 
     task: str
     controller: str
@@ -20,7 +24,11 @@ class ThesisFigure:
     settling_time: float | None = None
     overshoot: float | None = None
     steady_state_error: float | None = None
+    e_motion: float | None = None
 
+
+#: The thesis' name of a controller by that of our policy.
+CONTROLLERS = {"qs_nn": "quasi-static", "lqi": "LQI", "mpc": "MPC"}
 
 #: Policy time per step [s], Tab. 6.5.
 POLICY_TIME = {"quasi-static": 5.4e-6, "LQI": 11.2e-6, "MPC": 49.7e-3}
@@ -61,9 +69,76 @@ FIGURES = (
         },
     ),
     ThesisFigure("swing", "quasi-static", e_max=27.3e-3),
-    ThesisFigure("swing", "LQI", e_max=6.13e-3),
+    ThesisFigure("swing", "LQI", e_max=6.13e-3, e_motion=1e-3),
     ThesisFigure("swing", "MPC", e_max=11.77e-3),
     ThesisFigure("lshape", "quasi-static", e_max=21.57e-3),
-    ThesisFigure("lshape", "LQI", e_max=1.71e-3),
+    ThesisFigure("lshape", "LQI", e_max=1.71e-3, e_motion=0.2e-3),
     ThesisFigure("lshape", "MPC", e_max=3.11e-3),
 )
+
+#: What sec. 6.6.3 says of the swing with a factor [1] on Young's modulus of the plant.
+ROBUSTNESS = {
+    "quasi-static": {0.5: "lost", 0.75: "lost", 1.25: "as nominal", 1.5: "as nominal"},
+    "LQI": {0.5: "robust", 0.75: "robust", 1.25: "robust", 1.5: "robust"},
+    "MPC": {0.5: "fails", 0.75: "z too small", 1.25: "z too large", 1.5: "z too large"},
+}
+
+#: Smallest and largest figure of an independent recomputation with corrected equations (audit), by
+#: task, step width [m] and controller; names and units are those of `ThesisFigure`. A steady-state
+#: error of 1e-4 is an upper bound.
+AUDIT: dict[tuple[str, float | None, str], dict[str, tuple[float, float]]] = {
+    ("step", 0.05, "quasi-static"): {
+        "rise_time": (0.24, 0.24),
+        "settling_time": (5.6, 12.0),
+        "overshoot": (0.61, 0.69),
+        "steady_state_error": (0.001, 0.016),
+    },
+    ("step", 0.05, "LQI"): {
+        "rise_time": (0.080, 0.096),
+        "settling_time": (0.69, 0.76),
+        "overshoot": (0.31, 0.35),
+        "steady_state_error": (1e-4, 1e-4),
+    },
+    ("step", 0.05, "MPC"): {
+        "rise_time": (0.09, 0.09),
+        "settling_time": (0.85, 0.85),
+        "overshoot": (0.28, 0.28),
+        "steady_state_error": (1e-4, 1e-4),
+    },
+    ("step", 0.1, "quasi-static"): {
+        "rise_time": (0.24, 0.24),
+        "settling_time": (5.2, 14.0),
+        "overshoot": (0.59, 0.67),
+    },
+    ("step", 0.1, "LQI"): {
+        "rise_time": (0.081, 0.081),
+        "settling_time": (0.68, 0.68),
+        "overshoot": (0.30, 0.30),
+    },
+    ("step", 0.1, "MPC"): {
+        "rise_time": (0.09, 0.09),
+        "settling_time": (1.02, 1.02),
+        "overshoot": (0.29, 0.29),
+    },
+    ("step", 0.2, "quasi-static"): {
+        "rise_time": (0.24, 0.24),
+        "settling_time": (5.0, 20.0),
+        "overshoot": (0.52, 0.63),
+    },
+    ("step", 0.2, "LQI"): {
+        "rise_time": (0.082, 0.082),
+        "settling_time": (0.65, 0.65),
+        "overshoot": (0.27, 0.27),
+    },
+    ("step", 0.2, "MPC"): {
+        "rise_time": (0.09, 0.09),
+        "settling_time": (1.01, 1.01),
+        "overshoot": (0.29, 0.29),
+    },
+    ("swing", None, "quasi-static"): {"e_max": (14e-3, 18e-3), "e_motion": (5e-3, 5e-3)},
+    ("swing", None, "LQI"): {"e_max": (5.9e-3, 6.7e-3), "e_motion": (0.3e-3, 0.4e-3)},
+    ("swing", None, "MPC"): {"e_max": (12.8e-3, 12.8e-3), "e_motion": (8.9e-3, 8.9e-3)},
+    ("lshape", None, "quasi-static"): {"e_max": (22e-3, 28e-3)},
+    ("lshape", None, "LQI"): {"e_max": (1.9e-3, 2.1e-3)},
+    ("lshape", None, "MPC"): {"e_max": (2.6e-3, 2.6e-3)},
+}
