@@ -6,6 +6,9 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.planar_arm import make_planar_arm
+from softrobot_env.control import lqi
+from softrobot_env.control.lqi import linear_model
 from softrobot_env.robots import ARM
 
 
@@ -38,3 +41,39 @@ def test_upright_arm_would_buckle_under_its_weight():
     """Greenhill's length (7.837 EI / q)^(1/3) of a standing column is below the arm's."""
     weight = 9.81 * ARM.mass_per_length
     assert (7.837 * ARM.bending_stiffness / weight) ** (1 / 3) < ARM.length
+
+
+def eigenvalues_of_the_printed_loop(bend):
+    """(6.28) as printed: operating point at the measured sigma = (beta_1, beta_3, beta_5)."""
+    arm = make_planar_arm(ARM)
+    a, b, c = linear_model(arm, bend)
+    gain = lqi.design(arm, bend).reshape(3, 14)
+    pick = np.zeros((6, 6))  # curvatures of the operating point from those measured
+    for third in range(3):
+        pick[2 * third : 2 * third + 2, 2 * third] = 1
+    hold = np.linalg.lstsq(arm.inputs, arm.stiffness * pick, rcond=None)[0]
+    feedback = np.hstack([hold - gain[:, :6] @ (np.eye(6) - pick), -gain[:, 6:12]])
+    top = np.hstack([a + b @ feedback, -b @ gain[:, 12:]])
+    loop = np.vstack([top, np.hstack([c, np.zeros((2, 2))])])
+    return np.linalg.eigvals(loop)
+
+
+@pytest.mark.parametrize("bend", [(3.0, 2.0, 1.0), (-5.0, 2.0, 4.0), (6.0, 6.0, 6.0)])
+def test_printed_lqi_law_is_unstable(bend):
+    """And the corrected one, with the operating point from the reference, is stable."""
+    bend = np.repeat(bend, 2)
+    assert eigenvalues_of_the_printed_loop(bend).real.max() > 1e-3
+    arm = make_planar_arm(ARM)
+    a, b, c = linear_model(arm, bend)
+    gain = lqi.design(arm, bend).reshape(3, 14)
+    loop = np.block([[a - b @ gain[:, :12], -b @ gain[:, 12:]], [c, np.zeros((2, 2))]])
+    assert np.linalg.eigvals(loop).real.max() < 0
+
+
+def test_explicit_euler_cannot_predict():
+    """Audit: one step of 0.1 s multiplies errors by 1632, those in the first mode by 1.06."""
+    a, _, _ = linear_model(make_planar_arm(ARM), np.zeros(6))
+    growth = np.sort(np.abs(1 + 0.1 * np.linalg.eigvals(a)))
+    assert growth[-1] == pytest.approx(1632, rel=0.01)
+    slowest = np.linalg.eigvals(a)[np.argsort(np.abs(np.linalg.eigvals(a)))[:2]]
+    np.testing.assert_allclose(np.abs(1 + 0.1 * slowest), 1.06, atol=0.01)
