@@ -21,7 +21,7 @@ class Moment:
         observation, info: As `reset` or `step` returned them.
         reward: [1] of the step that led here, zero at the start.
         policy_time: [s] spent in `predict` for that step; None at the start, and while a policy
-            that decides less often only holds its action.
+            that decides less often only holds its action (and an observer may go on).
         status: Why the policy's action was not the one it wanted, or None.
         failed: Whether that step failed.
     """

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,8 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
+from softrobot_env.tasks import make_task
+from softrobot_env.trajectories import Step
 
 ARM_DATA = make_planar_arm(ARM)
 LIMIT = np.full(3, 80.0)
@@ -131,52 +135,60 @@ def test_the_straight_arm_keeps_the_nominal_stiffness():
 # ---------------------------------------------------------------- jumps
 
 
-def smooth(targets, times=(0.0,)):
-    memory = np.zeros(jumps.SIZE)
+def smooth(targets, ahead=0):
+    """Path (T, 2) out of targets (T, 2) that the preview shows `ahead` steps before they come.
+
+    Also (T, 2), what is said then of 20 steps later.
+    """
+    memory, here, later = np.zeros(jumps.SIZE), [], []
+    times = PERIOD * np.array([0.0, 1.0, 20.0])
     jumps.begin_smoothing(targets[0], memory)
-    out = []
-    for target in targets:
-        points = np.tile(target, (len(times), 1))
-        jumps.smoothed(PERIOD, target, np.array(times), memory, points)
-        out.append(points[0])
-    return np.array(out)
+    for k, target in enumerate(targets):
+        points = np.array([targets[min(k + min(ahead, n), len(targets) - 1)] for n in (0, 1, 20)])
+        jumps.smoothed(PERIOD, np.array(target), times, memory, points)
+        here.append(points[0])
+        later.append(points[2])
+    return np.array(here), np.array(later)
 
 
-def test_continuous_references_pass_unchanged():
+A, B, C = np.array([0.2, 0.4]), np.array([0.25, 0.36]), np.array([0.2, 0.35])
+
+
+def test_announced_references_pass_unchanged():
     t = PERIOD * np.arange(1000)
     targets = np.stack([0.2 + 0.1 * t, 0.4 - 0.02 * np.sin(3 * t)], axis=1)
-    np.testing.assert_array_equal(smooth(targets), targets)
+    np.testing.assert_array_equal(smooth(targets, ahead=20)[0], targets)
+    jump = np.array([A] * 50 + [B] * 50)
+    np.testing.assert_array_equal(smooth(jump, ahead=20)[0], jump)
+
+
+def test_slow_references_pass_unchanged_even_without_announcement():
+    t = PERIOD * np.arange(1000)
+    targets = np.stack([0.2 + 0.1 * t, 0.4 - 0.02 * np.sin(3 * t)], axis=1)
+    np.testing.assert_array_equal(smooth(targets)[0], targets)
 
 
 def test_a_jump_becomes_a_motion_of_bounded_acceleration():
-    start, target = np.array([0.2, 0.4]), np.array([0.25, 0.36])
-    path = smooth([start] * 5 + [target] * 400)
-    along = (path - start) @ (target - start) / np.sum((target - start) ** 2)
+    path, _ = smooth([A] * 5 + [B] * 400)
+    along = (path - A) @ (B - A) / np.sum((B - A) ** 2)
     assert np.all(np.diff(along) >= -1e-15) and along[5] < 1e-6
-    np.testing.assert_allclose(path[-1], target, atol=1e-15)
+    np.testing.assert_allclose(path[-1], B, atol=1e-15)
     acceleration = np.linalg.norm(np.diff(path, 2, axis=0), axis=1) / PERIOD**2
     assert acceleration.max() == pytest.approx(jumps.ACCELERATION, rel=0.01)
 
 
-def test_a_second_jump_goes_on_from_where_the_first_had_come():
-    a, b, c = np.array([0.2, 0.4]), np.array([0.25, 0.4]), np.array([0.2, 0.35])
-    path = smooth([a] * 5 + [b] * 60 + [c] * 400)
-    steps = np.linalg.norm(np.diff(path, axis=0), axis=1)
-    assert steps.max() < 2 * np.linalg.norm(b - a) / 0.17 * PERIOD * 1.875
-    np.testing.assert_allclose(path[-1], c, atol=1e-15)
+def test_a_second_jump_goes_on_smoothly():
+    path, _ = smooth([A] * 5 + [B] * 60 + [C] * 600)
+    velocity = np.diff(path, axis=0) / PERIOD
+    acceleration = np.diff(velocity, axis=0) / PERIOD
+    assert np.linalg.norm(acceleration, axis=1).max() < 2 * jumps.ACCELERATION
+    assert np.abs(np.diff(acceleration, axis=0)).max() < 0.1 * jumps.ACCELERATION
+    np.testing.assert_allclose(path[-1], C, atol=1e-15)
 
 
 def test_what_is_ahead_is_what_comes():
-    start, target = np.array([0.2, 0.4]), np.array([0.25, 0.36])
-    targets = [start] * 5 + [target] * 400
-    memory, ahead, here = np.zeros(jumps.SIZE), [], []
-    jumps.begin_smoothing(start, memory)
-    for point in targets:
-        points = np.tile(point, (2, 1))
-        jumps.smoothed(PERIOD, point, np.array([0.0, 20 * PERIOD]), memory, points)
-        here.append(points[0])
-        ahead.append(points[1])
-    np.testing.assert_allclose(ahead[5:300], here[25:320], atol=1e-12)
+    here, later = smooth([A] * 5 + [B] * 400)
+    np.testing.assert_allclose(later[5:300], here[25:320], atol=1e-12)
 
 
 # ---------------------------------------------------------------- closed loop
@@ -240,3 +252,50 @@ def test_saturation_ends_without_after_effects(episode):
     rollout = episode("lq_adaptive", "lshape", vary={"youngs_modulus": 1.6})
     assert "tension limit reached" in rollout.policy_status
     assert rollout.error[(rollout.time > 6.5) & (rollout.time < 9.9)].max() < 0.1e-3
+
+
+@pytest.mark.parametrize("name", ["lq_preview", "lq_adaptive"])
+@pytest.mark.parametrize("size", [0.1, 2.0, 20.0, np.nan, 1e200])
+def test_one_bad_sample_does_no_lasting_harm(name, size):
+    env = TrackingEnv("lshape", observe="all", **policy_environment(name))
+    policy = make_policy(name, ARM, PERIOD)
+    observation, _ = env.reset(options={"duration": 3.0})
+    state, errors = None, []
+    for k in range(2900):
+        if k == 1000:
+            observation["curvature"] = observation["curvature"] + size
+        action, state = policy.predict(observation, state)
+        observation, _, terminated, _, info = env.step(action)
+        assert not terminated, info
+        errors.append(info["error"])
+    assert max(errors[1000:]) < 5e-3
+    assert max(errors[1500:]) < 0.3e-3
+
+
+def test_a_jump_that_the_preview_shows_is_met_in_the_middle():
+    """Half of it before, half after, as an optimum has it."""
+    task = make_task("step")
+    late = replace(task, trajectory=LateStep(A3, B3), duration=1.5, step_width=None)
+    rollouts = {
+        name: run_episode(
+            TrackingEnv(late, observe="all", **policy_environment(name)),
+            make_policy(name, ARM, policy_environment(name)["control_period"]),
+        )
+        for name in ("lq_adaptive", "mpc_preview")
+    }
+    rms = {name: tracking_metrics(r).e_rms for name, r in rollouts.items()}
+    assert rms["lq_adaptive"] < 2 * rms["mpc_preview"]
+    moved = np.linalg.norm(rollouts["lq_adaptive"].tip - np.array(A3), axis=1)
+    at_jump = moved[np.searchsorted(rollouts["lq_adaptive"].time, 0.5)]
+    assert 0.3 < at_jump / np.linalg.norm(np.subtract(B3, A3)) < 0.7
+
+
+class LateStep(Step):
+    """A step after half a second."""
+
+    def position(self, t):
+        return super().position(np.asarray(t) - 0.5)
+
+
+#: Start and target of the 50 mm step.
+A3, B3 = make_task("step").trajectory.start, make_task("step").trajectory.target

@@ -12,7 +12,7 @@ from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.planar_arm import make_planar_arm
 from softrobot_env.control.mpc_optimisation import Optimiser, Problem
 from softrobot_env.control.mpc_settings import PREVIEW, THESIS, MPCSettings
-from softrobot_env.control.quadratic_program import make_bounded_solver
+from softrobot_env.control.quadratic_program import BoundedSolver
 from softrobot_env.robots import ARM
 from softrobot_env.tendon_map import TendonMap
 
@@ -158,7 +158,7 @@ def test_bounded_program_against_its_conditions():
     root = rng.normal(size=(8, 8))
     hessian, gradient = root @ root.T + 0.1 * np.eye(8), 3 * rng.normal(size=8)
     lower, upper = -np.full(8, 0.5), np.full(8, 0.3)
-    x = make_bounded_solver()(hessian, gradient, lower, upper)
+    x = BoundedSolver()(hessian, gradient, lower, upper)
     slope = hessian @ x + gradient
     low, high = x < lower + 1e-9, x > upper - 1e-9
     inside = ~(low | high)
@@ -168,7 +168,7 @@ def test_bounded_program_against_its_conditions():
 
 
 def test_unsolved_program_gives_none():
-    solve = make_bounded_solver()
+    solve = BoundedSolver()
     assert solve(np.eye(2), np.full(2, np.nan), -np.ones(2), np.ones(2)) is None
 
 

@@ -43,7 +43,7 @@ def test_rates_are_found_also_for_another_stiffness(motion, factor):
     curvature, rate, actions = motion(youngs_modulus=factor)
     found = observe(RateObserver(ARM, PERIOD), curvature, actions)
     later = slice(200, None)
-    assert np.std(found[later] - rate[later]) < 0.05 * np.std(rate[later])
+    assert rms(found[later] - rate[later]) < 0.05 * rms(rate[later])
 
 
 def test_noise_is_kept_off_better_than_by_differences(motion):
@@ -52,8 +52,33 @@ def test_noise_is_kept_off_better_than_by_differences(motion):
     measured = curvature + noise * np.random.default_rng(0).normal(size=curvature.shape)
     found = observe(RateObserver(ARM, PERIOD, curvature_noise=noise), measured, actions)
     differences = np.diff(measured, axis=0) / PERIOD
-    error = np.std(found[200:] - rate[200:])
-    assert error < 0.4 * np.std(differences[199:] - rate[200:])
+    error = rms(found[200:] - rate[200:])
+    assert error < 0.4 * rms(differences[199:] - rate[200:])
+
+
+@pytest.mark.parametrize("size", [1.0, 20.0])
+def test_outliers_are_ignored(motion, size):
+    curvature, rate, actions = motion()
+    measured = curvature.copy()
+    measured[700, 2] += size
+    found = observe(RateObserver(ARM, PERIOD), measured, actions)
+    assert rms(found[701:] - rate[701:]) < 0.05 * rms(rate[701:])
+
+
+def test_a_wrong_estimate_begins_anew(motion):
+    """What is measured differs for good: after a few samples it is believed."""
+    curvature, rate, actions = motion()
+    observer = RateObserver(ARM, PERIOD)
+    estimate = observer.start(curvature[0] + 10.0)
+    for k in range(1, 400):
+        estimate = observer.update(estimate, actions[k], curvature[k])
+    np.testing.assert_allclose(estimate[0], curvature[399], atol=0.1)
+    assert rms(estimate[1] - rate[399]) < 0.3 * rms(rate)
+
+
+def rms(values):
+    """Root mean square."""
+    return np.sqrt(np.mean(values**2))
 
 
 @pytest.mark.parametrize("period", [0.001, 0.01, 0.1, 0.2])

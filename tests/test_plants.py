@@ -16,7 +16,7 @@ from gymnasium.utils.env_checker import check_env
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.benchmarks.continuum_arc import continuum_arc
 from softrobot_env.cli import main
-from softrobot_env.control.registry import POLICIES, make_policy
+from softrobot_env.control.registry import POLICIES, make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM, centerline
@@ -266,11 +266,12 @@ def test_a_fixed_step_is_used():
 @pytest.mark.parametrize("policy", POLICIES)
 @pytest.mark.parametrize("name", BEAMS)
 def test_policies_run(name, policy):
-    env = environment(name, "lshape")
+    options = {"control_period": 0.01, **policy_environment(policy)}
+    env = TrackingEnv("lshape", observe="all", plant=BeamPlant(name), **options)
     controller = make_policy(policy, ARM, env.control_period)
     record = run_episode(env, controller, options={"duration": 0.3})
     assert record.failure is None
-    assert len(record.time) == 31
+    assert len(record.time) == 1 + round(0.3 / env.control_period)
     if name == "pcc":
         assert np.max(record.error) < 0.03
 

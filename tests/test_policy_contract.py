@@ -1,5 +1,7 @@
 """What every policy promises, whatever its law."""
 
+import copy
+import pickle
 from dataclasses import replace
 
 import numpy as np
@@ -116,6 +118,70 @@ def test_observations_are_not_changed(policy, seen):
         np.testing.assert_array_equal(value, seen[0][0][key])
 
 
+def test_policies_can_be_copied_and_pickled(policy, seen):
+    expected = follow(policy, seen[0])
+    for other in (copy.deepcopy(policy), pickle.loads(pickle.dumps(policy))):
+        np.testing.assert_array_equal(follow(other, seen[0]), expected)
+
+
+def test_what_is_returned_or_shown_may_be_changed_afterwards(policy, seen):
+    expected, state = follow(policy, seen[0]), None
+    for observation, wanted in zip(seen[0], expected, strict=True):
+        shown = {key: value.copy() for key, value in observation.items()}
+        action, state = policy.predict(shown, state)
+        np.testing.assert_array_equal(action, wanted)
+        action += 0.3
+        for value in shown.values():
+            value += 1.0
+
+
+def test_strided_observations_are_as_good(policy, seen):
+    for value in seen[0][0].values():
+        assert value.flags.c_contiguous
+    strided = [{k: np.stack([v, v], axis=1)[:, 0] for k, v in o.items()} for o in seen[0]]
+    np.testing.assert_array_equal(follow(policy, strided), follow(policy, seen[0]))
+
+
+def test_observations_of_another_size_are_refused(name, policy, seen):
+    if name == "hold":
+        pytest.skip("takes any robot")
+    for key in policy.requires:
+        if key == "curvature_rate":
+            continue
+        short = {**seen[0][0], key: seen[0][0][key][:1]}
+        with pytest.raises(ValueError, match=r"entries|preview="):
+            policy.predict(short, None)
+
+
+def test_states_and_starts_of_other_numbers_of_environments_are_refused(policy, seen):
+    one = seen[0][0]
+    two = {key: np.stack([value, value]) for key, value in one.items()}
+    _, single = policy.predict(one, None)
+    _, double = policy.predict(two, None)
+    for observation, state, start in (
+        (two, single, None),
+        (one, double, None),
+        (two, None, np.zeros(3, bool)),
+        (one, single, np.zeros(2, bool)),
+        ({key: value[:1] for key, value in two.items()}, double, None),
+    ):
+        with pytest.raises(ValueError, match="environment"):
+            policy.predict(observation, state, start)
+
+
+@pytest.mark.parametrize("value", [1e6, 1e200])
+def test_absurd_observations_do_not_stay(policy, seen, value):
+    for key in policy.requires:
+        state = None
+        for k, observation in enumerate(seen[0]):
+            if k == 2:
+                observation = {**observation, key: np.full_like(observation[key], value)}
+            with np.errstate(all="ignore"):
+                action, state = policy.predict(observation, state)
+            assert np.all(np.isfinite(action)) and np.all(np.abs(action) <= 1), key
+        assert state_is_finite(state), key
+
+
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 def test_observations_that_are_not_finite_keep_the_action(policy, seen, value):
     """And nothing of it stays in the state."""
@@ -160,7 +226,10 @@ def test_references_out_of_reach_are_reported(name, policy, env):
         statuses.add(state.status)
         observation, _, terminated, _, info = env.step(action)
         assert not terminated, info
-    assert statuses - {None}, "nothing was reported"
+    reasons = ("reference out of reach", "outside the trained workspace")
+    if name == "mpc_preview":  # pulls with all it has
+        reasons += ("tension limit reached",)
+    assert any(reason in status for status in statuses - {None} for reason in reasons)
 
 
 def test_policies_run_in_stable_baselines3(name, policy):

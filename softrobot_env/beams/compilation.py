@@ -100,6 +100,9 @@ class Reference(structref.StructRefProxy):
             raise AttributeError(name)
         return getattr(self._source, name)
 
+    def __reduce__(self) -> tuple:
+        return reference, (self._source,)
+
     def _replace(self, **changes: Any) -> "Reference":
         """A reference to a copy with other values."""
         return reference(self._source._replace(**changes))

@@ -12,6 +12,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from softrobot_env.commands.arguments import add_out
+from softrobot_env.paths import models_dir
 
 if TYPE_CHECKING:
     import numpy as np
@@ -32,10 +33,12 @@ class Trainer:
     Attributes:
         file: Name of the file written.
         run: Train by seed, write the file and return the figures.
+        random: Whether the seed matters.
     """
 
     file: str
     run: Callable[[int, Path, Show], Figures]
+    random: bool = False
 
 
 def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
@@ -114,7 +117,7 @@ def _table_figures(gains: "np.ndarray") -> Figures:
 
 #: Artefact (the name of its policy) -> how to make it.
 TRAINERS = {
-    "qs_nn": Trainer("qs_nn.npz", _train_qs_nn),
+    "qs_nn": Trainer("qs_nn.npz", _train_qs_nn, random=True),
     "lqi": Trainer("lqi.npz", _train_lqi),
     "lq_preview": Trainer("lq_preview.npz", _train_lq_preview),
 }
@@ -124,7 +127,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("what", choices=list(TRAINERS))
     parser.add_argument("--seed", type=_seed, default=0, help="of the randomness; default: 0")
-    add_out(parser, "models")
+    add_out(parser, str(models_dir()), ", where policies look")
 
 
 def _seed(text: str) -> int:
@@ -149,7 +152,8 @@ def run(args: argparse.Namespace) -> int:
             progress.update(bar, description=text, completed=done, total=total)
 
         figures = trainer.run(args.seed, path, show)
-    table = Table("quantity", "value", title=f"{args.what}, seed {args.seed}")
+    title = f"{args.what}, seed {args.seed}" if trainer.random else args.what
+    table = Table("quantity", "value", title=title)
     for name, value in [*figures, ("time", f"{perf_counter() - began:.1f} s")]:
         table.add_row(name, value)
     console.print(table)

@@ -1,11 +1,13 @@
 """From a controller of one robot to stable-baselines3's `predict`, single or batched."""
 
 from abc import ABC, abstractmethod
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams
+from softrobot_env.tendon_map import TendonMap
 
 
 class Held(NamedTuple):
@@ -38,10 +40,12 @@ class Controller(ABC):
     Attributes:
         requires: Observables the policy reads.
         hold: Number of control periods that an action is kept for.
+        sizes: Entries that observables must have, where the policy depends on it.
     """
 
     requires: tuple[str, ...]
     hold: int = 1
+    sizes: ClassVar[dict[str, int]] = {}
 
     @abstractmethod
     def start(self, observation: Observation) -> Any:
@@ -61,23 +65,20 @@ class Controller(ABC):
         """See `softrobot_env.interfaces.Policy`.
 
         Raises:
-            ValueError: The observation lacks an observable in `requires`, or one has a size the
-                policy cannot use.
+            ValueError: The observation lacks an observable in `requires`, one has a size the
+                policy cannot use (looked at when an episode starts), or state or episode_start
+                belong to another number of environments.
         """
-        if state is None or isinstance(state, list):
-            return self._begin(observation, state, episode_start)
-        if episode_start is not None and bool(episode_start):
-            return self._begin(observation, None, None)
-        return self._go_on(observation, state)
-
-    def _begin(
-        self, observation: Observation, state: Any, episode_start: np.ndarray | None
-    ) -> tuple[np.ndarray, Any]:
-        """Start an episode, or serve several environments, whose states are a list."""
-        self._check(observation)
-        if observation[self.requires[0]].ndim > 1:
+        first = observation.get(self.requires[0])
+        if first is None or first.ndim > 1:
+            self._check(observation)
             return self._predict_stacked(observation, state, episode_start)
-        return self._decide(observation, self.start(observation))
+        if isinstance(state, list):
+            raise ValueError(f"one observation, but the state of {len(state)} environments")
+        if state is None or (episode_start is not None and _single(episode_start)):
+            self._check(observation)
+            return self._decide(observation, self.start(observation))
+        return self._go_on(observation, state)
 
     def _check(self, observation: Observation) -> None:
         missing = [name for name in self.requires if name not in observation]
@@ -86,31 +87,65 @@ class Controller(ABC):
                 f"{type(self).__name__} needs the observables {', '.join(self.requires)}; add "
                 f"{', '.join(missing)} to the environment's observe="
             )
+        for name, size in self.sizes.items():
+            found = observation[name].shape[-1]
+            if found != size:
+                raise ValueError(
+                    f"{type(self).__name__} needs {size} entries of {name}, not {found}: it is "
+                    "made for another robot, number of pieces or preview than the environment"
+                )
 
     def _go_on(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
         if self.hold == 1:
             return self._decide(observation, state)
         if state.left:
-            return state.action, Held(state.inner, state.action, state.left - 1)
+            action = state.action.copy()  # the caller may change what it gets
+            return action, Held(state.inner, state.action, state.left - 1)
         return self._decide(observation, state.inner)
 
     def _decide(self, observation: Observation, inner: Any) -> tuple[np.ndarray, Any]:
         action, inner = self.act(observation, inner)
-        action = action.astype(np.float32, copy=False)
-        return action, inner if self.hold == 1 else Held(inner, action, self.hold - 1)
+        action = np.array(action, dtype=np.float32)  # a copy of what the state may hold
+        return action, inner if self.hold == 1 else Held(inner, action.copy(), self.hold - 1)
 
     def _predict_stacked(
         self, observation: Observation, state: Any, episode_start: np.ndarray | None
     ) -> tuple[np.ndarray, list[Any]]:
         count = len(observation[self.requires[0]])
+        if state is not None and (not isinstance(state, list) or len(state) != count):
+            found = len(state) if isinstance(state, list) else 1
+            raise ValueError(f"observations of {count} environments, but the state of {found}")
         states = [None] * count if state is None else list(state)
-        starts = np.zeros(count, bool) if episode_start is None else np.asarray(episode_start)
+        starts = np.ravel(False if episode_start is None else episode_start)
+        if starts.size not in (1, count):
+            raise ValueError(f"episode_start has {starts.size} entries for {count} environments")
+        starts = np.broadcast_to(starts, count)
         actions = []
         for i in range(count):
             one = {name: observation[name][i] for name in self.requires}
             action, states[i] = self.predict(one, None if starts[i] else states[i])
             actions.append(action)
         return np.stack(actions), states
+
+
+def _single(episode_start: np.ndarray) -> bool:
+    """Whether the episode of a single environment starts."""
+    try:
+        return bool(episode_start)
+    except ValueError:
+        raise ValueError(
+            f"episode_start has {np.size(episode_start)} entries for one environment"
+        ) from None
+
+
+def state_sizes(robot: RobotParams) -> dict[str, int]:
+    """Entries of the observables that the state of a planar robot and its inputs have."""
+    return {
+        "curvature": robot.pieces,
+        "tip_position": 2,
+        "reference": 2,
+        "previous_action": TendonMap(robot).n_inputs,
+    }
 
 
 def usable(values: np.ndarray) -> np.ndarray:

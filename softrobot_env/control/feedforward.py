@@ -40,6 +40,7 @@ class Feedforward(Controller):
     def __init__(self, robot: RobotParams) -> None:
         """Raise ValueError for robots without constant-curvature statics."""
         self._statics = ConstantCurvatureStatics(robot)
+        self.sizes = {"reference": 2, "previous_action": self._statics.n_inputs}
 
     def start(self, observation: Observation) -> FeedforwardState:
         """Begin from the inputs in force."""
@@ -56,7 +57,7 @@ class Feedforward(Controller):
         solution = self.solve(observation["reference"], state)
         action, saturated = saturate(solution.reduced / self._statics.limit)
         status = explain(solution, saturated)
-        return action, FeedforwardState(observation["reference"], solution, status)
+        return action, FeedforwardState(observation["reference"].copy(), solution, status)
 
     def solve(self, target: np.ndarray, state: FeedforwardState) -> InverseStatics:
         """Inverse statics of a target (2,) [m], reused while the target rests."""

@@ -67,6 +67,7 @@ class FeedforwardPI(Controller):
         """
         self._feedforward = Feedforward(robot)
         self._statics = ConstantCurvatureStatics(robot)
+        self.sizes = {**self._feedforward.sizes, "tip_position": 2}
         self._period = control_period
         decay = robot.damping_time * (2 * np.pi * robot.first_frequency) ** 2
         gain = min(2.0, 0.8 * robot.damping_time / control_period)
@@ -85,7 +86,7 @@ class FeedforwardPI(Controller):
         action = keep_if_not_finite(observation, self.requires)
         if action is not None:
             return action, replace(state, status=NOT_FINITE)
-        target = observation["reference"]
+        target = observation["reference"].copy()
         error = target - observation["tip_position"]
         solution = self._feedforward.solve(target, state.feedforward)
         integral = state.integral + self._period * error

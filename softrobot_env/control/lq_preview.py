@@ -1,8 +1,8 @@
 """LQ tracking with reference preview, offset-free and, if wanted, adaptive in the stiffness.
 
 What it adds to the thesis' LQI: the coming reference enters the law; the equilibrium it deviates
-from moves with the reference; jumps are smoothed; and in place of the integral of the error, which
-overshoots, what the model leaves unexplained is estimated and compensated.
+from moves with the reference; unannounced jumps are smoothed; and in place of the integral of the
+error, which overshoots, what the model leaves unexplained is estimated and compensated.
 """
 
 from pathlib import Path
@@ -14,7 +14,7 @@ from softrobot_env.beams import planar_arm
 from softrobot_env.beams.compilation import kernel, reference, structure
 from softrobot_env.beams.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.control import jumps
-from softrobot_env.control.base import Controller, hold_for, usable
+from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.estimation import PRIOR, update_estimate
 from softrobot_env.control.operating_points import GainTable, interpolate, load_gains
 from softrobot_env.control.preview_gains import KNOTS
@@ -28,8 +28,9 @@ from softrobot_env.control.remarks import (
     finite,
     kept,
     limited,
+    unsound,
 )
-from softrobot_env.control.statics import follow
+from softrobot_env.control.statics import REACH, RELAXATION, follow
 from softrobot_env.interfaces import Observation
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
@@ -38,8 +39,6 @@ from softrobot_env.tendon_map import TendonMap
 #: [s] between decisions.
 PERIOD = 1e-3
 
-_REACH = 1e-4  # m, distance from the equilibrium to the reference that counts as out of reach
-_RELAXATION = 0.02  # of the way to the inputs of least norm, per decision
 _OFFSET_BANDWIDTH = 100.0  # 1/s, of the difference between measured and modelled tip
 
 
@@ -92,6 +91,7 @@ class LQPreview(Controller):
             ValueError: Another control period, or a table of another robot.
         """
         self.hold = hold_for(PERIOD, control_period, "lq_preview")
+        self.sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
         arm = make_planar_arm(robot)
         path = models_dir() / "lq_preview.npz" if gains is None else gains
         n, m = arm.inputs.shape
@@ -104,7 +104,7 @@ class LQPreview(Controller):
         """Begin from the inputs in force, with the nominal model.
 
         Raises:
-            ValueError: The preview is not at the times this policy needs.
+            ValueError: The preview is at another number of times than this policy needs.
         """
         if observation["reference_preview"].size != 2 * len(KNOTS):
             raise ValueError(f"lq_preview needs an environment with preview={KNOTS}")
@@ -163,7 +163,7 @@ def _act(
     """Action (n_inputs,), next memory and code."""
     arm, table, limit, times = law.arm, law.table, law.limit, law.times
     n, m = arm.inputs.shape
-    memory = memory.copy()
+    original, memory = memory, memory.copy()
     sound = finite(curvature) and finite(rate) and finite(tip) and finite(previous)
     before, rate_before, force, inputs, offset, information, jump, begun = _split(memory, n, m)
     if not (sound and finite(target) and finite(preview)):
@@ -197,11 +197,14 @@ def _act(
 
     points = np.empty((len(times), 2))
     points[0] = target
-    points[1:] = preview.reshape(-1, 2)
+    for k in range(1, len(times)):
+        points[k, 0], points[k, 1] = preview[2 * k - 2], preview[2 * k - 1]
     jumps.smoothed(PERIOD, target, times, jump, points)
     rest, inverse = np.empty(n), np.empty((m, 2))
-    gap = follow(arm, points[0] - offset, force, scale, _RELAXATION, limit, inputs, rest, inverse)
+    gap = follow(arm, points[0] - offset, force, scale, RELAXATION, limit, inputs, rest, inverse)
     velocity = (points[1] - points[0]) / times[1]
+    if np.hypot(velocity[0], velocity[1]) * PERIOD > jumps.JUMP:
+        velocity[:] = 0.0  # a jump ahead is no motion
     inputs_rate = inverse @ velocity
     rest_rate = arm.inputs @ inputs_rate / (scale * arm.stiffness)
 
@@ -219,9 +222,12 @@ def _act(
                 ahead = points[k + 1, i] - points[0, i] - times[k + 1] * velocity[i]
                 wanted[j] += gain[j, 2 * (n + k) + i] * ahead
     action = np.empty(m)
-    if limited(wanted, limit, action):
+    saturated = limited(wanted, limit, action)
+    if unsound(action, memory):
+        return kept(previous), original, NOT_FINITE
+    if saturated:
         return action, memory, SATURATED
-    if gap > _REACH:
+    if gap > REACH:
         return action, memory, UNREACHABLE
     return action, memory, FINE if inside else OUTSIDE
 

@@ -9,7 +9,7 @@ from scipy.linalg import solve_continuous_are
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.compilation import kernel, reference, structure
 from softrobot_env.beams.planar_arm import PlanarArm, make_planar_arm
-from softrobot_env.control.base import Controller, hold_for, usable
+from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.operating_points import GainTable, interpolate, load_gains
 from softrobot_env.control.remarks import (
     FINE,
@@ -22,8 +22,9 @@ from softrobot_env.control.remarks import (
     finite,
     kept,
     limited,
+    unsound,
 )
-from softrobot_env.control.statics import follow
+from softrobot_env.control.statics import REACH, RELAXATION, follow
 from softrobot_env.interfaces import Observation
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
@@ -36,9 +37,6 @@ PERIOD = 1e-3
 #: closest to its rise times (audit of sec. 6.4).
 ERROR_WEIGHT = 10.0  # 1/(m s)2
 INPUT_WEIGHT = 1e-6  # 1/N2
-
-_REACH = 1e-4  # m, distance from the equilibrium to the reference that counts as out of reach
-_RELAXATION = 0.02  # of the way to the inputs of least norm, per decision
 
 
 @structure
@@ -76,6 +74,7 @@ class LQI(Controller):
             ValueError: Another control period, or a table of another robot.
         """
         self.hold = hold_for(PERIOD, control_period, "lqi")
+        self.sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
         arm = make_planar_arm(robot)
         self._limit = TendonMap(robot).input_scale
         path = models_dir() / "lqi.npz" if gains is None else gains
@@ -115,13 +114,13 @@ def _act(
     """Action (n_inputs,), next memory (inputs of the equilibrium, integral) and code."""
     arm, table, limit = law.arm, law.table, law.limit
     n, m = arm.inputs.shape
-    memory = memory.copy()
+    before, memory = memory, memory.copy()
     sound = finite(curvature) and finite(rate) and finite(previous)
     if not (sound and finite(tip) and finite(target)):
         return kept(previous), memory, NOT_FINITE
     inputs, integral = memory[:m], memory[m:]
     rest, inverse = np.empty(n), np.empty((m, 2))
-    gap = follow(arm, target, np.zeros(n), 1.0, _RELAXATION, limit, inputs, rest, inverse)
+    gap = follow(arm, target, np.zeros(n), 1.0, RELAXATION, limit, inputs, rest, inverse)
     gains = np.empty(m * (2 * n + 2))
     inside = interpolate(table, curvature, gains)
     gain = gains.reshape(m, 2 * n + 2)
@@ -133,13 +132,16 @@ def _act(
     step = PERIOD * (tip - target)
     integrated = wanted - gain[:, 2 * n] * step[0] - gain[:, 2 * n + 1] * step[1]
     beyond = excess(integrated, limit)
-    if gap <= _REACH and (beyond == 0 or beyond < excess(wanted, limit)):
+    if gap <= REACH and (beyond == 0 or beyond < excess(wanted, limit)):
         integral += step
         wanted = integrated
     action = np.empty(m)
-    if limited(wanted, limit, action):
+    saturated = limited(wanted, limit, action)
+    if unsound(action, memory):
+        return kept(previous), before, NOT_FINITE
+    if saturated:
         return action, memory, SATURATED
-    if gap > _REACH:
+    if gap > REACH:
         return action, memory, UNREACHABLE
     return action, memory, FINE if inside else OUTSIDE
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from softrobot_env.beams import planar_arm
 from softrobot_env.beams.planar_arm import make_planar_arm
-from softrobot_env.control.base import Controller, hold_for, usable
+from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.estimation import PRIOR, update_estimate
 from softrobot_env.control.mpc_optimisation import Iterate, Optimiser, Problem
 from softrobot_env.control.mpc_settings import PREVIEW, THESIS, MPCSettings
@@ -93,6 +93,9 @@ class MPC(Controller):
         """
         self.hold = hold_for(settings.period, control_period, "model predictive control")
         self.requires = _required(settings)
+        sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
+        self.sizes = {name: size for name, size in sizes.items() if name in self.requires}
+        self._reach = robot.length
         self._settings, self._arm = settings, make_planar_arm(robot)
         self._limit = TendonMap(robot).input_scale
         self._optimiser = Optimiser(settings, self._limit)
@@ -127,13 +130,16 @@ class MPC(Controller):
         problem = Problem(arm, seen, estimate.force, before, self._reference(observation))
         optimum = self._optimiser.minimise(problem, *self._beginning(before, state))
         now = MPCState(state.action, None, seen, estimate, None, optimum.costs)
+        if np.hypot(*observation["reference"]) > self._reach:
+            now = replace(now, status="reference out of reach")
         if optimum.failure is not None:
-            return now.action, replace(now, status=f"last action kept: {optimum.failure}")
+            reasons = filter(None, (now.status, f"last action kept: {optimum.failure}"))
+            return now.action, replace(now, status="; ".join(reasons))
         return self._apply(optimum.last, now)
 
     def _apply(self, optimum: Iterate, state: MPCState) -> tuple[np.ndarray, MPCState]:
         action = np.clip(optimum.inputs[0] / self._limit, -1.0, 1.0)
-        status = "tension limit reached" if np.any(np.abs(action) >= _FULL) else None
+        status = "tension limit reached" if np.any(np.abs(action) >= _FULL) else state.status
         plan = Plan(optimum.inputs, optimum.guess)
         return action, replace(state, action=action, plan=plan, status=status)
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from softrobot_env.control.mpc_prediction import evaluate
 from softrobot_env.control.mpc_settings import MPCSettings
-from softrobot_env.control.quadratic_program import make_bounded_solver
+from softrobot_env.control.quadratic_program import BoundedSolver
 
 #: Share of the decrease that the model promises which a step must bring, and halvings for it.
 _ARMIJO = 1e-4
@@ -69,7 +69,7 @@ class Optimiser:
         """Raise ImportError without the solver's package."""
         self._settings, self._horizon = settings, settings.horizon()
         self._limit = np.tile(limit, len(settings.moves))
-        self._solve = make_bounded_solver()
+        self._solve = BoundedSolver()
 
     def evaluate(
         self, problem: Problem, inputs: np.ndarray, guess: np.ndarray, differentiate: bool = True

@@ -124,8 +124,7 @@ THESIS = MPCSettings(
 )
 
 #: With preview, finer and more accurate prediction and estimated disturbances, one quadratic
-#: program per decision. Rate relative to error is 1e-3 s2, which takes the overshoot; a change
-#: weight of a third and less was unstable at half the stiffness where that is not estimated.
+#: program per decision. Rate relative to error is 1e-3 s2, which takes the overshoot.
 PREVIEW = MPCSettings(
     period=0.005,
     steps=(0.005, 0.005, 0.01, 0.01, 0.02, 0.02, 0.04, 0.04, 0.08),

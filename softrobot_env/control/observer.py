@@ -10,19 +10,30 @@ from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces, make_plana
 from softrobot_env.control.base import usable
 from softrobot_env.control.lqi import linear_model
 from softrobot_env.control.preview_gains import discretized
+from softrobot_env.control.remarks import finite
 from softrobot_env.robots import RobotParams
 from softrobot_env.tendon_map import TendonMap
 
 #: [s], longest step of the prediction.
 _STEP = 1e-3
 
+#: Standard deviations between prediction and measurement that make an outlier; at least a
+#: hundredth of the curvature limit has to lie between them.
+_OUTLIER = 10.0
+
+#: Outliers in a row that are ignored.
+_PATIENCE = 3
+
 
 class RateObserver:
     """Estimates curvatures, their rates and unexplained forces on them.
 
-    Predicts with the nonlinear model of the nominal arm (linearly implicit Euler, stable whatever
-    the stiffness), corrects with the stationary Kalman gain of the straight arm. The forces d are
-    a random walk, so that the estimates have no offset where the model is wrong.
+    Predicts with the nonlinear model of the nominal arm (linearly implicit Euler, whose steps the
+    stiffness does not limit), corrects with the stationary Kalman gain of the straight arm. The
+    forces d are a random walk, so that the estimates have no offset where the model is wrong.
+
+    A curvature far from its prediction is taken for an outlier, up to three times in a row; then
+    the estimate begins anew from what is measured, at rest.
     """
 
     def __init__(
@@ -45,19 +56,23 @@ class RateObserver:
         self._limit = TendonMap(robot).input_scale
         self._period = control_period
         walk = force_walk * np.max(self._arm.inputs @ self._limit)
-        self._gain = _stationary_gain(self._arm, control_period, curvature_noise, walk)
+        self._gain, deviation = _stationary_gain(self._arm, control_period, curvature_noise, walk)
+        self._limits = np.array([_OUTLIER * deviation, 0.01 * robot.curvature_limit])
 
     def start(self, curvature: np.ndarray) -> np.ndarray:
-        """Estimate (3, n) of curvature [1/m], rate [1/(m s)] and force [N m2], at rest."""
-        estimate = np.zeros((3, self._arm.n))
+        """Estimate (4, n), at rest: curvature [1/m], rate [1/(m s)], force [N m2], outliers.
+
+        The last row holds the number of outliers in a row.
+        """
+        estimate = np.zeros((4, self._arm.n))
         estimate[0] = usable(curvature)
         return estimate
 
     def update(self, estimate: np.ndarray, action: np.ndarray, curvature: np.ndarray) -> np.ndarray:
-        """Next estimate (3, n).
+        """Next estimate (4, n).
 
         Args:
-            estimate: (3, n), the one before.
+            estimate: (4, n), the one before.
             action: (n_inputs,) [1], applied since then.
             curvature: (n,) [1/m], measured now; where it is not finite it is predicted only.
         """
@@ -67,6 +82,7 @@ class RateObserver:
             self._period,
             steps,
             self._gain,
+            float(np.max(self._limits)),
             estimate,
             usable(action) * self._limit,
             curvature,
@@ -75,8 +91,11 @@ class RateObserver:
 
 def _stationary_gain(
     arm: PlanarArm, period: float, curvature_noise: float, force_walk: float
-) -> np.ndarray:
-    """Kalman gain (3 n, n) for the straight arm with forces that walk."""
+) -> tuple[np.ndarray, float]:
+    """Kalman gain (3 n, n) for the straight arm with forces that walk.
+
+    Also the largest standard deviation [1/m] of a measured curvature from its prediction.
+    """
     n = arm.n
     a, _, _ = linear_model(arm, np.zeros(n))
     mass = np.empty((n, n))
@@ -89,7 +108,8 @@ def _stationary_gain(
     process = np.diag(np.repeat([1e-4 * curvature_noise**2, 0.0, force_walk**2 * period], n))
     noise = curvature_noise**2 * np.eye(n)
     covariance = solve_discrete_are(a.T, c.T, process, noise)
-    return covariance @ c.T @ np.linalg.inv(c @ covariance @ c.T + noise)
+    expected = c @ covariance @ c.T + noise
+    return covariance @ c.T @ np.linalg.inv(expected), float(np.sqrt(np.max(np.diag(expected))))
 
 
 @kernel
@@ -98,6 +118,7 @@ def _update(
     period: float,
     steps: int,
     gain: np.ndarray,
+    outlier: float,
     estimate: np.ndarray,
     inputs: np.ndarray,
     measured: np.ndarray,
@@ -121,7 +142,14 @@ def _update(
         q += h * v
     error = measured - q
     for k in range(n):
-        if np.isfinite(error[k]):
+        strange = not abs(error[k]) <= outlier
+        out[3, k] = out[3, k] + 1 if strange else 0.0
+        if out[3, k] > _PATIENCE and finite(measured):
+            out[:] = 0.0
+            out[0] = measured
+            return out
+    for k in range(n):
+        if abs(error[k]) <= outlier:
             for i in range(n):
                 q[i] += gain[i, k] * error[k]
                 v[i] += gain[n + i, k] * error[k]

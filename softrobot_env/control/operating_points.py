@@ -110,15 +110,19 @@ def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> Gain
         The table, as a reference for kernels.
 
     Raises:
-        ValueError: There is no such file, or it belongs to another robot or law.
+        FileNotFoundError: There is no such file.
+        ValueError: It belongs to another robot or law.
     """
     if not path.exists():
-        raise ValueError(f"{path} is missing; `{command}` makes it")
+        raise FileNotFoundError(f"no gains at {path}; make them with `{command}`")
     with np.load(path) as data:
         found, gains = data["robot"], np.ascontiguousarray(data["gains"], dtype=np.float64)
     wanted = identity(robot)
     if wanted.shape != found.shape or not np.allclose(wanted, found, rtol=1e-9):
-        raise ValueError(f"{path} holds gains of another robot than this {robot.name!r}")
+        raise ValueError(
+            f"{path} holds gains of another robot than this {robot.name!r}; `build_gains` and "
+            "`save_gains` make a table for it, which the policy takes as gains="
+        )
     if gains.shape != (*(size for size, _ in GRID), count):
         raise ValueError(f"{path} does not fit this version; `{command}` makes it anew")
     points = axes()

@@ -13,7 +13,7 @@ class ObservedState(NamedTuple):
     """State of `OutputFeedback`.
 
     Attributes:
-        estimate: (3, n), of the observer.
+        estimate: (4, n), of the observer.
         inner: State of the policy.
     """
 
@@ -30,6 +30,8 @@ class OutputFeedback(Controller):
     """A policy whose curvature rates come from an observer.
 
     The observer goes on in every control period, also while the policy holds its action.
+    Policies that estimate unexplained forces themselves then do so in series with the observer:
+    `mpc_preview` oscillates if the robot is a third as heavy as it was told.
     """
 
     def __init__(self, policy: Controller, observer: RateObserver) -> None:
@@ -38,6 +40,7 @@ class OutputFeedback(Controller):
         measured = ("curvature", "previous_action")
         others = (n for n in policy.requires if n not in (*measured, "curvature_rate"))
         self.requires = (*measured, *others)
+        self.sizes = {k: v for k, v in policy.sizes.items() if k in self.requires}
 
     def start(self, observation: Observation) -> ObservedState:
         """At rest, with the policy yet to start."""

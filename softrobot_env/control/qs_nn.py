@@ -98,6 +98,7 @@ class QuasiStaticNetwork(Controller):
             )
         self._network = _fold(network, TendonMap(robot).input_scale, about["workspace"])
         self._n_inputs = len(robot.tendons) // 2
+        self.sizes = {"tip_position": 2, "previous_action": self._n_inputs}
 
     def start(self, observation: Observation) -> QuasiStaticState:
         """Begin from the action in force, or without tension if that is not finite.

@@ -1,36 +1,30 @@
 """Quadratic programs with bounds, by the dual active-set solver DAQP (Arnstroem et al. 2022)."""
 
-from collections.abc import Callable
-
 import numpy as np
-
-#: Minimum of 1/2 x H x + g x within bounds, from (H, g, lower, upper); None if none was found.
-BoundedSolver = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray | None]
 
 _OPTIMAL = 1
 _TOLERANCE = 1e-9  # on the constraints, in the unit of x
 
 
-def make_bounded_solver() -> BoundedSolver:
-    """Solver of strictly convex programs with finite bounds.
+class BoundedSolver:
+    """Solver of strictly convex programs min 1/2 x H x + g x with finite bounds on x."""
 
-    Raises:
-        ImportError: DAQP is not installed.
-    """
-    try:
-        import daqp
-    except ImportError as reason:
-        raise ImportError(
-            'model predictive control needs the package daqp: pip install "softrobot_env[mpc]"'
-        ) from reason
+    def __init__(self) -> None:
+        """Raise ImportError if DAQP is not installed."""
+        try:
+            from daqp import solve
+        except ImportError as reason:
+            raise ImportError(
+                'model predictive control needs the package daqp: pip install "softrobot_env[mpc]"'
+            ) from reason
+        self._solve = solve
 
-    def solve(
-        hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    def __call__(
+        self, hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray
     ) -> np.ndarray | None:
+        """Minimum (k,) for H (k, k), g (k,) and bounds (k,); None if none was found."""
         rows = np.empty((0, len(gradient)))
-        x, _, flag, _ = daqp.solve(hessian, gradient, rows, upper, lower, primal_tol=_TOLERANCE)
+        x, _, flag, _ = self._solve(hessian, gradient, rows, upper, lower, primal_tol=_TOLERANCE)
         if flag != _OPTIMAL or not np.all(np.isfinite(x)):
             return None
         return np.clip(x, lower, upper)
-
-    return solve

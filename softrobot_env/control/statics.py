@@ -9,6 +9,12 @@ from softrobot_env.beams.planar_arm import PlanarArm, tip
 _DAMPING = 1e-8
 #: Growth [1/N2] of the damping with the squared distance from the target, where J changes a lot.
 _DAMPING_BY_GAP = 1e-2
+#: [m], distance from the equilibrium to the reference that counts as out of reach.
+REACH = 1e-4
+
+#: Share of the way to the inputs of least norm per decision of 1 ms.
+RELAXATION = 0.02
+
 _ITERATIONS = 5
 _HALVINGS = 3  # of a step that leads away from the target
 _TOLERANCE = 1e-7  # m
