@@ -53,7 +53,7 @@ class Controller(ABC):
 
     @abstractmethod
     def act(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
-        """Action (n_inputs,) in [-1, 1] and next state."""
+        """Action (n_inputs,) in [-1, 1], in an array that nobody keeps, and next state."""
 
     def predict(
         self,
@@ -78,6 +78,9 @@ class Controller(ABC):
         if state is None or (episode_start is not None and _single(episode_start)):
             self._check(observation)
             return self._decide(observation, self.start(observation))
+        if self.hold == 1:
+            action, state = self.act(observation, state)
+            return action.astype(np.float32, copy=False), state
         return self._go_on(observation, state)
 
     def _check(self, observation: Observation) -> None:
@@ -96,8 +99,6 @@ class Controller(ABC):
                 )
 
     def _go_on(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
-        if self.hold == 1:
-            return self._decide(observation, state)
         if state.left:
             action = state.action.copy()  # the caller may change what it gets
             return action, Held(state.inner, state.action, state.left - 1)
@@ -105,7 +106,7 @@ class Controller(ABC):
 
     def _decide(self, observation: Observation, inner: Any) -> tuple[np.ndarray, Any]:
         action, inner = self.act(observation, inner)
-        action = np.array(action, dtype=np.float32)  # a copy of what the state may hold
+        action = action.astype(np.float32, copy=False)
         return action, inner if self.hold == 1 else Held(inner, action.copy(), self.hold - 1)
 
     def _predict_stacked(

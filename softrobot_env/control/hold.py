@@ -18,7 +18,7 @@ class Hold(Controller):
 
     def act(self, observation: Observation, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The kept action."""
-        return state, state
+        return state.copy(), state
 
 
 def make_hold(robot: RobotParams, control_period: float) -> Hold:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.compilation import kernel
-from softrobot_env.control.base import Controller, hold_for, usable
+from softrobot_env.control.base import Controller, hold_for
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.network import Network
 from softrobot_env.learned.quasi_static import suits
@@ -36,15 +36,16 @@ _STATUSES = (
 
 
 class QuasiStaticState(NamedTuple):
-    """What the next call needs.
+    """What is to be said of a decision; the next one needs nothing of it.
 
     Attributes:
-        action: (n_inputs,) [1], the action in force.
         status: Why the action is not the one wanted, or None.
     """
 
-    action: np.ndarray
     status: str | None
+
+
+_STATES = tuple(QuasiStaticState(status) for status in _STATUSES)
 
 
 class _Folded(NamedTuple):
@@ -101,7 +102,7 @@ class QuasiStaticNetwork(Controller):
         self.sizes = {"tip_position": 2, "previous_action": self._n_inputs}
 
     def start(self, observation: Observation) -> QuasiStaticState:
-        """Begin from the action in force, or without tension if that is not finite.
+        """Nothing is remembered.
 
         Raises:
             ValueError: The environment has another preview than 0.2 s.
@@ -112,8 +113,7 @@ class QuasiStaticNetwork(Controller):
                 f"qs_nn needs an environment with preview=({PERIOD:g},), the reference at its next "
                 f"decision; this one's reference_preview has {size} entries, not 2"
             )
-        action = usable(observation["previous_action"])
-        return QuasiStaticState(action, None)
+        return _STATES[0]
 
     def act(
         self, observation: Observation, state: QuasiStaticState
@@ -131,9 +131,7 @@ class QuasiStaticNetwork(Controller):
             observation["previous_action"],
             action,
         )
-        if code >= _BAD:
-            action = state.action
-        return action, QuasiStaticState(action, _STATUSES[code])
+        return action, _STATES[code]
 
 
 def _fold(network: Network, input_scale: np.ndarray, workspace: np.ndarray) -> _Folded:
@@ -162,14 +160,17 @@ def _decide(
     action: np.ndarray,
 ) -> int:
     """Write the action and return what is to be said about it, an index of `_STATUSES`."""
+    n = len(action)
+    sound = True
+    for j in range(n):  # what stays where an observation cannot be used
+        sound &= np.isfinite(previous[j])
+        action[j] = min(max(previous[j], -1.0), 1.0) if np.isfinite(previous[j]) else 0.0
     if not np.isfinite(tip[0] + tip[1]):
         return _BAD
     if not np.isfinite(target[0] + target[1]):
         return _BAD + 1
-    n = len(action)
-    for j in range(n):
-        if not np.isfinite(previous[j]):
-            return _BAD + 2
+    if not sound:
+        return _BAD + 2
     total = offset.copy()
     for row in rows:
         value = row[0] * tip[0] + row[1] * tip[1] + row[2] * target[0] + row[3] * target[1]
