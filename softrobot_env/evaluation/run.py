@@ -39,17 +39,51 @@ def run_episode(
     if missing:
         raise ValueError(f'recording needs the observables {missing}: pass observe="all"')
     begin = perf_counter()
-    moments = list(play(env, policy, seed, options))
-    wall_time = perf_counter() - begin
-    decisions = [moment for moment in moments if moment.policy_time is not None]
-    samples = [_sample(moment) for moment in moments if not moment.failed]
+    samples, policy_time, status = _Table(), _Table(), []
+    for moment in play(env, policy, seed, options):
+        if moment.policy_time is not None:
+            policy_time.add({"policy_time": moment.policy_time})
+            status.append(moment.status or "")
+        if not moment.failed:
+            samples.add(_sample(moment))
     return Rollout(
-        **{name: np.array([s[name] for s in samples]) for name in samples[0]},
-        policy_time=np.array([m.policy_time for m in decisions]),
-        policy_status=np.array([m.status or "" for m in decisions]),
-        wall_time=wall_time,
-        failure=moments[-1].info.get("failure"),
+        **samples.columns(),
+        **policy_time.columns(),
+        policy_status=np.array(status),
+        wall_time=perf_counter() - begin,
+        failure=moment.info.get("failure"),
     )
+
+
+class _Table:
+    """Columns of numbers that grow row by row.
+
+    Kept moments would be some thirty times as large, and page faults for them would show in
+    policy times.
+    """
+
+    def __init__(self) -> None:
+        self._columns: dict[str, np.ndarray] = {}
+        self._count = 0
+
+    def add(self, row: dict[str, Any]) -> None:
+        """Add a row of arrays or numbers, with the same names every time."""
+        for name, value in row.items():
+            column = self._columns.get(name)
+            if column is None or self._count == len(column):
+                column = self._grown(name, np.asarray(value))
+            column[self._count] = value
+        self._count += 1
+
+    def _grown(self, name: str, value: np.ndarray) -> np.ndarray:
+        column = np.empty((max(256, 2 * self._count), *value.shape), value.dtype)
+        column[: self._count] = self._columns.get(name, column)[: self._count]
+        self._columns[name] = column
+        return column
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """The columns (rows, ...) by name."""
+        return {name: column[: self._count].copy() for name, column in self._columns.items()}
 
 
 def warm_up(env: "gymnasium.Env", policy: Policy) -> None:
