@@ -5,6 +5,7 @@ import sys
 import pytest
 
 from softrobot_env.cli import COMMANDS, main
+from softrobot_env.commands import evaluate
 
 
 def test_evaluate_writes_report_and_plots(tmp_path, capsys):
@@ -63,6 +64,16 @@ def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):
     rows = json.loads((tmp_path / "report.json").read_text())["rows"]
     shown = [r for r in rows if r["task"] == "swing"]
     assert all(f"{1e3 * row['e_max']:.2f}" in out for row in shown)
+
+
+def test_policies_without_their_package_are_left_out_of_all(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(evaluate, "installed_policies", lambda: ["hold"])
+    arguments = ["--tasks", "lshape", "--control-period", "0.2", "--no-plots"]
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "Left out feedforward" in out and "softrobot_env[mpc]" in out
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert [row["policy"] for row in rows] == ["hold"]
 
 
 def test_an_unusable_folder_is_told_before_any_work(tmp_path, capsys):

@@ -19,7 +19,7 @@ from softrobot_env.commands.arguments import (
     positive,
     variation,
 )
-from softrobot_env.control.registry import POLICIES, make_policy
+from softrobot_env.control.registry import POLICIES, installed_policies, make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import report
 from softrobot_env.evaluation.run import run_episode, warm_up
@@ -100,6 +100,9 @@ def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if any episode failed."""
     console = Console()
     args.out.mkdir(parents=True, exist_ok=True)
+    left_out = [name for name in POLICIES if name not in installed_policies()]
+    if left_out and "all" in args.policies:
+        console.print(f'Left out {", ".join(left_out)}: pip install "softrobot_env\\[mpc]"')
     outcomes = _run_cases(list(_cases(args)), args, console)
     rows = [outcome.row for outcome in outcomes]
     report.write_json(args.out / "report.json", rows, args.command_line)
@@ -119,7 +122,7 @@ def run(args: argparse.Namespace) -> int:
 def _cases(args: argparse.Namespace) -> Iterator[Case]:
     variations = _variations(args.vary)
     for task in _tasks(args):
-        for policy in expand_all(args.policies, list(POLICIES)):
+        for policy in expand_all(args.policies, installed_policies()):
             for scales in variations:
                 yield Case(task, policy, scales)
 

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import import_module
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from softrobot_env.robots import RobotParams
@@ -25,12 +26,14 @@ class PolicySpec:
         environment: Keyword arguments of the environment (`control_period`, `preview`) where the
             policy needs others than the defaults; or the name of a function of the module that
             returns them.
+        package: Package of the extra `mpc` that it needs, or None.
     """
 
     module: str
     make: str
     options: dict[str, Any] = field(default_factory=dict)
     environment: dict[str, Any] | str = field(default_factory=dict)
+    package: str | None = None
 
     def load(self, name: str) -> Callable[..., Any]:
         """An attribute of the module."""
@@ -49,9 +52,17 @@ POLICIES: dict[str, PolicySpec] = {
     "lq_adaptive": PolicySpec(
         "lq_preview", "LQPreview", {"adaptive": True}, environment="environment"
     ),
-    "mpc": PolicySpec("mpc", "MPC", environment={"control_period": 0.01}),
-    "mpc_preview": PolicySpec("mpc", "make_preview", environment="preview_environment"),
+    "mpc": PolicySpec("mpc", "MPC", environment={"control_period": 0.01}, package="daqp"),
+    "mpc_preview": PolicySpec(
+        "mpc", "make_preview", environment="preview_environment", package="daqp"
+    ),
 }
+
+
+def installed_policies() -> list[str]:
+    """Names of the policies whose packages are installed."""
+    packages = {name: spec.package for name, spec in POLICIES.items()}
+    return [name for name, p in packages.items() if p is None or find_spec(p) is not None]
 
 
 def _find(name: str) -> PolicySpec:
