@@ -3,6 +3,7 @@
 from gymnasium.envs.registration import register, registry
 
 ENTRY_POINT = "softrobot_env.envs.tracking:TrackingEnv"
+VECTOR_ENTRY_POINT = "softrobot_env.envs.vector:VectorTrackingEnv"
 
 #: Environment id -> name of its task in `softrobot_env.tasks`.
 ENVIRONMENTS = {
@@ -21,6 +22,7 @@ def register_envs() -> None:
             register(
                 id=env_id,
                 entry_point=ENTRY_POINT,
+                vector_entry_point=VECTOR_ENTRY_POINT,
                 kwargs={"task": task},
                 order_enforce=False,
                 disable_env_checker=True,

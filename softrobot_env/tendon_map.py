@@ -54,6 +54,13 @@ class TendonMap:
             out += self._pretension
         return out
 
+    def tensions(self, reduced: np.ndarray) -> np.ndarray:
+        """As `tension`, for many: (n, n_tendons) [N] for reduced inputs (n, n_inputs) [N]."""
+        out = np.zeros((len(reduced), len(self._zero)))
+        for difference in self._differences:
+            np.maximum(reduced @ difference.T, out, out=out)
+        return out + self._pretension if self._pretensioned else out
+
     def reduced(self, tension: np.ndarray) -> np.ndarray:
         """Reduced inputs (..., n_inputs) [N] that tensions (..., n_tendons) [N] produce."""
         return np.asarray(tension) @ self.phi.T

@@ -16,6 +16,7 @@ from rich import box
 from rich.console import Group
 from rich.table import Table
 
+from softrobot_env.benchmarks import vector_speed
 from softrobot_env.benchmarks.startup import frame_time, startup_times
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
@@ -61,7 +62,10 @@ def run(quick: bool, progress: Callable[[str, int, int], None] | None = None) ->
     yardstick = _overhead(contestants[0])
     waits = {("start", name): t for name, t in startup_times(2 if quick else 5).items()}
     waits["render", "frame 640 x 480"] = frame_time()
-    return [_row(c, yardstick) for c in contestants] + [_wait_row(*w) for w in waits.items()]
+    if progress:
+        progress("vector environments", rounds, rounds)
+    steps = [_row(c, yardstick) for c in contestants] + vector_speed.run(quick)
+    return steps + [_wait_row(*w) for w in waits.items()]
 
 
 def _contestant(name: str) -> _Contestant:
@@ -120,7 +124,9 @@ def _wait_row(what: tuple[str, str], seconds: float | None) -> dict:
 
 def tables(rows: list[dict]) -> Group:
     """The rows for the terminal: one table of steps, one of waiting times."""
-    steps = _empty_table("steps/s", "raw\nsteps/s", "raw/env", "overhead\nus", "overhead\nratio")
+    steps = _empty_table(
+        "envs x\nthreads", "steps/s", "raw/s", "raw/\nenv", "over-\nhead us", "over-\nhead ratio"
+    )
     waits = _empty_table("ms")
     for row in rows:
         if row["steps_per_second"] is None:
@@ -143,9 +149,15 @@ def _empty_table(*headings: str) -> Table:
 
 def _step_cells(row: dict) -> list[str]:
     return [
-        f"{row['steps_per_second']:.0f}",
-        f"{row['raw_steps_per_second']:.0f}",
-        f"{row['ratio']:.2f}",
-        f"{1e6 * row['overhead']:.1f}",
-        f"{row['overhead_ratio']:.2f}",
+        f"{row['n_envs']} x {row['threads']}",
+        *(
+            "-" if row[name] is None else f"{factor * row[name]:.{digits}f}"
+            for name, factor, digits in (
+                ("steps_per_second", 1, 0),
+                ("raw_steps_per_second", 1, 0),
+                ("ratio", 1, 2),
+                ("overhead", 1e6, 1),
+                ("overhead_ratio", 1, 2),
+            )
+        ),
     ]

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from math import dist, exp, hypot
 
+import numpy as np
+
 
 @dataclass(frozen=True)
 class TrackingReward:
@@ -36,6 +38,19 @@ class TrackingReward:
             "effort": -self.effort * hypot(*action) ** 2 / size,
             "smoothness": -self.smoothness * dist(action, previous) ** 2 / size,
             "failure": 0.0,
+        }
+
+    def batch_terms(
+        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """As `terms`, for errors (n,) [m] and actions (n, n_inputs)."""
+        size = action.shape[1]
+        return {
+            "tracking": self.tracking * np.exp(-error / self.coarse_scale),
+            "precision": self.precision * np.exp(-error / self.fine_scale),
+            "effort": -self.effort * np.sum(action**2, axis=1) / size,
+            "smoothness": -self.smoothness * np.sum((action - previous) ** 2, axis=1) / size,
+            "failure": np.zeros(len(error)),
         }
 
     def failed_terms(self) -> dict[str, float]:

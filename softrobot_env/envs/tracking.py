@@ -22,6 +22,7 @@ from softrobot_env.envs.options import (
     check_render_mode,
     parse_options,
 )
+from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.reference import sample_reference
 from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
@@ -94,6 +95,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         observe: tuple[str, ...] | str = DEFAULT_OBSERVABLES,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
         reward: TrackingReward | None = None,
+        randomization: Randomization | None = None,
         pieces: int | None = None,
         rule: str = _DEFAULT_RULE,
         timestep: float | None = None,
@@ -111,6 +113,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             observe: Names of the observables in an observation, or "all".
             preview: Times [s] ahead of now of `reference_preview`.
             reward: Weights and scales of the reward.
+            randomization: Ranges of factors on the robot's parameters, drawn by `np_random` for
+                every episode that is reset without `vary`, and told in `info["variation"]`.
             pieces, rule, timestep, integrator: Of the MuJoCo chain, see `SceneConfig`.
             plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
                 `beams.registry.BeamPlant("pcc")`.
@@ -128,6 +132,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / control_period))}
         self._reward = TrackingReward() if reward is None else reward
+        self._randomization = randomization
         self._preview = np.array(preview, dtype=float)
         options = {"pieces": pieces, "rule": rule, "timestep": timestep, "integrator": integrator}
         self._frame_size = (width, height)
@@ -223,7 +228,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         """Start an episode at rest.
 
         Args:
-            seed: Seed of `np_random`. The episode itself has no randomness.
+            seed: Seed of `np_random`. Only `randomization` draws from it.
             options: See `softrobot_env.envs.options.OPTIONS`; each holds for this episode only.
                 A varied robot starts in the posture of the nominal one, with the same tensions
                 (thesis sec. 6.6.3).
@@ -233,6 +238,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         """
         super().reset(seed=seed)
         parsed = parse_options(options, self._n_inputs, self._plant.layout.pieces)
+        if self._randomization is not None and "vary" not in (options or {}):
+            parsed = replace(parsed, vary=self._randomization.draw(self.np_random))
         # Everything that can be refused comes before anything is changed.
         task = self._task_for(parsed)
         start_input = self._start_input(parsed, task)
@@ -361,6 +368,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             "tendon_tension": self._readout.tendon_tension(),
             "tendon_length": self._readout.tendon_length(),
             "reward_terms": terms,
+            **({} if self._randomization is None else {"variation": dict(self._vary)}),
         }
 
     # ------------------------------------------------------------------ pictures

@@ -1,0 +1,92 @@
+"""Steps per second of many environments at once, against bare batched stepping and processes."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+import gymnasium
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.vector import VectorTrackingEnv
+
+_ENV_ID = "SoftRobot/ArmSwing-v0"
+
+#: (environments, threads) of the batched environment.
+CASES = ((16, 1), (256, 1), (256, 2), (1024, 2))
+
+#: Processes of Gymnasium's AsyncVectorEnv; more share the same cores and only need more memory.
+_PROCESSES = 16
+
+#: [s] of a block.
+_BLOCK = 0.3
+
+
+@dataclass
+class _Turns:
+    """Two things done in turns, and the least time [s] of each."""
+
+    one: Callable[[], object]
+    other: Callable[[], object]
+    times: tuple[float, float] = (np.inf, np.inf)
+
+    def take(self) -> None:
+        """A block of each."""
+        self.times = tuple(
+            min(best, _timed(do))
+            for best, do in zip(self.times, (self.one, self.other), strict=True)
+        )
+
+
+def _timed(do: Callable[[], object]) -> float:
+    """Mean time [s] of a call in a block."""
+    begin, count = perf_counter(), 0
+    while perf_counter() - begin < _BLOCK:
+        do()
+        count += 1
+    return (perf_counter() - begin) / count
+
+
+def run(quick: bool) -> list[dict]:
+    """Rows as those of `speed.run`; the ratio is that to bare `Batch.step`s of the same scene."""
+    rows = []
+    for count, threads in CASES[-2:-1] if quick else CASES:
+        turns = _batched(count, threads)
+        for _ in range(2 if quick else 6):
+            turns.take()
+        rows.append(_row("VectorTrackingEnv", count, threads, *turns.times))
+    env = gymnasium.make_vec(_ENV_ID, num_envs=_PROCESSES, vectorization_mode="async")
+    env.reset(seed=0)
+    actions = np.zeros(env.action_space.shape, np.float32)
+    least = min(_timed(lambda: env.step(actions)) for _ in range(2 if quick else 6))
+    env.close()
+    return [*rows, _row("AsyncVectorEnv of the same", _PROCESSES, _PROCESSES, least, None)]
+
+
+def _batched(count: int, threads: int) -> _Turns:
+    """Our environment's step, and the bare step of as many simulations in the same motion."""
+    env = VectorTrackingEnv(count, "swing", threads=threads)
+    env.reset(seed=0)
+    actions = np.zeros((count, 3), np.float32)
+    scene = TrackingEnv("swing").scene
+    bare = Batch(scene.model, count, threads, persistent=True)
+    bare.forward()
+    substeps, stage = scene.timestep.substeps, int(mujoco.mjtStage.mjSTAGE_VEL)
+    return _Turns(lambda: env.step(actions), lambda: bare.step(nstep=substeps, stage=stage))
+
+
+def _row(variant: str, count: int, threads: int, seconds: float, raw: float | None) -> dict:
+    return {
+        "what": "vector env.step",
+        "variant": variant,
+        "n_envs": count,
+        "threads": threads,
+        "steps_per_second": count / seconds,
+        "raw_steps_per_second": None if raw is None else count / raw,
+        "ratio": None if raw is None else raw / seconds,
+        "overhead": None if raw is None else (seconds - raw) / count,
+        "overhead_ratio": None,
+        "seconds": seconds / count,
+    }

@@ -1,0 +1,95 @@
+"""Many simulations of one scene, stepped on a thread pool, none hiding a diverged state."""
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch
+
+from softrobot_env.scene.build import Scene
+
+#: Model fields that are proportional to parameters of the robot.
+_PROPORTIONAL = {
+    "jnt_stiffness": ("youngs_modulus",),
+    "dof_damping": ("youngs_modulus", "damping_time"),
+    "body_mass": ("density",),
+    "body_inertia": ("density",),
+}
+
+_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
+_NO_STAGE = int(mujoco.mjtStage.mjSTAGE_NONE)
+
+
+class BatchSimulation:
+    """As `Simulation`, n times: after every call the read-outs of all are current.
+
+    Attributes:
+        scene: The scene.
+        qpos, qvel: (n, nq) [rad, rad/s], hinge angles and rates.
+        ctrl: (n, nu), controls in force, to be written to.
+        sensordata, ten_length, actuator_force: (n, ...), as in MjData, read-only.
+    """
+
+    def __init__(self, scene: Scene, count: int, threads: int = 0) -> None:
+        """Build the simulations.
+
+        Args:
+            scene: The scene.
+            count: Number n of simulations.
+            threads: Of the pool, 0 for one per core.
+        """
+        self.scene = scene
+        self._batch = Batch(scene.model, count, threads, persistent=True)
+        self._substeps = scene.timestep.substeps
+        names = ("qpos", "qvel", "ctrl", "sensordata", "ten_length", "actuator_force")
+        for name in names:
+            setattr(self, name, self._batch.bind(name))
+        self._warnings = self._batch.warning[:, :, 1]
+        self._varied = False
+
+    def vary(self, which: np.ndarray, factors: dict[str, np.ndarray]) -> None:
+        """Let simulations be of varied robots, in posture and motion as they are.
+
+        Timestep and integrator stay those of the scene.
+
+        Args:
+            which: (k,) int, increasing, the simulations.
+            factors: (k,) [1] on youngs_modulus, density and damping_time.
+        """
+        if not self._varied and all(np.all(values == 1) for values in factors.values()):
+            return
+        self._varied = True
+        model = self.scene.model
+        for field, names in _PROPORTIONAL.items():
+            factor = np.prod([factors[name] for name in names], axis=0)
+            nominal = getattr(model, field)
+            expanded = self._batch.expand(field)
+            expanded[which] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
+        self._batch.set_const(which)
+
+    @property
+    def count(self) -> int:
+        """Number of simulations."""
+        return self._batch.nsim
+
+    def reset(self, which: np.ndarray, qpos: np.ndarray, ctrl: np.ndarray) -> None:
+        """Set postures at rest, with controls in force.
+
+        Args:
+            which: (k,) int, increasing, the simulations to reset.
+            qpos: (k, nq) [rad].
+            ctrl: (k, nu).
+        """
+        self._batch.reset(which, stage=_NO_STAGE)
+        self.qpos[which], self.ctrl[which] = qpos, ctrl
+        self._batch.forward(which, stage=int(mujoco.mjtStage.mjSTAGE_ACC))
+
+    def advance(self, which: np.ndarray | None = None) -> np.ndarray:
+        """Integrate over one control period with the controls in `ctrl`.
+
+        Args:
+            which: (k,) int, increasing, the simulations to advance; all unless given.
+
+        Returns:
+            (n,) bool, whether each is in order.
+        """
+        self._batch.step(which, nstep=self._substeps, stage=_STAGE)
+        return ~self._warnings.any(axis=1)

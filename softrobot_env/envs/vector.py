@@ -1,0 +1,350 @@
+"""Tip tracking with many robots at once."""
+
+from copy import deepcopy
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+
+from softrobot_env.envs.batch_simulation import BatchSimulation
+from softrobot_env.envs.observables import DEFAULT_OBSERVABLES
+from softrobot_env.envs.options import parse_options
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.reference import PLANE
+from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import VARIABLE
+from softrobot_env.scene.tendons import straight_length
+from softrobot_env.tasks import Task
+from softrobot_env.tendon_map import TendonMap
+
+#: Reset options that hold for all environments of a call alike.
+_MASK = "reset_mask"
+
+
+class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.ndarray]):
+    """`TrackingEnv` n times, simulated on a thread pool: the same episodes, step for step.
+
+    Spaces, observations, rewards and options are those of the single environment, stacked along a
+    first axis. `info` holds stacked arrays (with the masks of Gymnasium's convention), and
+    `failure` (n,) the texts of episodes that failed in this step.
+
+    Autoreset is one of Gymnasium's modes: by default the step after an episode's last one resets
+    it, ignoring its action ("next step"); "same step" gives the last observation in
+    `info["final_obs"]`; without autoreset ("disabled") call
+    `reset(options={"reset_mask": mask})`.
+    """
+
+    metadata: ClassVar = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str | Task = "swing",
+        *,
+        control_period: float = 0.01,
+        observe: tuple[str, ...] | str = DEFAULT_OBSERVABLES,
+        preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
+        reward: TrackingReward | None = None,
+        randomization: Randomization | None = None,
+        threads: int = 0,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        **scene: Any,
+    ) -> None:
+        """Build the environments.
+
+        Args:
+            num_envs: Their number n.
+            task, control_period, observe, preview, reward, randomization: As those of
+                `TrackingEnv`.
+            threads: Of the pool, 0 for one per core.
+            autoreset_mode: One of `AutoresetMode`, or its value.
+            **scene: `pieces`, `rule`, `timestep` and `integrator` of `TrackingEnv`.
+
+        Raises:
+            ValueError: An argument out of range; the message names what is allowed.
+        """
+        if not isinstance(num_envs, int | np.integer) or num_envs < 1:
+            raise ValueError(f"num_envs must be 1 or more, got {num_envs!r}")
+        self._reward = TrackingReward() if reward is None else reward
+        self._randomization = randomization
+        self._one = TrackingEnv(
+            task,
+            control_period=control_period,
+            observe=observe,
+            preview=preview,
+            reward=self._reward,
+            **scene,
+        )
+        self.num_envs, self.task = int(num_envs), self._one.task
+        self.control_period, self.input_scale = control_period, self._one.input_scale
+        self._mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self.single_observation_space = self._one.observation_space
+        self.single_action_space = self._one.action_space
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._simulation = BatchSimulation(self._one.scene, self.num_envs, threads)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """State of the episodes, and what a step would otherwise look up."""
+        n, m = self.num_envs, len(self.input_scale)
+        layout, robot = self._one.scene.layout, self.task.robot
+        self._limit = robot.curvature_limit
+        self._pull = TendonMap(robot).per_action().tensions
+        self._per_length = 1 / layout.piece_length
+        self._pieces = layout.pieces
+        self._full_length = np.array([t.end - straight_length(t) for t in robot.tendons])
+        self._table = self._one._reference
+        self._index = np.zeros(n, dtype=np.int64)
+        self._last = np.zeros(n, dtype=np.int64)
+        self._action = np.zeros((n, m))
+        self._done = np.ones(n, dtype=bool)
+        self._variation = {name: np.ones(n) for name in VARIABLE}
+        self._generators: list[np.random.Generator] = []
+        self._started = False
+        self._observation: Observation | None = None
+
+    # ------------------------------------------------------------------ episodes
+
+    def reset(
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start episodes at rest.
+
+        Args:
+            seed: Seed of the first environment, the others follow; or one each.
+            options: As those of `TrackingEnv.reset` except `step_width`, the same for all; factors
+                of `vary` may also be arrays (n,). And `reset_mask` (n,) bool, the environments to
+                reset, all unless given.
+
+        Raises:
+            ValueError: A bad option; the message names what is allowed.
+        """
+        given = dict(options or {})
+        which = self._masked(given.pop(_MASK, None))
+        variation = self._given_variation(given.pop("vary", None))
+        self._seed(seed)
+        self._begin(which, given, variation)
+        self._started = True
+        self._observation = self._observe()
+        return self._observation, self._info(None)
+
+    def _seed(self, seed: int | list[int | None] | None) -> None:
+        """A generator for each environment, as the single environment's of the same seed."""
+        seeds = seed if isinstance(seed, list) else [None] * self.num_envs
+        if isinstance(seed, int | np.integer):
+            seeds = [int(seed) + i for i in range(self.num_envs)]
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"got {len(seeds)} seeds for {self.num_envs} environments")
+        for i, one in enumerate(seeds):
+            if i == len(self._generators):
+                self._generators.append(seeding.np_random(one)[0])
+            elif one is not None:
+                self._generators[i] = seeding.np_random(one)[0]
+
+    def _given_variation(self, vary: Any) -> dict[str, np.ndarray] | None:
+        """Factors (n,) by parameter from the option, None without it."""
+        if vary is None:
+            return None
+        if not isinstance(vary, dict):
+            raise ValueError(f"option 'vary' must be a dict of factors, got {vary!r}")
+        out = {name: np.ones(self.num_envs) for name in VARIABLE}
+        for name, value in vary.items():
+            values = np.asarray(value, dtype=float)
+            if values.shape not in ((), (self.num_envs,)):
+                raise ValueError(
+                    f"factors on {name!r} must be a number or {self.num_envs}, got {value!r}"
+                )
+            for factor in set(values.ravel().tolist()):
+                self.task.robot.vary(**{name: factor})  # refuses what cannot be
+            out[name][:] = values
+        return out
+
+    def _masked(self, mask: Any) -> np.ndarray:
+        """Indices of a mask (n,) bool, all for None."""
+        if mask is None:
+            return np.arange(self.num_envs)
+        mask = np.asarray(mask)
+        if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
+            raise ValueError(
+                f"reset_mask must be {self.num_envs} truth values, some of them true, got {mask!r}"
+            )
+        if not self._started and not mask.all():
+            raise ValueError("the first reset must be of all environments")
+        return np.flatnonzero(mask)
+
+    def _begin(
+        self,
+        which: np.ndarray,
+        options: dict[str, Any],
+        variation: dict[str, np.ndarray] | None = None,
+    ) -> None:
+        """Start episodes of the environments `which` (k,), of varied robots if so given."""
+        one = self._one
+        parsed = parse_options(options, len(self.input_scale), self._pieces)
+        if parsed.step_width is not None:
+            raise ValueError("step_width is an option of the single environment only")
+        for name, values in self._variation.items():
+            values[which] = 1.0 if variation is None else variation[name][which]
+        if variation is None and self._randomization is not None:
+            for i in which:
+                for name, factor in self._randomization.draw(self._generators[i]).items():
+                    self._variation[name][i] = factor
+        self._simulation.vary(which, {name: v[which] for name, v in self._variation.items()})
+        start_input = one._start_input(parsed, self.task)
+        posture = one._start_posture(parsed, start_input)
+        tension = one._tendon_map.tension(start_input)
+        self._simulation.reset(which, posture, tension)
+        last = self._table.last_index
+        if parsed.duration is not None:
+            last = min(last, max(1, round(parsed.duration / self.control_period)))
+        self._index[which], self._last[which] = 0, last
+        self._action[which] = start_input / self.input_scale
+        self._done[which] = False
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Apply actions (n, n_inputs) in [-1, 1] for one control period.
+
+        Raises:
+            ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+            gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
+                is disabled.
+        """
+        actions = self._checked(actions)
+        ended = self._done.copy() if self._mode == AutoresetMode.NEXT_STEP else None
+        running = None
+        if ended is not None and ended.any():
+            running = np.flatnonzero(~ended)
+        previous = self._action
+        self._action = actions.copy() if running is None else np.where(ended[:, None], 0, actions)
+        self._simulation.ctrl[:] = self._pull(self._action)
+        healthy = self._simulation.advance(running) if running is None or len(running) else None
+        self._index += 1
+        if running is not None:
+            self._begin(np.flatnonzero(ended), {})
+            healthy = np.ones(self.num_envs, bool) if healthy is None else healthy | ended
+        return self._result(previous, healthy, ended)
+
+    def _result(
+        self, previous: np.ndarray, healthy: np.ndarray, ended: np.ndarray | None
+    ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        before = self._observation
+        self._observation = self._observe()
+        terminated = ~healthy | self._sharp
+        truncated = (self._index >= self._last) & ~terminated
+        terms = self._reward.batch_terms(self._error, self._action, previous)
+        failures = None
+        if ended is not None and ended.any():
+            terminated[ended] = truncated[ended] = False
+            for term in terms.values():
+                term[ended] = 0.0
+        if terminated.any():
+            failures = self._fail(terminated, terms, before)
+        info = self._info(terms)
+        if failures is not None:
+            info |= {"failure": failures, "_failure": terminated.copy()}
+        self._done = terminated | truncated
+        if self._mode == AutoresetMode.SAME_STEP and self._done.any():
+            info |= self._restart(info)
+        return self._observation, sum(terms.values()), terminated, truncated, info
+
+    def _fail(
+        self, failed: np.ndarray, terms: dict[str, np.ndarray], before: Observation
+    ) -> np.ndarray:
+        """Penalise failed episodes, show what was seen before, and say what happened."""
+        for name, value in self._reward.failed_terms().items():
+            terms[name][failed] = value
+        for name, value in self._observation.items():
+            value[failed] = before[name][failed]
+        out = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(failed):
+            out[i] = self._what_failed(i)
+        return out
+
+    def _what_failed(self, i: int) -> str:
+        when = f"at t = {self._index[i] * self.control_period:.3f} s"
+        curvature = self._curvature[i]
+        piece = int(np.argmax(np.abs(curvature)))
+        if abs(curvature[piece]) > self._limit:
+            return (
+                f"left the workspace: curvature {curvature[piece]:.4g} 1/m of piece {piece + 1} is "
+                f"beyond +-{self._limit:g} 1/m {when}"
+            )
+        return f"simulation diverged in the control period ending {when}"
+
+    def _restart(self, info: dict[str, Any]) -> dict[str, Any]:
+        """Reset ended episodes within the step; entries of `info` about their ends."""
+        done = self._done.copy()
+        final = {"final_obs": self._observation, "_final_obs": done}
+        final |= {"final_info": deepcopy(info), "_final_info": done}
+        self._begin(np.flatnonzero(done), {})
+        self._observation = self._observe()
+        return final
+
+    def _checked(self, actions: np.ndarray) -> np.ndarray:
+        """The actions as floats."""
+        if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
+            raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
+        actions = np.asarray(actions, dtype=np.float64)
+        if actions.shape != self._action.shape or not (np.abs(actions) <= 1).all():
+            raise ValueError(
+                f"actions must be an array {self._action.shape} of numbers in [-1, 1], got shape "
+                f"{actions.shape} (gymnasium.wrappers.vector.ClipAction clips)"
+            )
+        return actions
+
+    # ------------------------------------------------------------------ read-outs
+
+    def _observe(self) -> Observation:
+        """New arrays (n, ...), which the caller may keep; updates error and curvature too."""
+        s, n, table, index = self._simulation, self.num_envs, self._table, self._index
+        tip = s.sensordata[:, 0:3][:, PLANE].copy()
+        angles = s.qpos.reshape(n, self._pieces, -1)
+        self._curvature = curvature = angles.sum(axis=2) * self._per_length
+        self._sharp = (np.abs(curvature) > self._limit).any(axis=1)
+        reference = table.position[index]
+        gap = tip - reference
+        self._error = np.hypot(gap[:, 0], gap[:, 1])
+        readers = {
+            "tip_position": lambda: tip,
+            "tip_velocity": lambda: s.sensordata[:, 3:6][:, PLANE].copy(),
+            "curvature": lambda: curvature,
+            "curvature_rate": lambda: (
+                s.qvel.reshape(n, self._pieces, -1).sum(axis=2) * self._per_length
+            ),
+            "tendon_tension": s.actuator_force.copy,
+            "tendon_length": lambda: s.ten_length + self._full_length,
+            "reference": lambda: reference,
+            "reference_velocity": lambda: table.velocity[index],
+            "reference_preview": lambda: table.preview[index],
+            "previous_action": self._action.copy,
+        }
+        return {name: readers[name]() for name in self.single_observation_space}
+
+    def _info(self, terms: dict[str, np.ndarray] | None) -> dict[str, Any]:
+        values = {
+            "time": self._index * self.control_period,
+            "error": self._error.copy(),
+            "tendon_tension": self._simulation.actuator_force.copy(),
+            "tendon_length": self._simulation.ten_length + self._full_length,
+        }
+        if self._randomization is not None:
+            values["variation"] = {name: v.copy() for name, v in self._variation.items()}
+        everyone = np.ones(self.num_envs, dtype=bool)
+        info: dict[str, Any] = {}
+        for name, value in values.items():
+            info |= {name: value, f"_{name}": everyone}
+        if terms is not None:
+            info |= {"reward_terms": terms, "_reward_terms": everyone}
+        return info

@@ -1,0 +1,305 @@
+"""Many robots at once are the single robot, step for step."""
+
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.registration import ENVIRONMENTS
+from softrobot_env.tasks import make_task
+
+COUNT = 4
+SHORT = replace(make_task("lshape"), duration=0.3)  # 30 steps
+RANGES = Randomization(youngs_modulus=(0.5, 1.5), density=(0.8, 1.25), damping_time=(0.5, 2.0))
+
+
+def actions(steps, seed=0):
+    """Actions (steps, COUNT, 3) that move the arms in different ways."""
+    return np.random.default_rng(seed).uniform(-0.3, 0.3, (steps, COUNT, 3)).astype(np.float32)
+
+
+def same(one, other, i, tolerance=0.0):
+    """Whether a single observation is the i-th of several."""
+    assert list(one) == list(other)
+    for name, value in one.items():
+        np.testing.assert_allclose(other[name][i], value, rtol=0, atol=tolerance, err_msg=name)
+
+
+# Sums of two hinge angles are rounded differently in one place; the physics is equal bit by bit.
+ROUNDING = 1e-11
+
+
+def test_episodes_are_those_of_the_single_environment():
+    """Observations, rewards, ends and info over several episodes, resets included."""
+    many = VectorTrackingEnv(COUNT, SHORT, observe="all", autoreset_mode="NextStep")
+    single = TrackingEnv(SHORT, observe="all")
+    observations, infos = many.reset(seed=3)
+    observation, info = single.reset(seed=3)
+    same(observation, observations, 2, ROUNDING)
+    over = False
+    for action in actions(70):
+        observations, rewards, terminated, truncated, infos = many.step(action)
+        if over:
+            observation, info = single.reset()
+            reward, ended, cut = 0.0, False, False
+        else:
+            observation, reward, ended, cut, info = single.step(action[2])
+        over = ended or cut
+        same(observation, observations, 2, ROUNDING)
+        assert rewards[2] == pytest.approx(reward, abs=1e-12)
+        assert (terminated[2], truncated[2]) == (ended, cut)
+        for name in ("time", "error", "tendon_tension", "tendon_length"):
+            np.testing.assert_allclose(infos[name][2], info[name], atol=ROUNDING, err_msg=name)
+        for name, term in info["reward_terms"].items():
+            assert infos["reward_terms"][name][2] == pytest.approx(term, abs=1e-12)
+
+
+def test_physics_is_equal_bit_by_bit():
+    many, single = VectorTrackingEnv(COUNT, "swing"), TrackingEnv("swing")
+    many.reset()
+    single.reset()
+    for action in actions(100):
+        many.step(action)
+        single.step(action[1])
+    np.testing.assert_array_equal(many._simulation.qpos[1], single.data.qpos)
+    np.testing.assert_array_equal(many._simulation.qvel[1], single.data.qvel)
+
+
+def test_the_number_of_threads_does_not_matter():
+    ends = []
+    for threads in (1, 2):
+        env = VectorTrackingEnv(COUNT, "swing", threads=threads)
+        env.reset()
+        for action in actions(30):
+            observation, *_ = env.step(action)
+        ends.append(observation["tip_position"])
+    np.testing.assert_array_equal(*ends)
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_make_vec_gives_the_batched_environment(env_id):
+    env = gymnasium.make_vec(env_id, num_envs=COUNT)
+    assert isinstance(env.unwrapped, VectorTrackingEnv)
+    assert env.metadata["autoreset_mode"] == AutoresetMode.NEXT_STEP
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    for action in actions(3):
+        observation, rewards, terminated, truncated, _ = env.step(action)
+    assert env.observation_space.contains(observation)
+    assert rewards.shape == terminated.shape == truncated.shape == (COUNT,)
+    env.close()
+
+
+def test_gymnasium_s_own_vector_wrappers_work():
+    env = gymnasium.make_vec("SoftRobot/ArmSwing-v0", num_envs=COUNT)
+    env = gymnasium.wrappers.vector.FlattenObservation(env)
+    env = gymnasium.wrappers.vector.RecordEpisodeStatistics(env)
+    observation, _ = env.reset(seed=0)
+    assert (
+        observation.shape
+        == env.observation_space.shape
+        == (COUNT, *env.observation_space.shape[1:])
+    )
+    for action in actions(5):
+        observation, *_ = env.step(action)
+    assert np.all(np.isfinite(observation))
+
+
+# ---------------------------------------------------------------- autoreset
+
+
+def test_same_step_autoreset_tells_the_last_observation():
+    same_step = VectorTrackingEnv(COUNT, SHORT, autoreset_mode=AutoresetMode.SAME_STEP)
+    next_step = VectorTrackingEnv(COUNT, SHORT)
+    start, _ = same_step.reset()
+    next_step.reset()
+    for k, action in enumerate(actions(30)):
+        observation, _, _, truncated, info = same_step.step(action)
+        last, *_ = next_step.step(action)
+        if k < 29:
+            assert "final_obs" not in info
+    assert truncated.all() and info["_final_obs"].all()
+    for name, value in start.items():
+        np.testing.assert_array_equal(info["final_obs"][name], last[name])
+        np.testing.assert_array_equal(observation[name], value)
+    np.testing.assert_array_equal(info["final_info"]["time"], np.full(COUNT, 0.3))
+
+
+def test_without_autoreset_ended_episodes_are_reset_by_mask():
+    env = VectorTrackingEnv(COUNT, SHORT, autoreset_mode=AutoresetMode.DISABLED)
+    env.reset()
+    for action in actions(30):
+        _, _, _, truncated, _ = env.step(action)
+    assert truncated.all()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(action)
+    first = np.array([True, False, True, False])
+    moved = env._simulation.qpos.copy()
+    env.reset(options={"reset_mask": first})
+    np.testing.assert_array_equal(env._simulation.qpos[~first], moved[~first])
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(action)
+    env.reset(options={"reset_mask": ~first})
+    env.step(action)
+
+
+def test_environments_can_be_out_of_step():
+    env = VectorTrackingEnv(COUNT, SHORT, autoreset_mode=AutoresetMode.DISABLED)
+    single = TrackingEnv(SHORT)
+    env.reset()
+    steps = actions(25)
+    for action in steps[:10]:
+        env.step(action)
+    env.reset(options={"reset_mask": np.array([False, True, False, False])})
+    single.reset()
+    for action in steps[10:]:
+        observations, *_ = env.step(action)
+        observation, *_ = single.step(action[1])
+    same(observation, observations, 1, ROUNDING)
+
+
+# ---------------------------------------------------------------- variation
+
+
+@pytest.mark.parametrize(
+    "vary",
+    [
+        {"youngs_modulus": 0.6},
+        {"density": 1.3},
+        {"damping_time": 0.4},
+        {"youngs_modulus": 1.2, "density": 0.7},
+    ],
+)
+def test_variations_are_those_of_the_single_environment(vary):
+    options = {"observe": "all", "timestep": 0.001, "integrator": "implicitfast"}
+    many, single = VectorTrackingEnv(COUNT, SHORT, **options), TrackingEnv(SHORT, **options)
+    factors = {name: np.array([1.0, 0.9, factor, 1.1]) for name, factor in vary.items()}
+    observations, _ = many.reset(options={"vary": factors})
+    observation, _ = single.reset(options={"vary": vary})
+    for action in actions(29):
+        same(observation, observations, 2, 1e-7)
+        observations, *_ = many.step(action)
+        observation, *_ = single.step(action[2])
+    # And the next episode is nominal again.
+    many.step(action)
+    observations, *_ = many.step(action)
+    same(single.reset()[0], observations, 2, ROUNDING)
+
+
+def test_draws_are_those_of_the_single_environment_with_the_same_seed():
+    many = VectorTrackingEnv(COUNT, SHORT, randomization=RANGES)
+    drawn = [many.reset(seed=7)[1]["variation"]]
+    for _ in range(31):  # into the second episode
+        _, _, _, _, info = many.step(np.zeros((COUNT, 3)))
+    drawn.append(info["variation"])
+    single = TrackingEnv(SHORT, randomization=RANGES)
+    for i in range(COUNT):
+        for k, options in enumerate(({"seed": 7 + i}, {})):
+            variation = single.reset(**options)[1]["variation"]
+            assert variation == {name: values[i] for name, values in drawn[k].items()}
+    assert len(set(drawn[0]["youngs_modulus"])) == COUNT
+
+
+def test_draws_fill_their_ranges():
+    rng = np.random.default_rng(0)
+    draws = [RANGES.draw(rng) for _ in range(2000)]
+    for name, (low, high) in (("youngs_modulus", (0.5, 1.5)), ("damping_time", (0.5, 2.0))):
+        values = np.log([draw[name] for draw in draws])
+        assert np.log(low) <= values.min() and values.max() <= np.log(high)
+        # Uniform in the logarithm: mean and variance of a uniform distribution.
+        assert values.mean() == pytest.approx((np.log(low) + np.log(high)) / 2, abs=0.03)
+        assert values.var() == pytest.approx((np.log(high) - np.log(low)) ** 2 / 12, rel=0.1)
+
+
+def test_given_variations_win_over_draws():
+    single = TrackingEnv(SHORT, randomization=RANGES)
+    _, info = single.reset(seed=0, options={"vary": {"density": 1.1}})
+    assert info["variation"] == {"density": 1.1}
+
+
+@pytest.mark.parametrize("ends", [(0.0, 1.0), (2.0, 1.0), (1.0,), "wide", (1.0, np.inf)])
+def test_bad_ranges_are_refused(ends):
+    with pytest.raises(ValueError, match="0 < low <= high"):
+        Randomization(density=ends)
+
+
+# ---------------------------------------------------------------- failures and bad input
+
+
+def test_a_failed_episode_is_told_and_disturbs_no_other():
+    """Full pull folds a soft arm; a nominal one beside it only bends."""
+    many, single = VectorTrackingEnv(COUNT, "swing"), TrackingEnv("swing")
+    soft = np.array([1.0, 0.2, 1.0, 1.0])
+    many.reset(options={"vary": {"youngs_modulus": soft}})
+    single.reset()
+    gentle = np.zeros((COUNT, 3), np.float32)
+    gentle[1] = 1.0
+    before = None
+    for _ in range(300):
+        observations, rewards, terminated, _, infos = many.step(gentle)
+        observation, *_ = single.step(gentle[0])
+        if terminated[1]:
+            break
+        before = observations
+    assert terminated.tolist() == [False, True, False, False]
+    assert " at t = " in infos["failure"][1] and infos["failure"][0] is None
+    assert rewards[1] == -10.0 and rewards[0] > -1.0
+    for name, value in observations.items():
+        np.testing.assert_array_equal(value[1], before[name][1])
+    same(observation, observations, 0, ROUNDING)
+
+
+@pytest.mark.parametrize(
+    "bad", [np.zeros((COUNT, 2)), np.full((COUNT, 3), np.nan), np.full((COUNT, 3), 1.1)]
+)
+def test_bad_actions_are_refused(bad):
+    env = VectorTrackingEnv(COUNT, SHORT)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(np.zeros((COUNT, 3)))
+    env.reset()
+    with pytest.raises(ValueError, match=r"\[-1, 1\]"):
+        env.step(bad)
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        ({"reset_mask": np.ones(3, bool)}, "4 truth values"),
+        ({"reset_mask": np.zeros(COUNT, bool)}, "some of them true"),
+        ({"vary": {"density": np.ones(3)}}, "a number or 4"),
+        ({"vary": {"mass": 2.0}}, "choose from"),
+        ({"step_width": 0.1}, "single environment only"),
+        ({"speed": 1.0}, "unknown reset option"),
+    ],
+)
+def test_bad_options_are_refused(options, reason):
+    env = VectorTrackingEnv(COUNT, SHORT)
+    env.reset()
+    with pytest.raises(ValueError, match=reason):
+        env.reset(options=options)
+
+
+def test_other_bad_arguments_are_refused():
+    with pytest.raises(ValueError, match="num_envs"):
+        VectorTrackingEnv(0)
+    env = VectorTrackingEnv(COUNT, SHORT)
+    with pytest.raises(ValueError, match="3 seeds for 4"):
+        env.reset(seed=[1, 2, 3])
+
+
+def test_observations_belong_to_the_caller():
+    env = VectorTrackingEnv(COUNT, SHORT, observe="all")
+    observation, _ = env.reset()
+    kept = {name: value.copy() for name, value in observation.items()}
+    other, *_ = env.step(np.zeros((COUNT, 3)))
+    for name, value in observation.items():
+        np.testing.assert_array_equal(value, kept[name])
+        value += 1.0
+        other[name] += 1.0
+    again, *_ = env.step(np.zeros((COUNT, 3)))
+    assert env.observation_space.contains(again)
