@@ -14,7 +14,7 @@ from numbers import Real
 import numpy as np
 
 #: Robot parameters that `RobotParams.vary` scales.
-VARIABLE = ("youngs_modulus", "density", "damping_time")
+VARIABLE = ("youngs_modulus", "density", "damping_time", "tendon_radius")
 
 #: Smallest positive root of cos(x) cosh(x) = -1: first mode of a clamped-free beam.
 _CLAMPED_FREE_ROOT = 1.8751040687119611
@@ -59,6 +59,10 @@ class Tendon:
                 f"tendon {self.name!r}: guides must increase strictly between 0 and end, "
                 f"got guides {self.guides} and end {self.end} m"
             )
+
+    def at_radius(self, factor: float) -> "Tendon":
+        """The same tendon at another distance from the neutral fibre, by a factor [1]."""
+        return replace(self, offset=tuple(factor * x for x in self.offset))
 
 
 @dataclass(frozen=True)
@@ -153,7 +157,8 @@ class RobotParams:
         Args:
             **scales: Factor [1] by parameter name, one of `VARIABLE`. A varied Young's
                 modulus keeps the damping time mu, hence scales D with K (sec. 6.6.3). The
-                damping time alone may vanish.
+                damping time alone may vanish. The tendon radius is the distance of all tendons
+                from the neutral fibre.
 
         Raises:
             ValueError: Unknown name, or a factor that is not finite and positive.
@@ -165,7 +170,13 @@ class RobotParams:
             undamped = name == "damping_time" and factor == 0
             if factor is None or not (undamped or 0 < factor < inf):
                 raise ValueError(f"scale of {name!r} must be finite and positive, got {scale!r}")
-        return replace(self, **{n: getattr(self, n) * float(s) for n, s in scales.items()})
+        factors = {name: float(scale) for name, scale in scales.items()}
+        radius = factors.pop("tendon_radius", 1.0)
+        return replace(
+            self,
+            tendons=tuple(tendon.at_radius(radius) for tendon in self.tendons),
+            **{name: getattr(self, name) * factor for name, factor in factors.items()},
+        )
 
 
 def as_number(value: object) -> float | None:

@@ -15,7 +15,12 @@ from softrobot_env.tasks import make_task
 
 COUNT = 4
 SHORT = replace(make_task("lshape"), duration=0.3)  # 30 steps
-RANGES = Randomization(youngs_modulus=(0.5, 1.5), density=(0.8, 1.25), damping_time=(0.5, 2.0))
+RANGES = Randomization(
+    youngs_modulus=(0.5, 1.5),
+    density=(0.8, 1.25),
+    damping_time=(0.5, 2.0),
+    tendon_radius=(0.9, 1.1),
+)
 
 
 def actions(steps, seed=0):
@@ -172,6 +177,7 @@ def test_environments_can_be_out_of_step():
         {"youngs_modulus": 0.6},
         {"density": 1.3},
         {"damping_time": 0.4},
+        {"tendon_radius": 0.8},
         {"youngs_modulus": 1.2, "density": 0.7},
     ],
 )

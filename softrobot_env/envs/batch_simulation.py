@@ -12,6 +12,7 @@ _PROPORTIONAL = {
     "dof_damping": ("youngs_modulus", "damping_time"),
     "body_mass": ("density",),
     "body_inertia": ("density",),
+    "wrap_prm": ("tendon_radius",),  # lever arms of tendons in channels
 }
 
 _STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
@@ -52,8 +53,14 @@ class BatchSimulation:
 
         Args:
             which: (k,) int, increasing, the simulations.
-            factors: (k,) [1] on youngs_modulus, density and damping_time.
+            factors: (k,) [1] on each of `robots.VARIABLE`.
+
+        Raises:
+            ValueError: A factor on the radius of tendons that run through guides.
         """
+        guided = any(tendon.guides for tendon in self.scene.config.robot.tendons)
+        if guided and np.any(factors["tendon_radius"] != 1):
+            raise ValueError("tendon_radius can be varied in many environments for channels only")
         if not self._varied and all(np.all(values == 1) for values in factors.values()):
             return
         self._varied = True

@@ -16,12 +16,13 @@ class Randomization:
     The names are those of `RobotParams.vary`; a range (1, 1) leaves a parameter as it is.
 
     Attributes:
-        youngs_modulus, density, damping_time: Smallest and largest factor.
+        youngs_modulus, density, damping_time, tendon_radius: Smallest and largest factor.
     """
 
     youngs_modulus: Range = (1.0, 1.0)
     density: Range = (1.0, 1.0)
     damping_time: Range = (1.0, 1.0)
+    tendon_radius: Range = (1.0, 1.0)
 
     def __post_init__(self) -> None:
         for name, ends in self._ranges().items():

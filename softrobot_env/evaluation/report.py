@@ -30,7 +30,7 @@ _PACKAGES = ("softrobot_env", "mujoco", "gymnasium", "numpy", "scipy")
 _TERMINAL_HIDES = ("policy_time_p99",)
 _STEP_HIDES = ("e_mean", "e_rms", "e_max", "e_final")
 
-_SYMBOLS = {"youngs_modulus": "E", "density": "rho", "damping_time": "mu"}
+_SYMBOLS = {"youngs_modulus": "E", "density": "rho", "damping_time": "mu", "tendon_radius": "r_t"}
 
 #: Column -> (heading, factor from SI, digits) of the tables people read.
 _COLUMNS = {
