@@ -38,6 +38,7 @@ ALLOWED = {
     "commands": EVERYTHING,  # one module per command of the cli
     "__main__": EVERYTHING,
     "benchmarks": EVERYTHING,
+    "training": EVERYTHING,
     "scripts": EVERYTHING,
 }
 
@@ -47,6 +48,7 @@ HEAVY = {"torch", "stable_baselines3", "serial", "imageio", "matplotlib", "PIL"}
 HEAVY_AT_HOME = {
     "rendering": {"matplotlib", "imageio", "PIL"},
     "learned": {"torch"},
+    "training": {"torch", "stable_baselines3"},
     "hardware": {"serial"},
 }
 

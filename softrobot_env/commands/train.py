@@ -104,6 +104,36 @@ def _train_lq_preview(seed: int, path: Path, show: Show) -> Figures:
     return _table_figures(gains)
 
 
+def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
+    """Network that imitates the model predictive controller with preview, for the arm."""
+    from softrobot_env.training.imitation import ImitationConfig, imitate
+    from softrobot_env.training.shipping import figures, save
+
+    network = imitate(ImitationConfig(), seed, show)
+    save(network, path, seed)
+    return figures(network)
+
+
+def _train_ppo(seed: int, path: Path, show: Show) -> Figures:
+    """Network from reinforcement learning alone, for comparison; no policy loads it."""
+    from softrobot_env.training.ppo import SCRATCH, train
+    from softrobot_env.training.shipping import figures, save, save_curve
+
+    network, curve = train(SCRATCH, seed, show)
+    save(network, path, seed)
+    return [*figures(network), ("learning curve", str(save_curve(curve, path)))]
+
+
+def _train_ppo_tuned(seed: int, path: Path, show: Show) -> Figures:
+    """The imitating network after reinforcement learning, or itself if that made it no better."""
+    from softrobot_env.training.ppo import TUNING, train
+    from softrobot_env.training.shipping import figures, load_start, save, save_curve
+
+    network, curve = train(TUNING, seed, show, load_start(path))
+    save(network, path, seed)
+    return [*figures(network), ("learning curve", str(save_curve(curve, path)))]
+
+
 def _points(show: Show) -> Callable[[int, int], None]:
     return lambda done, total: show("operating points", done, total)
 
@@ -120,6 +150,9 @@ TRAINERS = {
     "qs_nn": Trainer("qs_nn.npz", _train_qs_nn, random=True),
     "lqi": Trainer("lqi.npz", _train_lqi),
     "lq_preview": Trainer("lq_preview.npz", _train_lq_preview),
+    "imitation": Trainer("imitation.npz", _train_imitation, random=True),
+    "ppo": Trainer("ppo.npz", _train_ppo, random=True),
+    "ppo_tuned": Trainer("ppo_tuned.npz", _train_ppo_tuned, random=True),
 }
 
 

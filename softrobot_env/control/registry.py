@@ -56,6 +56,9 @@ POLICIES: dict[str, PolicySpec] = {
     "mpc_preview": PolicySpec(
         "mpc", "make_preview", environment="preview_environment", package="daqp"
     ),
+    "imitation": PolicySpec(
+        "neural", "NeuralPolicy", {"weights": "imitation.npz"}, environment="environment"
+    ),
 }
 
 

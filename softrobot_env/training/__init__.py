@@ -1,0 +1,1 @@
+"""Training of learned policies: imitation of a controller, and reinforcement learning."""

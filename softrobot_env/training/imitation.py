@@ -1,0 +1,217 @@
+"""Imitation of the model predictive controller with preview: cloning, then DAgger."""
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from multiprocessing import get_context
+
+import numpy as np
+import torch
+
+from softrobot_env.control import neural
+from softrobot_env.control.mpc import MPC
+from softrobot_env.control.mpc_settings import PREVIEW, MPCSettings
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.interfaces import Observation
+from softrobot_env.learned.network import Network
+from softrobot_env.robots import ARM
+from softrobot_env.training.networks import as_network, new_layers
+from softrobot_env.training.progress import Show
+from softrobot_env.training.references import draw_task
+
+#: The controller to imitate: `mpc_preview`, deciding as often as the network.
+TEACHER: MPCSettings = replace(
+    PREVIEW,
+    period=neural.PERIOD,
+    steps=(0.01, 0.01, 0.02, 0.02, 0.04, 0.04, 0.08),
+    moves=(1,) * 7,
+)
+
+
+@dataclass(frozen=True)
+class ImitationConfig:
+    """Size and settings of an imitation.
+
+    Attributes:
+        hidden: Neurons of the hidden layers.
+        rounds: Rounds of data; in the first one the teacher acts, in later ones the network.
+        samples: Decisions per round.
+        shares: Of a round, each of whole episodes; the data do not depend on `processes`.
+        duration: [s] of the longest episode on a random reference.
+        modulus: Factors on Young's modulus, drawn evenly in its logarithm.
+        varied: Share of the episodes with a varied modulus.
+        pushed: Share of the steps at which a random change of the action is added.
+        push: Standard deviation [1] of that change.
+        epochs: Passes over all data so far after each round but the last.
+        last_epochs: Passes after the last round.
+        batch: Samples per gradient step.
+        rate: Largest learning rate.
+        processes: That collect data; 0 collects in this one.
+        threads: Of torch; small layers gain nothing from more than one.
+    """
+
+    hidden: tuple[int, ...] = (128, 128)
+    rounds: int = 8
+    samples: int = 24_000
+    shares: int = 16
+    duration: float = 3.0
+    modulus: tuple[float, float] = (0.45, 1.7)
+    varied: float = 0.7
+    pushed: float = 0.03
+    push: float = 0.03
+    epochs: int = 10
+    last_epochs: int = 40
+    batch: int = 512
+    rate: float = 2e-3
+    processes: int = 2
+    threads: int = 1
+
+
+@dataclass(frozen=True)
+class Data:
+    """Decisions of the teacher.
+
+    Attributes:
+        seen: (k, n_features) float32.
+        wanted: (k, n_inputs) float32, outputs of the network that give the teacher's action.
+    """
+
+    seen: np.ndarray
+    wanted: np.ndarray
+
+    @staticmethod
+    def join(parts: list["Data"]) -> "Data":
+        """All of them, in order."""
+        return Data(
+            np.concatenate([part.seen for part in parts]),
+            np.concatenate([part.wanted for part in parts]),
+        )
+
+
+def imitate(
+    config: ImitationConfig,
+    seed: int,
+    show: Show,
+    keep: Callable[[int, Network], None] | None = None,
+) -> Network:
+    """Train a network to act as the teacher does, in the states it gets into itself.
+
+    Args:
+        config: Size and settings.
+        seed: Of everything random.
+        show: Told the progress.
+        keep: Called after every round with its number and the network.
+    """
+    torch.manual_seed(seed)
+    torch.set_num_threads(config.threads)
+    layers = new_layers(neural.feature_count(ARM), config.hidden, 3)
+    parts: list[Data] = []
+    network: Network | None = None
+    with _pool(config.processes) as each:
+        for k in range(config.rounds):
+            seeds = np.random.SeedSequence([seed, k]).spawn(config.shares)
+            jobs = [(config, network, one) for one in seeds]
+            for i, part in enumerate(each(_collect, jobs)):
+                parts.append(part)
+                show(f"round {k + 1} of {config.rounds}: data", i + 1, config.shares)
+            last = k == config.rounds - 1
+            epochs = config.last_epochs if last else config.epochs
+            for epoch, loss in fit(layers, Data.join(parts), epochs, config):
+                show(f"round {k + 1} of {config.rounds}: loss {loss:.2e}", epoch, epochs)
+            network = as_network(layers)
+            if keep is not None:
+                keep(k, network)
+    return network
+
+
+@contextmanager
+def _pool(processes: int) -> Iterator[Callable[..., Iterator[Data]]]:
+    """A `map` over processes."""
+    if processes == 0:
+        yield map
+        return
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        yield pool.map
+
+
+def fit(
+    layers: torch.nn.Sequential, data: Data, epochs: int, config: ImitationConfig
+) -> Iterator[tuple[int, float]]:
+    """Least squares by Adam under a falling rate; yields epoch and mean squared error."""
+    seen, wanted = torch.from_numpy(data.seen), torch.from_numpy(data.wanted)
+    optimiser = torch.optim.Adam(layers.parameters(), config.rate)
+    batches = -(-len(seen) // config.batch)
+    steps = epochs * batches
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, config.rate, total_steps=steps, pct_start=min(max(0.1, 2 / steps), 0.75)
+    )
+    for epoch in range(epochs):
+        total = 0.0
+        for chosen in torch.randperm(len(seen)).split(config.batch):
+            loss = torch.nn.functional.mse_loss(layers(seen[chosen]), wanted[chosen])
+            optimiser.zero_grad()
+            loss.backward()
+            optimiser.step()
+            schedule.step()
+            total += loss.item() * len(chosen)
+        yield epoch + 1, total / len(seen)
+
+
+def _collect(job: tuple[ImitationConfig, Network | None, np.random.SeedSequence]) -> Data:
+    """A share of a round: the teacher's decisions where it or the network acts."""
+    config, network, seed = job
+    rng = np.random.default_rng(seed)
+    teacher = MPC(ARM, neural.PERIOD, TEACHER)
+    seen: list[np.ndarray] = []
+    wanted: list[np.ndarray] = []
+    while len(seen) < config.samples / config.shares:
+        for one, action in _episode(config, network, teacher, rng):
+            seen.append(neural.features(one))
+            wanted.append(neural.output_of(action - one["previous_action"]))
+    return Data(np.array(seen, np.float32), np.array(wanted, np.float32))
+
+
+def _episode(
+    config: ImitationConfig, network: Network | None, teacher: MPC, rng: np.random.Generator
+) -> Iterator[tuple[Observation, np.ndarray]]:
+    """Observations of the network, and the teacher's actions."""
+    duration = config.duration * rng.uniform(0.3, 1.0)
+    task = draw_task(rng, duration)
+    env = TrackingEnv(task, control_period=neural.PERIOD, preview=(*neural.PREVIEW, *TEACHER.times))
+    actor = None if network is None else neural.NeuralPolicy.of(ARM, network, neural.PERIOD)
+    observation, _ = env.reset(options=_start(config, task.start_input, rng))
+    state, over = None, False
+    while not over:
+        mine, its = _views(observation)
+        action, state = teacher.predict(its, state)
+        yield mine, action
+        if actor is not None:
+            action, _ = actor.predict(mine)
+        if rng.uniform() < config.pushed:
+            action = action + rng.normal(0, config.push, action.shape)
+        action = np.clip(action, -1, 1).astype(np.float32)
+        observation, _, terminated, truncated, _ = env.step(action)
+        over = terminated or truncated
+
+
+def _start(
+    config: ImitationConfig, start_input: tuple[float, ...], rng: np.random.Generator
+) -> dict[str, object]:
+    """Options of `reset`: often another modulus, sometimes another start."""
+    options: dict[str, object] = {}
+    if rng.uniform() < config.varied:
+        factor = np.exp(rng.uniform(*np.log(config.modulus)))
+        options["vary"] = {"youngs_modulus": float(factor)}
+    if rng.uniform() < 0.3:
+        options["start_input"] = np.array(start_input) + rng.normal(0, 2.0, 3)
+    return options
+
+
+def _views(observation: Observation) -> tuple[Observation, Observation]:
+    """The same observation with the preview of the network, and with that of the teacher."""
+    preview, mine = observation["reference_preview"], 2 * len(neural.PREVIEW)
+    return (
+        {**observation, "reference_preview": preview[:mine]},
+        {**observation, "reference_preview": preview[mine:]},
+    )

@@ -1,0 +1,252 @@
+"""Learned policies: the adapter to stable-baselines3, the trainings, and what is shipped."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("daqp")
+
+from softrobot_env.control import neural  # noqa: E402
+from softrobot_env.control.registry import make_policy, policy_environment  # noqa: E402
+from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
+from softrobot_env.envs.vector import VectorTrackingEnv  # noqa: E402
+from softrobot_env.learned.network import Network  # noqa: E402
+from softrobot_env.paths import models_dir  # noqa: E402
+from softrobot_env.robots import ARM  # noqa: E402
+from softrobot_env.tasks import make_task  # noqa: E402
+from softrobot_env.training import ppo, references, shipping  # noqa: E402
+from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
+from softrobot_env.training.networks import as_network, new_layers, put_network  # noqa: E402
+from softrobot_env.training.trial import trial  # noqa: E402
+from softrobot_env.training.vec_env import TrackingVecEnv  # noqa: E402
+
+SHORT = replace(make_task("swing"), duration=0.05)
+TINY_PPO = ppo.PPOConfig(
+    hidden=(8,),
+    steps=128,
+    critic_steps=64,
+    random_tasks=1,
+    envs_per_task=1,
+    rollout=4,
+    batch=18,
+    epochs=1,
+    trial_moduli=(1.0,),
+    trial_duration=0.05,
+    threads=1,
+)
+TINY_IMITATION = ImitationConfig(
+    hidden=(8,), rounds=2, samples=64, shares=1, duration=0.2, epochs=1, last_epochs=2, processes=0
+)
+
+
+def quiet(*_):
+    pass
+
+
+def part(count=2, task=SHORT, mode="SameStep"):
+    return VectorTrackingEnv(count, task, threads=1, preview=neural.PREVIEW, autoreset_mode=mode)
+
+
+@pytest.fixture
+def observation():
+    env = TrackingEnv(SHORT, preview=neural.PREVIEW)
+    return env.reset()[0]
+
+
+# ---------------------------------------------------------------------- features
+
+
+def test_features_are_a_scaled_vector(observation):
+    seen = neural.features(observation)
+    assert seen.shape == (neural.feature_count(ARM),) and seen.dtype == np.float32
+    error = observation["reference"] - observation["tip_position"]
+    np.testing.assert_allclose(seen[:2], error / 0.05, atol=1e-6)
+    np.testing.assert_allclose(seen[-3:], observation["previous_action"] / 0.15, rtol=1e-6)
+
+
+def test_features_of_a_batch_are_those_of_its_members(observation):
+    other = {name: value + 0.01 for name, value in observation.items()}
+    stacked = {name: np.stack([observation[name], other[name]]) for name in observation}
+    both = np.stack([neural.features(observation), neural.features(other)])
+    np.testing.assert_array_equal(neural.features(stacked), both)
+
+
+def test_outputs_and_increments_are_inverse():
+    outputs = np.linspace(-1, 1, 21)
+    np.testing.assert_allclose(neural.output_of(neural.increment(outputs)), outputs, atol=1e-12)
+    assert neural.increment(np.ones(1))[0] == pytest.approx(1)
+    assert neural.increment(np.array([3.0]))[0] == pytest.approx(1)
+
+
+# ---------------------------------------------------------------------- adapter
+
+
+def test_the_adapter_steps_as_the_single_environment():
+    env = TrackingVecEnv([part(2), part(1, make_task("lshape"))])
+    seen = env.reset()
+    assert seen.shape == (3, neural.feature_count(ARM)) and seen.dtype == np.float32
+    assert seen.shape[1:] == env.observation_space.shape
+    single = TrackingEnv(SHORT, preview=neural.PREVIEW)
+    one, _ = single.reset()
+    for _ in range(4):
+        output = np.full((3, 3), 0.2, np.float32)
+        seen, reward, done, infos = env.step(output)
+        change = neural.increment(output[0].astype(float))
+        one, expected, *_ = single.step(one["previous_action"] + change)
+        np.testing.assert_allclose(seen[0], neural.features(one), atol=1e-6)
+        assert reward[0] == pytest.approx(expected) and not done.any()
+        assert infos == [{}, {}, {}]
+
+
+def test_the_adapter_reports_ends():
+    env = TrackingVecEnv([part(2), part(1, make_task("lshape"))], reward_scale=0.5)
+    first = env.reset()
+    total = 0.0
+    for _ in range(5):
+        seen, reward, done, infos = env.step(np.zeros((3, 3), np.float32))
+        total += 2 * reward[0]
+    np.testing.assert_array_equal(done, [True, True, False])
+    np.testing.assert_array_equal(seen[0], first[0])
+    assert infos[2] == {}
+    assert infos[0]["TimeLimit.truncated"]
+    assert infos[0]["terminal_observation"].shape == first[0].shape
+    assert not np.array_equal(infos[0]["terminal_observation"], first[0])
+    assert infos[0]["episode"]["l"] == 5
+    assert infos[0]["episode"]["r"] == pytest.approx(total)
+
+
+def test_staggered_environments_end_one_by_one():
+    env = TrackingVecEnv([part(5)], stagger=True)
+    env.reset()
+    ends = [env.step(np.zeros((5, 3), np.float32))[2] for _ in range(5)]
+    assert np.array(ends)[:, 1:].argmax(axis=0).tolist() == [0, 1, 2, 3]
+
+
+def test_parts_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="SameStep"):
+        TrackingVecEnv([part(mode="NextStep")])
+    other = VectorTrackingEnv(1, SHORT, preview=(0.1,), autoreset_mode="SameStep")
+    with pytest.raises(ValueError, match="same observation"):
+        TrackingVecEnv([part(), other])
+
+
+def test_seeds_are_handed_on():
+    env = TrackingVecEnv([part(2), part(1)])
+    assert env.seed(3) == [3, 4, 5]
+    env.reset()
+    assert env.get_attr("num_envs") == [2, 2, 1]
+
+
+# ---------------------------------------------------------------------- networks
+
+
+def test_numpy_and_torch_give_the_same(observation):
+    env = ppo.make_training_env(TINY_PPO, 0)
+    model = ppo.make_model(TINY_PPO, env, 0)
+    seen = env.reset()
+    expected, _ = model.predict(seen, deterministic=True)
+    found = np.clip(ppo.actor_of(model)(seen), -1, 1)
+    np.testing.assert_allclose(found, expected, atol=1e-6)
+
+
+def test_layers_take_what_they_give():
+    layers = new_layers(5, (4, 3), 2)
+    other = new_layers(5, (4, 3), 2)
+    put_network(as_network(layers), other)
+    x = torch.randn(7, 5)
+    assert torch.equal(layers(x), other(x))
+
+
+# ---------------------------------------------------------------------- trainings
+
+
+@pytest.mark.parametrize("draw", ["random_step", "random_legs", "random_waves", "known_task"])
+def test_random_tasks_are_valid_and_start_at_their_reference(draw):
+    for seed in range(3):
+        task = getattr(references, draw)(np.random.default_rng(seed), 1.0)
+        env = TrackingEnv(task)
+        observation, info = env.reset()
+        if "step" not in task.name:
+            assert info["error"] < 2e-3
+        assert np.all(np.isfinite(observation["reference_preview"]))
+
+
+def test_imitation_is_reproducible():
+    one, other = (imitate(TINY_IMITATION, 3, quiet) for _ in range(2))
+    np.testing.assert_array_equal(one.parameters, other.parameters)
+    changed = imitate(TINY_IMITATION, 4, quiet)
+    assert not np.array_equal(one.parameters, changed.parameters)
+
+
+def test_reinforcement_learning_is_reproducible():
+    runs = [ppo.train(TINY_PPO, 3, quiet) for _ in range(2)]
+    np.testing.assert_array_equal(runs[0][0].parameters, runs[1][0].parameters)
+    assert runs[0][1] == runs[1][1]
+    assert runs[0][1][0]["steps"] == 0
+
+
+def test_reinforcement_learning_goes_on_from_a_checkpoint(tmp_path):
+    half = replace(TINY_PPO, steps=72)
+    _, first = ppo.train(half, 3, quiet, checkpoint=tmp_path / "kept")
+    network, curve = ppo.train(TINY_PPO, 3, quiet, checkpoint=tmp_path / "kept")
+    assert curve[: len(first)] == first and curve[-1]["steps"] >= 128 > first[-1]["steps"]
+    again, same = ppo.train(TINY_PPO, 3, quiet, checkpoint=tmp_path / "kept")
+    assert same == curve
+    np.testing.assert_array_equal(again.parameters, network.parameters)
+
+
+def test_fine_tuning_keeps_the_start_if_it_is_best():
+    """Of a network that does nothing, on references that hardly move."""
+    start = as_network(new_layers(neural.feature_count(ARM), (8,), 3))
+    start = start.with_parameters(0 * start.parameters)
+    network, curve = ppo.train(TINY_PPO, 0, quiet, start)
+    best = max(point["reward"] for point in curve)
+    if curve[0]["reward"] == best:
+        np.testing.assert_array_equal(network.parameters, start.parameters)
+
+
+# ---------------------------------------------------------------------- what is shipped
+
+
+def test_shipped_network_is_small_and_says_what_it_is():
+    path = models_dir() / "imitation.npz"
+    assert path.stat().st_size < 1e6
+    network, about = Network.load(path)
+    assert network.sizes[0] == neural.feature_count(ARM) and str(about["robot"]) == "arm"
+    assert len(shipping.load_start(path).parameters) == len(network.parameters)
+
+
+def test_shipped_network_meets_its_figures():
+    network, _ = Network.load(models_dir() / "imitation.npz")
+    rows = trial(network)
+    assert not any(row["failure"] for row in rows.values())
+    assert rows["swing, E x 1"]["max_mm"] < 1.5
+    assert rows["lshape, E x 1"]["max_mm"] < 1
+    for width in (50, 100, 200):
+        assert rows[f"step {width} mm, E x 1"]["overshoot_percent"] < 6
+        assert rows[f"step {width} mm, E x 1"]["settling_s"] < 0.3
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_shipped_network_copes_with_another_modulus(factor):
+    network, _ = Network.load(models_dir() / "imitation.npz")
+    rows = trial(network, (factor,), duration=5.0)
+    assert not any(row["failure"] for row in rows.values())
+    assert rows[f"swing, E x {factor:g}"]["max_mm"] < 4
+    assert rows[f"lshape, E x {factor:g}"]["max_mm"] < 4
+
+
+def test_another_robot_or_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="trained for robot"):
+        neural.NeuralPolicy(ARM.vary(tendon_radius=1.1), 0.01, "imitation.npz")
+    with pytest.raises(FileNotFoundError, match="softrobot train"):
+        neural.NeuralPolicy(ARM, 0.01, tmp_path / "none.npz")
+
+
+def test_the_policy_is_registered():
+    policy = make_policy("imitation", ARM, 0.005)
+    assert policy.hold == 2
+    assert policy_environment("imitation") == {"control_period": 0.01, "preview": neural.PREVIEW}
