@@ -272,6 +272,24 @@ def test_one_bad_sample_does_no_lasting_harm(name, size):
     assert max(errors[1500:]) < 0.3e-3
 
 
+def test_the_stiffness_found_survives_a_bad_sample():
+    """Half as stiff as it was told: a missing observation must not bring the nominal one back."""
+    env = TrackingEnv("swing", observe="all", **policy_environment("lq_adaptive"))
+    policy = make_policy("lq_adaptive", ARM, PERIOD)
+    observation, _ = env.reset(options={"vary": {"youngs_modulus": 0.5}, "duration": 2.0})
+    state, actions, errors = None, [], []
+    for k in range(1900):
+        if k == 1000:
+            observation["tip_position"] = np.full(2, np.nan)
+        action, state = policy.predict(observation, state)
+        observation, _, terminated, _, info = env.step(action)
+        assert not terminated, info
+        actions.append(80 * action)
+        errors.append(info["error"])
+    jumps_of_inputs = np.abs(np.diff(actions[990:], axis=0)).max()
+    assert jumps_of_inputs < 1.0 and max(errors[1000:]) < 0.3e-3
+
+
 def test_a_jump_that_the_preview_shows_is_met_in_the_middle():
     """Half of it before, half after, as an optimum has it."""
     task = make_task("step")

@@ -60,7 +60,7 @@ def update_estimate(
     """
     n = arm.n
     if _contradict(arm, period, before, rate_before, curvature, rate, full):
-        return _factor(adapt, information)
+        return stiffness_factor(adapt, information)
     mass, missing, elastic = np.empty((n, n)), np.empty(n), np.empty(n)
     middle, rate_middle = (before + curvature) / 2, (rate_before + rate) / 2
     inertia_forces(arm, middle, rate_middle, mass, missing)
@@ -84,7 +84,7 @@ def update_estimate(
         for i in range(n):
             information[0] += weight * elastic[i] * (force[i] - missing[i])
             information[1] += weight * elastic[i] ** 2
-    factor = _factor(adapt, information)
+    factor = stiffness_factor(adapt, information)
     share = (1 - np.exp(-_BANDWIDTH * period)) * floor / spread
     for i in range(n):
         force[i] += share * (missing[i] + factor * elastic[i] - force[i])
@@ -93,7 +93,7 @@ def update_estimate(
 
 
 @kernel
-def _factor(adapt: bool, information: np.ndarray) -> float:
+def stiffness_factor(adapt: bool, information: np.ndarray) -> float:
     """Stiffness factor from its information (2,) [s]."""
     if not adapt:
         return 1.0

@@ -15,7 +15,7 @@ from softrobot_env.beams.compilation import kernel, reference, structure
 from softrobot_env.beams.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.control import jumps
 from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
-from softrobot_env.control.estimation import PRIOR, update_estimate
+from softrobot_env.control.estimation import PRIOR, stiffness_factor, update_estimate
 from softrobot_env.control.operating_points import GainTable, interpolate, load_gains
 from softrobot_env.control.preview_gains import KNOTS
 from softrobot_env.control.remarks import (
@@ -150,6 +150,45 @@ def _split(memory: np.ndarray, n: int, m: int) -> tuple:
 
 
 @kernel
+def _learn(
+    law: _Law,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    previous: np.ndarray,
+) -> float:
+    """Update what the nominal model leaves unexplained; the stiffness factor [1]."""
+    arm, limit = law.arm, law.limit
+    n, m = arm.inputs.shape
+    before, rate_before, force, _, offset, information, _, begun = _split(memory, n, m)
+    point, jacobian = np.empty(2), np.empty((2, n))
+    planar_arm.tip(arm, curvature, point, jacobian)
+    share = 1.0
+    scale = stiffness_factor(law.adaptive, information)
+    if begun[0]:
+        share = 1 - np.exp(-_OFFSET_BANDWIDTH * PERIOD)
+        scale = update_estimate(
+            arm,
+            PERIOD,
+            before,
+            rate_before,
+            curvature,
+            rate,
+            previous * limit,
+            limit,
+            law.adaptive,
+            information,
+            force,
+        )
+    for i in range(2):
+        offset[i] += share * (tip[i] - point[i] - offset[i])
+    begun[0] = 1.0
+    before[:], rate_before[:] = curvature, rate
+    return scale
+
+
+@kernel
 def _act(
     law: _Law,
     memory: np.ndarray,
@@ -165,35 +204,11 @@ def _act(
     n, m = arm.inputs.shape
     original, memory = memory, memory.copy()
     sound = finite(curvature) and finite(rate) and finite(tip) and finite(previous)
-    before, rate_before, force, inputs, offset, information, jump, begun = _split(memory, n, m)
+    _, _, force, inputs, offset, _, jump, begun = _split(memory, n, m)
     if not (sound and finite(target) and finite(preview)):
         begun[0] = 0.0  # the next balance of forces would span more than a period
         return kept(previous), memory, NOT_FINITE
-    scale = 1.0
-    point, jacobian = np.empty(2), np.empty((2, n))
-    planar_arm.tip(arm, curvature, point, jacobian)
-    if begun[0]:
-        scale = update_estimate(
-            arm,
-            PERIOD,
-            before,
-            rate_before,
-            curvature,
-            rate,
-            previous * limit,
-            limit,
-            law.adaptive,
-            information,
-            force,
-        )
-        share = 1 - np.exp(-_OFFSET_BANDWIDTH * PERIOD)
-        for i in range(2):
-            offset[i] += share * (tip[i] - point[i] - offset[i])
-    else:
-        begun[0] = 1.0
-        for i in range(2):
-            offset[i] = tip[i] - point[i]
-    before[:], rate_before[:] = curvature, rate
+    scale = _learn(law, memory, curvature, rate, tip, previous)
 
     points = np.empty((len(times), 2))
     points[0] = target

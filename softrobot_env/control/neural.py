@@ -10,7 +10,7 @@ import numpy as np
 from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.network import Network
-from softrobot_env.learned.quasi_static import suits
+from softrobot_env.learned.quasi_static import load_for
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 
@@ -125,14 +125,7 @@ class NeuralPolicy(Controller):
         """
         self.hold = hold_for(PERIOD, control_period, "the network")
         path = models_dir() / weights  # an absolute path stays what it is
-        if not path.is_file():
-            raise FileNotFoundError(f"no network at {path}; make it with `softrobot train`")
-        network, about = Network.load(path)
-        if not suits(about, robot):
-            raise ValueError(
-                f"{path} was trained for robot {str(about.get('robot'))!r} as it was then, not "
-                f"for this {robot.name!r}; train it anew with `softrobot train`"
-            )
+        network, _ = load_for(path, robot, "softrobot train")
         self._install(robot, network)
 
     @classmethod

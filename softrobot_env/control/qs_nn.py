@@ -9,7 +9,7 @@ from softrobot_env.beams.compilation import kernel
 from softrobot_env.control.base import Controller, hold_for
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.network import Network
-from softrobot_env.learned.quasi_static import suits
+from softrobot_env.learned.quasi_static import load_for
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 from softrobot_env.tendon_map import TendonMap
@@ -89,14 +89,7 @@ class QuasiStaticNetwork(Controller):
         """
         self.hold = hold_for(PERIOD, control_period, "qs_nn")
         path = models_dir() / _FILE if weights is None else Path(weights)
-        if not path.is_file():
-            raise FileNotFoundError(f"no network at {path}; make it with `{_COMMAND}`")
-        network, about = Network.load(path)
-        if not suits(about, robot):
-            raise ValueError(
-                f"{path} was trained for robot {str(about.get('robot'))!r} as it was then, not "
-                f"for this {robot.name!r}; train it anew with `{_COMMAND}`"
-            )
+        network, about = load_for(path, robot, _COMMAND)
         self._network = _fold(network, TendonMap(robot).input_scale, about["workspace"])
         self._n_inputs = len(robot.tendons) // 2
         self.sizes = {"tip_position": 2, "previous_action": self._n_inputs}

@@ -6,6 +6,7 @@ The network is the local inverse (z_k, z_ref,k+1, u_k) -> u_k+1 of the statics z
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import pi
+from pathlib import Path
 
 import numpy as np
 
@@ -128,6 +129,24 @@ def suits(about: dict[str, np.ndarray], robot: RobotParams) -> bool:
     """Whether a network was trained for this robot."""
     wanted = describe(robot)
     return all(name in about and _same(about[name], value) for name, value in wanted.items())
+
+
+def load_for(path: Path, robot: RobotParams, command: str) -> tuple[Network, dict]:
+    """Network and description from a file that belongs to a robot; `command` makes the file.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: It belongs to another robot.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"no network at {path}; make it with `{command}`")
+    network, about = Network.load(path)
+    if not suits(about, robot):
+        raise ValueError(
+            f"{path} was trained for robot {str(about.get('robot'))!r} as it was then, not for "
+            f"this {robot.name!r}; train it anew with `{command}`"
+        )
+    return network, about
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
