@@ -10,6 +10,9 @@ ENVIRONMENTS = {
     "SoftRobot/ArmStep-v0": "step",
     "SoftRobot/ArmSwing-v0": "swing",
     "SoftRobot/ArmLShape-v0": "lshape",
+    "SoftRobot/ArmCircle-v0": "circle",
+    "SoftRobot/ArmFigureEight-v0": "figure_eight",
+    "SoftRobot/ArmRandom-v0": "random",
 }
 
 

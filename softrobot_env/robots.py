@@ -8,13 +8,24 @@ assumption of this package.
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import inf, pi, sqrt
+from math import cos, inf, pi, sin, sqrt
 from numbers import Real
 
 import numpy as np
 
-#: Robot parameters that `RobotParams.vary` scales.
-VARIABLE = ("youngs_modulus", "density", "damping_time", "tendon_radius")
+#: What `RobotParams.vary` varies, with the values that change nothing: factors [1] on parameters of
+#: the robot, and a friction [N].
+NEUTRAL: dict[str, float] = {
+    "youngs_modulus": 1.0,
+    "density": 1.0,
+    "damping_time": 1.0,
+    "tendon_radius": 1.0,
+    "tendon_friction": 0.0,
+}
+VARIABLE = tuple(NEUTRAL)
+
+#: Those that may be zero.
+MAY_VANISH = ("damping_time", "tendon_friction")
 
 #: Smallest positive root of cos(x) cosh(x) = -1: first mode of a clamped-free beam.
 _CLAMPED_FREE_ROOT = 1.8751040687119611
@@ -36,6 +47,7 @@ class Tendon:
         stiffness: [N/m] between drive and robot; it matters only to tendons driven by length,
             which need a finite one.
         pretension: [N], smallest tension kept in the tendon.
+        friction: [N], largest dry (Coulomb) friction between tendon and robot.
     """
 
     name: str
@@ -46,12 +58,18 @@ class Tendon:
     guides: tuple[float, ...] = ()
     stiffness: float = inf
     pretension: float = 0.0
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.tension_limit > self.pretension >= 0:
             raise ValueError(
                 f"tendon {self.name!r}: need 0 <= pretension < tension_limit, got "
                 f"{self.pretension} and {self.tension_limit} N"
+            )
+        if not 0 <= self.friction < inf:
+            raise ValueError(
+                f"tendon {self.name!r}: friction must be finite and zero or more, got "
+                f"{self.friction} N"
             )
         stations = (0.0, *self.guides, self.end)
         if any(b <= a for a, b in pairwise(stations)):
@@ -60,9 +78,34 @@ class Tendon:
                 f"got guides {self.guides} and end {self.end} m"
             )
 
-    def at_radius(self, factor: float) -> "Tendon":
-        """The same tendon at another distance from the neutral fibre, by a factor [1]."""
-        return replace(self, offset=tuple(factor * x for x in self.offset))
+    def vary(self, radius: float, friction: float) -> "Tendon":
+        """The tendon at `radius` [1] times its distance from the fibre, rubbing more [N]."""
+        offset = tuple(radius * x for x in self.offset)
+        return replace(self, offset=offset, friction=self.friction + friction)
+
+
+@dataclass(frozen=True)
+class Head:
+    """Rigid body on the end of the backbone.
+
+    Attributes:
+        mass: [kg].
+        centre: [m], height of its centre of mass above the end of the backbone.
+        inertia: (3,) [kg m2] about its centre, along x, y and z.
+        output: [m], height above the end of the backbone of the point whose position tasks refer
+            to.
+    """
+
+    mass: float
+    centre: float
+    inertia: tuple[float, float, float]
+    output: float
+
+    def __post_init__(self) -> None:
+        if not 0 < self.mass < inf or not all(0 < value < inf for value in self.inertia):
+            raise ValueError("head: mass and inertia must be finite and positive")
+        if not (0 <= self.centre < inf and 0 <= self.output < inf):
+            raise ValueError("head: centre and output must be finite and zero or more")
 
 
 @dataclass(frozen=True)
@@ -81,6 +124,7 @@ class RobotParams:
         poisson_ratio: [1].
         tendons: Tendons, ordered by group.
         gravity: (3,) [m/s2].
+        head: Rigid body on the tip, if any.
     """
 
     name: str
@@ -94,6 +138,7 @@ class RobotParams:
     poisson_ratio: float = 0.0
     tendons: tuple[Tendon, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    head: Head | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.inner_radius < self.outer_radius < inf:
@@ -152,31 +197,38 @@ class RobotParams:
         return 1 / self.outer_radius
 
     def vary(self, **scales: float) -> "RobotParams":
-        """The same robot with some parameters multiplied by positive factors.
+        """The same robot with some parameters multiplied by factors, and with tendon friction.
 
         Args:
-            **scales: Factor [1] by parameter name, one of `VARIABLE`. A varied Young's
-                modulus keeps the damping time mu, hence scales D with K (sec. 6.6.3). The
-                damping time alone may vanish. The tendon radius is the distance of all tendons
-                from the neutral fibre.
+            **scales: Value by name, one of `VARIABLE`: `tendon_friction` [N] adds to the dry
+                friction of every tendon, the others are factors [1]. A varied Young's modulus
+                keeps the damping time mu, hence scales D with K (sec. 6.6.3). The tendon radius
+                is the distance of all tendons from the neutral fibre.
 
         Raises:
-            ValueError: Unknown name, or a factor that is not finite and positive.
+            ValueError: Unknown name, or a value that is not finite and positive; only friction and
+                damping time may vanish.
         """
         for name, scale in scales.items():
             if name not in VARIABLE:
                 raise ValueError(f"cannot vary {name!r}; choose from {', '.join(VARIABLE)}")
-            factor = as_number(scale)
-            undamped = name == "damping_time" and factor == 0
-            if factor is None or not (undamped or 0 < factor < inf):
-                raise ValueError(f"scale of {name!r} must be finite and positive, got {scale!r}")
-        factors = {name: float(scale) for name, scale in scales.items()}
-        radius = factors.pop("tendon_radius", 1.0)
+            check_number(name, scale, name in MAY_VANISH)
+        values = {name: float(scale) for name, scale in scales.items()}
+        radius = values.pop("tendon_radius", NEUTRAL["tendon_radius"])
+        friction = values.pop("tendon_friction", NEUTRAL["tendon_friction"])
         return replace(
             self,
-            tendons=tuple(tendon.at_radius(radius) for tendon in self.tendons),
-            **{name: getattr(self, name) * factor for name, factor in factors.items()},
+            tendons=tuple(tendon.vary(radius, friction) for tendon in self.tendons),
+            **{name: getattr(self, name) * factor for name, factor in values.items()},
         )
+
+
+def check_number(name: str, value: object, may_vanish: bool) -> None:
+    """Raise ValueError unless a value is finite and positive, or zero where it may vanish."""
+    number = as_number(value)
+    if number is None or not (0 < number < inf or (may_vanish and number == 0)):
+        least = "zero or more" if may_vanish else "positive"
+        raise ValueError(f"value of {name!r} must be finite and {least}, got {value!r}")
 
 
 def as_number(value: object) -> float | None:
@@ -227,7 +279,43 @@ CANTILEVER_WEAK = RobotParams(
 )
 CANTILEVER_STIFF = replace(CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040)
 
-ROBOTS = {robot.name: robot for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)}
+#: Spatial test rig of ch. 3 and 5, upright under gravity. EI, damping and the masses are printed
+#: (Tab. 5.1; audit: damping in N s, inertia in 1e-6 kg m2): 40 g of silicone per 60 mm with the
+#: inertia of a cylinder of 14 mm radius, and 55 g more at 198 mm, the cube with the markers (I: the
+#: third subpiece is both together). Of tendon radius and stiffness only c r_t^2 follows from the
+#: results (I: split by the 20 mm of travel). Pretension and limit (S).
+_RIG_RADIUS, _RIG_SHARE = 0.014, 0.04 / 0.06
+_RIG_EI, _RIG_DAMPING = 18.3e-3, 3.77e-3
+_RIG_TENDON_RADIUS = 5.5e-3
+RIG = RobotParams(
+    name="rig",
+    length=0.180,
+    outer_radius=_RIG_RADIUS,
+    inner_radius=0.0,
+    youngs_modulus=_RIG_EI / (pi / 4 * _RIG_RADIUS**4),
+    density=_RIG_SHARE / (pi * _RIG_RADIUS**2),
+    damping_time=_RIG_DAMPING * 0.180 / _RIG_EI,
+    pieces=1,
+    tendons=tuple(
+        Tendon(
+            f"tendon{k + 1}",
+            (
+                _RIG_TENDON_RADIUS * cos(2 * pi * k / 3),
+                _RIG_TENDON_RADIUS * sin(2 * pi * k / 3),
+            ),
+            end=0.180,
+            group=0,
+            tension_limit=40.0,
+            stiffness=980.0,
+            pretension=0.5,
+        )
+        for k in range(3)
+    ),
+    gravity=(0.0, 0.0, -9.81),
+    head=Head(mass=0.055, centre=0.018, inertia=(6.2e-6, 6.2e-6, 6.2e-6), output=0.022),
+)
+
+ROBOTS = {robot.name: robot for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG)}
 
 
 def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> np.ndarray:

@@ -17,6 +17,8 @@ FOUNDATION = {
     "interfaces",
     "episode",
     "tendon_map",
+    "tripod",
+    "rig_trajectories",
     "rollout",
     "paths",
     "registration",

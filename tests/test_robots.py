@@ -12,6 +12,7 @@ from softrobot_env.robots import (
     ARM,
     CANTILEVER_STIFF,
     CANTILEVER_WEAK,
+    NEUTRAL,
     ROBOTS,
     VARIABLE,
     RobotParams,
@@ -203,7 +204,7 @@ def test_robot_without_tendons_has_no_inputs():
 # ---------------------------------------------------------------- variation
 
 
-@pytest.mark.parametrize("name", [name for name in VARIABLE if name != "tendon_radius"])
+@pytest.mark.parametrize("name", [name for name in VARIABLE if not name.startswith("tendon")])
 @pytest.mark.parametrize("factor", [0.5, 0.75, 1, 1.25, np.float64(1.5)])
 def test_vary_scales_one_parameter(name, factor):
     varied = ARM.vary(**{name: factor})
@@ -215,6 +216,19 @@ def test_vary_moves_all_tendons():
     varied = ARM.vary(tendon_radius=0.8)
     assert [t.offset[0] for t in varied.tendons] == pytest.approx([0.02, -0.02] * 3)
     assert replace(varied, tendons=ARM.tendons) == ARM
+
+
+def test_vary_adds_friction_to_all_tendons():
+    rubbing = replace(ARM, tendons=(replace(ARM.tendons[0], friction=1.0), *ARM.tendons[1:]))
+    varied = rubbing.vary(tendon_friction=0.5)
+    assert [t.friction for t in varied.tendons] == [1.5, 0.5, 0.5, 0.5, 0.5, 0.5]
+    assert replace(varied, tendons=rubbing.tendons) == rubbing
+    assert ARM.vary(tendon_friction=0.5).vary(tendon_radius=0.8).tendons[0].friction == 0.5
+
+
+def test_neutral_values_change_nothing():
+    assert ARM.vary(**NEUTRAL) == ARM
+    assert tuple(NEUTRAL) == VARIABLE
 
 
 def test_vary_several_and_none():
@@ -277,6 +291,9 @@ def test_robots_that_cannot_be(changes, message):
         ({"pretension": -1.0}, "0 <= pretension"),
         ({"pretension": 10.0}, "pretension < tension_limit"),
         ({"tension_limit": nan}, "tension_limit"),
+        ({"friction": -1.0}, "friction must be finite and zero or more"),
+        ({"friction": nan}, "friction"),
+        ({"friction": inf}, "friction"),
         ({"end": 0.0}, "guides must increase"),
         ({"guides": (0.1, 0.1)}, "guides must increase"),
         ({"guides": (0.2, 0.1)}, "guides must increase"),

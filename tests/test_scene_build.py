@@ -105,6 +105,20 @@ def test_control_only_scene_contains_nothing_else():
     assert data.ncon == 0
 
 
+def test_only_friction_brings_constraints():
+    """One per tendon that rubs; drawn lines rub nobody."""
+    robot = replace(ARM, tendons=(replace(ARM.tendons[0], friction=2.0), *ARM.tendons[1:]))
+    for rubbing in (robot, ARM.vary(tendon_friction=2.0), GUIDED.vary(tendon_friction=2.0)):
+        model = scene(rubbing, appearance=Appearance()).model
+        friction = [t.friction for t in rubbing.tendons]
+        for k, tendon in enumerate(rubbing.tendons):
+            assert model.tendon_frictionloss[model.tendon(tendon.name).id] == friction[k]
+        assert model.tendon_frictionloss.sum() == sum(friction)
+        data = posed(model, np.full(12, 0.2))
+        assert data.nefc == data.nf == np.count_nonzero(friction)
+        assert data.ncon == 0
+
+
 def trajectory(config):
     """Postures of a fast motion under changing tensions."""
     model = build_scene(config).model

@@ -1,5 +1,6 @@
 """Tasks: the audit's coordinates, and starts in equilibrium on the reference."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 from scipy.optimize import minimize
 
 from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.cli import main
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
-from softrobot_env.tasks import STEP_WIDTHS, TASKS, make_task
+from softrobot_env.tasks import ALL_TASKS, STEP_WIDTHS, TASKS, UNSEEN_TASKS, make_task
 
 STATICS = ConstantCurvatureStatics(ARM)
 
@@ -23,7 +25,7 @@ def curve_parameter(task):
     return np.array(task.start_input) * 0.025 / ARM.bending_stiffness
 
 
-@pytest.mark.parametrize("name", TASKS)
+@pytest.mark.parametrize("name", ALL_TASKS)
 def test_every_task_lies_in_the_plane_and_in_reach(name):
     task = make_task(name)
     position = task.trajectory.position(np.linspace(0, task.duration, 500))
@@ -33,7 +35,8 @@ def test_every_task_lies_in_the_plane_and_in_reach(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "width"), [("step", w) for w in STEP_WIDTHS] + [("swing", None), ("lshape", None)]
+    ("name", "width"),
+    [("step", w) for w in STEP_WIDTHS] + [(name, None) for name in ALL_TASKS if name != "step"],
 )
 def test_the_start_input_holds_the_tip_on_the_reference(name, width):
     task = make_task(name, width)
@@ -149,6 +152,106 @@ def test_lshape_starts_with_the_least_norm():
     assert min(norms) == pytest.approx(np.linalg.norm(task.start_input), abs=1e-5)
 
 
+# ---------------------------------------------------------------- unseen tasks
+
+#: Every unseen task, and random paths on both sides.
+UNSEEN = [(name, {}) for name in UNSEEN_TASKS] + [
+    ("random", {"seed": seed}) for seed in range(1, 9)
+]
+
+#: Largest input [N] that holds the tip on an unseen path; the limit is 80 N.
+_MODERATE = 50.0
+
+
+@pytest.mark.parametrize(("name", "options"), UNSEEN)
+def test_the_arm_at_rest_reaches_every_point_with_moderate_tension(name, options):
+    task = make_task(name, speed=0.4, **options)
+    inputs = np.array(task.start_input)
+    before = inputs
+    for point in at(task, *np.linspace(0, task.duration, 801)):
+        inverse = STATICS.inverse(point, inputs)
+        assert inverse.converged
+        # Points are below 5 mm apart, for which some 10 N are enough: no jump to another branch.
+        assert np.max(np.abs(inverse.reduced - inputs)) < 10.0
+        inputs = inverse.reduced
+        assert np.max(np.abs(inputs)) < _MODERATE
+    np.testing.assert_allclose(inputs, before, atol=1e-5)  # laps end where they began
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_unseen_tasks_start_with_the_least_norm(seed):
+    """Against our inverse statics from many guesses; odd seeds are on the other side."""
+    task = make_task("random", seed=seed)
+    start = at(task, 0.0)[0]
+    assert np.sign(start[0]) == (1, -1)[seed]
+    guesses = np.random.default_rng(0).uniform(-30, 30, (20, 3))
+    found = [STATICS.inverse(start, guess) for guess in guesses]
+    norms = [np.linalg.norm(f.reduced) for f in found if f.converged]
+    assert len(norms) > 3
+    assert min(norms) == pytest.approx(np.linalg.norm(task.start_input), abs=1e-6)
+    np.testing.assert_allclose(STATICS.tip(np.array(task.start_input)), start, atol=2e-9)
+
+
+@pytest.mark.parametrize("name", UNSEEN_TASKS)
+@pytest.mark.parametrize("speed", [0.05, 0.4])
+def test_unseen_tasks_run_at_their_speed_and_rest_at_the_end(name, speed):
+    task = make_task(name, speed=speed)
+    times = np.linspace(0, task.duration, 20_001)
+    velocity = np.linalg.norm(task.trajectory.velocity(times), axis=1)
+    assert velocity.max() == pytest.approx(speed, rel=1e-4)
+    assert np.all(velocity[times > task.duration - 1.0] == 0)
+    assert velocity[0] == 0
+    # Twice as slow is the same path; only the ramps do not stretch.
+    half = make_task(name, speed=speed / 2)
+    assert half.duration - 1.5 == pytest.approx(2 * (task.duration - 1.5))
+
+
+def test_unseen_tasks_are_named_by_seed_and_speed():
+    assert make_task("circle", speed=0.05).label == "circle 0.05 m/s"
+    assert make_task("random", speed=0.2, seed=3).label == "random 3 0.2 m/s"
+    assert not set(TASKS) & set(UNSEEN_TASKS)
+    assert make_task("random", seed=3) == make_task("random", seed=3)
+    assert make_task("random", seed=3).trajectory != make_task("random", seed=5).trajectory
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("swing", {"speed": 0.1}, "circle, figure_eight, random task only"),
+        ("step", {"seed": 1}, "random task only"),
+        ("circle", {"seed": 1}, "random task only"),
+        ("random", {"seed": -1}, "whole number >= 0"),
+        ("random", {"seed": "1"}, "whole number >= 0"),
+        ("circle", {"speed": 0.0}, r"must lie in \(0, 1.01\] m/s"),
+        ("circle", {"speed": 9.0}, "must lie in"),
+        ("circle", {"speed": 1e-9}, "duration"),
+    ],
+    ids=str,
+)
+def test_options_of_unseen_tasks_that_cannot_be(name, options, message):
+    with pytest.raises(ValueError, match=message):
+        make_task(name, **options)
+
+
+def test_the_commands_know_unseen_tasks(tmp_path):
+    arguments = ["--tasks", "circle", "random", "--speeds", "0.2,0.4", "--path-seeds", "1"]
+    arguments += ["--policies", "hold", "--control-period", "0.1", "--save-rollouts"]
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    told = [(row["task"], row["path_seed"], row["speed"]) for row in rows]
+    expected = [("circle", None), ("random", 1)]
+    assert told == [(*task, speed) for task in expected for speed in (0.2, 0.4)]
+    assert "## random 1 0.4 m/s" in (tmp_path / "report.md").read_text()
+    # The policy does nothing, so the errors are the distances from the starts of the references.
+    for row in rows:
+        task = make_task(row["task"], speed=row["speed"], seed=row["path_seed"])
+        reference = at(task, *np.arange(0, task.duration + 0.1, 0.1))
+        distance = np.linalg.norm(reference - reference[0], axis=1).max()
+        assert row["e_max"] == pytest.approx(distance, abs=1e-3)  # the chain's start
+    written = {path.name for path in tmp_path.iterdir()}
+    assert {"circle_0.2_m_s_tip.png", "random_1_0.4_m_s_hold.npz"} <= written
+
+
 # ---------------------------------------------------------------- look-up
 
 
@@ -156,7 +259,7 @@ def test_lshape_starts_with_the_least_norm():
 def test_unknown_task_lists_the_known(name):
     with pytest.raises(ValueError, match="unknown task") as caught:
         make_task(name)
-    assert all(known in str(caught.value) for known in TASKS)
+    assert all(known in str(caught.value) for known in ALL_TASKS)
 
 
 @pytest.mark.parametrize("name", ["swing", "lshape"])

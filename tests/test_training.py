@@ -1,5 +1,6 @@
 """Learned policies: the adapter to stable-baselines3, the trainings, and what is shipped."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -9,6 +10,8 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 pytest.importorskip("daqp")
 
+from softrobot_env.cli import main  # noqa: E402
+from softrobot_env.commands import train_rl  # noqa: E402
 from softrobot_env.control import neural  # noqa: E402
 from softrobot_env.control.registry import make_policy, policy_environment  # noqa: E402
 from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
@@ -17,14 +20,19 @@ from softrobot_env.learned.network import Network  # noqa: E402
 from softrobot_env.paths import models_dir  # noqa: E402
 from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
-from softrobot_env.training import ppo, references, shipping  # noqa: E402
+from softrobot_env.training import references, shipping  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
+from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
 from softrobot_env.training.networks import as_network, new_layers, put_network  # noqa: E402
+from softrobot_env.training.rl import train  # noqa: E402
+from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  # noqa: E402
+from softrobot_env.training.training_env import make_training_env  # noqa: E402
 from softrobot_env.training.trial import trial  # noqa: E402
 from softrobot_env.training.vec_env import TrackingVecEnv  # noqa: E402
+from softrobot_env.training.watch import SCORE  # noqa: E402
 
 SHORT = replace(make_task("swing"), duration=0.05)
-TINY_PPO = ppo.PPOConfig(
+TINY = RLConfig(
     hidden=(8,),
     steps=128,
     critic_steps=64,
@@ -33,10 +41,14 @@ TINY_PPO = ppo.PPOConfig(
     rollout=4,
     batch=18,
     epochs=1,
-    trial_moduli=(1.0,),
+    buffer=1000,
+    updates=1,
+    warm_up=20,
+    trial_every=64,
+    trials=({},),
     trial_duration=0.05,
-    threads=1,
 )
+ALGORITHMS = tuple(LEARNERS)
 TINY_IMITATION = ImitationConfig(
     hidden=(8,), rounds=2, samples=64, shares=1, duration=0.2, epochs=1, last_epochs=2, processes=0
 )
@@ -143,15 +155,6 @@ def test_seeds_are_handed_on():
 # ---------------------------------------------------------------------- networks
 
 
-def test_numpy_and_torch_give_the_same(observation):
-    env = ppo.make_training_env(TINY_PPO, 0)
-    model = ppo.make_model(TINY_PPO, env, 0)
-    seen = env.reset()
-    expected, _ = model.predict(seen, deterministic=True)
-    found = np.clip(ppo.actor_of(model)(seen), -1, 1)
-    np.testing.assert_allclose(found, expected, atol=1e-6)
-
-
 def test_layers_take_what_they_give():
     layers = new_layers(5, (4, 3), 2)
     other = new_layers(5, (4, 3), 2)
@@ -181,31 +184,153 @@ def test_imitation_is_reproducible():
     assert not np.array_equal(one.parameters, changed.parameters)
 
 
-def test_reinforcement_learning_is_reproducible():
-    runs = [ppo.train(TINY_PPO, 3, quiet) for _ in range(2)]
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_reinforcement_learning_is_reproducible(algorithm):
+    config = replace(TINY, algorithm=algorithm)
+    runs = [train(config, 3, quiet) for _ in range(2)]
     np.testing.assert_array_equal(runs[0][0].parameters, runs[1][0].parameters)
     assert runs[0][1] == runs[1][1]
-    assert runs[0][1][0]["steps"] == 0
+    steps = [point["steps"] for point in runs[0][1]]
+    assert steps[0] == 0 and steps[-1] >= 128 and len(steps) >= 3
 
 
-def test_reinforcement_learning_goes_on_from_a_checkpoint(tmp_path):
-    half = replace(TINY_PPO, steps=72)
-    _, first = ppo.train(half, 3, quiet, checkpoint=tmp_path / "kept")
-    network, curve = ppo.train(TINY_PPO, 3, quiet, checkpoint=tmp_path / "kept")
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_reinforcement_learning_goes_on_from_a_checkpoint(algorithm, tmp_path):
+    whole = replace(TINY, algorithm=algorithm)
+    half = replace(whole, steps=72)
+    _, first = train(half, 3, quiet, checkpoint=tmp_path / "kept")
+    network, curve = train(whole, 3, quiet, checkpoint=tmp_path / "kept", resume=True)
     assert curve[: len(first)] == first and curve[-1]["steps"] >= 128 > first[-1]["steps"]
-    again, same = ppo.train(TINY_PPO, 3, quiet, checkpoint=tmp_path / "kept")
+    again, same = train(whole, 3, quiet, checkpoint=tmp_path / "kept", resume=True)
     assert same == curve
     np.testing.assert_array_equal(again.parameters, network.parameters)
 
 
-def test_fine_tuning_keeps_the_start_if_it_is_best():
-    """Of a network that does nothing, on references that hardly move."""
+def test_another_training_is_not_gone_on_with(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no training to go on with"):
+        train(TINY, 3, quiet, checkpoint=tmp_path, resume=True)
+    train(replace(TINY, steps=1), 3, quiet, checkpoint=tmp_path)
+    with pytest.raises(ValueError, match=r"other settings: rate 0\.0005"):
+        train(replace(TINY, rate=1e-3), 3, quiet, checkpoint=tmp_path, resume=True)
+    with pytest.raises(ValueError, match="other settings: seed 3"):
+        train(TINY, 4, quiet, checkpoint=tmp_path, resume=True)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_fine_tuning_starts_from_the_network_and_keeps_the_best(algorithm):
+    """The best of the trials is what comes back, the start among them."""
     start = as_network(new_layers(neural.feature_count(ARM), (8,), 3))
     start = start.with_parameters(0 * start.parameters)
-    network, curve = ppo.train(TINY_PPO, 0, quiet, start)
-    best = max(point["reward"] for point in curve)
-    if curve[0]["reward"] == best:
-        np.testing.assert_array_equal(network.parameters, start.parameters)
+    config = replace(TINY, algorithm=algorithm)
+    network, curve = train(config, 0, quiet, start)
+    rows = trial(network, config.trials, config.trial_duration, SCORE).values()
+    assert np.mean([row["reward"] for row in rows]) == pytest.approx(
+        max(point["reward"] for point in curve)
+    )
+    rows = trial(start, config.trials, config.trial_duration, SCORE).values()
+    assert np.mean([row["reward"] for row in rows]) == pytest.approx(curve[0]["reward"])
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_the_network_taken_out_of_a_learner_acts_as_the_learner(algorithm):
+    config = replace(TINY, algorithm=algorithm)
+    env = make_training_env(config, 0)
+    model = make_model(config, env, 0)
+    seen = env.reset()
+    wanted, _ = model.predict(seen, deterministic=True)
+    found = [np.clip(actor_of(model, config)(one.astype(float)), -1, 1) for one in seen]
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
+    # And a network that is put in: the same, bounded by tanh where the algorithm does.
+    start = as_network(new_layers(neural.feature_count(ARM), config.hidden, 3))
+    put_actor(model, config, start)
+    found = [start(one.astype(float)) for one in seen]
+    found = np.tanh(found) if LEARNERS[algorithm].squashed else np.clip(found, -1, 1)
+    np.testing.assert_allclose(model.predict(seen, deterministic=True)[0], found, atol=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_trials_are_logged_for_tensorboard(algorithm, tmp_path):
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    _, curve = train(replace(TINY, algorithm=algorithm), 3, quiet, log=tmp_path)
+    events = accumulator.EventAccumulator(str(next(tmp_path.iterdir()))).Reload()
+    logged = [(event.step, event.value) for event in events.Scalars("trial/reward")]
+    assert logged == [(point["steps"], pytest.approx(point["reward"])) for point in curve]
+
+
+def test_critics_learn_alone_at_first():
+    """With no steps after them, the actor is the one it started from."""
+    start = as_network(new_layers(neural.feature_count(ARM), (8,), 3))
+    config = replace(TINY, algorithm="ppo", steps=1, trial_every=10**6)
+    network, curve = train(config, 0, quiet, start)
+    assert curve[0]["steps"] == 0
+    if curve[0]["reward"] >= curve[-1]["reward"]:
+        np.testing.assert_allclose(network.parameters, start.parameters, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", TRAINING_TASKS)
+def test_tasks_can_be_chosen(name):
+    env = make_training_env(replace(TINY, tasks=(name,)), 0)
+    names = {part.task.name for part in env.parts}
+    if name == "random":
+        assert names <= {"random step", "random legs", "random waves", "step", "swing", "lshape"}
+    else:
+        assert names == {name}
+
+
+def test_robots_and_disturbances_are_drawn_for_every_episode():
+    env = make_training_env(replace(preset("ppo", True, True), random_tasks=0, envs_per_task=3), 5)
+    env.reset()
+    info = env.parts[0]._info(None)["variation"]
+    for name in ("youngs_modulus", "density", "delay", "sensor_noise", "tendon_friction"):
+        assert len(set(info[name])) == 3 or name == "delay"
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"algorithm": "dqn"}, "choose from ppo, sac, td3"),
+        ({"tasks": ("juggle",)}, "step, swing, lshape, random"),
+        ({"tasks": ()}, "one or more"),
+        ({"steps": 0}, "steps must be 1 or more"),
+    ],
+)
+def test_bad_settings_are_refused(change, reason):
+    with pytest.raises(ValueError, match=reason):
+        replace(TINY, **change)
+
+
+def test_the_command_knows_what_the_training_knows():
+    assert tuple(LEARNERS) == train_rl.ALGORITHMS
+    assert TRAINING_TASKS == train_rl.TASKS
+
+
+def test_the_command_trains_and_goes_on(tmp_path, capsys):
+    start = as_network(new_layers(neural.feature_count(ARM), (128, 128), 3))
+    shipping.save(start.with_parameters(0 * start.parameters), tmp_path / "start.npz", 0)
+    common = ["train", "--algo", "ppo", "--out", str(tmp_path), "--task", "step"]
+    common += ["--start", str(tmp_path / "start.npz"), "--checkpoint", str(tmp_path / "kept")]
+    common += ["--set", "envs_per_task=1", "--set", "rollout=4"]
+    common += ["--set", "critic_steps=0", "--set", "batch=16"]
+    assert main([*common, "--steps", "16", "--name", "one"]) == 0
+    assert (tmp_path / "one.npz").is_file() and (tmp_path / "one_curve.json").is_file()
+    assert "overshoot" in capsys.readouterr().out
+    assert main([*common, "--steps", "32", "--name", "one", "--resume"]) == 0
+    curve = json.loads((tmp_path / "one_curve.json").read_text())
+    assert [point["steps"] for point in curve][-1] >= 32
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["train"], "give an artefact"),
+        (["train", "qs_nn", "--algo", "ppo"], "give an artefact"),
+        (["train", "--algo", "ppo", "--set", "speed=1"], "cannot set 'speed'"),
+        (["train", "--algo", "ppo", "--set", "steps=1.5"], "whole number"),
+    ],
+)
+def test_bad_arguments_of_the_command_are_told(arguments, reason, capsys, tmp_path):
+    assert main([*arguments, "--out", str(tmp_path)]) == 2
+    assert reason in capsys.readouterr().err
 
 
 # ---------------------------------------------------------------------- what is shipped
@@ -223,20 +348,20 @@ def test_shipped_network_meets_its_figures():
     network, _ = Network.load(models_dir() / "imitation.npz")
     rows = trial(network)
     assert not any(row["failure"] for row in rows.values())
-    assert rows["swing, E x 1"]["max_mm"] < 1.5
-    assert rows["lshape, E x 1"]["max_mm"] < 1
+    assert rows["swing"]["max_mm"] < 1.5
+    assert rows["lshape"]["max_mm"] < 1
     for width in (50, 100, 200):
-        assert rows[f"step {width} mm, E x 1"]["overshoot_percent"] < 6
-        assert rows[f"step {width} mm, E x 1"]["settling_s"] < 0.3
+        assert rows[f"step {width} mm"]["overshoot_percent"] < 6
+        assert rows[f"step {width} mm"]["settling_s"] < 0.3
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.5])
 def test_shipped_network_copes_with_another_modulus(factor):
     network, _ = Network.load(models_dir() / "imitation.npz")
-    rows = trial(network, (factor,), duration=5.0)
+    rows = trial(network, ({"youngs_modulus": factor},), duration=5.0)
     assert not any(row["failure"] for row in rows.values())
-    assert rows[f"swing, E x {factor:g}"]["max_mm"] < 4
-    assert rows[f"lshape, E x {factor:g}"]["max_mm"] < 4
+    assert rows[f"swing, youngs_modulus {factor:g}"]["max_mm"] < 4
+    assert rows[f"lshape, youngs_modulus {factor:g}"]["max_mm"] < 4
 
 
 def test_another_robot_or_file_is_refused(tmp_path):

@@ -6,7 +6,17 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from softrobot_env.robots import ARM, centerline
-from softrobot_env.trajectories import CurveSweep, EqualForceCurve, Polyline, Step
+from softrobot_env.trajectories import (
+    CurveSweep,
+    EqualForceCurve,
+    FourierPath,
+    Polyline,
+    SmoothRun,
+    Step,
+    circle,
+    figure_eight,
+    random_path,
+)
 
 CURVE = EqualForceCurve(0.5)
 SWEEP = CurveSweep(CURVE, half_length=0.5, speed=0.1)
@@ -18,6 +28,15 @@ JUMP = Step((0.1, 0.0, 0.4), (0.2, 0.0, 0.3))
 #: Trajectory -> times [s] at which its position or velocity jumps.
 KINKS = {"sweep": (SWEEP, (0.0, 10.0)), "polyline": (CORNERS, (0.0, 5.0, 10.0))}
 KINKS["step"] = (JUMP, (0.0,))
+
+START, ALONG, ACROSS = (0.3, 0.0, 0.3), (0.06, 0.0, -0.08), (-0.024, 0.0, -0.018)
+CIRCLE = SmoothRun(circle(START, (0.33, 0.0, 0.26)), speed=0.4, laps=2)  # radius 50 mm
+EIGHT = SmoothRun(figure_eight(START, ALONG, ACROSS), speed=0.3)
+RANDOM = SmoothRun(random_path(3, START, ALONG, ACROSS), speed=0.2, ramp=0.3)
+SMOOTH = {"circle": CIRCLE, "eight": EIGHT, "random": RANDOM}
+
+#: Trajectory -> times [s] at which it begins and ends.
+ALL = KINKS | {name: (run, (0.0, run.end_time)) for name, run in SMOOTH.items()}
 
 
 def smooth_times(kinks, margin):
@@ -59,9 +78,9 @@ def test_acceleration_is_the_derivative_of_velocity(name):
     np.testing.assert_allclose(trajectory.acceleration(t), difference, atol=1e-6 * 0.025)
 
 
-@pytest.mark.parametrize("name", KINKS)
+@pytest.mark.parametrize("name", ALL)
 def test_constant_outside_the_motion(name):
-    trajectory, kinks = KINKS[name]
+    trajectory, kinks = ALL[name]
     for inside, outside in ((kinks[0], [-1e3, -1.0, -1e-9]), (kinks[-1], [20.0, 1e3])):
         outside = np.array(outside)
         expected = trajectory.position(outside[:1])[0]
@@ -73,10 +92,10 @@ def test_constant_outside_the_motion(name):
             np.testing.assert_allclose(gap, 0.0, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", KINKS)
+@pytest.mark.parametrize("name", ALL)
 @pytest.mark.parametrize("n", [0, 1, 5])
 def test_shapes(name, n):
-    trajectory, _ = KINKS[name]
+    trajectory, _ = ALL[name]
     t = np.linspace(0, 10, n)
     for quantity in (trajectory.position, trajectory.velocity, trajectory.acceleration):
         value = quantity(t)
@@ -88,9 +107,9 @@ def test_shapes(name, n):
     assert path.shape[1] == 3
 
 
-@pytest.mark.parametrize("name", KINKS)
+@pytest.mark.parametrize("name", ALL)
 def test_path_runs_from_start_to_end(name):
-    trajectory, kinks = KINKS[name]
+    trajectory, kinks = ALL[name]
     path = trajectory.path()
     ends = trajectory.position(np.array([kinks[0] - 1.0, kinks[-1] + 1.0]))
     np.testing.assert_allclose(path[[0, -1]], ends, atol=1e-12)
@@ -198,3 +217,144 @@ def test_sweeps_that_cannot_be(changes):
     valid = {"half_length": 0.5, "speed": 0.1}
     with pytest.raises(ValueError, match="a sweep needs"):
         CurveSweep(EqualForceCurve(0.5), **(valid | changes))
+
+
+# ---------------------------------------------------------------- smooth runs of closed paths
+
+
+#: Weights of the central difference of sixth order at 1, 2 and 3 steps.
+WEIGHTS = (3 / 4, -3 / 20, 1 / 60)
+
+
+def difference(function, t, h):
+    """Derivative (n, 3) of a function of time to sixth order."""
+    steps = enumerate(WEIGHTS, start=1)
+    return sum(w * (function(t + k * h) - function(t - k * h)) for k, w in steps) / h
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+@pytest.mark.parametrize("quantity", ["position", "velocity"])
+def test_derivatives_converge_to_sixth_order(name, quantity):
+    """Away from the ends of the ramps, where higher derivatives jump."""
+    run, h = SMOOTH[name], 0.01
+    exact = {"position": run.velocity, "velocity": run.acceleration}[quantity]
+    edges = np.array([0.0, run.ramp, run.end_time - run.ramp, run.end_time])
+    t = np.linspace(-0.2, run.end_time + 0.2, 801)
+    t = t[np.min(np.abs(t[:, None] - edges), axis=1) > 3 * h]
+    errors = [
+        np.abs(difference(getattr(run, quantity), t, step) - exact(t)).max() for step in (h, h / 2)
+    ]
+    assert errors[1] < 1e-6
+    # Terms of eighth order change the ratio 2^6 by a few percent.
+    assert errors[0] / errors[1] == pytest.approx(64, rel=0.1)
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_runs_begin_and_end_smoothly(name):
+    """No jump at the ends of the ramps, at any of which acceleration and velocity vanish."""
+    run = SMOOTH[name]
+    gap = 1e-6
+    outer = np.array([gap, run.end_time - gap])
+    inner = np.array([run.ramp, run.end_time - run.ramp])
+    for quantity in (run.velocity, run.acceleration):
+        np.testing.assert_allclose(quantity(outer), 0.0, atol=1e-8)
+        # A jerk below 100 m/s3 over 2e-6 s.
+        np.testing.assert_allclose(quantity(inner + gap), quantity(inner - gap), atol=2e-4)
+
+
+@pytest.mark.parametrize("name", SMOOTH)
+def test_the_speed_is_that_where_the_path_is_fastest(name):
+    run = SMOOTH[name]
+    speed = np.linalg.norm(run.velocity(np.linspace(0, run.end_time, 20_001)), axis=1)
+    assert speed.max() <= run.speed * (1 + 1e-9)
+    assert speed.max() == pytest.approx(run.speed, rel=1e-4)
+
+
+def test_circle_has_its_radius_length_and_acceleration():
+    t = np.linspace(0, CIRCLE.end_time, 2001)
+    steady = t[(t > CIRCLE.ramp) & (t < CIRCLE.end_time - CIRCLE.ramp)]
+    gap = CIRCLE.position(t) - [0.33, 0.0, 0.26]
+    np.testing.assert_allclose(np.linalg.norm(gap, axis=1), 0.05, rtol=1e-12)
+    np.testing.assert_allclose(np.linalg.norm(CIRCLE.velocity(steady), axis=1), 0.4, rtol=1e-12)
+    inward = -(CIRCLE.position(steady) - [0.33, 0.0, 0.26]) / 0.05
+    np.testing.assert_allclose(CIRCLE.acceleration(steady), 0.4**2 / 0.05 * inward, atol=1e-11)
+    way = quad(
+        lambda t: np.linalg.norm(CIRCLE.velocity(np.array([t]))), 0, CIRCLE.end_time, limit=200
+    )[0]
+    assert way == pytest.approx(2 * 2 * np.pi * 0.05, rel=1e-7)
+
+
+def test_circle_turns_from_up_to_right():
+    run = SmoothRun(circle((0.0, 0.0, 0.1), (0.0, 0.0, 0.0)), speed=0.1)
+    quarter = np.array([run.end_time / 2 - np.pi / 2 / run.rate])
+    np.testing.assert_allclose(run.position(quarter), [[0.1, 0.0, 0.0]], atol=1e-15)
+
+
+def test_figure_eight_by_its_definition():
+    phase = np.linspace(0, 2 * np.pi, 101)
+    expected = START + np.outer(np.sin(phase), ALONG) + np.outer(np.sin(2 * phase), ACROSS)
+    np.testing.assert_allclose(EIGHT.curve.derivative(phase, 0), expected, atol=1e-15)
+    # Orthogonal axes of 100 and 30 mm: fastest at the crossing.
+    assert EIGHT.curve.top_rate == pytest.approx(np.hypot(0.1, 2 * 0.03), rel=1e-12)
+    crossing = EIGHT.position(np.array([EIGHT.end_time / 2]))
+    np.testing.assert_allclose(crossing, [START], atol=1e-12)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_random_paths_just_fill_their_ellipse(seed):
+    path = random_path(seed, START, ALONG, ACROSS)
+    gap = path.derivative(np.linspace(0, 2 * np.pi, 5001), 0) - START
+    along, across = gap @ ALONG / 0.1**2, gap @ ACROSS / 0.03**2
+    assert np.hypot(along, across).max() == pytest.approx(1.0, abs=1e-5)
+    np.testing.assert_allclose(gap[[0, -1]], 0.0, atol=1e-14)
+
+
+def test_random_paths_belong_to_their_seeds():
+    paths = [random_path(seed, START, ALONG, ACROSS) for seed in (0, 0, 1, np.int64(1))]
+    assert paths[0] == paths[1]
+    assert paths[2] == paths[3]
+    assert paths[0] != paths[2]
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, "0", None, True])
+def test_seeds_that_cannot_be(seed):
+    with pytest.raises(ValueError, match="whole number >= 0"):
+        random_path(seed, START, ALONG, ACROSS)
+
+
+def test_mirrored_paths():
+    phase = np.linspace(0, 6, 31)
+    path = RANDOM.curve
+    expected = path.derivative(phase, 0) * [-1, 1, 1]
+    np.testing.assert_allclose(path.mirrored().derivative(phase, 0), expected, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"speed": 0.0}, r"must lie in \(0, 1.26\] m/s"),
+        ({"speed": -0.1}, "must lie in"),
+        ({"speed": 1.3}, "must lie in"),
+        ({"speed": np.nan}, "must lie in"),
+        ({"laps": 0}, "one lap or more"),
+        ({"ramp": 0.0}, "positive ramp"),
+    ],
+    ids=str,
+)
+def test_runs_that_cannot_be(changes, message):
+    """Two laps of 0.1 pi m leave room for the ramps of 0.5 s up to 0.2 pi / 0.5 m/s."""
+    with pytest.raises(ValueError, match=message):
+        SmoothRun(**({"curve": CIRCLE.curve, "speed": 0.4, "laps": 2} | changes))
+
+
+@pytest.mark.parametrize(
+    ("cosine", "sine", "message"),
+    [
+        (((1.0, 0.0, 0.0),), (), "as many cosines as sines"),
+        (((1.0, 0.0),), ((1.0, 0.0),), "as many cosines as sines"),
+        (((0.0, 0.0, 0.0),), ((0.0, 0.0, 0.0),), "not stay at its start"),
+    ],
+)
+def test_paths_that_cannot_be(cosine, sine, message):
+    with pytest.raises(ValueError, match=message):
+        FourierPath(START, cosine, sine)

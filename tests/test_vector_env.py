@@ -20,6 +20,10 @@ RANGES = Randomization(
     density=(0.8, 1.25),
     damping_time=(0.5, 2.0),
     tendon_radius=(0.9, 1.1),
+    tension_gain=(0.8, 1.25),
+    tendon_friction=(0.0, 1.0),
+    delay=(0.0, 0.05),
+    sensor_noise=(0.5, 2.0),
 )
 
 
@@ -73,6 +77,28 @@ def test_physics_is_equal_bit_by_bit():
         single.step(action[1])
     np.testing.assert_array_equal(many._simulation.qpos[1], single.data.qpos)
     np.testing.assert_array_equal(many._simulation.qvel[1], single.data.qvel)
+
+
+def test_physics_with_friction_is_equal_bit_by_bit():
+    """One arm of four rubs; the others stay what they are without constraints."""
+    many, single = VectorTrackingEnv(COUNT, "swing"), TrackingEnv("swing")
+    friction = np.array([0.0, 1.5, 0.0, 0.3])
+    many.reset(options={"vary": {"tendon_friction": friction}})
+    for i in range(COUNT):
+        many.reset(options={"vary": {"tendon_friction": friction}})
+        single.reset(options={"vary": {"tendon_friction": friction[i]}})
+        for action in actions(100):
+            many.step(action)
+            single.step(action[i])
+        np.testing.assert_array_equal(many._simulation.qpos[i], single.data.qpos)
+        np.testing.assert_array_equal(many._simulation.qvel[i], single.data.qvel)
+    # Without friction again.
+    many.reset()
+    single.reset()
+    for action in actions(50):
+        many.step(action)
+        single.step(action[1])
+    np.testing.assert_array_equal(many._simulation.qpos[1], single.data.qpos)
 
 
 def test_the_number_of_threads_does_not_matter():
@@ -179,13 +205,18 @@ def test_environments_can_be_out_of_step():
         {"damping_time": 0.4},
         {"tendon_radius": 0.8},
         {"youngs_modulus": 1.2, "density": 0.7},
+        {"tendon_friction": 0.7},
+        {"tension_gain": 0.9},
+        {"delay": 0.03},
+        {"youngs_modulus": 0.9, "tension_gain": 1.2, "delay": 0.05, "tendon_friction": 0.2},
     ],
 )
 def test_variations_are_those_of_the_single_environment(vary):
     options = {"observe": "all", "timestep": 0.001, "integrator": "implicitfast"}
     many, single = VectorTrackingEnv(COUNT, SHORT, **options), TrackingEnv(SHORT, **options)
-    factors = {name: np.array([1.0, 0.9, factor, 1.1]) for name, factor in vary.items()}
-    observations, _ = many.reset(options={"vary": factors})
+    others = {name: (0.07, 0.0, 0.01) if name == "delay" else (1.0, 0.9, 1.1) for name in vary}
+    values = {name: np.insert(others[name], 2, value) for name, value in vary.items()}
+    observations, _ = many.reset(options={"vary": values})
     observation, _ = single.reset(options={"vary": vary})
     for action in actions(29):
         same(observation, observations, 2, 1e-7)
@@ -209,6 +240,57 @@ def test_draws_are_those_of_the_single_environment_with_the_same_seed():
             variation = single.reset(**options)[1]["variation"]
             assert variation == {name: values[i] for name, values in drawn[k].items()}
     assert len(set(drawn[0]["youngs_modulus"])) == COUNT
+    assert len(set(drawn[0]["sensor_noise"])) == COUNT
+
+
+def test_noise_is_that_of_the_single_environment_with_the_same_seed():
+    """Over blocks of draws and several episodes, with silent sensors beside noisy ones."""
+    long = replace(make_task("lshape"), duration=1.0)
+    many = VectorTrackingEnv(COUNT, long, observe="all")
+    single = TrackingEnv(long, observe="all")
+    scale = np.array([0.0, 1.0, 2.0, 0.0])
+    for seed in (5, None):
+        observations, infos = many.reset(seed=seed, options={"vary": {"sensor_noise": scale}})
+        seeds = None if seed is None else seed + 2
+        observation, info = single.reset(seed=seeds, options={"vary": {"sensor_noise": 2.0}})
+        same(observation, observations, 2, ROUNDING)
+        for action in actions(99):
+            observations, rewards, *_, infos = many.step(action)
+            observation, reward, *_, info = single.step(action[2])
+            same(observation, observations, 2, ROUNDING)
+            assert rewards[2] == pytest.approx(reward, abs=1e-12)
+            assert many.observation_space.contains(observations)
+            for name in ("tip_position", "curvature"):
+                assert infos[f"_{name}"].tolist() == [False, True, True, False]
+                np.testing.assert_allclose(infos[name][2], info[name], atol=ROUNDING)
+                np.testing.assert_array_equal(infos[name][0], observations[name][0])
+                assert np.all(infos[name][1] != observations[name][1])
+    assert "tip_position" not in many.reset()[1]
+
+
+@pytest.mark.parametrize("mode", ["SameStep", "Disabled"])
+def test_noise_and_delay_of_one_do_not_depend_on_resets_of_others(mode):
+    """Robot 1 starts later than the rest, so that their resets fall into its episode."""
+    vary = {"sensor_noise": 1.0, "delay": 0.04}
+    randomization = Randomization(**{name: (value, value) for name, value in vary.items()})
+    env = VectorTrackingEnv(COUNT, SHORT, randomization=randomization, autoreset_mode=mode)
+    single = TrackingEnv(SHORT)
+    env.reset(seed=0)
+    for action in actions(7):
+        env.step(action)
+    late = np.array([False, True, False, False])
+    seeds = [None, 9, None, None]
+    observations, _ = env.reset(seed=seeds, options={"reset_mask": late, "vary": vary})
+    observation, _ = single.reset(seed=9, options={"vary": vary})
+    same(observation, observations, 1, ROUNDING)
+    for k, action in enumerate(actions(29)):
+        observations, _, terminated, truncated, _ = env.step(action)
+        same(single.step(action[1])[0], observations, 1, ROUNDING)
+        over = terminated | truncated
+        assert over.tolist() == [k == 22, False, k == 22, k == 22]
+        if mode == "Disabled" and over.any():
+            observations, _ = env.reset(options={"reset_mask": over})
+    assert env.observation_space.contains(observations)
 
 
 def test_draws_fill_their_ranges():
@@ -229,9 +311,41 @@ def test_given_variations_win_over_draws():
 
 
 @pytest.mark.parametrize("ends", [(0.0, 1.0), (2.0, 1.0), (1.0,), "wide", (1.0, np.inf)])
-def test_bad_ranges_are_refused(ends):
+@pytest.mark.parametrize("name", ["density", "tension_gain"])
+def test_bad_ranges_are_refused(name, ends):
     with pytest.raises(ValueError, match="0 < low <= high"):
-        Randomization(density=ends)
+        Randomization(**{name: ends})
+
+
+@pytest.mark.parametrize("ends", [(-0.1, 0.1), (0.2, 0.1), (0.1,), "wide", (0.0, np.nan)])
+@pytest.mark.parametrize("name", ["tendon_friction", "delay", "sensor_noise"])
+def test_bad_ranges_of_amounts_are_refused(name, ends):
+    with pytest.raises(ValueError, match="0 <= low <= high"):
+        Randomization(**{name: ends})
+
+
+def test_ranges_beyond_the_largest_values_are_refused():
+    with pytest.raises(ValueError, match="'delay' must be at most 1"):
+        Randomization(delay=(0.0, 1.5))
+    with pytest.raises(ValueError, match="'sensor_noise' must be at most 10"):
+        Randomization(sensor_noise=(0.0, 11.0))
+
+
+def test_amounts_are_drawn_uniformly():
+    rng = np.random.default_rng(0)
+    values = np.array([RANGES.draw(rng)["tendon_friction"] for _ in range(2000)])
+    assert values.min() >= 0 and values.max() <= 1
+    assert values.mean() == pytest.approx(0.5, abs=0.02)
+    assert values.var() == pytest.approx(1 / 12, rel=0.1)
+
+
+def test_new_ranges_leave_the_draws_of_the_others_alone():
+    fewer = replace(RANGES, tension_gain=(1.0, 1.0), tendon_friction=(0.0, 0.0))
+    drawn = [r.draw(np.random.default_rng(4)) for r in (fewer, RANGES)]
+    for name in ("youngs_modulus", "density", "damping_time", "tendon_radius"):
+        assert drawn[0][name] == drawn[1][name]
+    assert "tension_gain" not in drawn[0]
+    assert "tension_gain" in drawn[1]
 
 
 # ---------------------------------------------------------------- failures and bad input
@@ -260,6 +374,21 @@ def test_a_failed_episode_is_told_and_disturbs_no_other():
     same(observation, observations, 0, ROUNDING)
 
 
+def test_failures_are_told_as_by_the_single_environment():
+    """Bent to just inside the limit, a soft arm folds in the next period."""
+    options = {"start_curvature": np.full(6, 39.9), "vary": {"youngs_modulus": 0.2}}
+    fixed = {"timestep": 0.001, "integrator": "implicitfast"}  # else chosen by the varied robot
+    many, single = VectorTrackingEnv(COUNT, "swing", **fixed), TrackingEnv("swing", **fixed)
+    many.reset(options=options)
+    single.reset(options=options)
+    over = False
+    while not over:
+        *_, infos = many.step(np.ones((COUNT, 3)))
+        _, _, over, _, info = single.step(np.ones(3))
+    assert info["failure"].startswith("left the workspace: curvature")
+    assert infos["failure"].tolist() == [info["failure"]] * COUNT
+
+
 @pytest.mark.parametrize(
     "bad", [np.zeros((COUNT, 2)), np.full((COUNT, 3), np.nan), np.full((COUNT, 3), 1.1)]
 )
@@ -279,6 +408,9 @@ def test_bad_actions_are_refused(bad):
         ({"reset_mask": np.zeros(COUNT, bool)}, "some of them true"),
         ({"vary": {"density": np.ones(3)}}, "a number or 4"),
         ({"vary": {"mass": 2.0}}, "choose from"),
+        ({"vary": {"delay": np.array([0.0, 0.01, 0.005, 0.0])}}, "multiple of the control period"),
+        ({"vary": {"sensor_noise": -1.0}}, "sensor_noise"),
+        ({"vary": {"tendon_friction": [0.0, 1.0, -1.0, 0.0]}}, "tendon_friction"),
         ({"step_width": 0.1}, "single environment only"),
         ({"speed": 1.0}, "unknown reset option"),
     ],

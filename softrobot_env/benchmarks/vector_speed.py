@@ -77,8 +77,12 @@ def _batched(count: int, threads: int) -> _Turns:
     env = VectorTrackingEnv(count, "swing", threads=threads)
     env.reset(seed=0)
     actions = np.zeros((count, 3), np.float32)
-    scene = TrackingEnv("swing").scene
+    single = TrackingEnv("swing")
+    single.reset()
+    scene = single.scene
     bare = Batch(scene.model, count, threads, persistent=True)
+    # A moving arm costs more than one at rest: both start bent, and swing without tension.
+    bare.bind("qpos")[:] = single.data.qpos
     bare.forward()
     substeps, stage = scene.timestep.substeps, int(mujoco.mjtStage.mjSTAGE_VEL)
     return _Turns(lambda: env.step(actions), lambda: bare.step(nstep=substeps, stage=stage))

@@ -2,22 +2,22 @@
 
 import argparse
 from collections.abc import Callable
-from math import inf, nan
+from math import inf, isfinite, nan
 from pathlib import Path
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import FEEDBACKS, policy_environment
-from softrobot_env.robots import VARIABLE
+from softrobot_env.envs.disturbances import NEUTRAL, check_value
 from softrobot_env.scene.config import INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.tasks import TASKS
+from softrobot_env.tasks import ALL_TASKS
 
 _RULE = "balanced2"
 
 
 def add_task(parser: argparse.ArgumentParser) -> None:
     """--task and --step-width."""
-    parser.add_argument("--task", choices=list(TASKS), default="swing", help="default: swing")
+    parser.add_argument("--task", choices=list(ALL_TASKS), default="swing", help="default: swing")
     parser.add_argument(
         "--step-width", type=positive, metavar="M", help="width [m] of the step task"
     )
@@ -119,15 +119,23 @@ def _number(text: str, allowed: Callable[[float], bool], what: str) -> float:
 
 
 def variation(text: str) -> tuple[str, list[float]]:
-    """`name=1,2,3` as the name of a robot parameter and its factors."""
+    """`name=1,2,3` as the name of a variation and its values."""
     name, _, values = text.partition("=")
-    if name not in VARIABLE or not values:
+    if name not in NEUTRAL or not values:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not NAME=F1,F2,... with NAME out of {', '.join(VARIABLE)}"
+            f"{text!r} is not NAME=V1,V2,... with NAME out of {', '.join(NEUTRAL)}"
         )
-    low = 0 if name == "damping_time" else 5e-324  # only the damping may vanish
-    what = f"a factor on {name}"
-    return name, [_number(v, lambda x: low <= x < inf, what) for v in values.split(",")]
+    return name, [_varied(name, value) for value in values.split(",")]
+
+
+def _varied(name: str, text: str) -> float:
+    what = f"a factor on {name}" if NEUTRAL[name] == 1 else f"a value of {name}"
+    value = _number(text, isfinite, what)
+    try:
+        check_value(name, value)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what}: {error}") from error
+    return value
 
 
 def names_or_all(known: list[str]) -> Callable[[str], str]:

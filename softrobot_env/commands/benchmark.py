@@ -17,7 +17,15 @@ EXAMPLE = "softrobot benchmark speed --quick"
 _WIDTH = 110  # characters of a report
 
 #: What can be measured.
-BENCHMARKS = ("accuracy", "controllers", "speed", "stability", "thesis")
+BENCHMARKS = (
+    "accuracy",
+    "controllers",
+    "generalization",
+    "learning",
+    "speed",
+    "stability",
+    "thesis",
+)
 
 #: Entry of a row with arrays for the pictures; reports go without.
 _TRACE = "trace"
@@ -41,6 +49,20 @@ def _load(what: str) -> Benchmark:
         from softrobot_env.benchmarks import controllers, controllers_plots, controllers_tables
 
         return Benchmark(controllers.run, controllers_tables.tables, controllers_plots.plot)
+    if what == "generalization":
+        from softrobot_env.benchmarks import (
+            generalization,
+            generalization_plots,
+            generalization_tables,
+        )
+
+        return Benchmark(
+            generalization.run, generalization_tables.tables, generalization_plots.plot
+        )
+    if what == "learning":
+        from softrobot_env.benchmarks import learning, learning_plots, learning_tables
+
+        return Benchmark(learning.run, learning_tables.tables, learning_plots.plot)
     if what == "stability":
         from softrobot_env.benchmarks import stability, stability_plots, stability_tables
 

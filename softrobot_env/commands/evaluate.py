@@ -20,11 +20,12 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.control.registry import POLICIES, installed_policies, make_policy
+from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import report
 from softrobot_env.evaluation.run import run_episode, warm_up
 from softrobot_env.rollout import Rollout
-from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, make_task
+from softrobot_env.tasks import ALL_TASKS, STEP_WIDTHS, TASKS, UNSEEN_TASKS, Task, make_task
 
 EXAMPLE = "softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5"
 
@@ -54,16 +55,22 @@ class Outcome:
     rollout: Rollout
     row: report.Row
 
+    @property
+    def shown_row(self) -> report.Row:
+        """The row for people, with seed and speed in the name of the task."""
+        task = self.case.task
+        return self.row if task.step_width is not None else self.row | {"task": task.label}
+
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
         "--tasks",
         nargs="+",
-        type=names_or_all(list(TASKS)),
+        type=names_or_all(list(ALL_TASKS)),
         default=["all"],
         metavar="TASK",
-        help=f"out of {', '.join(TASKS)}; default: all",
+        help=f"out of {', '.join(ALL_TASKS)}; default: all, which is {', '.join(TASKS)}",
     )
     parser.add_argument(
         "--policies",
@@ -82,12 +89,28 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="widths [m] of the step task; default: 0.05 0.1 0.2",
     )
     parser.add_argument(
+        "--speeds",
+        type=_speeds,
+        default=[0.1],
+        metavar="V1,V2",
+        help=f"largest speeds [m/s] of the references of {', '.join(UNSEEN_TASKS)}; default: 0.1",
+    )
+    parser.add_argument(
+        "--path-seeds",
+        nargs="+",
+        type=int,
+        default=[0],
+        metavar="N",
+        help="seeds of the paths of the random task; default: 0",
+    )
+    parser.add_argument(
         "--vary",
         action="append",
         type=variation,
         default=[],
-        metavar="NAME=F1,F2",
-        help="factors on a parameter of the plant; controllers keep the nominal robot",
+        metavar="NAME=V1,V2",
+        help=f"values of one of {', '.join(NEUTRAL)}: of the plant, in SI units or as factors; "
+        "controllers keep the nominal robot",
     )
     parser.add_argument("--no-plots", action="store_true", help="skip the plots")
     parser.add_argument("--save-rollouts", action="store_true", help="also write npz records")
@@ -106,11 +129,12 @@ def run(args: argparse.Namespace) -> int:
     outcomes = _run_cases(list(_cases(args)), args, console)
     rows = [outcome.row for outcome in outcomes]
     report.write_json(args.out / "report.json", rows, args.command_line)
-    text = report.markdown(rows, args.command_line)
+    shown = [outcome.shown_row for outcome in outcomes]
+    text = report.markdown(shown, args.command_line)
     (args.out / "report.md").write_text(text, encoding="utf-8")
     if args.save_rollouts:
         _save_rollouts(outcomes, args.out)
-    for table in report.tables(rows):
+    for table in report.tables(shown):
         console.print(table)
     console.print(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
@@ -131,17 +155,26 @@ def _tasks(args: argparse.Namespace) -> Iterator[Task]:
     for name in expand_all(args.tasks, list(TASKS)):
         if name == "step":
             yield from (make_task(name, width) for width in dict.fromkeys(args.step_widths))
+        elif name in UNSEEN_TASKS:
+            seeds = dict.fromkeys(args.path_seeds) if name == "random" else [None]
+            for seed, speed in itertools.product(seeds, dict.fromkeys(args.speeds)):
+                yield make_task(name, speed=speed, seed=seed)
         else:
             yield make_task(name)
 
 
+def _speeds(text: str) -> list[float]:
+    """`0.05,0.1` as numbers."""
+    return [positive(part) for part in text.split(",")]
+
+
 def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
-    """Every combination of the varied parameters; factors of 1 count as nominal."""
-    factors: dict[str, list[float]] = {}
+    """Every combination of what varies, without the values that change nothing."""
+    varied: dict[str, list[float]] = {}
     for name, values in given:
-        factors[name] = list(dict.fromkeys([*factors.get(name, []), *values]))
-    combinations = itertools.product(*factors.values())
-    return [{n: v for n, v in zip(factors, c, strict=True) if v != 1} for c in combinations]
+        varied[name] = list(dict.fromkeys([*varied.get(name, []), *values]))
+    combinations = itertools.product(*varied.values())
+    return [{n: v for n, v in zip(varied, c, strict=True) if v != NEUTRAL[n]} for c in combinations]
 
 
 def _run_cases(cases: list[Case], args: argparse.Namespace, console: Console) -> list[Outcome]:
@@ -151,10 +184,11 @@ def _run_cases(cases: list[Case], args: argparse.Namespace, console: Console) ->
         bar = progress.add_task("evaluate", total=len(cases))
         for case in cases:
             progress.update(bar, description=case.label)
-            options = {"task": case.task.name, **plant_options(args, case.policy)}
-            name = str(options)
+            options = plant_options(args, case.policy)
+            task = case.task if case.task.step_width is None else make_task("step")
+            name = f"{task.label}, {options}"
             if name not in environments:
-                environments[name] = TrackingEnv(observe="all", **options)
+                environments[name] = TrackingEnv(task, observe="all", **options)
             outcomes.append(_run_case(environments[name], case, args))
             progress.advance(bar)
     return outcomes
@@ -168,14 +202,18 @@ def _run_case(env: TrackingEnv, case: Case, args: argparse.Namespace) -> Outcome
     warm_up(env, policy)
     rollout = run_episode(env, policy, seed=0, options=options)
     row = report.make_row(rollout, case.task, case.policy, args.plant, case.variation)
-    row["feedback"] = args.feedback
+    row |= {"feedback": args.feedback, "speed": case.task.speed, "path_seed": case.task.seed}
     return Outcome(case, rollout, row)
 
 
 def _file_stem(outcome: Outcome) -> str:
-    parts = [report.task_label(outcome.row), outcome.case.policy]
+    parts = [outcome.case.task.label, outcome.case.policy]
     parts += [f"{name}_{scale:g}" for name, scale in outcome.case.variation.items()]
-    return "_".join(parts).replace(" ", "_")
+    return _in_file_name("_".join(parts))
+
+
+def _in_file_name(label: str) -> str:
+    return label.replace(" ", "_").replace("/", "_")
 
 
 def _save_rollouts(outcomes: list[Outcome], out: Path) -> None:
@@ -187,9 +225,9 @@ def _plot(outcomes: list[Outcome], out: Path) -> None:
     """Compare policies on each task, and variations of each policy where there are several."""
     from softrobot_env.rendering.plots import plot_task
 
-    for label in dict.fromkeys(report.task_label(o.row) for o in outcomes):
-        of_task = [o for o in outcomes if report.task_label(o.row) == label]
-        stem = label.replace(" ", "_")
+    for label in dict.fromkeys(o.case.task.label for o in outcomes):
+        of_task = [o for o in outcomes if o.case.task.label == label]
+        stem = _in_file_name(label)
         nominal = {o.case.policy: o.rollout for o in of_task if not o.case.variation}
         if nominal:
             plot_task(nominal, of_task[0].case.task, out, stem)

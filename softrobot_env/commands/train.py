@@ -11,13 +11,14 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_out
 from softrobot_env.paths import models_dir
 
 if TYPE_CHECKING:
     import numpy as np
 
-EXAMPLE = "softrobot train qs_nn --seed 0"
+EXAMPLE = "softrobot train --algo ppo --randomize"
 
 #: Told the description of what is done, how much of it is done, and how much there is.
 Show = Callable[[str, int, int], None]
@@ -32,13 +33,11 @@ class Trainer:
 
     Attributes:
         file: Name of the file written.
-        run: Train by seed, write the file and return the figures.
-        random: Whether the seed matters.
+        run: Train by seed (where anything is random), write the file and return the figures.
     """
 
     file: str
     run: Callable[[int, Path, Show], Figures]
-    random: bool = False
 
 
 def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
@@ -114,26 +113,6 @@ def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
     return figures(network)
 
 
-def _train_ppo(seed: int, path: Path, show: Show) -> Figures:
-    """Network from reinforcement learning alone, for comparison; no policy loads it."""
-    from softrobot_env.training.ppo import SCRATCH, train
-    from softrobot_env.training.shipping import figures, save, save_curve
-
-    network, curve = train(SCRATCH, seed, show)
-    save(network, path, seed)
-    return [*figures(network), ("learning curve", str(save_curve(curve, path)))]
-
-
-def _train_ppo_tuned(seed: int, path: Path, show: Show) -> Figures:
-    """The imitating network after reinforcement learning, or itself if that made it no better."""
-    from softrobot_env.training.ppo import TUNING, train
-    from softrobot_env.training.shipping import figures, load_start, save, save_curve
-
-    network, curve = train(TUNING, seed, show, load_start(path))
-    save(network, path, seed)
-    return [*figures(network), ("learning curve", str(save_curve(curve, path)))]
-
-
 def _points(show: Show) -> Callable[[int, int], None]:
     return lambda done, total: show("operating points", done, total)
 
@@ -147,20 +126,21 @@ def _table_figures(gains: "np.ndarray") -> Figures:
 
 #: Artefact (the name of its policy) -> how to make it.
 TRAINERS = {
-    "qs_nn": Trainer("qs_nn.npz", _train_qs_nn, random=True),
+    "qs_nn": Trainer("qs_nn.npz", _train_qs_nn),
     "lqi": Trainer("lqi.npz", _train_lqi),
     "lq_preview": Trainer("lq_preview.npz", _train_lq_preview),
-    "imitation": Trainer("imitation.npz", _train_imitation, random=True),
-    "ppo": Trainer("ppo.npz", _train_ppo, random=True),
-    "ppo_tuned": Trainer("ppo_tuned.npz", _train_ppo_tuned, random=True),
+    "imitation": Trainer("imitation.npz", _train_imitation),
 }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("what", choices=list(TRAINERS))
+    parser.add_argument(
+        "what", nargs="?", choices=list(TRAINERS), help="an artefact; or give --algo"
+    )
     parser.add_argument("--seed", type=_seed, default=0, help="of the randomness; default: 0")
     add_out(parser, str(models_dir()), ", where policies look")
+    train_rl.add_arguments(parser)
 
 
 def _seed(text: str) -> int:
@@ -171,24 +151,41 @@ def _seed(text: str) -> int:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command.
+
+    Raises:
+        ValueError: Neither an artefact nor an algorithm is given, or both.
+    """
+    if (args.what is None) == (args.algo is None):
+        raise ValueError(
+            f"give an artefact ({', '.join(TRAINERS)}) or an algorithm (--algo "
+            f"{', '.join(train_rl.ALGORITHMS)})"
+        )
     console = Console()
     args.out.mkdir(parents=True, exist_ok=True)
-    trainer = TRAINERS[args.what]
-    path = args.out / trainer.file
+    name, path, train = _job(args)
     began = perf_counter()
     with Progress(console=console, transient=True) as progress:
-        bar = progress.add_task(args.what, total=None)
+        bar = progress.add_task(name, total=None)
 
         def show(description: str, done: int, total: int) -> None:
-            text = f"{args.what}: {description}"
-            progress.update(bar, description=text, completed=done, total=total)
+            progress.update(bar, description=f"{name}: {description}", completed=done, total=total)
 
-        figures = trainer.run(args.seed, path, show)
-    title = f"{args.what}, seed {args.seed}" if trainer.random else args.what
-    table = Table("quantity", "value", title=title)
-    for name, value in [*figures, ("time", f"{perf_counter() - began:.1f} s")]:
-        table.add_row(name, value)
+        figures = train(show)
+    table = Table("quantity", "value", title=f"{name}, seed {args.seed}")
+    for quantity, value in [*figures, ("time", f"{perf_counter() - began:.1f} s")]:
+        table.add_row(quantity, value)
     console.print(table)
     console.print(f"Wrote {path}")
     return 0
+
+
+def _job(args: argparse.Namespace) -> tuple[str, Path, Callable[[Show], Figures]]:
+    """Name, file and training."""
+    if args.algo is not None:
+        name = train_rl.name_of(args)
+        path = args.out / f"{name}.npz"
+        return name, path, lambda show: train_rl.run(args, path, show)
+    trainer = TRAINERS[args.what]
+    path = args.out / trainer.file
+    return args.what, path, lambda show: trainer.run(args.seed, path, show)

@@ -4,7 +4,9 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from softrobot_env.robots import NEUTRAL
 from softrobot_env.scene.build import Scene
+from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
 
 #: Model fields that are proportional to parameters of the robot.
 _PROPORTIONAL = {
@@ -15,6 +17,7 @@ _PROPORTIONAL = {
     "wrap_prm": ("tendon_radius",),  # lever arms of tendons in channels
 }
 
+_NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NO_STAGE = int(mujoco.mjtStage.mjSTAGE_NONE)
 
@@ -43,34 +46,52 @@ class BatchSimulation:
         names = ("qpos", "qvel", "ctrl", "sensordata", "ten_length", "actuator_force")
         for name in names:
             setattr(self, name, self._batch.bind(name))
-        self._warnings = self._batch.warning[:, :, 1]
-        self._varied = False
+        self._warnings = self._batch.warning
+        self._no_warnings = bytes(self._warnings.nbytes)
+        self._nobody = np.zeros(count, dtype=bool)
+        self._nobody.flags.writeable = False
+        self._varied = self._rubs = False
 
-    def vary(self, which: np.ndarray, factors: dict[str, np.ndarray]) -> None:
+    def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
 
         Timestep and integrator stay those of the scene.
 
         Args:
             which: (k,) int, increasing, the simulations.
-            factors: (k,) [1] on each of `robots.VARIABLE`.
+            values: (k,) of each of `robots.VARIABLE`, as `RobotParams.vary` takes them.
 
         Raises:
             ValueError: A factor on the radius of tendons that run through guides.
         """
         guided = any(tendon.guides for tendon in self.scene.config.robot.tendons)
-        if guided and np.any(factors["tendon_radius"] != 1):
+        if guided and np.any(values["tendon_radius"] != 1):
             raise ValueError("tendon_radius can be varied in many environments for channels only")
-        if not self._varied and all(np.all(values == 1) for values in factors.values()):
+        if not self._varied and all(np.all(values[name] == v) for name, v in NEUTRAL.items()):
             return
         self._varied = True
         model = self.scene.model
         for field, names in _PROPORTIONAL.items():
-            factor = np.prod([factors[name] for name in names], axis=0)
+            factor = np.prod([values[name] for name in names], axis=0)
             nominal = getattr(model, field)
             expanded = self._batch.expand(field)
             expanded[which] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
+        self._rub(which, values["tendon_friction"])
         self._batch.set_const(which)
+
+    def _rub(self, which: np.ndarray, friction: np.ndarray) -> None:
+        """Add friction (k,) [N] to the tendons, as `scene.build` and `scene.tendons` would."""
+        if not self._rubs and not friction.any():
+            return
+        if not self._rubs:
+            self._rubs = True
+            self._batch.expand("tendon_solimp_fri")[:] = FRICTION_IMPEDANCE
+            self._batch.expand("tendon_solref_fri")[:] = FRICTION_REFERENCE
+        loss = self.scene.model.tendon_frictionloss + friction[:, None]
+        self._batch.expand("tendon_frictionloss")[which] = loss
+        flags = self.scene.model.opt.disableflags | _NO_CONSTRAINT
+        constrained = loss.any(axis=1)
+        self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * constrained)
 
     @property
     def count(self) -> int:
@@ -96,7 +117,9 @@ class BatchSimulation:
             which: (k,) int, increasing, the simulations to advance; all unless given.
 
         Returns:
-            (n,) bool, whether each is in order.
+            (n,) bool, whether each has diverged; read-only.
         """
         self._batch.step(which, nstep=self._substeps, stage=_STAGE)
-        return ~self._warnings.any(axis=1)
+        if self._warnings.tobytes() == self._no_warnings:
+            return self._nobody
+        return self._warnings[:, :, 1].any(axis=1)

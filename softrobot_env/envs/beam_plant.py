@@ -25,11 +25,29 @@ class BeamPlant:
     """
 
     def __init__(self, robot: RobotParams, control_period: float, factory: PlantFactory) -> None:
+        """Build the nominal model.
+
+        Args:
+            robot: The nominal robot.
+            control_period: [s].
+            factory: Builds the model of a robot.
+
+        Raises:
+            ValueError: The robot has tendon friction.
+        """
         self.robot = robot
         self.config = SceneConfig(robot, control_period=control_period)
         self.layout: HingeLayout = place_hinges(robot.length, robot.pieces, self.config.rule)
         self._factory = factory
-        self._nominal = factory(robot)
+        self._nominal = self._model(robot)
+
+    def _model(self, robot: RobotParams) -> PlantModel:
+        if any(tendon.friction for tendon in robot.tendons):
+            raise ValueError(
+                f"robot {robot.name!r}: beam models have no tendon friction, only the MuJoCo chain "
+                "has (leave out `plant`, or tendon_friction)"
+            )
+        return self._factory(robot)
 
     def widen(self, space: spaces.Dict) -> spaces.Dict:
         """The observation space of the chain, with room for the model's axial strain."""
@@ -60,8 +78,12 @@ class BeamPlant:
         return self._nominal.bent(curvature)
 
     def simulation(self, vary: dict[str, float]) -> "BeamSimulation":
-        """New simulation of the nominal robot, or of a variation by factors on its parameters."""
-        plant = self._factory(self.robot.vary(**vary)) if vary else self._nominal
+        """New simulation of the nominal robot, or of a variation of it.
+
+        Raises:
+            ValueError: The variation has tendon friction.
+        """
+        plant = self._model(self.robot.vary(**vary)) if vary else self._nominal
         return BeamSimulation(plant, self.config.control_period, self.layout)
 
     def readout(self, simulation: "BeamSimulation") -> "BeamReadout":

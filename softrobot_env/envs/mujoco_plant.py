@@ -53,7 +53,7 @@ class MujocoPlant:
         return curvature[self.layout.piece] * self.layout.weights
 
     def simulation(self, vary: dict[str, float]) -> Simulation:
-        """New simulation of the nominal robot, or of a variation by factors on its parameters."""
+        """New simulation of the nominal robot, or of a variation of it."""
         return Simulation(self._build(self.robot.vary(**vary)) if vary else self.nominal)
 
     def readout(self, simulation: Simulation) -> Readout:

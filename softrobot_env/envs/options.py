@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.robots import VARIABLE, as_number
+from softrobot_env.envs.disturbances import NEUTRAL, check_value
+from softrobot_env.robots import as_number
 from softrobot_env.tasks import LONGEST
 
 #: Control periods [s] an environment accepts.
@@ -13,7 +14,7 @@ CONTROL_PERIODS = (1e-3, 0.2)
 
 #: Option -> what it does; also the list in error messages.
 OPTIONS = {
-    "vary": f"factors on the robot's parameters, by name ({', '.join(VARIABLE)})",
+    "vary": f"variation of the robot, its drives and sensors by name ({', '.join(NEUTRAL)})",
     "step_width": "width [m] of the step task",
     "duration": "duration [s] of the episode instead of the task's",
     "start_input": "reduced tendon inputs [N] in whose equilibrium the episode starts",
@@ -23,7 +24,12 @@ OPTIONS = {
 
 @dataclass(frozen=True)
 class ResetOptions:
-    """Options of one reset; see `OPTIONS`."""
+    """Options of one reset; see `OPTIONS`.
+
+    In `vary` youngs_modulus, density, damping_time, tendon_radius and tension_gain are factors
+    [1], tendon_friction is in N, delay in s and sensor_noise [1] the scale of
+    `disturbances.SENSOR_NOISE`.
+    """
 
     vary: dict[str, float] = field(default_factory=dict)
     step_width: float | None = None
@@ -36,7 +42,7 @@ def parse_options(options: dict[str, Any] | None, n_inputs: int, n_pieces: int) 
     """Check the options of `reset`.
 
     Raises:
-        ValueError: Unknown option, wrong shape, a value that is not finite, or two starts.
+        ValueError: Unknown option, wrong shape, a value out of range, or two starts.
     """
     if not isinstance(options, dict | None):
         raise ValueError(f"options must be a dict, got {options!r}")
@@ -54,7 +60,9 @@ def parse_options(options: dict[str, Any] | None, n_inputs: int, n_pieces: int) 
         if name in given:
             given[name] = _positive(name, given[name])
     if not isinstance(given.get("vary", {}), dict):
-        raise ValueError(f"option 'vary' must be a dict of factors, got {given['vary']!r}")
+        raise ValueError(f"option 'vary' must be a dict of numbers, got {given['vary']!r}")
+    for name, value in given.get("vary", {}).items():
+        check_value(name, value)
     return ResetOptions(**given)
 
 

@@ -2,9 +2,11 @@
 
 from collections.abc import Callable
 from math import hypot
+from typing import Any
 
 import numpy as np
 
+from softrobot_env.envs.disturbances import SENSOR_NOISE, SensorNoise
 from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.robots import RobotParams
@@ -68,3 +70,37 @@ class Readout:
             f"left the workspace: curvature {self.curvature[piece]:.4g} 1/m of piece {piece + 1} "
             f"is beyond +-{self._curvature_limit:g} 1/m at t = {self._data.time:.3f} s"
         )
+
+
+class NoisyReadout:
+    """Measurements with noise; the attributes stay what they are without."""
+
+    def __init__(self, readout: Any, noise: SensorNoise) -> None:
+        """Add noise.
+
+        Args:
+            readout: `Readout`, or one like it.
+            noise: Of one robot; every `update` advances it.
+        """
+        self._readout, self._noise = readout, noise
+        self.tendon_tension, self.tendon_length = readout.tendon_tension, readout.tendon_length
+        self.tip, self.curvature = readout.tip, readout.curvature
+
+    def sources(self) -> dict[str, Callable[[], np.ndarray]]:
+        """Function by observable; no array is given out for two control instants."""
+        exact = self._readout.sources()
+        return exact | {name: self._noisy(name, exact[name]) for name in SENSOR_NOISE}
+
+    def _noisy(self, name: str, read: Callable[[], np.ndarray]) -> Callable[[], np.ndarray]:
+        return lambda: read() + self._noise.on(name)[0]
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Tip position [m] and curvature [1/m] without noise, for `info`."""
+        return {"tip_position": np.array(self.tip), "curvature": self.curvature}
+
+    def update(self) -> str | None:
+        """Measure anew; return what left the documented workspace, or None."""
+        outside = self._readout.update()
+        self.tip, self.curvature = self._readout.tip, self._readout.curvature
+        self._noise.advance()
+        return outside

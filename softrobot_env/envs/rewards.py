@@ -44,12 +44,12 @@ class TrackingReward:
         self, error: np.ndarray, action: np.ndarray, previous: np.ndarray
     ) -> dict[str, np.ndarray]:
         """As `terms`, for errors (n,) [m] and actions (n, n_inputs)."""
-        size = action.shape[1]
+        size, change = action.shape[1], action - previous
         return {
             "tracking": self.tracking * np.exp(-error / self.coarse_scale),
             "precision": self.precision * np.exp(-error / self.fine_scale),
-            "effort": -self.effort * np.sum(action**2, axis=1) / size,
-            "smoothness": -self.smoothness * np.sum((action - previous) ** 2, axis=1) / size,
+            "effort": action**2 @ np.full(size, -self.effort / size),
+            "smoothness": change**2 @ np.full(size, -self.smoothness / size),
             "failure": np.zeros(len(error)),
         }
 

@@ -9,6 +9,14 @@ import numpy as np
 from gymnasium import spaces
 
 from softrobot_env.envs.beam_plant import BeamPlant, BeamSimulation
+from softrobot_env.envs.disturbances import (
+    Disturbance,
+    Drives,
+    SensorNoise,
+    rounded,
+    split,
+    with_noise,
+)
 from softrobot_env.envs.mujoco_plant import MujocoPlant
 from softrobot_env.envs.observables import (
     DEFAULT_OBSERVABLES,
@@ -23,6 +31,7 @@ from softrobot_env.envs.options import (
     parse_options,
 )
 from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.readout import NoisyReadout
 from softrobot_env.envs.reference import sample_reference
 from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
@@ -48,7 +57,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
 
     Observations are a dict of float64 vectors in SI units; positions are (x, z). The bounds of the
     space are those of the workspace, for velocities and rates those beyond which MuJoCo reports
-    a divergence: scale by experience (`gymnasium.wrappers.NormalizeObservation`), not by them:
+    a divergence, plus room for the largest noise that the sensors can be given: scale by
+    experience (`gymnasium.wrappers.NormalizeObservation`), not by them:
 
     | key | size | what | unit |
     |---|---|---|---|
@@ -76,7 +86,12 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     before the failure, as the caller holds it.
 
     `info` holds the error [m], time [s], tendon tension [N] and length [m], and reward terms; after
-    a divergence error and lengths may not be finite.
+    a divergence error and lengths may not be finite. The reset option `vary` and `randomization`
+    vary the robot and what lies between it and the policy. The drives may apply another tension
+    than commanded (`tension_gain`), up to the tendon's limit, and later (`delay`); until the first
+    action arrives the start tension is in force. Sensors may be noisy (`sensor_noise`). Rewards,
+    error, failures and `previous_action` keep to the true state and the commanded action, and
+    with noise `info` also holds the true tip_position and curvature.
 
     Attributes:
         task: The task, `task.robot` its nominal robot.
@@ -113,8 +128,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             observe: Names of the observables in an observation, or "all".
             preview: Times [s] ahead of now of `reference_preview`.
             reward: Weights and scales of the reward.
-            randomization: Ranges of factors on the robot's parameters, drawn by `np_random` for
-                every episode that is reset without `vary`, and told in `info["variation"]`.
+            randomization: Ranges of what varies, drawn by `np_random` for every episode that is
+                reset without `vary`, and told in `info["variation"]`.
             pieces, rule, timestep, integrator: Of the MuJoCo chain, see `SceneConfig`.
             plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
                 `beams.registry.BeamPlant("pcc")`.
@@ -138,11 +153,14 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._frame_size = (width, height)
         self._renderer = None
         self._tendon_map = TendonMap(self.task.robot)
-        self._pull = self._tendon_map.per_action().tension
+        self._commanded = self._pull = self._tendon_map.per_action().tension
         self.input_scale = self._tendon_map.input_scale
         self._plant = self._make_plant(plant, options)
         self._make_spaces(tuple(OBSERVABLES) if observe == "all" else tuple(observe))
         self._vary: dict[str, float] = {}
+        self._robot_vary: dict[str, float] = {}
+        self._drives: Drives | None = None
+        self._noise: SensorNoise | None = None
         self._current: Task | None = None
         self._install(self._plant.simulation({}))
         self._follow(self.task)
@@ -166,7 +184,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     def _make_spaces(self, observe: tuple[str, ...]) -> None:
         layout = self._plant.layout
         sizes = Sizes(self.task.robot, self._tendon_map, layout, len(self._preview))
-        self.observation_space = self._plant.widen(observation_space(observe, sizes))
+        self.observation_space = with_noise(self._plant.widen(observation_space(observe, sizes)))
         self._n_inputs = self._tendon_map.n_inputs
         self._action_shape = (self._n_inputs,)
         self.action_space = spaces.Box(-1.0, 1.0, (self._n_inputs,), dtype=np.float32)
@@ -188,7 +206,8 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         """Connect to the simulation's data, so that a step looks nothing up."""
         simulation = self._simulation
         self._advance, self._ctrl = simulation.advance, simulation.ctrl
-        self._readout = self._plant.readout(simulation)
+        readout = self._plant.readout(simulation)
+        self._readout = readout if self._noise is None else NoisyReadout(readout, self._noise)
 
     def _bind_observation(self, index: int) -> None:
         """Prepare the observations from control instant `index` on.
@@ -207,7 +226,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
         self._renderer = None
-        if not self._vary:  # one model, as before
+        if not self._robot_vary:  # one model, as before
             self._plant.adopt(self._simulation)
         self._install(self._simulation)
         if self._last_observation is not None:
@@ -228,10 +247,11 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         """Start an episode at rest.
 
         Args:
-            seed: Seed of `np_random`. Only `randomization` draws from it.
+            seed: Seed of `np_random`. Only `randomization` and the noise of sensors draw from it.
             options: See `softrobot_env.envs.options.OPTIONS`; each holds for this episode only.
-                A varied robot starts in the posture of the nominal one, with the same tensions
-                (thesis sec. 6.6.3).
+                Names and units of `vary` are those of `Randomization`; a delay must be a multiple
+                of the control period. A varied robot starts in the posture of the nominal one, with
+                the same tensions (thesis sec. 6.6.3), times the `tension_gain`.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.
@@ -239,17 +259,21 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         super().reset(seed=seed)
         parsed = parse_options(options, self._n_inputs, self._plant.layout.pieces)
         if self._randomization is not None and "vary" not in (options or {}):
-            parsed = replace(parsed, vary=self._randomization.draw(self.np_random))
+            drawn = self._randomization.draw(self.np_random)
+            parsed = replace(parsed, vary=rounded(drawn, self.control_period))
         # Everything that can be refused comes before anything is changed.
         task = self._task_for(parsed)
         start_input = self._start_input(parsed, task)
         posture = self._start_posture(parsed, start_input)
-        simulation = self._simulation_for(parsed)
+        robot_vary, disturbance = split(parsed.vary, self.control_period)
+        simulation = self._simulation_for(robot_vary)
         self._follow(task)
-        self._vary = dict(parsed.vary)
-        if simulation is not self._simulation:
+        self._vary, self._robot_vary = dict(parsed.vary), robot_vary
+        noise = disturbance.noise(self._plant.layout.pieces, self.np_random)
+        if simulation is not self._simulation or noise is not self._noise:
+            self._noise = noise
             self._install(simulation)
-        self._begin(start_input, posture)
+        self._begin(start_input, posture, disturbance)
         if self.render_mode == "human":
             self.render()
         return self._last_observation, self._info({})
@@ -265,11 +289,9 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             task = replace(task, duration=options.duration)
         return task
 
-    def _simulation_for(self, options: ResetOptions) -> Simulation | BeamSimulation:
+    def _simulation_for(self, vary: dict[str, float]) -> Simulation | BeamSimulation:
         """The running simulation if it is of the wanted robot, else a new one."""
-        if options.vary == self._vary:
-            return self._simulation
-        return self._plant.simulation(options.vary)
+        return self._simulation if vary == self._robot_vary else self._plant.simulation(vary)
 
     def _start_input(self, options: ResetOptions, task: Task) -> np.ndarray:
         chosen = task.start_input if options.start_input is None else options.start_input
@@ -290,8 +312,16 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             raise ValueError(f"start_curvature must lie within +-{limit:g} 1/m")
         return self._plant.bent(options.start_curvature)
 
-    def _begin(self, start_input: np.ndarray, posture: np.ndarray) -> None:
-        self._simulation.reset(posture, self._tendon_map.tension(start_input))
+    def _begin(
+        self, start_input: np.ndarray, posture: np.ndarray, disturbance: Disturbance
+    ) -> None:
+        tension = self._tendon_map.tension(start_input)
+        limit = np.array([t.tension_limit for t in self.task.robot.tendons])
+        self._drives = disturbance.drives(limit, tension)
+        self._pull = self._commanded
+        if self._drives is not None:
+            self._pull, tension = self._pull_through_drives, self._drives.tension[0]
+        self._simulation.reset(posture, tension)
         self._action_array = start_input / self.input_scale
         self._action = self._action_array.tolist()
         self._rows = self._reference.rows()
@@ -328,6 +358,9 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
             self.render()
         return observation, sum(terms.values()), False, truncated, self._info(terms)
 
+    def _pull_through_drives(self, action: np.ndarray, out: np.ndarray) -> None:
+        out[:] = self._drives.apply(self._commanded(action))[0]
+
     def _checked(self, action: np.ndarray) -> list[float]:
         """The action as a list of floats."""
         if not self._running:
@@ -362,14 +395,18 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         return last, sum(terms.values()), True, False, self._info(terms) | {"failure": failure}
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        return {
+        info = {
             "time": self._index * self.control_period,
             "error": self._error,
             "tendon_tension": self._readout.tendon_tension(),
             "tendon_length": self._readout.tendon_length(),
             "reward_terms": terms,
-            **({} if self._randomization is None else {"variation": dict(self._vary)}),
         }
+        if self._randomization is not None:
+            info["variation"] = dict(self._vary)
+        if self._noise is not None:
+            info |= self._readout.truth()
+        return info
 
     # ------------------------------------------------------------------ pictures
 

@@ -10,6 +10,16 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
 from softrobot_env.envs.batch_simulation import BatchSimulation
+from softrobot_env.envs.disturbances import (
+    NEUTRAL,
+    SENSOR_NOISE,
+    Drives,
+    SensorNoise,
+    check_value,
+    noise_seed,
+    periods,
+    rounded,
+)
 from softrobot_env.envs.observables import DEFAULT_OBSERVABLES
 from softrobot_env.envs.options import parse_options
 from softrobot_env.envs.randomization import Randomization
@@ -97,18 +107,27 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         layout, robot = self._one.scene.layout, self.task.robot
         self._limit = robot.curvature_limit
         self._pull = TendonMap(robot).per_action().tensions
-        self._per_length = 1 / layout.piece_length
         self._pieces = layout.pieces
+        # The mean curvature of a piece is the angle of its hinges over its length.
+        self._mean = (layout.piece[:, None] == np.arange(layout.pieces)) / layout.piece_length
+        self._nobody = np.zeros(n, dtype=bool)
+        self._nobody.flags.writeable = False
+        self._everyone = np.ones(n, dtype=bool)
         self._full_length = np.array([t.end - straight_length(t) for t in robot.tendons])
         self._table = self._one._reference
+        self._times = np.arange(self._table.last_index + 1) * self.control_period
         self._index = np.zeros(n, dtype=np.int64)
         self._last = np.zeros(n, dtype=np.int64)
         self._action = np.zeros((n, m))
         self._done = np.ones(n, dtype=bool)
-        self._variation = {name: np.ones(n) for name in VARIABLE}
+        self._variation = {name: np.full(n, value) for name, value in NEUTRAL.items()}
+        self._tension_limit = np.array([t.tension_limit for t in robot.tendons])
+        self._drives: Drives | None = None
+        self._noise: SensorNoise | None = None
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Observation | None = None
+        self._names = tuple(self.single_observation_space)
 
     # ------------------------------------------------------------------ episodes
 
@@ -122,8 +141,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
         Args:
             seed: Seed of the first environment, the others follow; or one each.
-            options: As those of `TrackingEnv.reset` except `step_width`, the same for all; factors
-                of `vary` may also be arrays (n,). And `reset_mask` (n,) bool, the environments to
+            options: As those of `TrackingEnv.reset` except `step_width`, the same for all; values
+                in `vary` may also be arrays (n,). And `reset_mask` (n,) bool, the environments to
                 reset, all unless given.
 
         Raises:
@@ -135,7 +154,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._seed(seed)
         self._begin(which, given, variation)
         self._started = True
-        self._observation = self._observe()
+        self._observation = self._observe(which)
         return self._observation, self._info(None)
 
     def _seed(self, seed: int | list[int | None] | None) -> None:
@@ -152,20 +171,22 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 self._generators[i] = seeding.np_random(one)[0]
 
     def _given_variation(self, vary: Any) -> dict[str, np.ndarray] | None:
-        """Factors (n,) by parameter from the option, None without it."""
+        """Values (n,) of every variation from the option, None without it."""
         if vary is None:
             return None
         if not isinstance(vary, dict):
-            raise ValueError(f"option 'vary' must be a dict of factors, got {vary!r}")
-        out = {name: np.ones(self.num_envs) for name in VARIABLE}
+            raise ValueError(f"option 'vary' must be a dict of numbers, got {vary!r}")
+        out = {name: np.full(self.num_envs, value) for name, value in NEUTRAL.items()}
         for name, value in vary.items():
             values = np.asarray(value, dtype=float)
             if values.shape not in ((), (self.num_envs,)):
                 raise ValueError(
-                    f"factors on {name!r} must be a number or {self.num_envs}, got {value!r}"
+                    f"values of {name!r} must be a number or {self.num_envs}, got {value!r}"
                 )
-            for factor in set(values.ravel().tolist()):
-                self.task.robot.vary(**{name: factor})  # refuses what cannot be
+            for one in set(values.ravel().tolist()):
+                check_value(name, one)
+                if name == "delay":
+                    periods(one, self.control_period)  # refuses fractions
             out[name][:] = values
         return out
 
@@ -194,22 +215,48 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         if parsed.step_width is not None:
             raise ValueError("step_width is an option of the single environment only")
         for name, values in self._variation.items():
-            values[which] = 1.0 if variation is None else variation[name][which]
+            values[which] = NEUTRAL[name] if variation is None else variation[name][which]
         if variation is None and self._randomization is not None:
             for i in which:
-                for name, factor in self._randomization.draw(self._generators[i]).items():
-                    self._variation[name][i] = factor
-        self._simulation.vary(which, {name: v[which] for name, v in self._variation.items()})
+                drawn = self._randomization.draw(self._generators[i])
+                for name, value in rounded(drawn, self.control_period).items():
+                    self._variation[name][i] = value
+        self._simulation.vary(which, {name: self._variation[name][which] for name in VARIABLE})
         start_input = one._start_input(parsed, self.task)
         posture = one._start_posture(parsed, start_input)
-        tension = one._tendon_map.tension(start_input)
+        tension = self._start_drives(which, one._tendon_map.tension(start_input))
         self._simulation.reset(which, posture, tension)
+        self._start_noise(which)
         last = self._table.last_index
         if parsed.duration is not None:
             last = min(last, max(1, round(parsed.duration / self.control_period)))
         self._index[which], self._last[which] = 0, last
         self._action[which] = start_input / self.input_scale
         self._done[which] = False
+
+    def _start_drives(self, which: np.ndarray, tension: np.ndarray) -> np.ndarray:
+        """Start the drives of the environments `which` (k,); returns the tensions in force [N]."""
+        gain = self._variation["tension_gain"]
+        delay = np.rint(self._variation["delay"] / self.control_period).astype(int)
+        if np.all(gain == 1) and not delay.any():
+            self._drives = None  # all apply what is commanded
+            return tension
+        if self._drives is None:
+            self._drives = Drives(self.num_envs, self._tension_limit)
+        self._drives.start(which, gain[which], delay[which], tension)
+        return self._drives.tension[which]
+
+    def _start_noise(self, which: np.ndarray) -> None:
+        """Start the sensors' noise of the environments `which` (k,)."""
+        scale = self._variation["sensor_noise"]
+        if not scale.any():
+            self._noise = None
+            return
+        if self._noise is None:
+            self._noise = SensorNoise(self.num_envs, self._pieces)
+        for i in which.tolist():
+            seed = noise_seed(self._generators[i]) if scale[i] else None
+            self._noise.start(i, scale[i], seed)
 
     def step(
         self, actions: np.ndarray
@@ -221,31 +268,35 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
                 is disabled.
         """
-        actions = self._checked(actions)
-        ended = self._done.copy() if self._mode == AutoresetMode.NEXT_STEP else None
-        running = None
-        if ended is not None and ended.any():
-            running = np.flatnonzero(~ended)
-        previous = self._action
-        self._action = actions.copy() if running is None else np.where(ended[:, None], 0, actions)
-        self._simulation.ctrl[:] = self._pull(self._action)
-        healthy = self._simulation.advance(running) if running is None or len(running) else None
+        actions, previous = self._checked(actions), self._action
+        resets = self._mode == AutoresetMode.NEXT_STEP and self._done.any()
+        ended = self._done.copy() if resets else None
+        self._action = actions if ended is None else np.where(ended[:, None], 0, actions)
+        tension = self._pull(self._action)
+        self._simulation.ctrl[:] = tension if self._drives is None else self._drives.apply(tension)
+        failed = self._advance(ended)
         self._index += 1
-        if running is not None:
+        if ended is not None:
             self._begin(np.flatnonzero(ended), {})
-            healthy = np.ones(self.num_envs, bool) if healthy is None else healthy | ended
-        return self._result(previous, healthy, ended)
+        return self._result(previous, failed, ended)
+
+    def _advance(self, ended: np.ndarray | None) -> np.ndarray:
+        """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
+        if ended is None:
+            return self._simulation.advance()
+        running = np.flatnonzero(~ended)
+        return self._simulation.advance(running) & ~ended if len(running) else self._nobody
 
     def _result(
-        self, previous: np.ndarray, healthy: np.ndarray, ended: np.ndarray | None
+        self, previous: np.ndarray, failed: np.ndarray, ended: np.ndarray | None
     ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         before = self._observation
         self._observation = self._observe()
-        terminated = ~healthy | self._sharp
+        terminated = failed | self._sharp
         truncated = (self._index >= self._last) & ~terminated
         terms = self._reward.batch_terms(self._error, self._action, previous)
         failures = None
-        if ended is not None and ended.any():
+        if ended is not None:
             terminated[ended] = truncated[ended] = False
             for term in terms.values():
                 term[ended] = 0.0
@@ -263,13 +314,13 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self, failed: np.ndarray, terms: dict[str, np.ndarray], before: Observation
     ) -> np.ndarray:
         """Penalise failed episodes, show what was seen before, and say what happened."""
+        out = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(failed):
+            out[i] = self._what_failed(i)
         for name, value in self._reward.failed_terms().items():
             terms[name][failed] = value
         for name, value in self._observation.items():
             value[failed] = before[name][failed]
-        out = np.full(self.num_envs, None, dtype=object)
-        for i in np.flatnonzero(failed):
-            out[i] = self._what_failed(i)
         return out
 
     def _what_failed(self, i: int) -> str:
@@ -288,16 +339,18 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         done = self._done.copy()
         final = {"final_obs": self._observation, "_final_obs": done}
         final |= {"final_info": deepcopy(info), "_final_info": done}
-        self._begin(np.flatnonzero(done), {})
-        self._observation = self._observe()
+        ended = np.flatnonzero(done)
+        self._begin(ended, {})
+        self._observation = self._observe(ended)
         return final
 
     def _checked(self, actions: np.ndarray) -> np.ndarray:
-        """The actions as floats."""
+        """A copy of the actions as floats."""
         if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
             raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
-        actions = np.asarray(actions, dtype=np.float64)
-        if actions.shape != self._action.shape or not (np.abs(actions) <= 1).all():
+        actions = np.array(actions, dtype=np.float64)
+        # The largest of numbers with a NaN is NaN, and that is not <= 1.
+        if actions.shape != self._action.shape or not _largest(actions) <= 1:
             raise ValueError(
                 f"actions must be an array {self._action.shape} of numbers in [-1, 1], got shape "
                 f"{actions.shape} (gymnasium.wrappers.vector.ClipAction clips)"
@@ -306,45 +359,66 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
     # ------------------------------------------------------------------ read-outs
 
-    def _observe(self) -> Observation:
-        """New arrays (n, ...), which the caller may keep; updates error and curvature too."""
-        s, n, table, index = self._simulation, self.num_envs, self._table, self._index
+    def _observe(self, started: np.ndarray | None = None) -> Observation:
+        """New arrays (n, ...), which the caller may keep; updates error and curvature too.
+
+        Args:
+            started: (k,) int, the environments at another instant than in the last observation;
+                all unless given.
+        """
+        s, table, index = self._simulation, self._table, self._index
         tip = s.sensordata[:, 0:3][:, PLANE].copy()
-        angles = s.qpos.reshape(n, self._pieces, -1)
-        self._curvature = curvature = angles.sum(axis=2) * self._per_length
-        self._sharp = (np.abs(curvature) > self._limit).any(axis=1)
-        reference = table.position[index]
+        self._curvature = curvature = s.qpos @ self._mean
+        # Any NaN fails the first test, and then every robot is looked at by itself.
+        gentle = _largest(curvature) <= self._limit
+        self._sharp = self._nobody if gentle else (np.abs(curvature) > self._limit).any(axis=1)
+        reference = table.position.take(index, axis=0)
         gap = tip - reference
         self._error = np.hypot(gap[:, 0], gap[:, 1])
         readers = {
             "tip_position": lambda: tip,
             "tip_velocity": lambda: s.sensordata[:, 3:6][:, PLANE].copy(),
             "curvature": lambda: curvature,
-            "curvature_rate": lambda: (
-                s.qvel.reshape(n, self._pieces, -1).sum(axis=2) * self._per_length
-            ),
+            "curvature_rate": lambda: s.qvel @ self._mean,
             "tendon_tension": s.actuator_force.copy,
             "tendon_length": lambda: s.ten_length + self._full_length,
             "reference": lambda: reference,
-            "reference_velocity": lambda: table.velocity[index],
-            "reference_preview": lambda: table.preview[index],
+            "reference_velocity": lambda: table.velocity.take(index, axis=0),
+            "reference_preview": lambda: table.preview.take(index, axis=0),
             "previous_action": self._action.copy,
         }
-        return {name: readers[name]() for name in self.single_observation_space}
+        seen = {name: readers[name]() for name in self._names}
+        if self._noise is not None:
+            self._truth = {"tip_position": tip.copy(), "curvature": curvature.copy()}
+            self._noise.advance(started)
+            for name in SENSOR_NOISE:
+                if name in seen:
+                    seen[name] = seen[name] + self._noise.on(name)
+        return seen
 
     def _info(self, terms: dict[str, np.ndarray] | None) -> dict[str, Any]:
-        values = {
-            "time": self._index * self.control_period,
-            "error": self._error.copy(),
+        everyone = self._everyone.copy()
+        info: dict[str, Any] = {
+            "time": self._times.take(self._index),
+            "_time": everyone,
+            "error": self._error,
+            "_error": everyone,
             "tendon_tension": self._simulation.actuator_force.copy(),
+            "_tendon_tension": everyone,
             "tendon_length": self._simulation.ten_length + self._full_length,
+            "_tendon_length": everyone,
         }
         if self._randomization is not None:
-            values["variation"] = {name: v.copy() for name, v in self._variation.items()}
-        everyone = np.ones(self.num_envs, dtype=bool)
-        info: dict[str, Any] = {}
-        for name, value in values.items():
-            info |= {name: value, f"_{name}": everyone}
+            variation = {name: v.copy() for name, v in self._variation.items()}
+            info |= {"variation": variation, "_variation": everyone}
         if terms is not None:
             info |= {"reward_terms": terms, "_reward_terms": everyone}
+        if self._noise is not None:
+            info |= self._truth
+            info |= {f"_{name}": self._noise.noisy.copy() for name in self._truth}
         return info
+
+
+def _largest(values: np.ndarray) -> float:
+    """Largest absolute value, NaN if one is NaN."""
+    return np.maximum.reduce(np.abs(values), axis=None)

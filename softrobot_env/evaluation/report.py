@@ -3,6 +3,7 @@
 import json
 import math
 import platform
+from collections.abc import Callable
 from dataclasses import asdict, fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -30,7 +31,17 @@ _PACKAGES = ("softrobot_env", "mujoco", "gymnasium", "numpy", "scipy")
 _TERMINAL_HIDES = ("policy_time_p99",)
 _STEP_HIDES = ("e_mean", "e_rms", "e_max", "e_final")
 
-_SYMBOLS = {"youngs_modulus": "E", "density": "rho", "damping_time": "mu", "tendon_radius": "r_t"}
+#: Variation -> how people read it: factors, and amounts in people's units.
+_VARIATIONS: dict[str, Callable[[float], str]] = {
+    "youngs_modulus": lambda v: f"E x {v:g}",
+    "density": lambda v: f"rho x {v:g}",
+    "damping_time": lambda v: f"mu x {v:g}",
+    "tendon_radius": lambda v: f"r_t x {v:g}",
+    "tendon_friction": lambda v: f"friction {v:g} N",
+    "tension_gain": lambda v: f"gain x {v:g}",
+    "delay": lambda v: f"delay {1e3 * v:g} ms",
+    "sensor_noise": lambda v: f"noise x {v:g}",
+}
 
 #: Column -> (heading, factor from SI, digits) of the tables people read.
 _COLUMNS = {
@@ -130,7 +141,7 @@ def task_label(row: Row) -> str:
 
 def variation_label(row: Row) -> str:
     """Varied parameters for people, empty when nominal."""
-    return ", ".join(f"{_SYMBOLS[n]} x {scale:g}" for n, scale in row["variation"].items())
+    return ", ".join(_VARIATIONS[name](value) for name, value in row["variation"].items())
 
 
 def tables(rows: list[Row]) -> list[Table]:

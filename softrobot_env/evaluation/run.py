@@ -93,15 +93,15 @@ def warm_up(env: "gymnasium.Env", policy: Policy) -> None:
 
 
 def _sample(moment: Moment) -> dict[str, Any]:
-    observation, info = moment.observation, moment.info
+    observation, info = moment.observation, moment.info  # `info` has the truth if there is noise
     return {
         "time": info["time"],
         "reference": _in_space(observation["reference"]),
-        "tip": _in_space(observation["tip_position"]),
+        "tip": _in_space(info.get("tip_position", observation["tip_position"])),
         "action": observation["previous_action"],
         "tendon_tension": info["tendon_tension"],
         "tendon_length": info["tendon_length"],
-        "curvature": observation["curvature"],
+        "curvature": info.get("curvature", observation["curvature"]),
         "reward": moment.reward,
     }
 

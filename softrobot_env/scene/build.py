@@ -77,15 +77,19 @@ def _apply(choice: TimestepChoice, option: mujoco.MjOption) -> None:
 
 
 def _empty_spec(config: SceneConfig) -> mujoco.MjSpec:
-    """Spec without contacts, constraints and MuJoCo's silent reset of a diverged state."""
+    """Spec without contacts and MuJoCo's silent reset of a diverged state.
+
+    Without constraints too, unless a tendon rubs: MuJoCo's dry friction is one.
+    """
     spec = mujoco.MjSpec()
     spec.modelname = config.robot.name
     spec.compiler.degree = False
     spec.option.gravity = config.robot.gravity
     disable = mujoco.mjtDisableBit
-    spec.option.disableflags = int(
-        disable.mjDSBL_CONTACT | disable.mjDSBL_CONSTRAINT | disable.mjDSBL_AUTORESET
-    )
+    flags = disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
+    if not any(tendon.friction for tendon in config.robot.tendons):
+        flags |= disable.mjDSBL_CONSTRAINT
+    spec.option.disableflags = int(flags)
     return spec
 
 

@@ -12,6 +12,11 @@ from softrobot_env.scene.chain import Chain
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
 
+#: MuJoCo's friction is a soft constraint: with its default impedance a tendon creeps while it
+#: should stick.
+FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+FRICTION_REFERENCE = (0.004, 1.0)  # time constant [s], damping ratio [1]
+
 
 def add_tendons(chain: Chain, robot: RobotParams, actuation: str) -> None:
     """Add all tendons of the robot with one actuator each, named alike.
@@ -22,16 +27,25 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str) -> None:
     """
     for tendon in robot.tendons:
         if tendon.guides:
-            route_through_guides(chain, tendon, tendon.name)
+            routed = route_through_guides(chain, tendon, tendon.name)
         else:
-            _route_through_channel(chain, tendon)
+            routed = _route_through_channel(chain, tendon)
+        if tendon.friction:
+            _rub(routed, tendon.friction)
         if actuation == "tension":
             _pull_by_tension(chain.spec, tendon)
         else:
             _pull_by_length(chain.spec, tendon, robot.curvature_limit * tendon.end)
 
 
-def _route_through_channel(chain: Chain, tendon: Tendon) -> None:
+def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
+    """Dry friction [N] against changes of the tendon's length."""
+    routed.frictionloss = friction
+    routed.solimp_friction = FRICTION_IMPEDANCE
+    routed.solref_friction = FRICTION_REFERENCE
+
+
+def _route_through_channel(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
     """Tendon in a continuous channel: its length changes by -(x beta + y gamma) a station."""
     piece_length = chain.length / chain.layout.pieces
     last = tendon.end / piece_length
@@ -46,6 +60,7 @@ def _route_through_channel(chain: Chain, tendon: Tendon) -> None:
             fixed.wrap_joint(f"hinge{index}", -tendon.offset[0])
             if "side" in chain.kinds:
                 fixed.wrap_joint(f"side{index}", -tendon.offset[1])
+    return fixed
 
 
 def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsTendon:

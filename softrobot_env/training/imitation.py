@@ -12,6 +12,7 @@ import torch
 from softrobot_env.control import neural
 from softrobot_env.control.mpc import MPC
 from softrobot_env.control.mpc_settings import PREVIEW, MPCSettings
+from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.network import Network
@@ -29,6 +30,10 @@ TEACHER: MPCSettings = replace(
 )
 
 
+#: Robots that the teacher is watched with.
+ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_time=(0.45, 2.2))
+
+
 @dataclass(frozen=True)
 class ImitationConfig:
     """Size and settings of an imitation.
@@ -39,8 +44,8 @@ class ImitationConfig:
         samples: Decisions per round.
         shares: Of a round, each of whole episodes; the data do not depend on `processes`.
         duration: [s] of the longest episode on a random reference.
-        modulus: Factors on Young's modulus, drawn evenly in its logarithm.
-        varied: Share of the episodes with a varied modulus.
+        randomization: Ranges of the robot's parameters.
+        varied: Share of the episodes with a robot drawn from them.
         pushed: Share of the steps at which a random change of the action is added.
         push: Standard deviation [1] of that change.
         epochs: Passes over all data so far after each round but the last.
@@ -52,15 +57,15 @@ class ImitationConfig:
     """
 
     hidden: tuple[int, ...] = (128, 128)
-    rounds: int = 8
-    samples: int = 24_000
+    rounds: int = 12
+    samples: int = 30_000
     shares: int = 16
     duration: float = 3.0
-    modulus: tuple[float, float] = (0.45, 1.7)
+    randomization: Randomization = ROBOTS
     varied: float = 0.7
     pushed: float = 0.03
     push: float = 0.03
-    epochs: int = 10
+    epochs: int = 6
     last_epochs: int = 40
     batch: int = 512
     rate: float = 2e-3
@@ -198,11 +203,10 @@ def _episode(
 def _start(
     config: ImitationConfig, start_input: tuple[float, ...], rng: np.random.Generator
 ) -> dict[str, object]:
-    """Options of `reset`: often another modulus, sometimes another start."""
+    """Options of `reset`: often another robot, sometimes another start."""
     options: dict[str, object] = {}
     if rng.uniform() < config.varied:
-        factor = np.exp(rng.uniform(*np.log(config.modulus)))
-        options["vary"] = {"youngs_modulus": float(factor)}
+        options["vary"] = config.randomization.draw(rng)
     if rng.uniform() < 0.3:
         options["start_input"] = np.array(start_input) + rng.normal(0, 2.0, 3)
     return options

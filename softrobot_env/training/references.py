@@ -10,15 +10,19 @@ from softrobot_env.robots import ARM
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.trajectories import Polyline, Step
 
-#: Inputs [N] of random postures: a common part within +-, and the deviation of each from it.
-_COMMON, _EACH = 14.0, 4.0
+#: Inputs [N] of random postures: a common part within +-, and the deviation of each from it, drawn
+#: between two values, as simple bends and S-shapes both occur.
+_COMMON, _EACH = 14.0, (2.0, 16.0)
 
-_KNOT = 0.02  # s, between the knots of a smooth reference
+_KNOT = 0.01  # s, between the knots of a smooth reference
+
+#: Of smooth references: harmonics of the inputs, and speeds [m/s] at the fastest point.
+_HARMONICS, _SPEEDS = 3, (0.03, 0.6)
 
 
 def random_input(rng: np.random.Generator) -> np.ndarray:
     """Reduced inputs (3,) [N] of a posture within the workspace."""
-    return rng.uniform(-_COMMON, _COMMON) + rng.normal(0, _EACH, 3)
+    return rng.uniform(-_COMMON, _COMMON) + rng.normal(0, rng.uniform(*_EACH), 3)
 
 
 def tips(inputs: np.ndarray) -> np.ndarray:
@@ -58,20 +62,27 @@ def random_legs(rng: np.random.Generator, duration: float) -> Task:
 
 
 def random_waves(rng: np.random.Generator, duration: float) -> Task:
-    """Smooth motion: slow sinusoids of the inputs that would hold the tip there."""
+    """Smooth motion, slow or fast: harmonics of the inputs that would hold the tip there."""
+    middle, size = random_input(rng), rng.normal(0, 2.5, (_HARMONICS, 1, 3))
+    size += rng.normal(0, 3.0, (_HARMONICS, 1, 1))
+    phase = rng.uniform(0, 2 * np.pi, _HARMONICS)
+    order = np.arange(1, _HARMONICS + 1)
+
+    def inputs(turn: np.ndarray) -> np.ndarray:
+        angle = np.multiply.outer(order, turn) + phase[:, None]
+        return middle + np.sum(size * np.sin(angle)[:, :, None] / order[:, None, None], axis=0)
+
+    turn = np.linspace(0, 2 * np.pi, 200)
+    fastest = np.linalg.norm(np.gradient(tips(inputs(turn)), turn, axis=0), axis=1).max()
+    rate = np.exp(rng.uniform(*np.log(_SPEEDS))) / fastest
     times = np.arange(0, duration + 2 * _KNOT, _KNOT)
-    inputs = np.tile(random_input(rng), (len(times), 1))
-    for _ in range(3):
-        frequency, phase = rng.uniform(0.05, 0.5), rng.uniform(0, 2 * np.pi)
-        size = rng.normal(0, 0.8 / (0.3 + frequency), (1, 3)) + rng.normal(0, 1.0)
-        inputs += size * np.sin(2 * np.pi * frequency * times[:, None] + phase)
-    path = Polyline(tuple(map(tuple, tips(inputs))), tuple(times))
-    return Task("random waves", ARM, path, duration, tuple(inputs[0]))
+    path = Polyline(tuple(map(tuple, tips(inputs(rate * times)))), tuple(times))
+    return Task("random waves", ARM, path, duration, tuple(inputs(np.zeros(1))[0]))
 
 
 def draw_task(rng: np.random.Generator, duration: float) -> Task:
     """A random task, or one of the three with another start or step width."""
-    kind = rng.choice(["step", "legs", "waves", "known"], p=[0.3, 0.2, 0.2, 0.3])
+    kind = rng.choice(["step", "legs", "waves", "known"], p=[0.25, 0.15, 0.35, 0.25])
     if kind == "known":
         return known_task(rng, duration)
     return {"step": random_step, "legs": random_legs, "waves": random_waves}[kind](rng, duration)

@@ -44,10 +44,12 @@ def save_curve(curve: list[dict[str, float]], path: Path) -> Path:
     return out
 
 
-def figures(network: Network) -> list[tuple[str, str]]:
-    """Closed-loop figures for people."""
+def figures(
+    network: Network, variations: tuple[dict[str, float], ...] = ({},)
+) -> list[tuple[str, str]]:
+    """Closed-loop figures for people, with robots and disturbances as `trial` takes them."""
     out = [("parameters", str(len(network.parameters)))]
-    for name, row in trial(network).items():
+    for name, row in trial(network, variations).items():
         text = f"max {row['max_mm']:.2f} mm, mean {row['mean_mm']:.2f} mm"
         if "overshoot_percent" in row:
             text = f"overshoot {_text(row['overshoot_percent'])} %, "

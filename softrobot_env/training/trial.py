@@ -3,6 +3,7 @@
 import numpy as np
 
 from softrobot_env.control import neural
+from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics
 from softrobot_env.evaluation.run import run_episode
@@ -13,37 +14,51 @@ from softrobot_env.robots import ARM
 #: Tasks and step widths [m] of a trial.
 CASES = (("swing", None), ("lshape", None), ("step", 0.05), ("step", 0.1), ("step", 0.2))
 
+Rows = dict[str, dict[str, float | str | None]]
+
 
 def trial(
-    network: Network, moduli: tuple[float, ...] = (1.0,), duration: float | None = None
-) -> dict[str, dict[str, float | str | None]]:
+    network: Network,
+    variations: tuple[dict[str, float], ...] = ({},),
+    duration: float | None = None,
+    reward: TrackingReward | None = None,
+) -> Rows:
     """Largest and mean error [mm], and of steps overshoot [%] and settling time [s], by case.
 
     Args:
         network: To run.
-        moduli: Factors on Young's modulus.
+        variations: Robots and disturbances, as in the option `vary` of `reset`.
         duration: [s] of the episodes, the tasks' own unless given.
+        reward: Whose mean is told; the environments' default unless given.
     """
     policy = neural.NeuralPolicy.of(ARM, network, neural.PERIOD)
-    return trial_of(policy, moduli, duration)
+    return trial_of(policy, variations, duration, reward)
 
 
 def trial_of(
-    policy: Policy, moduli: tuple[float, ...], duration: float | None = None
-) -> dict[str, dict[str, float | str | None]]:
+    policy: Policy,
+    variations: tuple[dict[str, float], ...],
+    duration: float | None = None,
+    reward: TrackingReward | None = None,
+) -> Rows:
     """As `trial`, of any policy at the network's control period."""
     rows = {}
     for task, width in CASES:
-        env = TrackingEnv(task, control_period=neural.PERIOD, preview=neural.PREVIEW)
-        for factor in moduli:
-            options = {} if width is None else {"step_width": width}
+        env = TrackingEnv(task, control_period=neural.PERIOD, preview=neural.PREVIEW, reward=reward)
+        for vary in variations:
+            options: dict[str, object] = {"vary": vary}
+            if width is not None:
+                options["step_width"] = width
             if duration is not None:
                 options["duration"] = duration
-            if factor != 1:
-                options |= {"vary": {"youngs_modulus": factor}}
-            label = task if width is None else f"{task} {1e3 * width:g} mm"
-            rows[f"{label}, E x {factor:g}"] = _row(env, policy, options)
+            rows[_label(task, width, vary)] = _row(env, policy, options)
     return rows
+
+
+def _label(task: str, width: float | None, vary: dict[str, float]) -> str:
+    """For instance "step 50 mm, youngs_modulus 0.5"."""
+    label = task if width is None else f"{task} {1e3 * width:g} mm"
+    return ", ".join([label, *(f"{name} {value:g}" for name, value in vary.items())])
 
 
 def _row(env: TrackingEnv, policy: Policy, options: dict) -> dict[str, float | str | None]:

@@ -1,0 +1,251 @@
+"""What lies between policy and robot: the drives' gain and delay, and noise of the sensors.
+
+A variation is one flat dict of numbers by name; `NEUTRAL` has every name. Some belong to the robot
+(`robots.VARIABLE`), the rest is here.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from gymnasium import spaces
+
+from softrobot_env import robots
+
+#: What can be varied, with the values that change nothing.
+NEUTRAL: dict[str, float] = robots.NEUTRAL | {
+    "tension_gain": 1.0,
+    "delay": 0.0,
+    "sensor_noise": 0.0,
+}
+
+#: Values that may be zero.
+MAY_VANISH = (*robots.MAY_VANISH, "delay", "sensor_noise")
+
+#: Largest values: [s], and [1] the noise for which observation spaces leave room.
+LARGEST = {"delay": 1.0, "sensor_noise": 10.0}
+
+#: Standard deviation of noise of scale 1: 0.1 mm, 5 mm/s, 0.01 1/m and 0.5 1/(m s). Other
+#: observables have none.
+SENSOR_NOISE = {
+    "tip_position": 1e-4,
+    "tip_velocity": 5e-3,
+    "curvature": 0.01,
+    "curvature_rate": 0.5,
+}
+
+#: Standard deviations at which noise ends, so that it has bounds.
+_FARTHEST = 6.0
+
+#: Control instants whose noise is drawn at once.
+_BLOCK = 64
+
+_FIRST = np.array([0])
+_WHOLE = 1e-9  # s that a delay may miss a multiple of the control period
+
+
+@dataclass(frozen=True)
+class Disturbance:
+    """The part of a variation that is not the robot's.
+
+    Attributes:
+        tension_gain: [1], tension applied per tension commanded, up to the tendon's limit.
+        delay: Control periods from an action to its effect.
+        sensor_noise: [1], scale of the noise of `SENSOR_NOISE`.
+    """
+
+    tension_gain: float = 1.0
+    delay: int = 0
+    sensor_noise: float = 0.0
+
+    def drives(self, limit: np.ndarray, tension: np.ndarray) -> "Drives | None":
+        """Started drives of one robot, None where they apply what is commanded.
+
+        Args:
+            limit: (n_tendons,) [N], largest tensions.
+            tension: (n_tendons,) [N], commanded at the start.
+        """
+        if self.tension_gain == 1 and self.delay == 0:
+            return None
+        drives = Drives(1, limit)
+        drives.start(_FIRST, np.array([self.tension_gain]), np.array([self.delay]), tension)
+        return drives
+
+    def noise(self, pieces: int, rng: np.random.Generator) -> "SensorNoise | None":
+        """Started noise of one robot, seeded by a draw; None without, and then nothing is drawn."""
+        if self.sensor_noise == 0:
+            return None
+        noise = SensorNoise(1, pieces)
+        noise.start(0, self.sensor_noise, noise_seed(rng))
+        return noise
+
+
+def check_value(name: str, value: object) -> None:
+    """Check one value of a variation.
+
+    Raises:
+        ValueError: Unknown name, or a value out of range; the message names what is allowed.
+    """
+    if name not in NEUTRAL:
+        raise ValueError(f"cannot vary {name!r}; choose from {', '.join(NEUTRAL)}")
+    robots.check_number(name, value, name in MAY_VANISH)
+    if value > LARGEST.get(name, np.inf):
+        raise ValueError(f"value of {name!r} must be at most {LARGEST[name]:g}, got {value!r}")
+
+
+def split(
+    variation: dict[str, float], control_period: float
+) -> tuple[dict[str, float], Disturbance]:
+    """Part of the robot, and the rest.
+
+    Raises:
+        ValueError: The delay is no multiple of the control period.
+    """
+    robot = {name: v for name, v in variation.items() if name in robots.VARIABLE}
+    rest = {name: float(v) for name, v in variation.items() if name not in robots.VARIABLE}
+    if "delay" in rest:
+        rest["delay"] = periods(rest["delay"], control_period)
+    return robot, Disturbance(**rest)
+
+
+def periods(delay: float, control_period: float) -> int:
+    """Control periods in a delay [s].
+
+    Raises:
+        ValueError: It is no multiple of the control period.
+    """
+    count = round(delay / control_period)
+    if abs(delay - count * control_period) > _WHOLE:
+        raise ValueError(
+            f"delay must be a multiple of the control period, {control_period:g} s, got {delay!r}"
+        )
+    return count
+
+
+def rounded(variation: dict[str, float], control_period: float) -> dict[str, float]:
+    """The variation with its delay at the nearest multiple of the control period."""
+    if "delay" not in variation:
+        return variation
+    return variation | {"delay": round(variation["delay"] / control_period) * control_period}
+
+
+def noise_seed(rng: np.random.Generator) -> int:
+    """Seed of an episode's noise: one draw, whatever the length of the episode."""
+    return int(rng.integers(2**63))
+
+
+def with_noise(space: spaces.Dict) -> spaces.Dict:
+    """The observation space with room for the largest noise."""
+    room = {name: LARGEST["sensor_noise"] * _FARTHEST * d for name, d in SENSOR_NOISE.items()}
+    return spaces.Dict(
+        {
+            name: spaces.Box(box.low - room[name], box.high + room[name], dtype=box.dtype)
+            if name in room
+            else box
+            for name, box in space.items()
+        }
+    )
+
+
+class Drives:
+    """Drives of n robots, with a gain and a delay each; neutral until started.
+
+    Applied is min(gain x commanded, limit): a drive pulls no more than its limit.
+    """
+
+    def __init__(self, count: int, limit: np.ndarray) -> None:
+        """Neutral drives of `count` robots, with limits (n_tendons,) [N]."""
+        self._limit, self._everyone = limit, np.arange(count)
+        self._gain = np.ones((count, 1))
+        self._delay = np.zeros(count, dtype=int)
+        self._sent = np.zeros((count, 1, len(limit)))  # a ring of commands
+        self._now = 0
+
+    def start(
+        self, which: np.ndarray, gain: np.ndarray, delay: np.ndarray, tension: np.ndarray
+    ) -> np.ndarray:
+        """Start episodes, commands before them being the tensions at the start.
+
+        Args:
+            which: (k,) int, the robots.
+            gain: (k,) [1].
+            delay: (k,) int, control periods.
+            tension: (k, n_tendons) or (n_tendons,) [N], commanded at the start.
+
+        """
+        self._lengthen(int(np.max(delay)) + 1)
+        self._gain[which, 0], self._delay[which] = gain, delay
+        self._sent[which] = np.broadcast_to(tension, (len(which), len(self._limit)))[:, None]
+
+    def _lengthen(self, size: int) -> None:
+        """Make room for `size` commands of each robot."""
+        old = self._sent.shape[1]
+        if size > old:
+            ordered = np.roll(self._sent, -self._now - 1, axis=1)  # the latest comes last
+            self._sent = np.pad(ordered, ((0, 0), (size - old, 0), (0, 0)))
+            self._now = size - 1
+
+    def apply(self, commanded: np.ndarray) -> np.ndarray:
+        """Tensions (n, n_tendons) [N] in force in a control period, by those commanded in it."""
+        size = self._sent.shape[1]
+        self._now = (self._now + 1) % size
+        self._sent[:, self._now] = commanded
+        return self.tension
+
+    @property
+    def tension(self) -> np.ndarray:
+        """(n, n_tendons) [N], in force now."""
+        late = (self._now - self._delay) % self._sent.shape[1]
+        return np.minimum(self._gain * self._sent[self._everyone, late], self._limit)
+
+
+class SensorNoise:
+    """White Gaussian noise of n robots' sensors, none until started.
+
+    Normal variates beyond 6 standard deviations (one in 5e8) are set to 6. Every robot's noise
+    depends on its seed alone: all observables draw, observed or not.
+    """
+
+    def __init__(self, count: int, pieces: int) -> None:
+        """No noise for `count` robots of `pieces` pieces."""
+        sizes = [pieces if name.startswith("curvature") else 2 for name in SENSOR_NOISE]
+        ends = np.cumsum(sizes)
+        self._columns = dict(zip(SENSOR_NOISE, map(slice, ends - sizes, ends), strict=True))
+        self._deviation = np.repeat(list(SENSOR_NOISE.values()), sizes)
+        self._everyone = np.arange(count)
+        self._scale = np.zeros(count)
+        self._generators: list[np.random.Generator | None] = [None] * count
+        self._rows = np.zeros((count, _BLOCK, len(self._deviation)))
+        self._at = np.zeros(count, dtype=int)
+        self._now = self._rows[:, 0]
+
+    def start(self, robot: int, scale: float, seed: int | None) -> None:
+        """Start an episode of one robot with noise of a scale [1], None as seed if that is 0."""
+        self._scale[robot] = scale
+        self._generators[robot] = None if seed is None else np.random.default_rng(seed)
+        self._rows[robot] = 0.0
+        self._at[robot] = _BLOCK - 1  # the next instant draws
+
+    def advance(self, which: np.ndarray | None = None) -> None:
+        """Go on to the next control instant, all or the robots `which` (k,) int."""
+        which = self._everyone if which is None else which
+        self._at[which] += 1
+        for robot in np.flatnonzero(self._at == _BLOCK).tolist():
+            self._at[robot] = 0
+            self._draw(robot)
+        self._now = self._rows[self._everyone, self._at]
+
+    def _draw(self, robot: int) -> None:
+        generator = self._generators[robot]
+        if generator is not None:
+            normal = generator.standard_normal(self._rows.shape[1:])
+            normal = np.clip(normal, -_FARTHEST, _FARTHEST, out=normal)
+            self._rows[robot] = normal * (self._scale[robot] * self._deviation)
+
+    def on(self, name: str) -> np.ndarray:
+        """Noise (n, size) on an observable of `SENSOR_NOISE` at this instant."""
+        return self._now[:, self._columns[name]]
+
+    @property
+    def noisy(self) -> np.ndarray:
+        """(n,) bool, which robots have noise."""
+        return self._scale > 0

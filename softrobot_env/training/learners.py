@@ -1,0 +1,156 @@
+"""The learners of stable-baselines3, and the network within each that acts."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO, SAC, TD3
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.noise import NormalActionNoise
+from torch import nn
+
+from softrobot_env.learned.network import Network
+from softrobot_env.training.networks import as_network, put_network
+from softrobot_env.training.rl_config import RLConfig
+from softrobot_env.training.vec_env import TrackingVecEnv
+
+
+@dataclass(frozen=True)
+class Learner:
+    """What differs between the algorithms.
+
+    Attributes:
+        model: Class of stable-baselines3.
+        settings: Keyword arguments of the class, by the training's settings and outputs.
+        acting: Modules of the mean action, one by one.
+        exploring: Parameters that shape the exploration.
+        squashed: Whether tanh bounds the mean action.
+    """
+
+    model: type[BaseAlgorithm]
+    settings: Callable[[RLConfig, int], dict[str, Any]]
+    acting: Callable[[Any], tuple[nn.Module, ...]]
+    exploring: Callable[[Any], list[nn.Parameter]]
+    squashed: bool
+
+
+def _ppo(config: RLConfig, outputs: int) -> dict[str, Any]:
+    hidden = list(config.hidden)
+    return {
+        "n_steps": config.rollout,
+        "n_epochs": config.epochs,
+        "target_kl": config.target_kl,
+        "policy_kwargs": {
+            "net_arch": {"pi": hidden, "vf": hidden},
+            "activation_fn": nn.Tanh,
+            "log_std_init": float(np.log(config.deviation)),
+        },
+    }
+
+
+def _off_policy(config: RLConfig) -> dict[str, Any]:
+    hidden = list(config.hidden)
+    return {
+        "buffer_size": config.buffer,
+        "learning_starts": config.warm_up,
+        "gradient_steps": config.updates,
+        "policy_kwargs": {"net_arch": {"pi": hidden, "qf": hidden}, "activation_fn": nn.Tanh},
+    }
+
+
+def _sac(config: RLConfig, outputs: int) -> dict[str, Any]:
+    # Entropy of a normal distribution with the deviation aimed at.
+    entropy = outputs * (np.log(config.deviation) + 0.5 * np.log(2 * np.pi * np.e))
+    return _off_policy(config) | {"ent_coef": "auto_0.001", "target_entropy": float(entropy)}
+
+
+def _td3(config: RLConfig, outputs: int) -> dict[str, Any]:
+    spread = config.deviation
+    return _off_policy(config) | {
+        "action_noise": NormalActionNoise(np.zeros(outputs), np.full(outputs, spread)),
+        "target_policy_noise": spread,
+        "target_noise_clip": 2.5 * spread,
+    }
+
+
+LEARNERS: dict[str, Learner] = {
+    "ppo": Learner(
+        PPO,
+        _ppo,
+        lambda m: (m.policy.mlp_extractor.policy_net, m.policy.action_net),
+        lambda m: [m.policy.log_std],
+        squashed=False,
+    ),
+    "sac": Learner(
+        SAC,
+        _sac,
+        lambda m: (m.actor.latent_pi, m.actor.mu),
+        lambda m: [m.actor.log_std.weight, m.actor.log_std.bias],
+        squashed=True,
+    ),
+    "td3": Learner(TD3, _td3, lambda m: (m.actor.mu,), lambda m: [], squashed=True),
+}
+
+
+def make_model(
+    config: RLConfig, env: TrackingVecEnv, seed: int, log: str | None = None
+) -> BaseAlgorithm:
+    """The learner; separate networks for actor and critic.
+
+    Args:
+        config: Size and settings.
+        env: To learn in.
+        seed: Of everything random.
+        log: Folder of TensorBoard's logs, none unless given.
+    """
+    learner = LEARNERS[config.algorithm]
+    model = learner.model(
+        "MlpPolicy",
+        env,
+        learning_rate=lambda left: config.rate * left,
+        batch_size=config.batch,
+        gamma=config.discount,
+        tensorboard_log=log,
+        seed=seed,
+        device="cpu",
+        **learner.settings(config, env.action_space.shape[0]),
+    )
+    if config.algorithm == "sac":
+        _explore_alike(model.actor.log_std, config.deviation)
+    return model
+
+
+def _explore_alike(layer: nn.Linear, deviation: float) -> None:
+    """Start with one deviation in every state."""
+    with torch.no_grad():
+        layer.weight.zero_()
+        layer.bias.fill_(float(np.log(deviation)))
+
+
+def actor_of(model: BaseAlgorithm, config: RLConfig) -> Network:
+    """The network of the mean action; a bounded one ends with tanh and an identity layer."""
+    learner = LEARNERS[config.algorithm]
+    modules = learner.acting(model)
+    if not learner.squashed:
+        return as_network(*modules)
+    outputs = model.action_space.shape[0]
+    last = nn.Linear(outputs, outputs)
+    with torch.no_grad():
+        last.weight.copy_(torch.eye(outputs))
+        last.bias.zero_()
+    return as_network(*modules, last)
+
+
+def put_actor(model: BaseAlgorithm, config: RLConfig, network: Network) -> None:
+    """Let the learner act as a network with linear outputs does (bounded by tanh if it must be)."""
+    put_network(network, *LEARNERS[config.algorithm].acting(model))
+
+
+def freeze_actor(model: BaseAlgorithm, config: RLConfig, frozen: bool) -> None:
+    """Let the actor, and how it explores, stay as they are, or learn again."""
+    learner = LEARNERS[config.algorithm]
+    parameters = [p for module in learner.acting(model) for p in module.parameters()]
+    for parameter in parameters + learner.exploring(model):
+        parameter.requires_grad_(not frozen)

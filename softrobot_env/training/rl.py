@@ -1,0 +1,117 @@
+"""Reinforcement learning of a network on all tasks at once (stable-baselines3)."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.utils import set_random_seed
+
+from softrobot_env.learned.network import Network
+from softrobot_env.training.learners import LEARNERS, freeze_actor, make_model, put_actor
+from softrobot_env.training.progress import Show
+from softrobot_env.training.rl_config import RLConfig
+from softrobot_env.training.training_env import make_training_env
+from softrobot_env.training.watch import Point, Watch
+
+#: Files of a checkpoint, besides those of `watch`.
+_MODEL, _BUFFER, _CONFIG = "model.zip", "buffer.pkl", "config.json"
+
+
+def train(
+    config: RLConfig,
+    seed: int,
+    show: Show,
+    start: Network | None = None,
+    *,
+    checkpoint: Path | None = None,
+    resume: bool = False,
+    log: Path | None = None,
+) -> tuple[Network, list[Point]]:
+    """Train from a network, or from scratch.
+
+    Args:
+        config: Size and settings.
+        seed: Of everything random.
+        show: Told the progress.
+        start: Network to start from.
+        checkpoint: Folder that is written to at every trial, if given.
+        resume: Whether to go on with the training that the folder holds; not as if it had never
+            stopped, as the episodes begin anew.
+        log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
+
+    Returns:
+        The network that did best in the trials, the one to start from among them, and the
+        learning curve.
+
+    Raises:
+        FileNotFoundError: Nothing to go on with.
+        ValueError: The training to go on with had other settings (its steps alone may differ).
+    """
+    torch.set_num_threads(config.threads)
+    set_random_seed(seed)
+    if resume:
+        _check_same(config, seed, checkpoint)
+    env = make_training_env(config, seed)
+    watch = Watch(config, show, lambda model: _save(model, config, seed, checkpoint))
+    if resume:
+        watch.load(checkpoint)
+        model = _load(config, env, checkpoint)
+    else:
+        model = make_model(config, env, seed, None if log is None else str(log))
+        _begin(model, config, start)
+    watch.folder = checkpoint
+    left = config.steps - (model.num_timesteps if resume else 0)
+    if left > 0:
+        model.learn(left, callback=watch, reset_num_timesteps=not resume)
+        watch.judge()
+    env.close()
+    return watch.best, watch.curve
+
+
+def _begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None:
+    """Put the network to start from, and let the critic learn from what it does."""
+    if start is None:
+        return
+    put_actor(model, config, start)
+    if config.critic_steps:
+        freeze_actor(model, config, True)
+        model.learn(config.critic_steps)
+        freeze_actor(model, config, False)
+
+
+def _save(model: BaseAlgorithm, config: RLConfig, seed: int, folder: Path | None) -> None:
+    if folder is None:
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / _CONFIG).write_text(_told(config, seed), encoding="utf-8")
+    model.save(folder / _MODEL)
+    if hasattr(model, "save_replay_buffer"):
+        model.save_replay_buffer(folder / _BUFFER)
+
+
+def _load(config: RLConfig, env: object, folder: Path) -> BaseAlgorithm:
+    model = LEARNERS[config.algorithm].model.load(folder / _MODEL, env=env, device="cpu")
+    if hasattr(model, "load_replay_buffer"):
+        model.load_replay_buffer(folder / _BUFFER)
+    return model
+
+
+def _told(config: RLConfig, seed: int) -> str:
+    """Settings and seed as text."""
+    return json.dumps({**asdict(config), "seed": seed}, indent=1, sort_keys=True) + "\n"
+
+
+def _check_same(config: RLConfig, seed: int, folder: Path | None) -> None:
+    """Refuse to go on with another training."""
+    path = None if folder is None else folder / _CONFIG
+    if path is None or not path.is_file():
+        raise FileNotFoundError(f"no training to go on with in {folder}")
+    wanted, found = json.loads(_told(config, seed)), json.loads(path.read_text(encoding="utf-8"))
+    differ = [k for k in wanted if k != "steps" and wanted[k] != found.get(k)]
+    if differ:
+        raise ValueError(
+            f"the training in {folder} had other settings: "
+            + ", ".join(f"{k} {found.get(k)!r}" for k in differ)
+        )

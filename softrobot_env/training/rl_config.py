@@ -1,0 +1,153 @@
+"""Settings of reinforcement learning, and the ones that the shipped policies were trained with."""
+
+from dataclasses import dataclass, replace
+
+from softrobot_env.envs.randomization import Randomization
+
+#: What an agent can be trained on: the thesis' tasks, and random references.
+TRAINING_TASKS = ("step", "swing", "lshape", "random")
+
+#: Robots of a training unless asked otherwise, and robots and disturbances of a randomised one.
+NARROW = Randomization(youngs_modulus=(0.5, 1.5))
+BROAD = Randomization(
+    youngs_modulus=(0.5, 1.5),
+    density=(0.6, 1.5),
+    damping_time=(0.5, 2.0),
+    tendon_radius=(0.9, 1.1),
+    tension_gain=(0.9, 1.1),
+    tendon_friction=(0.0, 0.5),
+    delay=(0.0, 0.02),
+    sensor_noise=(0.0, 1.0),
+)
+
+#: Trials of the policy during a training: Young's modulus alone, and disturbances as well.
+MODULI = ({"youngs_modulus": 0.5}, {}, {"youngs_modulus": 1.5})
+DISTURBED = (
+    *MODULI,
+    {"density": 0.6},
+    {"damping_time": 0.5},
+    {"tension_gain": 0.9},
+    {"tendon_friction": 0.5},
+    {"delay": 0.01},
+    {"sensor_noise": 1.0},
+)
+
+
+@dataclass(frozen=True)
+class RLConfig:
+    """Size and settings of a training.
+
+    Attributes:
+        algorithm: "ppo", "sac" or "td3".
+        tasks: Out of `TRAINING_TASKS`.
+        random_tasks: Number of random references among the tasks.
+        envs_per_task: Environments of each task (steps of four widths, and two times each the
+            swing and the L-shape).
+        randomization: Robots and disturbances, drawn for every episode.
+        fine_scale: [m] of the reward's precision term, see `TrackingReward`.
+        steps: Environment steps in all.
+        critic_steps: Before them, with a network to start from: it acts and its critic learns.
+        hidden: Neurons of the hidden layers of actor and critic.
+        rate: Learning rate at the start; falls linearly to zero.
+        discount: Per step.
+        deviation: Standard deviation [1] of the outputs that explore: at the start (PPO), the one
+            whose entropy is aimed at (SAC), or throughout (TD3).
+        batch: Samples per gradient step.
+        rollout, epochs, target_kl: PPO: steps per environment between updates, passes over them,
+            and the divergence at which an update ends early.
+        buffer, updates, warm_up: SAC and TD3: steps remembered, gradient steps after every step of
+            all environments, and steps before the first of them.
+        trial_every: Environment steps between trials of the mean action; the best network is kept.
+        trials: Robots and disturbances of the trials, as in the option `vary` of `reset`.
+        trial_duration: [s] of the trials' episodes, the tasks' own for None.
+        threads: Of torch and the simulation.
+    """
+
+    algorithm: str = "ppo"
+    tasks: tuple[str, ...] = TRAINING_TASKS
+    random_tasks: int = 6
+    envs_per_task: int = 16
+    randomization: Randomization = NARROW
+    fine_scale: float = 0.005
+    steps: int = 2_000_000
+    critic_steps: int = 0
+    hidden: tuple[int, ...] = (128, 128)
+    rate: float = 5e-4
+    discount: float = 0.98
+    deviation: float = 0.3
+    batch: int = 2048
+    rollout: int = 128
+    epochs: int = 5
+    target_kl: float = 0.03
+    buffer: int = 500_000
+    updates: int = 4
+    warm_up: int = 10_000
+    trial_every: int = 250_000
+    trials: tuple[dict[str, float], ...] = MODULI
+    trial_duration: float | None = None
+    threads: int = 1
+
+    def __post_init__(self) -> None:
+        if self.algorithm not in SCRATCH_SETTINGS:
+            raise ValueError(
+                f"unknown algorithm {self.algorithm!r}; choose from {', '.join(SCRATCH_SETTINGS)}"
+            )
+        unknown = [name for name in self.tasks if name not in TRAINING_TASKS]
+        if unknown or not self.tasks:
+            raise ValueError(
+                f"tasks must be one or more of {', '.join(TRAINING_TASKS)}, got {self.tasks!r}"
+            )
+        for name in ("steps", "envs_per_task", "batch", "trial_every", "threads"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be 1 or more, got {getattr(self, name)!r}")
+
+
+_OFF_POLICY = {"envs_per_task": 4, "batch": 256, "rate": 1e-3, "deviation": 0.1, "steps": 700_000}
+
+#: What the algorithms need from scratch, beyond the defaults.
+SCRATCH_SETTINGS = {"ppo": {}, "sac": _OFF_POLICY, "td3": _OFF_POLICY}
+
+#: And from a network that is good already: closer about its actions, and slower.
+_OFF_POLICY_TUNING = {
+    "fine_scale": 0.001,
+    "critic_steps": 60_000,
+    "rate": 1e-4,
+    "deviation": 0.02,
+    "steps": 300_000,
+}
+_TUNING_SETTINGS = {
+    "ppo": {
+        "fine_scale": 0.001,
+        "critic_steps": 200_000,
+        "rate": 5e-5,
+        "deviation": 0.02,
+        "steps": 1_000_000,
+    },
+    "sac": _OFF_POLICY_TUNING,
+    "td3": _OFF_POLICY_TUNING,
+}
+
+#: Disturbances that the network to start from never met need larger changes of it.
+_DISTURBED_TUNING = {"ppo": {"rate": 1e-4, "deviation": 0.05, "steps": 2_000_000}}
+
+
+def preset(algorithm: str, warm: bool, disturbed: bool) -> RLConfig:
+    """Settings that work.
+
+    Args:
+        algorithm: "ppo", "sac" or "td3".
+        warm: Whether there is a network to start from.
+        disturbed: Whether robots and disturbances are drawn from `BROAD`.
+
+    Raises:
+        ValueError: Unknown algorithm; the message lists the known ones.
+    """
+    config = RLConfig(algorithm)
+    config = replace(config, **SCRATCH_SETTINGS[algorithm])
+    if warm:
+        config = replace(config, **_TUNING_SETTINGS[algorithm])
+    if warm and disturbed:
+        config = replace(config, **_DISTURBED_TUNING.get(algorithm, {}))
+    if disturbed:
+        config = replace(config, randomization=BROAD, trials=DISTURBED)
+    return config

@@ -1,0 +1,92 @@
+"""Trials of the policy during a training, and its learning curve."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from stable_baselines3.common.base_class import BaseAlgorithm
+from stable_baselines3.common.callbacks import BaseCallback
+
+from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.learned.network import Network
+from softrobot_env.training.learners import actor_of
+from softrobot_env.training.progress import Show
+from softrobot_env.training.rl_config import RLConfig
+from softrobot_env.training.trial import trial
+
+#: Environment steps, mean `SCORE` of the trials, largest error [mm] on swing and L-shape among
+#: them, and number of failures.
+Point = dict[str, float]
+
+#: Files of a checkpoint.
+_BEST, _CURVE = "best.npz", "curve.json"
+
+#: What networks are judged by, whatever they learn from: a tenth of a millimetre still counts.
+SCORE = TrackingReward(fine_scale=0.001)
+
+#: Taken from the reward for each failed trial.
+_PENALTY = 1.0
+
+
+class Watch(BaseCallback):
+    """Tries the mean action now and then, keeps the best network and the learning curve.
+
+    Attributes:
+        best: Network of the best trial so far.
+        curve: Results of the trials.
+        folder: Where both are written at every trial, if not None.
+    """
+
+    def __init__(self, config: RLConfig, show: Show, save: Callable[[BaseAlgorithm], None]) -> None:
+        """Watch a training.
+
+        Args:
+            config: Of the training.
+            show: Told the progress.
+            save: Called after every trial.
+        """
+        super().__init__()
+        self._config, self._show, self._save = config, show, save
+        self.best: Network | None = None
+        self.curve: list[Point] = []
+        self.folder: Path | None = None
+        self._reward, self._next = -np.inf, 0
+
+    def load(self, folder: Path) -> None:
+        """Take up an earlier training."""
+        self.best, _ = Network.load(folder / _BEST)
+        self.curve = json.loads((folder / _CURVE).read_text(encoding="utf-8"))
+        self._reward = max(point["reward"] for point in self.curve)
+        self._next = self.curve[-1]["steps"] + self._config.trial_every
+
+    def _on_step(self) -> bool:
+        return True
+
+    def _on_rollout_start(self) -> None:
+        if self.num_timesteps >= self._next:
+            self.judge()
+            self._next += self._config.trial_every
+        self._show(f"mean reward {self._reward:.4f}", self.num_timesteps, self._config.steps)
+
+    def judge(self) -> None:
+        """Try the present network."""
+        config = self._config
+        network = actor_of(self.model, config)
+        rows = trial(network, config.trials, config.trial_duration, SCORE)
+        failures = sum(row["failure"] is not None for row in rows.values())
+        mean = float(np.mean([row["reward"] for row in rows.values()]))
+        mean -= _PENALTY * failures / len(rows)
+        largest = max(row["max_mm"] for name, row in rows.items() if not name.startswith("step"))
+        point = {"reward": mean, "max_mm": largest, "failures": failures}
+        self.curve.append({"steps": self.num_timesteps, **point})
+        for name, value in point.items():
+            self.logger.record(f"trial/{name}", value)
+        self.logger.dump(self.num_timesteps)
+        if mean > self._reward:
+            self.best, self._reward = network, mean
+        if self.folder is not None:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self.best.save(self.folder / _BEST, {})
+            (self.folder / _CURVE).write_text(json.dumps(self.curve), encoding="utf-8")
+        self._save(self.model)

@@ -1,0 +1,326 @@
+"""Friction, gain and delay of the drives and noise of the sensors do what they are defined to."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.control.registry import make_policy
+from softrobot_env.envs.disturbances import (
+    LARGEST,
+    NEUTRAL,
+    SENSOR_NOISE,
+    Drives,
+    SensorNoise,
+    rounded,
+)
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.run import run_episode
+from softrobot_env.robots import ARM
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.statics import equilibrium
+from softrobot_env.tasks import make_task
+
+PLANTS = {"mujoco": None, "pcc": BeamPlant("pcc")}
+LIMIT = 80.0
+
+
+def actions(count, largest=0.5, seed=0):
+    return np.random.default_rng(seed).uniform(-largest, largest, (count, 3))
+
+
+def tensions(action):
+    """Tensions (6,) [N] of an action by (6.8)."""
+    return LIMIT * np.stack([np.maximum(action, 0), np.maximum(-action, 0)], axis=-1).ravel()
+
+
+def start(env):
+    return tensions(np.array(env.task.start_input) / LIMIT)
+
+
+# ---------------------------------------------------------------- friction
+
+
+def tip(model, posture):
+    data = mujoco.MjData(model)
+    data.qpos[:] = posture
+    mujoco.mj_forward(model, data)
+    return data.site("tip").xpos[[0, 2]].copy()
+
+
+@pytest.mark.parametrize("friction", [0.5, 1.0, 3.0])
+def test_slow_pull_and_release_is_the_hysteresis_of_dry_friction(friction):
+    """Pulling T bends the arm as T - 2 F would without friction, releasing as T + 2 F.
+
+    Both tendons of a pair slide, hence twice F. While neither slides the arm stays as it is.
+    """
+    model = build_scene(SceneConfig(ARM.vary(tendon_friction=friction))).model
+    free = build_scene(SceneConfig(ARM)).model
+    data, upper = mujoco.MjData(model), np.array([1.0, 0.0] * 3)
+    rate, full = 1.0, 20.0  # N/s, N
+    largest = 0.0
+    for instant in np.arange(0, 2 * full / rate, model.opt.timestep):
+        pull = full - abs(full - rate * instant)
+        data.ctrl[:] = pull * upper
+        mujoco.mj_step(model, data)
+        if round(instant / model.opt.timestep) % 1000 == 999:
+            rising = max(pull - 2 * friction, 0.0)
+            falling = min(pull + 2 * friction, full - 2 * friction)
+            sought = rising if instant < full / rate else falling
+            expected = tip(free, equilibrium(free, sought * upper))
+            largest = max(largest, np.linalg.norm(data.site("tip").xpos[[0, 2]] - expected))
+    # Damping lags by mu, 0.05 N here; a newton moves the tip by up to 40 mm. Stuck tendons creep a
+    # little in 10 s. The hysteresis itself is 4 F wide: 60 mm and more.
+    assert largest < 4e-3
+
+
+def test_stuck_tendons_carry_less_than_their_friction():
+    """An arm that swings freely comes to rest away from its equilibrium."""
+    env = TrackingEnv("swing", observe="all")
+    rest = {}
+    for friction in (0.0, 2.0):
+        options = {"vary": {"tendon_friction": friction}, "start_curvature": np.full(6, 2.0)}
+        env.reset(options={**options, "duration": 10.0})
+        over = False
+        while not over:
+            observation, _, _, over, _ = env.step(np.zeros(3))
+        rest[friction] = observation["curvature"]
+    # Every pair rubs with 2 F at most, on the piece of its end and all below it.
+    arm, pairs = ARM.tendons[0].offset[0] / ARM.bending_stiffness, np.array([3, 3, 2, 2, 1, 1])
+    assert np.all(np.abs(rest[0.0]) < 1e-2)
+    assert np.all(np.abs(rest[2.0]) < 2 * 2.0 * pairs * arm * 1.01)
+    assert np.max(np.abs(rest[2.0])) > 0.1
+
+
+def test_beam_models_refuse_friction():
+    env = TrackingEnv("swing", plant=BeamPlant("pcc"))
+    with pytest.raises(ValueError, match="beam models have no tendon friction"):
+        env.reset(options={"vary": {"tendon_friction": 0.1}})
+    env.reset(options={"vary": {"tendon_friction": 0.0}})
+    rubbing = replace(make_task("swing"), robot=ARM.vary(tendon_friction=0.1))
+    with pytest.raises(ValueError, match="beam models have no tendon friction"):
+        TrackingEnv(rubbing, plant=BeamPlant("pcc"))
+    TrackingEnv(rubbing).reset()
+
+
+# ---------------------------------------------------------------- gain and delay
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("gain", [0.7, 1.0, 1.3, 3.0])
+def test_gain_multiplies_tensions_up_to_their_limit(plant, gain):
+    env = TrackingEnv("swing", observe="all", plant=PLANTS[plant])
+    nominal, _ = env.reset()
+    observation, info = env.reset(options={"vary": {"tension_gain": gain}})
+    np.testing.assert_allclose(info["tendon_tension"], gain * start(env), rtol=1e-12)
+    for name in ("tip_position", "curvature", "previous_action"):  # the nominal start
+        np.testing.assert_array_equal(observation[name], nominal[name])
+    reached = False
+    for action in actions(10):
+        observation, *_, info = env.step(action)
+        applied = np.minimum(gain * tensions(action), LIMIT)
+        reached |= bool(np.any(applied == LIMIT))
+        np.testing.assert_allclose(info["tendon_tension"], applied, rtol=1e-12)
+        np.testing.assert_array_equal(observation["previous_action"], action)
+    assert reached == (gain == 3.0)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_gain_is_the_motion_under_larger_actions(plant):
+    env, larger = (TrackingEnv("lshape", observe="all", plant=PLANTS[plant]) for _ in range(2))
+    env.reset(options={"vary": {"tension_gain": 1.25}})
+    larger.reset()
+    for action in actions(20, 0.2):
+        observation, *_ = env.step(action)
+        expected, *_ = larger.step(1.25 * action)
+        np.testing.assert_allclose(observation["curvature"], expected["curvature"], atol=1e-9)
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("periods", [1, 2, 7])
+def test_delay_is_the_motion_under_actions_shifted_in_time(plant, periods):
+    """Until the first action arrives the start tension holds the arm."""
+    env, prompt = (TrackingEnv("swing", observe="all", plant=PLANTS[plant]) for _ in range(2))
+    env.reset(options={"vary": {"delay": 0.01 * periods}})
+    prompt.reset()
+    given = actions(20)
+    hold = np.array(env.task.start_input) / LIMIT
+    shifted = [*[hold] * periods, *given][: len(given)]
+    previous = hold
+    for action, late in zip(given, shifted, strict=True):
+        observation, reward, *_, info = env.step(action)
+        expected, _, *_, expected_info = prompt.step(late)
+        for name in ("tip_position", "tip_velocity", "curvature", "tendon_tension"):
+            np.testing.assert_allclose(observation[name], expected[name], atol=1e-9, err_msg=name)
+        assert info["error"] == pytest.approx(expected_info["error"], abs=1e-9)
+        # Reward and observation keep to the commanded action.
+        np.testing.assert_array_equal(observation["previous_action"], action)
+        change = -0.05 * np.mean((action - previous) ** 2)
+        assert info["reward_terms"]["smoothness"] == pytest.approx(change, rel=1e-9)
+        assert reward == pytest.approx(sum(info["reward_terms"].values()))
+        previous = action
+
+
+def test_gain_and_delay_together():
+    env = TrackingEnv("swing")
+    env.reset(options={"vary": {"delay": 0.02, "tension_gain": 0.5}})
+    given = actions(6)
+    seen = [env.step(action)[4]["tendon_tension"] for action in given]
+    np.testing.assert_allclose(seen[0], 0.5 * start(env), rtol=1e-12)
+    np.testing.assert_allclose(seen[2:], [0.5 * tensions(a) for a in given[:4]], rtol=1e-12)
+
+
+@pytest.mark.parametrize("period", [0.01, 0.004, 0.05])
+def test_delays_are_whole_control_periods(period):
+    env = TrackingEnv("swing", control_period=period)
+    env.reset(options={"vary": {"delay": 2 * period + 0.9e-9}})
+    for delay in (1.5 * period, 2 * period + 1.1e-9):
+        with pytest.raises(ValueError, match=f"multiple of the control period, {period:g} s"):
+            env.reset(options={"vary": {"delay": delay}})
+    assert rounded({"delay": 1.4 * period}, period) == {"delay": period}
+    drawn = TrackingEnv("swing", control_period=period, randomization=Randomization(delay=(0, 0.2)))
+    delays = {drawn.reset(seed=seed)[1]["variation"]["delay"] for seed in range(20)}
+    assert len(delays) > 3
+    np.testing.assert_allclose([d / period for d in delays], [round(d / period) for d in delays])
+
+
+def test_a_longer_delay_keeps_the_commands_of_running_robots():
+    drives = Drives(3, np.full(1, 100.0))
+    sent = np.arange(1.0, 8.0)
+    drives.start(np.arange(3), np.ones(3), np.array([0, 1, 2]), np.zeros(1))
+    applied = [drives.apply(np.full((3, 1), tension))[:, 0] for tension in sent[:4]]
+    drives.start(np.array([0]), np.ones(1), np.array([5]), np.zeros(1))
+    applied += [drives.apply(np.full((3, 1), tension))[:, 0] for tension in sent[4:]]
+    assert [row[1] for row in applied] == [0, 1, 2, 3, 4, 5, 6]
+    assert [row[2] for row in applied] == [0, 0, 1, 2, 3, 4, 5]
+    assert [row[0] for row in applied] == [1, 2, 3, 4, 0, 0, 0]
+
+
+# ---------------------------------------------------------------- noise
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+@pytest.mark.parametrize("scale", [0.5, 3.0])
+def test_noise_is_white_gaussian_of_the_documented_deviation(plant, scale):
+    env = TrackingEnv("lshape", observe="all", plant=PLANTS[plant])
+    hold = np.array(env.task.start_input) / LIMIT
+    runs = {}
+    for name, vary in (("silent", {}), ("noisy", {"sensor_noise": scale})):
+        env.reset(seed=1, options={"vary": vary, "duration": 12.0})
+        runs[name] = [env.step(hold)[0] for _ in range(1200)]
+    for name in env.observation_space:
+        noise = np.array([a[name] - b[name] for a, b in zip(*runs.values(), strict=True)])
+        if name not in SENSOR_NOISE:
+            assert not noise.any(), name
+            continue
+        count = len(noise)
+        deviation = scale * SENSOR_NOISE[name]
+        # Five standard errors of mean, deviation, and correlation from one instant to the next.
+        assert np.all(np.abs(noise.mean(axis=0)) < 5 * deviation / np.sqrt(count)), name
+        np.testing.assert_allclose(noise.std(axis=0), deviation, rtol=5 / np.sqrt(2 * count))
+        for lag in (1, 64):
+            correlation = np.mean(noise[lag:] * noise[:-lag], axis=0) / deviation**2
+            assert np.all(np.abs(correlation) < 5 / np.sqrt(count - lag)), name
+        shares = [np.mean(np.abs(noise) < k * deviation) for k in (1, 2)]
+        np.testing.assert_allclose(shares, [0.6827, 0.9545], atol=0.03)
+        if noise.shape[1] > 1:  # channels are independent
+            between = np.corrcoef(noise.T)[np.triu_indices(noise.shape[1], 1)]
+            assert np.all(np.abs(between) < 5 / np.sqrt(count)), name
+
+
+@pytest.mark.parametrize("plant", PLANTS)
+def test_noise_reaches_observations_only(plant):
+    """Reward, error, and the episode's course are those of the silent environment."""
+    noisy, silent = (TrackingEnv("swing", observe="all", plant=PLANTS[plant]) for _ in range(2))
+    noisy.reset(seed=0, options={"vary": {"sensor_noise": 10.0}})
+    silent.reset()
+    for action in actions(30):
+        observation, reward, *_, info = noisy.step(action)
+        expected, expected_reward, *_, expected_info = silent.step(action)
+        assert reward == expected_reward
+        assert info["error"] == expected_info["error"]
+        for name in ("tip_position", "curvature"):
+            np.testing.assert_array_equal(info[name], expected[name])
+            assert np.all(observation[name] != expected[name])
+            assert name not in expected_info
+
+
+def test_noise_repeats_by_seed_and_does_not_depend_on_what_is_observed():
+    full = TrackingEnv("swing", observe="all")
+    part = TrackingEnv("swing", observe=("curvature_rate", "reference"))
+    options = {"vary": {"sensor_noise": 1.0}}
+    seen = []
+    for env, seed in ((full, 3), (part, 3), (full, 3), (full, 4)):
+        start_observation, _ = env.reset(seed=seed, options=options)
+        found = [start_observation, *(env.step(action)[0] for action in actions(70))]
+        seen.append(np.array([o["curvature_rate"] for o in found]))
+    np.testing.assert_array_equal(seen[0], seen[1])
+    np.testing.assert_array_equal(seen[0], seen[2])
+    assert np.all(seen[0] != seen[3])
+
+
+def test_noise_takes_one_draw_however_long_the_episode_is():
+    env, short = TrackingEnv("swing"), TrackingEnv("swing")
+    for each, steps in ((env, 200), (short, 1)):
+        each.reset(seed=2, options={"vary": {"sensor_noise": 1.0}})
+        for _ in range(steps):
+            each.step(np.zeros(3))
+    assert env.np_random.random() == short.np_random.random()
+    # And none where there is no noise.
+    for vary in ({}, {"delay": 0.02, "tension_gain": 1.1, "tendon_friction": 1.0}):
+        env.reset(seed=2, options={"vary": vary})
+        assert env.np_random.random() == np.random.default_rng(2).random()
+
+
+def test_the_space_has_room_for_the_largest_noise(make_env):
+    """At the workspace's edge too, where the noisy value alone leaves it."""
+    env = make_env(observe="all")
+    beyond = 0
+    for seed in range(40):
+        options = {"vary": {"sensor_noise": 10.0}, "start_curvature": np.full(6, 40.0)}
+        observation, info = env.reset(seed=seed, options=options)
+        assert env.observation_space.contains(observation)
+        np.testing.assert_allclose(info["curvature"], 40.0)
+        beyond += int(np.any(observation["curvature"] > 40.0))
+    assert beyond > 20
+
+
+def test_noise_is_bounded():
+    class Wild:
+        def standard_normal(self, shape):
+            return np.full(shape, 9.0)
+
+    noise = SensorNoise(1, 6)
+    noise.start(0, LARGEST["sensor_noise"], 0)
+    noise._generators[0] = Wild()
+    noise.advance()
+    for name, deviation in SENSOR_NOISE.items():
+        np.testing.assert_allclose(noise.on(name), 60 * deviation)
+
+
+def test_records_hold_the_truth():
+    task = replace(make_task("lshape"), duration=0.5)
+    policy = make_policy("feedforward", task.robot, 0.01)
+    env = TrackingEnv(task, observe="all")
+    exact = run_episode(env, policy, seed=0)
+    noisy = run_episode(env, policy, seed=0, options={"vary": {"sensor_noise": 5.0}})
+    for name in ("tip", "curvature", "tendon_tension", "reward"):
+        np.testing.assert_array_equal(getattr(noisy, name), getattr(exact, name))
+
+
+# ---------------------------------------------------------------- all of them
+
+
+def test_neutral_values_are_the_plain_environment():
+    env, plain = TrackingEnv("swing"), TrackingEnv("swing")
+    (observation, info), (expected, _) = env.reset(options={"vary": NEUTRAL}), plain.reset()
+    assert "tip_position" not in info
+    for action in actions(20):
+        for name, value in expected.items():
+            np.testing.assert_array_equal(observation[name], value)
+        observation, expected = env.step(action)[0], plain.step(action)[0]
+    assert env._drives is None and env._noise is None and env.data.nefc == 0
