@@ -1,0 +1,211 @@
+"""Reference trajectories of the spatial test rig (thesis secs. 5.4 and 6.1), as in `trajectories`.
+
+Only x and y are references: the rig has two degrees of freedom, its height follows. The third
+component is left zero. Both begin in the straight pose, on the axis.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+#: Value of a function of time and its first two derivatives by time.
+Derivatives = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+@dataclass(frozen=True)
+class RoundedTriangle:
+    """Laps of a triangle with rounded corners, clockwise, (5.40) with the audit's corrections.
+
+    z = (b1 cos 2 pi w + b1/4 cos 4 pi w, -b1 sin 2 pi w + b1/4 sin 4 pi w), w counting laps. From
+    the straight pose to the first corner on a straight line, then speeding up during one lap of
+    two periods, the laps at the constant rate, and one lap of two periods slowing down. Twice
+    continuously differentiable.
+
+    Attributes:
+        b1: [m]; the corners are 1.25 b1 from the centre.
+        period: [s] of a lap.
+        laps: Laps at the constant rate.
+        approach: [s] from the straight pose to the first corner; 0 starts there.
+    """
+
+    b1: float = 0.07
+    period: float = 5.0
+    laps: int = 3
+    approach: float = 10.0
+
+    def __post_init__(self) -> None:
+        _check(b1=self.b1, period=self.period)
+        if self.laps < 0 or not 0 <= self.approach < np.inf:
+            raise ValueError(
+                "a triangle needs zero laps or more and an approach of zero seconds or more, got "
+                f"{self.laps} laps and {self.approach} s"
+            )
+
+    @property
+    def end_time(self) -> float:
+        """Time [s] at which the run comes to rest."""
+        return self.approach + (self.laps + 4) * self.period
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position (n, 3) [m] at times (n,) [s]."""
+        return self._motion(t)[0]
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Velocity (n, 3) [m/s] at times (n,) [s]."""
+        return self._motion(t)[1]
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Acceleration (n, 3) [m/s2] at times (n,) [s]."""
+        return self._motion(t)[2]
+
+    def path(self) -> np.ndarray:
+        """The straight line and one lap."""
+        lap = self._curve(np.linspace(0, 1, 201), 0)
+        return lap if self.approach == 0 else np.concatenate((np.zeros((1, 3)), lap))
+
+    def _motion(self, t: np.ndarray) -> Derivatives:
+        t = np.asarray(t, dtype=float)
+        w, rate, rise = (x[..., None] for x in self._laps(t - self.approach))
+        first, second = self._curve(w[..., 0], 1), self._curve(w[..., 0], 2)
+        on_lap = self._curve(w[..., 0], 0), rate * first, rate**2 * second + rise * first
+        if self.approach == 0:
+            return on_lap
+        corner = self._curve(np.zeros(1), 0)[0]
+        straight = [x[..., None] * corner for x in _rise(t, self.approach)]
+        early = (t < self.approach)[..., None]
+        return tuple(np.where(early, a, b) for a, b in zip(straight, on_lap, strict=True))
+
+    def _laps(self, t: np.ndarray) -> Derivatives:
+        """Number of laps w(t) done, its rate [1/s] and acceleration [1/s2]."""
+        ramp, end = 2 * self.period, (self.laps + 4) * self.period
+        up, down = (self._start(np.clip(x, 0, ramp)) for x in (t, end - t))
+        steady = np.clip(t, ramp, end - ramp) - ramp
+        done = up[0] + steady / self.period + 1 - down[0]
+        return done, np.minimum(up[1], down[1]), up[2] - down[2]
+
+    def _start(self, t: np.ndarray) -> Derivatives:
+        """w = 2 (s^3 - s^4 / 2) with s = t / 2T: from rest to the constant rate within a lap."""
+        ramp = 2 * self.period
+        s = t / ramp
+        rate, rise = 2 * s**2 * (3 - 2 * s), 12 * s * (1 - s)
+        return 2 * s**3 - s**4, rate / ramp, rise / ramp**2
+
+    def _curve(self, w: np.ndarray, order: int) -> np.ndarray:
+        """Derivative of the path with respect to w, (n, 3) [m] for w of shape (n,)."""
+        turn = 2j * np.pi
+        # z_x + i z_y
+        once = self.b1 * (-turn) ** order * np.exp(-turn * w)
+        twice = self.b1 / 4 * (2 * turn) ** order * np.exp(2 * turn * w)
+        return _in_plane(once + twice)
+
+
+@dataclass(frozen=True)
+class LapCircle:
+    """From the straight pose out to a circle, a lap counter-clockwise, and back (audit sec. 4).
+
+    Out and back by the smooth step 10 s^3 - 15 s^4 + 6 s^5. With `ramp` 0 the lap starts and stops
+    with a jump of the velocity, as in the thesis; otherwise it speeds up and slows down smoothly.
+
+    Attributes:
+        radius: [m].
+        speed: [m/s] along the circle.
+        approach: [s] out, and back.
+        ramp: [s] to speed up, and to slow down.
+        laps: Number of laps.
+    """
+
+    radius: float = 0.12
+    speed: float = 0.05
+    approach: float = 10.0
+    ramp: float = 0.0
+    laps: int = 1
+
+    def __post_init__(self) -> None:
+        _check(radius=self.radius, speed=self.speed, approach=self.approach)
+        longest = 2 * np.pi * self.radius * self.laps / self.speed
+        if self.laps < 1 or not 0 <= self.ramp <= longest:
+            raise ValueError(
+                f"a circle needs one lap or more and a ramp in [0, {longest:.3g}] s, got "
+                f"{self.laps} laps and {self.ramp} s"
+            )
+
+    @property
+    def rate(self) -> float:
+        """Angular velocity [1/s] between the ramps."""
+        return self.speed / self.radius
+
+    @property
+    def lap_time(self) -> tuple[float, float]:
+        """Times [s] at which the laps begin and end."""
+        length = 2 * np.pi * self.laps / self.rate + self.ramp
+        return self.approach, self.approach + length
+
+    @property
+    def end_time(self) -> float:
+        """Time [s] at which the rig is straight again."""
+        return self.lap_time[1] + self.approach
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position (n, 3) [m] at times (n,) [s]."""
+        return self._motion(t)[0]
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Velocity (n, 3) [m/s] at times (n,) [s]."""
+        return self._motion(t)[1]
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Acceleration (n, 3) [m/s2] at times (n,) [s]."""
+        return self._motion(t)[2]
+
+    def path(self) -> np.ndarray:
+        """The straight line and one lap."""
+        lap = self.radius * np.exp(2j * np.pi * np.linspace(0, 1, 201))
+        return _in_plane(np.concatenate(([0.0], lap)))
+
+    def _motion(self, t: np.ndarray) -> Derivatives:
+        """With r(t) exp(i phi(t)), where either r or phi moves."""
+        t = np.asarray(t, dtype=float)
+        out, back = _rise(t, self.approach), _rise(self.end_time - t, self.approach)
+        share, speed, push = np.minimum(out[0], back[0]), out[1] - back[1], out[2] + back[2]
+        phase, rate, rise = self._phase(t)
+        unit = self.radius * np.exp(1j * phase)
+        position, velocity = share * unit, (speed + 1j * rate) * unit
+        return tuple(
+            _in_plane(x) for x in (position, velocity, (push + 1j * rise - rate**2) * unit)
+        )
+
+    def _phase(self, t: np.ndarray) -> Derivatives:
+        begin, end = self.lap_time
+        since, left = t - begin, end - t
+        if self.ramp == 0:
+            moving = (since >= 0) & (left > 0)
+            phase = self.rate * np.clip(since, 0, end - begin)
+            return phase, np.where(moving, self.rate, 0.0), np.zeros_like(t)
+        up, down = _rise(since, self.ramp), _rise(left, self.ramp)
+        risen, fallen = (_rise_integral(np.clip(x / self.ramp, 0, 1)) for x in (since, left))
+        steady = np.clip(since, self.ramp, end - begin - self.ramp) - self.ramp
+        phase = self.rate * (steady + self.ramp * (risen + 0.5 - fallen))
+        return phase, self.rate * np.minimum(up[0], down[0]), self.rate * (up[1] - down[1])
+
+
+def _check(**values: float) -> None:
+    for name, value in values.items():
+        if not 0 < value < np.inf:
+            raise ValueError(f"{name} must be finite and positive, got {value}")
+
+
+def _in_plane(z: np.ndarray) -> np.ndarray:
+    """Complex numbers x + i y (n,) as points (n, 3) at height 0."""
+    return np.stack([z.real, z.imag, np.zeros_like(z.real)], axis=-1)
+
+
+def _rise(t: np.ndarray, duration: float) -> Derivatives:
+    """Smooth step from 0 to 1 during [0, duration], with its derivatives by time."""
+    s = np.clip(t / duration, 0, 1)
+    rate, rise = 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
+    return s**3 * (10 - 15 * s + 6 * s**2), rate / duration, rise / duration**2
+
+
+def _rise_integral(s: np.ndarray) -> np.ndarray:
+    """Integral of the smooth step from 0 to s."""
+    return s**4 * (2.5 - 3 * s + s**2)
