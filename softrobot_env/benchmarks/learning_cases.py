@@ -57,7 +57,6 @@ CASES = {
     "sac": Case("sac", warm=False, disturbed=False),
     "sac_randomized": Case("sac", warm=False, disturbed=True),
     "ppo_scratch": Case("ppo", warm=False, disturbed=False),
-    "td3_scratch": Case("td3", warm=False, disturbed=False),
 }
 
 #: What is trained one after the other, in one process: what starts from a network comes after it.

@@ -12,7 +12,6 @@ _COLOURS = {
     "sac": "#d62728",
     "sac_randomized": "#ff7f0e",
     "ppo_scratch": "#7f7f7f",
-    "td3_scratch": "#9467bd",
 }
 
 

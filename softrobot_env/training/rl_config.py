@@ -128,7 +128,9 @@ _TUNING_SETTINGS = {
 }
 
 #: Disturbances that the network to start from never met need larger changes of it.
-_DISTURBED_TUNING = {"ppo": {"rate": 1e-4, "deviation": 0.05, "steps": 2_000_000}}
+_DISTURBED_TUNING = {
+    "ppo": {"fine_scale": 0.005, "rate": 3e-4, "deviation": 0.15, "steps": 2_000_000}
+}
 
 
 def preset(algorithm: str, warm: bool, disturbed: bool) -> RLConfig:

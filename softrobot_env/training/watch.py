@@ -22,8 +22,8 @@ Point = dict[str, float]
 #: Files of a checkpoint.
 _BEST, _CURVE = "best.npz", "curve.json"
 
-#: What networks are judged by, whatever they learn from: a tenth of a millimetre still counts.
-SCORE = TrackingReward(fine_scale=0.001)
+#: What networks are judged by, whatever they learn from.
+SCORE = TrackingReward()
 
 #: Taken from the reward for each failed trial.
 _PENALTY = 1.0
