@@ -27,18 +27,18 @@ def plot(rows: list[Row], path: Path | str) -> None:
         curves = [row["curve"] for row in rows if row["policy"] == name]
         for axis, entry in zip(axes, ("reward", "max_mm"), strict=True):
             steps, values = _common(curves, entry)
+            steps = steps / 1e6
             colour = _COLOURS.get(name, "black")
             axis.plot(steps, np.median(values, axis=0), color=colour, label=name)
             axis.fill_between(
                 steps, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.2, lw=0
             )
-    axes[0].set(xlabel="environment steps", ylabel="mean reward of the trials", xscale="symlog")
-    axes[1].set(xlabel="environment steps", xscale="symlog", yscale="log")
+    axes[0].set_ylabel("mean reward of the trials")
     axes[1].set_ylabel("largest error on swing and L-shape [mm]")
+    axes[1].set_yscale("log")
     for axis in axes:
-        axis.set_xlim(left=0)
+        axis.set_xlabel("environment steps [million]")
         axis.grid(alpha=0.3)
-        axis.xaxis.get_major_locator().set_params(linthresh=1e4)
     axes[0].legend(fontsize=8)
     figure.suptitle("Trials of the mean action during training: median and range of the seeds")
     figure.savefig(path, dpi=130)

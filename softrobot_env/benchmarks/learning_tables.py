@@ -8,31 +8,36 @@ from rich.table import Table
 
 from softrobot_env.benchmarks.jobs import Row
 
-#: Heading -> entry of a row, and factor to the unit of the heading.
-_COLUMNS: dict[str, tuple[str, float]] = {
-    "swing max mm": ("swing_max", 1e3),
-    "L-shape max mm": ("lshape_max", 1e3),
-    "step 50 mm: overshoot %": ("overshoot", 100),
-    "settling s": ("settling_time", 1),
-    "E x 0.5 to 1.5: max mm": ("worst_modulus", 1e3),
-    "disturbed: max mm": ("worst", 1e3),
-    "failures": ("failures", 1),
-    "minutes": ("minutes", 1),
+#: Tables: title, and heading -> entry of a row, and factor to the unit of the heading.
+_TABLES: dict[str, dict[str, tuple[str, float]]] = {
+    "nominal robot": {
+        "swing max mm": ("swing_max", 1e3),
+        "L-shape max mm": ("lshape_max", 1e3),
+        "step 50 mm: overshoot %": ("overshoot", 100),
+        "settling s": ("settling_time", 1),
+    },
+    "other robots, disturbances, cost": {
+        "E x 0.5 to 1.5: max mm": ("worst_modulus", 1e3),
+        "disturbed: max mm": ("worst", 1e3),
+        "failures": ("failures", 1),
+        "minutes": ("minutes", 1),
+    },
 }
 
 
 def tables(rows: list[Row]) -> Group:
     """One row per training."""
-    seeds = sorted({row["seed"] for row in rows})
-    table = Table(
-        "training",
-        *_COLUMNS,
-        title=f"median (least to largest) of {len(seeds)} seeds",
-    )
+    seeds = len({row["seed"] for row in rows})
+    parts = [_table(rows, columns, f"{title}: {seeds} seeds") for title, columns in _TABLES.items()]
+    return Group(*parts, _notes(rows))
+
+
+def _table(rows: list[Row], columns: dict[str, tuple[str, float]], title: str) -> Table:
+    table = Table("training", *columns, title=f"{title}, median (least to largest)")
     for name in dict.fromkeys(row["policy"] for row in rows):
         mine = [row for row in rows if row["policy"] == name]
-        table.add_row(name, *(_cell(mine, *column) for column in _COLUMNS.values()))
-    return Group(table, _notes(rows))
+        table.add_row(name, *(_cell(mine, *column) for column in columns.values()))
+    return table
 
 
 def _cell(rows: list[Row], entry: str, factor: float) -> str:
