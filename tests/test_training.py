@@ -11,6 +11,7 @@ pytest.importorskip("stable_baselines3")
 pytest.importorskip("daqp")
 
 from softrobot_env.cli import main  # noqa: E402
+from softrobot_env.commands import train as train_command  # noqa: E402
 from softrobot_env.commands import train_rl  # noqa: E402
 from softrobot_env.control import neural  # noqa: E402
 from softrobot_env.control.registry import make_policy, policy_environment  # noqa: E402
@@ -297,6 +298,14 @@ def test_robots_and_disturbances_are_drawn_for_every_episode():
 def test_bad_settings_are_refused(change, reason):
     with pytest.raises(ValueError, match=reason):
         replace(TINY, **change)
+
+
+@pytest.mark.parametrize("arguments", [["imitation"], ["--algo", "sac"]])
+def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(train_command, "find_spec", lambda name: None)
+    assert main(["train", *arguments, "--out", str(tmp_path / "none")]) == 2
+    assert "needs torch" in (told := capsys.readouterr().err) and "pip install" in told
+    assert not (tmp_path / "none").exists()
 
 
 def test_the_command_knows_what_the_training_knows():

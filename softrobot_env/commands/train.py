@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -34,10 +35,12 @@ class Trainer:
     Attributes:
         file: Name of the file written.
         run: Train by seed (where anything is random), write the file and return the figures.
+        packages: That it needs beyond the package's own, of the extras `rl` and `mpc`.
     """
 
     file: str
     run: Callable[[int, Path, Show], Figures]
+    packages: tuple[str, ...] = ()
 
 
 def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
@@ -129,7 +132,7 @@ TRAINERS = {
     "qs_nn": Trainer("qs_nn.npz", _train_qs_nn),
     "lqi": Trainer("lqi.npz", _train_lqi),
     "lq_preview": Trainer("lq_preview.npz", _train_lq_preview),
-    "imitation": Trainer("imitation.npz", _train_imitation),
+    "imitation": Trainer("imitation.npz", _train_imitation, ("torch", "daqp")),
 }
 
 
@@ -155,6 +158,7 @@ def run(args: argparse.Namespace) -> int:
 
     Raises:
         ValueError: Neither an artefact nor an algorithm is given, or both.
+        ImportError: A package is missing; says what to install.
     """
     if (args.what is None) == (args.algo is None):
         raise ValueError(
@@ -162,6 +166,7 @@ def run(args: argparse.Namespace) -> int:
             f"{', '.join(train_rl.ALGORITHMS)})"
         )
     console = Console()
+    _check_packages(args)
     args.out.mkdir(parents=True, exist_ok=True)
     name, path, train = _job(args)
     began = perf_counter()
@@ -178,6 +183,17 @@ def run(args: argparse.Namespace) -> int:
     console.print(table)
     console.print(f"Wrote {path}")
     return 0
+
+
+def _check_packages(args: argparse.Namespace) -> None:
+    """Say what is missing before any work is done."""
+    needed = train_rl.PACKAGES if args.algo is not None else TRAINERS[args.what].packages
+    missing = [name for name in needed if find_spec(name) is None]
+    if missing:
+        raise ImportError(
+            f"{args.algo or args.what} needs {', '.join(missing)}: "
+            'pip install "softrobot_env[rl,mpc]"'
+        )
 
 
 def _job(args: argparse.Namespace) -> tuple[str, Path, Callable[[Show], Figures]]:

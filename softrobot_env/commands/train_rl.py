@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 ALGORITHMS = ("ppo", "sac", "td3")
 TASKS = ("step", "swing", "lshape", "random")
 
+PACKAGES = ("torch", "stable_baselines3")
+
 _START, _NO_START = "imitation", "none"
 
 
