@@ -15,18 +15,33 @@ ENVIRONMENTS = {
     "SoftRobot/ArmRandom-v0": "random",
 }
 
+RIG_ENTRY_POINT = "softrobot_env.envs.rig:RigEnv"
+
+#: Environment id -> name of its task in `softrobot_env.rig_tasks`.
+RIG_ENVIRONMENTS = {
+    "SoftRobot/RigTriangle-v0": "triangle",
+    "SoftRobot/RigCircle-v0": "rig_circle",
+    "SoftRobot/RigReach-v0": "reach",
+}
+
 
 def register_envs() -> None:
     """Register every environment with Gymnasium; calling it again changes nothing."""
     for env_id, task in ENVIRONMENTS.items():
-        if env_id not in registry:
-            # The environments refuse to step or render out of order themselves, and their
-            # contract is tested, so a step is spared Gymnasium's two wrappers.
-            register(
-                id=env_id,
-                entry_point=ENTRY_POINT,
-                vector_entry_point=VECTOR_ENTRY_POINT,
-                kwargs={"task": task},
-                order_enforce=False,
-                disable_env_checker=True,
-            )
+        _register(env_id, ENTRY_POINT, VECTOR_ENTRY_POINT, task)
+    for env_id, task in RIG_ENVIRONMENTS.items():
+        _register(env_id, RIG_ENTRY_POINT, None, task)
+
+
+def _register(env_id: str, entry_point: str, vector_entry_point: str | None, task: str) -> None:
+    if env_id not in registry:
+        # The environments refuse to step or render out of order themselves, and their
+        # contract is tested, so a step is spared Gymnasium's two wrappers.
+        register(
+            id=env_id,
+            entry_point=entry_point,
+            vector_entry_point=vector_entry_point,
+            kwargs={"task": task},
+            order_enforce=False,
+            disable_env_checker=True,
+        )

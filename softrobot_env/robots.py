@@ -8,7 +8,7 @@ assumption of this package.
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import cos, inf, pi, sin, sqrt
+from math import cos, hypot, inf, pi, sin, sqrt
 from numbers import Real
 
 import numpy as np
@@ -125,6 +125,10 @@ class RobotParams:
         tendons: Tendons, ordered by group.
         gravity: (3,) [m/s2].
         head: Rigid body on the tip, if any.
+        anisotropy: Difference of the bending stiffnesses [1]: it is EI (1 + anisotropy / 2) towards
+            `stiff_azimuth` and EI (1 - anisotropy / 2) across.
+        stiff_azimuth: [rad] from +x towards +y.
+        precurvature: (2,) [1/m] towards +x and +y, of the robot when nothing acts on it.
     """
 
     name: str
@@ -139,6 +143,9 @@ class RobotParams:
     tendons: tuple[Tendon, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     head: Head | None = None
+    anisotropy: float = 0.0
+    stiff_azimuth: float = 0.0
+    precurvature: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         if not 0 <= self.inner_radius < self.outer_radius < inf:
@@ -154,6 +161,15 @@ class RobotParams:
             raise ValueError(f"robot {self.name!r}: pieces must be 1 or more, got {self.pieces}")
         if any(t.end > self.length * (1 + 1e-12) for t in self.tendons):
             raise ValueError(f"robot {self.name!r}: a tendon ends beyond the robot's length")
+        if not 0 <= self.anisotropy < 2 or not abs(self.stiff_azimuth) < inf:
+            raise ValueError(
+                f"robot {self.name!r}: anisotropy must lie in [0, 2), stiff_azimuth be finite, got "
+                f"{self.anisotropy} and {self.stiff_azimuth} rad"
+            )
+        if not hypot(*self.precurvature) < self.curvature_limit:
+            raise ValueError(
+                f"robot {self.name!r}: precurvature must stay below {self.curvature_limit:g} 1/m"
+            )
 
     @property
     def area(self) -> float:
@@ -190,6 +206,27 @@ class RobotParams:
         """First undamped bending frequency [Hz] of the Euler-Bernoulli beam, (2.75)."""
         wave = (_CLAMPED_FREE_ROOT / self.length) ** 2
         return wave * sqrt(self.bending_stiffness / self.mass_per_length) / (2 * pi)
+
+    @property
+    def reach(self) -> float:
+        """Distance [m] of the tip from the base when straight; with a head, of its output point."""
+        return self.length if self.head is None else self.length + self.head.output
+
+    @property
+    def principal_stiffnesses(self) -> tuple[float, float]:
+        """Bending stiffnesses [N m2] towards `stiff_azimuth` and across."""
+        half = self.anisotropy / 2
+        return self.bending_stiffness * (1 + half), self.bending_stiffness * (1 - half)
+
+    @property
+    def is_symmetric(self) -> bool:
+        """Whether it is straight and bends alike to all sides."""
+        return self.anisotropy == 0 and not any(self.precurvature)
+
+    @property
+    def rubs(self) -> bool:
+        """Whether any tendon has dry friction."""
+        return any(tendon.friction > 0 for tendon in self.tendons)
 
     @property
     def curvature_limit(self) -> float:

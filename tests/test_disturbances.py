@@ -21,7 +21,7 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import make_task
 
@@ -76,6 +76,46 @@ def test_slow_pull_and_release_is_the_hysteresis_of_dry_friction(friction):
     # Damping lags by mu, 0.05 N here; a newton moves the tip by up to 40 mm. Stuck tendons creep a
     # little in 10 s. The hysteresis itself is 4 F wide: 60 mm and more.
     assert largest < 4e-3
+
+
+def jittering(model, posture, substeps):
+    """Tips (200, 2) [m] under tensions that jitter by 4 N every 10 ms."""
+    data, rng = mujoco.MjData(model), np.random.default_rng(0)
+    data.qpos[:] = posture
+    out = []
+    for push in rng.normal(0, 4, (200, 3)) + np.linspace(-14, 14, 200)[:, None]:
+        data.ctrl[0::2], data.ctrl[1::2] = np.maximum(push, 0), np.maximum(-push, 0)
+        mujoco.mj_step(model, data, substeps)
+        out.append(data.sensordata[[0, 2]].copy())
+    return np.array(out)
+
+
+def test_friction_under_jittering_tension_is_that_of_fine_steps():
+    """With implicitfast the error would be about 20 mm."""
+    sensors = {"sensors": (TipSensors(),)}
+    free = build_scene(SceneConfig(ARM, **sensors))
+    posture = equilibrium(free.model, tensions(np.full(3, -14.0 / LIMIT)))
+    robot = ARM.vary(tendon_friction=0.5)
+    coarse = build_scene(SceneConfig(robot, **sensors))
+    fine = build_scene(SceneConfig(robot, timestep=5e-5, integrator="implicitfast", **sensors))
+    found = jittering(coarse.model, posture, coarse.timestep.substeps)
+    truth = jittering(fine.model, posture, fine.timestep.substeps)
+    without = jittering(free.model, posture, free.timestep.substeps)
+    assert np.linalg.norm(found - truth, axis=1).max() < 4e-3
+    assert np.linalg.norm(without - truth, axis=1).max() > 20e-3
+
+
+@pytest.mark.parametrize("modulus", [0.5, 1.0, 1.5])
+def test_stuck_tendons_do_not_creep(modulus):
+    """An arm held by friction alone, for 10 s: soft arms too, whose timestep might be longer."""
+    model = build_scene(SceneConfig(ARM.vary(tendon_friction=2.0, youngs_modulus=modulus))).model
+    free = build_scene(SceneConfig(ARM.vary(youngs_modulus=modulus))).model
+    data = mujoco.MjData(model)
+    data.qpos[:] = equilibrium(free, 2.0 * np.array([1.0, 0.0] * 3))
+    mujoco.mj_step(model, data, round(0.1 / model.opt.timestep))
+    before = data.site("tip").xpos.copy()
+    mujoco.mj_step(model, data, round(10.0 / model.opt.timestep))
+    assert np.linalg.norm(data.site("tip").xpos - before) < 2e-3
 
 
 def test_stuck_tendons_carry_less_than_their_friction():

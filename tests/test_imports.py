@@ -19,6 +19,8 @@ FOUNDATION = {
     "tendon_map",
     "tripod",
     "rig_trajectories",
+    "rig_tasks",
+    "twin",
     "rollout",
     "paths",
     "registration",

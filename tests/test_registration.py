@@ -9,8 +9,11 @@ import gymnasium
 import pytest
 from gymnasium.envs.registration import registry
 
-from softrobot_env.registration import ENVIRONMENTS, register_envs
+from softrobot_env.registration import ENVIRONMENTS, RIG_ENVIRONMENTS, register_envs
+from softrobot_env.rig_tasks import RIG_TASKS
 from softrobot_env.tasks import ALL_TASKS
+
+EVERY_ID = ENVIRONMENTS | RIG_ENVIRONMENTS
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -36,29 +39,30 @@ def test_make_in_a_fresh_interpreter(prefix):
         f"""
 import gymnasium
 {prefix}
-for env_id in {list(ENVIRONMENTS)}:
+for env_id in {list(EVERY_ID)}:
     env = gymnasium.make("{module}" + env_id)
     env.reset(seed=0)
     print(env.spec.id, env.unwrapped.task.name)
 """
     )
-    assert dict(line.split() for line in tasks.splitlines()) == ENVIRONMENTS
+    assert dict(line.split() for line in tasks.splitlines()) == EVERY_ID
 
 
 def test_registering_again_changes_nothing():
     before = dict(registry)
     register_envs()
     assert dict(registry) == before
-    assert all(registry[i] is before[i] for i in ENVIRONMENTS)
+    assert all(registry[i] is before[i] for i in EVERY_ID)
 
 
 def test_ids_stand_for_tasks_one_to_one():
     assert sorted(ENVIRONMENTS.values()) == sorted(ALL_TASKS)
+    assert sorted(RIG_ENVIRONMENTS.values()) == sorted(RIG_TASKS)
 
 
-@pytest.mark.parametrize(("env_id", "task"), ENVIRONMENTS.items())
+@pytest.mark.parametrize(("env_id", "task"), EVERY_ID.items())
 def test_spec_round_trip(env_id, task):
-    env = gymnasium.make(env_id, control_period=0.02)
+    env = gymnasium.make(env_id, control_period=0.025)
     again = gymnasium.make(env.spec)
     assert again.unwrapped.task.name == task
-    assert again.unwrapped.control_period == 0.02
+    assert again.unwrapped.control_period == 0.025

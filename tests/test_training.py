@@ -15,6 +15,7 @@ from softrobot_env.commands import train as train_command  # noqa: E402
 from softrobot_env.commands import train_rl  # noqa: E402
 from softrobot_env.control import neural  # noqa: E402
 from softrobot_env.control.registry import make_policy, policy_environment  # noqa: E402
+from softrobot_env.envs.randomization import Randomization  # noqa: E402
 from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
 from softrobot_env.envs.vector import VectorTrackingEnv  # noqa: E402
 from softrobot_env.learned.network import Network  # noqa: E402
@@ -25,7 +26,7 @@ from softrobot_env.training import references, shipping  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
 from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
 from softrobot_env.training.networks import as_network, new_layers, put_network  # noqa: E402
-from softrobot_env.training.rl import train  # noqa: E402
+from softrobot_env.training.rl import begin, train  # noqa: E402
 from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  # noqa: E402
 from softrobot_env.training.training_env import make_training_env  # noqa: E402
 from softrobot_env.training.trial import trial  # noqa: E402
@@ -37,7 +38,7 @@ TINY = RLConfig(
     hidden=(8,),
     steps=128,
     critic_steps=64,
-    random_tasks=1,
+    drawn_tasks=1,
     envs_per_task=1,
     rollout=4,
     batch=18,
@@ -147,10 +148,19 @@ def test_parts_that_do_not_fit_are_refused():
 
 
 def test_seeds_are_handed_on():
-    env = TrackingVecEnv([part(2), part(1)])
-    assert env.seed(3) == [3, 4, 5]
+    ranges = Randomization(density=(0.5, 2.0))
+    parts = [
+        VectorTrackingEnv(
+            n, SHORT, threads=1, preview=neural.PREVIEW, randomization=ranges, autoreset_mode=mode
+        )
+        for n, mode in ((2, "SameStep"), (1, "SameStep"))
+    ]
+    env = TrackingVecEnv(parts)
+    seeds = env.seed(3)
     env.reset()
-    assert env.get_attr("num_envs") == [2, 2, 1]
+    drawn = [d for p in parts for d in p._info(None)["variation"]["density"]]
+    expected = [ranges.draw(np.random.default_rng(seed))["density"] for seed in seeds]
+    assert drawn == expected and len(set(drawn)) == 3
 
 
 # ---------------------------------------------------------------------- networks
@@ -258,28 +268,83 @@ def test_trials_are_logged_for_tensorboard(algorithm, tmp_path):
     assert logged == [(point["steps"], pytest.approx(point["reward"])) for point in curve]
 
 
-def test_critics_learn_alone_at_first():
-    """With no steps after them, the actor is the one it started from."""
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_at_first_the_start_acts_and_its_critic_learns(algorithm):
+    """Nothing of the actor changes, nor is its action replaced by a random one."""
     start = as_network(new_layers(neural.feature_count(ARM), (8,), 3))
-    config = replace(TINY, algorithm="ppo", steps=1, trial_every=10**6)
-    network, curve = train(config, 0, quiet, start)
-    assert curve[0]["steps"] == 0
-    if curve[0]["reward"] >= curve[-1]["reward"]:
-        np.testing.assert_allclose(network.parameters, start.parameters, atol=1e-6)
+    start = start.with_parameters(0 * start.parameters)
+    config = replace(TINY, algorithm=algorithm, deviation=1e-3)
+    env, outputs = make_training_env(config, 0), []
+    step_async = env.step_async
+    env.step_async = lambda actions: (outputs.append(np.abs(actions).max()), step_async(actions))
+    model = make_model(config, env, 0)
+    put_actor(model, config, start)
+    before = actor_of(model, config).parameters
+    critics = [p.detach().clone() for p in critic_parameters(model)]
+    begin(model, config, start)
+    np.testing.assert_array_equal(actor_of(model, config).parameters, before)
+    after = critic_parameters(model)
+    assert any(not torch.equal(p, q) for p, q in zip(critics, after, strict=True))
+    assert len(outputs) > 1 and max(outputs) < 0.02
+    if hasattr(model, "actor_target"):
+        for p, q in zip(model.actor.parameters(), model.actor_target.parameters(), strict=True):
+            assert torch.equal(p, q)
+
+
+def critic_parameters(model):
+    if hasattr(model, "critic"):
+        return list(model.critic.parameters())
+    return list(model.policy.mlp_extractor.value_net.parameters())
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "td3"])
+def test_bounded_networks_start_bounded_algorithms_only(algorithm):
+    config = replace(TINY, algorithm=algorithm)
+    model = make_model(config, make_training_env(config, 0), 0)
+    made = actor_of(model, config)
+    put_actor(model, config, made)
+    np.testing.assert_array_equal(actor_of(model, config).parameters, made.parameters)
+    with pytest.raises(ValueError, match="layers of 29-8-3-3, ppo needs 29-8-3"):
+        put_actor(make_model(TINY, make_training_env(TINY, 0), 0), TINY, made)
+    wide = as_network(new_layers(neural.feature_count(ARM), (9,), 3))
+    with pytest.raises(ValueError, match=r"29-9-3.* needs 29-8-3"):
+        put_actor(model, config, wide)
+
+
+def test_an_unfinished_training_is_not_overwritten(tmp_path):
+    train(TINY, 3, quiet, checkpoint=tmp_path)
+    train(TINY, 3, quiet, checkpoint=tmp_path)  # that one was finished
+    kept = json.loads((tmp_path / "config.json").read_text()) | {"steps": 10**6}
+    (tmp_path / "config.json").write_text(json.dumps(kept))
+    with pytest.raises(ValueError, match="not finished: resume it"):
+        train(TINY, 3, quiet, checkpoint=tmp_path)
+
+
+def test_a_resumed_training_draws_anew_and_logs_where_it_is_told(tmp_path):
+    pytest.importorskip("tensorboard")
+    half = replace(TINY, steps=72)
+    train(half, 3, quiet, checkpoint=tmp_path / "kept", log=tmp_path / "one")
+    train(TINY, 3, quiet, checkpoint=tmp_path / "kept", resume=True, log=tmp_path / "two")
+    assert any((tmp_path / "two").rglob("events*"))
+
+
+def test_seeds_of_trainings_share_nothing():
+    seeds = [set(make_training_env(TINY, seed).seed(seed)) for seed in range(3)]
+    assert not (seeds[0] & seeds[1] or seeds[1] & seeds[2] or seeds[0] & seeds[2])
 
 
 @pytest.mark.parametrize("name", TRAINING_TASKS)
 def test_tasks_can_be_chosen(name):
     env = make_training_env(replace(TINY, tasks=(name,)), 0)
     names = {part.task.name for part in env.parts}
-    if name == "random":
+    if name == "drawn":
         assert names <= {"random step", "random legs", "random waves", "step", "swing", "lshape"}
     else:
         assert names == {name}
 
 
 def test_robots_and_disturbances_are_drawn_for_every_episode():
-    env = make_training_env(replace(preset("ppo", True, True), random_tasks=0, envs_per_task=3), 5)
+    env = make_training_env(replace(preset("ppo", True, True), drawn_tasks=0, envs_per_task=3), 5)
     env.reset()
     info = env.parts[0]._info(None)["variation"]
     for name in ("youngs_modulus", "density", "delay", "sensor_noise", "tendon_friction"):
@@ -290,9 +355,13 @@ def test_robots_and_disturbances_are_drawn_for_every_episode():
     ("change", "reason"),
     [
         ({"algorithm": "dqn"}, "choose from ppo, sac, td3"),
-        ({"tasks": ("juggle",)}, "step, swing, lshape, random"),
+        ({"tasks": ("juggle",)}, "step, swing, lshape, drawn"),
         ({"tasks": ()}, "one or more"),
-        ({"steps": 0}, "steps must be 1 or more"),
+        ({"steps": 0}, "steps must lie between 1"),
+        ({"discount": 2.0}, "discount must lie between"),
+        ({"deviation": -1.0}, "deviation must lie between"),
+        ({"rate": float("nan")}, "rate must lie between"),
+        ({"tasks": ("drawn",), "drawn_tasks": 0}, "drawn_tasks must be 1"),
     ],
 )
 def test_bad_settings_are_refused(change, reason):
@@ -335,6 +404,9 @@ def test_the_command_trains_and_goes_on(tmp_path, capsys):
         (["train", "qs_nn", "--algo", "ppo"], "give an artefact"),
         (["train", "--algo", "ppo", "--set", "speed=1"], "cannot set 'speed'"),
         (["train", "--algo", "ppo", "--set", "steps=1.5"], "whole number"),
+        (["train", "--algo", "ppo", "--set", "discount=2"], "discount must lie between"),
+        (["train", "lqi", "--resume", "--steps", "3"], "--steps, --resume: only with --algo"),
+        (["train", "--algo", "ppo", "--start", "nowhere.npz"], "no network at nowhere.npz"),
     ],
 )
 def test_bad_arguments_of_the_command_are_told(arguments, reason, capsys, tmp_path):

@@ -208,12 +208,13 @@ def test_environments_can_be_out_of_step():
         {"tendon_friction": 0.7},
         {"tension_gain": 0.9},
         {"delay": 0.03},
+        {"youngs_modulus": 0.5, "tendon_friction": 0.5},
         {"youngs_modulus": 0.9, "tension_gain": 1.2, "delay": 0.05, "tendon_friction": 0.2},
     ],
 )
 def test_variations_are_those_of_the_single_environment(vary):
-    options = {"observe": "all", "timestep": 0.001, "integrator": "implicitfast"}
-    many, single = VectorTrackingEnv(COUNT, SHORT, **options), TrackingEnv(SHORT, **options)
+    many = VectorTrackingEnv(COUNT, SHORT, observe="all")
+    single = TrackingEnv(SHORT, observe="all")
     others = {name: (0.07, 0.0, 0.01) if name == "delay" else (1.0, 0.9, 1.1) for name in vary}
     values = {name: np.insert(others[name], 2, value) for name, value in vary.items()}
     observations, _ = many.reset(options={"vary": values})
@@ -377,8 +378,7 @@ def test_a_failed_episode_is_told_and_disturbs_no_other():
 def test_failures_are_told_as_by_the_single_environment():
     """Bent to just inside the limit, a soft arm folds in the next period."""
     options = {"start_curvature": np.full(6, 39.9), "vary": {"youngs_modulus": 0.2}}
-    fixed = {"timestep": 0.001, "integrator": "implicitfast"}  # else chosen by the varied robot
-    many, single = VectorTrackingEnv(COUNT, "swing", **fixed), TrackingEnv("swing", **fixed)
+    many, single = VectorTrackingEnv(COUNT, "swing"), TrackingEnv("swing")
     many.reset(options=options)
     single.reset(options=options)
     over = False
@@ -426,7 +426,7 @@ def test_other_bad_arguments_are_refused():
     with pytest.raises(ValueError, match="num_envs"):
         VectorTrackingEnv(0)
     env = VectorTrackingEnv(COUNT, SHORT)
-    with pytest.raises(ValueError, match="3 seeds for 4"):
+    with pytest.raises(ValueError, match="a number or 4 of them"):
         env.reset(seed=[1, 2, 3])
 
 
@@ -441,3 +441,73 @@ def test_observations_belong_to_the_caller():
         other[name] += 1.0
     again, *_ = env.step(np.zeros((COUNT, 3)))
     assert env.observation_space.contains(again)
+
+
+def test_a_refused_reset_changes_nothing():
+    env, untouched = (VectorTrackingEnv(COUNT, SHORT) for _ in range(2))
+    for one in (env, untouched):
+        one.reset(seed=1)
+    vary = {"youngs_modulus": 0.2, "tension_gain": 0.5}
+    for bad in ({"vary": vary, "start_input": np.full(3, 500.0)}, {"vary": vary, "duration": 9.0}):
+        with pytest.raises(ValueError, match=r"start_input|duration must be at most"):
+            env.reset(seed=2, options=bad)
+    for action in actions(10):
+        observation, *_ = env.step(action)
+        expected, *_ = untouched.step(action)
+    for name, value in expected.items():
+        np.testing.assert_array_equal(observation[name], value)
+
+
+@pytest.mark.parametrize("duration", [0.012, 0.025, 0.1, 0.3])
+def test_durations_are_those_of_the_single_environment(duration):
+    options = {"duration": duration}
+    many = VectorTrackingEnv(COUNT, SHORT, autoreset_mode="Disabled")
+    single = TrackingEnv(SHORT)
+    many.reset(options=options)
+    single.reset(options=options)
+    over = False
+    while not over:
+        *_, truncated, _ = many.step(np.zeros((COUNT, 3)))
+        *_, over, _ = single.step(np.zeros(3, np.float32))
+        assert truncated.tolist() == [over] * COUNT
+
+
+def test_info_after_a_same_step_reset_is_of_the_new_episode():
+    env = VectorTrackingEnv(COUNT, SHORT, randomization=RANGES, autoreset_mode="SameStep")
+    env.reset(seed=0)
+    drawn = None
+    for action in actions(30):
+        *_, info = env.step(action)
+        drawn = info["variation"]["youngs_modulus"] if drawn is None else drawn
+    assert info["_final_info"].all() and not info["_reward_terms"].any()
+    np.testing.assert_array_equal(info["time"], 0.0)
+    np.testing.assert_array_equal(info["final_info"]["time"], np.full(COUNT, 0.3))
+    np.testing.assert_array_equal(info["final_info"]["variation"]["youngs_modulus"], drawn)
+    assert not np.any(info["variation"]["youngs_modulus"] == drawn)
+    assert np.all(info["final_info"]["reward_terms"]["tracking"] > 0)
+
+
+@pytest.mark.parametrize("kind", [list, tuple, np.array])
+def test_seeds_may_be_any_sequence(kind):
+    env = VectorTrackingEnv(COUNT, SHORT, randomization=RANGES)
+    found = [env.reset(seed=kind([5, 6, 7, 8]))[1]["variation"]["density"] for _ in range(2)]
+    np.testing.assert_array_equal(*found)
+    np.testing.assert_array_equal(found[0], env.reset(seed=5)[1]["variation"]["density"])
+    with pytest.raises(ValueError, match="seed must be a number or 4 of them"):
+        env.reset(seed=kind([1, 2]))
+
+
+@pytest.mark.parametrize(
+    ("vary", "reason"),
+    [
+        (None, "must be a dict"),
+        ({"speed": [1.0, 2.0, 3.0]}, "cannot vary 'speed'"),
+        ({"density": True}, "value of 'density'"),
+        ({"density": "abc"}, "value of 'density'"),
+        ({"density": [1.0, 2.0]}, "must be a number or 4"),
+    ],
+)
+def test_bad_variations_are_refused(vary, reason):
+    env = VectorTrackingEnv(COUNT, SHORT)
+    with pytest.raises(ValueError, match=reason):
+        env.reset(options={"vary": vary})

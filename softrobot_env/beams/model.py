@@ -112,11 +112,19 @@ class BeamModel:
         data: Reference to the structure for the kernels (`beams.mechanics`). Gravity enters it as
             a field `gravity` that all gravity forces are linear in.
         input_names: Names of the inputs.
+        inertia: How the mass is distributed: a name, or rigid bodies that are all of it.
+
+    Raises:
+        ValueError: The robot has what no beam model has: a head (unless given rigid bodies stand
+            for it), anisotropy or precurvature.
     """
+
+    inertia: str | Sequence[Any] = "distributed"
 
     def __init__(
         self, robot: RobotParams, loads: Sequence[Load] = (), drive: str = "tension"
     ) -> None:
+        _check_robot(robot, has_head=not isinstance(self.inertia, str))
         self.robot, self.loads, self.drive = robot, tuple(loads), drive
         self.data: Any = reference(self._data(make_actuation(robot, loads, drive)))
         self.input_names = tuple(x.name for x in (*robot.tendons, *loads))
@@ -472,6 +480,19 @@ class BeamModel:
                 f"{', '.join(self.input_names)}"
             )
         return u
+
+
+def _check_robot(robot: RobotParams, has_head: bool) -> None:
+    if robot.head is not None and not has_head:
+        raise ValueError(
+            f"robot {robot.name!r} has a head, which beam models know only as one of PCC's rigid "
+            "bodies: give all its mass as `inertia`, or take the MuJoCo chain"
+        )
+    if not robot.is_symmetric:
+        raise ValueError(
+            f"robot {robot.name!r}: beam models have no anisotropy and no precurvature, only the "
+            "MuJoCo chain has"
+        )
 
 
 def _sample_times(duration: float, samples: np.ndarray | float | None) -> np.ndarray:

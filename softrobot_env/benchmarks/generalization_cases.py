@@ -8,7 +8,7 @@ from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.benchmarks.controllers_cases import policies as known_policies
 from softrobot_env.control.registry import installed_policies, make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.report import make_row
+from softrobot_env.evaluation.report import make_row, variation_label
 from softrobot_env.evaluation.run import run_episode, warm_up
 from softrobot_env.tasks import Task, make_task
 
@@ -62,18 +62,6 @@ _QUICK_VARIATIONS: dict[str, tuple[Variation, ...]] = {
     "step": (NOMINAL, {"delay": 0.02}),
 }
 
-#: Name in `vary` -> how people read it, from the value and from what it is shown in.
-_NAMES = {
-    "youngs_modulus": ("E x {:g}", 1.0),
-    "density": ("rho x {:g}", 1.0),
-    "damping_time": ("mu x {:g}", 1.0),
-    "tendon_radius": ("r_t x {:g}", 1.0),
-    "tension_gain": ("gain x {:g}", 1.0),
-    "tendon_friction": ("friction {:g} N", 1.0),
-    "delay": ("delay {:g} ms", 1e3),
-    "sensor_noise": ("noise x {:g}", 1.0),
-}
-
 
 @dataclass(frozen=True)
 class Case:
@@ -109,11 +97,7 @@ class Case:
 
 def variation_name(variation: Variation) -> str:
     """A variation for people."""
-    parts = []
-    for name, value in variation.items():
-        text, factor = _NAMES[name]
-        parts.append(text.format(factor * value))
-    return ", ".join(parts) or "nominal"
+    return variation_label({"variation": variation}) or "nominal"
 
 
 def policies() -> list[str]:

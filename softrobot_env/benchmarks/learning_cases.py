@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -44,7 +44,7 @@ class Case:
             steps=_QUICK_STEPS,
             critic_steps=0,
             envs_per_task=1,
-            random_tasks=1,
+            drawn_tasks=1,
             batch=128,
             trials=({},),
             trial_duration=0.2,
@@ -85,7 +85,9 @@ class Run:
 def run_chain(chain: Sequence[str], seed: int, folder: Path, quick: bool) -> None:
     """Train what is missing in a folder, which then holds it; see `load_run`."""
     for name in chain:
-        if not _facts(folder, name, seed).is_file():
+        settings = _settings(name, seed, quick)
+        path = _facts(folder, name, seed)
+        if not path.is_file() or json.loads(path.read_text("utf-8"))["settings"] != settings:
             _train(name, seed, folder, quick)
 
 
@@ -93,9 +95,7 @@ def _train(name: str, seed: int, folder: Path, quick: bool) -> None:
     began = perf_counter()
     curve: list[Point] = []
     if name == IMITATION:
-        small = {"rounds": 1, "samples": 200, "shares": 1, "epochs": 1, "last_epochs": 1}
-        config = replace(ImitationConfig(), processes=0, **(small if quick else {}))
-        network = imitate(config, seed, _silent)
+        network = imitate(_imitation(quick), seed, _silent)
     else:
         case = CASES[name]
         start = Network.load(_file(folder, IMITATION, seed))[0] if case.warm else None
@@ -103,7 +103,25 @@ def _train(name: str, seed: int, folder: Path, quick: bool) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     save(network, _file(folder, name, seed), seed)
     facts = {"minutes": (perf_counter() - began) / 60, "curve": curve}
+    facts["settings"] = _settings(name, seed, quick)
     _facts(folder, name, seed).write_text(json.dumps(facts), encoding="utf-8")
+
+
+def _imitation(quick: bool) -> ImitationConfig:
+    small = {"rounds": 1, "samples": 200, "shares": 1, "epochs": 1, "last_epochs": 1}
+    return replace(ImitationConfig(), processes=0, **(small if quick else {}))
+
+
+def _settings(name: str, seed: int, quick: bool) -> dict[str, Any]:
+    """All that a training depends on, of the network it starts from as well."""
+    imitation = asdict(_imitation(quick))
+    if name == IMITATION:
+        found = {"seed": seed, "imitation": imitation}
+    else:
+        case = CASES[name]
+        found = {"seed": seed, "config": asdict(case.config(quick))}
+        found |= {"imitation": imitation} if case.warm else {}
+    return json.loads(json.dumps(found))
 
 
 def load_run(name: str, seed: int, folder: Path) -> Run:

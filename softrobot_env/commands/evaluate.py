@@ -9,6 +9,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
+from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands.arguments import (
     add_feedback,
     add_out,
@@ -20,8 +21,8 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.control.registry import POLICIES, installed_policies, make_policy
-from softrobot_env.envs.disturbances import NEUTRAL
-from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.disturbances import NEUTRAL, split
+from softrobot_env.envs.tracking import DEFAULT_PERIOD, TrackingEnv
 from softrobot_env.evaluation import report
 from softrobot_env.evaluation.run import run_episode, warm_up
 from softrobot_env.rollout import Rollout
@@ -91,7 +92,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--speeds",
         type=_speeds,
-        default=[0.1],
         metavar="V1,V2",
         help=f"largest speeds [m/s] of the references of {', '.join(UNSEEN_TASKS)}; default: 0.1",
     )
@@ -99,7 +99,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--path-seeds",
         nargs="+",
         type=int,
-        default=[0],
         metavar="N",
         help="seeds of the paths of the random task; default: 0",
     )
@@ -126,7 +125,9 @@ def run(args: argparse.Namespace) -> int:
     left_out = [name for name in POLICIES if name not in installed_policies()]
     if left_out and "all" in args.policies:
         console.print(f'Left out {", ".join(left_out)}: pip install "softrobot_env\\[mpc]"')
-    outcomes = _run_cases(list(_cases(args)), args, console)
+    cases = list(_cases(args))
+    _check(cases, args)
+    outcomes = _run_cases(cases, args, console)
     rows = [outcome.row for outcome in outcomes]
     report.write_json(args.out / "report.json", rows, args.command_line)
     shown = [outcome.shown_row for outcome in outcomes]
@@ -151,13 +152,34 @@ def _cases(args: argparse.Namespace) -> Iterator[Case]:
                 yield Case(task, policy, scales)
 
 
+def _check(cases: list[Case], args: argparse.Namespace) -> None:
+    """Refuse before the first episode what an environment would refuse in a later one.
+
+    Raises:
+        ValueError: An argument that no case uses, or a variation that a case cannot have.
+    """
+    names = {case.task.name for case in cases}
+    if args.speeds and not names & set(UNSEEN_TASKS):
+        raise ValueError(f"--speeds applies to {', '.join(UNSEEN_TASKS)} only")
+    if args.path_seeds and "random" not in names:
+        raise ValueError("--path-seeds applies to the random task only")
+    for case in cases:
+        if args.plant != MUJOCO and "tendon_friction" in case.variation:
+            raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
+        period = plant_options(args, case.policy).get("control_period", DEFAULT_PERIOD)
+        try:
+            split(case.variation, period)
+        except ValueError as error:
+            raise ValueError(f"{case.policy}: {error}") from None
+
+
 def _tasks(args: argparse.Namespace) -> Iterator[Task]:
     for name in expand_all(args.tasks, list(TASKS)):
         if name == "step":
             yield from (make_task(name, width) for width in dict.fromkeys(args.step_widths))
         elif name in UNSEEN_TASKS:
-            seeds = dict.fromkeys(args.path_seeds) if name == "random" else [None]
-            for seed, speed in itertools.product(seeds, dict.fromkeys(args.speeds)):
+            seeds = dict.fromkeys(args.path_seeds or [0]) if name == "random" else [None]
+            for seed, speed in itertools.product(seeds, dict.fromkeys(args.speeds or [0.1])):
                 yield make_task(name, speed=speed, seed=seed)
         else:
             yield make_task(name)

@@ -15,14 +15,12 @@ from rich.table import Table
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_out
 from softrobot_env.paths import models_dir
+from softrobot_env.training.progress import Show
 
 if TYPE_CHECKING:
     import numpy as np
 
 EXAMPLE = "softrobot train --algo ppo --randomize"
-
-#: Told the description of what is done, how much of it is done, and how much there is.
-Show = Callable[[str, int, int], None]
 
 #: What a training found, as pairs of a quantity and its value with unit.
 Figures = list[tuple[str, str]]
@@ -157,7 +155,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the command.
 
     Raises:
-        ValueError: Neither an artefact nor an algorithm is given, or both.
+        ValueError: Neither an artefact nor an algorithm is given, or both, or an argument of
+            reinforcement learning with an artefact.
         ImportError: A package is missing; says what to install.
     """
     if (args.what is None) == (args.algo is None):
@@ -165,6 +164,9 @@ def run(args: argparse.Namespace) -> int:
             f"give an artefact ({', '.join(TRAINERS)}) or an algorithm (--algo "
             f"{', '.join(train_rl.ALGORITHMS)})"
         )
+    foreign = train_rl.given(args) if args.what is not None else []
+    if foreign:
+        raise ValueError(f"{', '.join(foreign)}: only with --algo")
     console = Console()
     _check_packages(args)
     args.out.mkdir(parents=True, exist_ok=True)

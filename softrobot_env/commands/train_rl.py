@@ -2,6 +2,7 @@
 
 import argparse
 from dataclasses import fields, replace
+from math import isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
 
 #: Known without loading stable-baselines3; a test holds both to the training's own.
 ALGORITHMS = ("ppo", "sac", "td3")
-TASKS = ("step", "swing", "lshape", "random")
+TASKS = ("step", "swing", "lshape", "drawn")
 
 PACKAGES = ("torch", "stable_baselines3")
 
@@ -31,7 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=names_or_all(list(TASKS)),
         default=["all"],
         metavar="TASK",
-        help=f"out of {', '.join(TASKS)} (random references); default: all",
+        help=f"out of {', '.join(TASKS)} (references drawn at random); default: all",
     )
     group.add_argument(
         "--start",
@@ -67,11 +68,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _setting(text: str) -> tuple[str, float]:
     """`name=number`."""
-    name, _, value = text.partition("=")
+    name, _, text_of_number = text.partition("=")
     try:
-        return name, float(value)
+        value = float(text_of_number)
     except ValueError:
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER") from None
+        value = nan
+    if not isfinite(value):
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER")
+    return name, value
+
+
+def given(args: argparse.Namespace) -> list[str]:
+    """Names of the arguments of `add_arguments` that were given."""
+    parser = argparse.ArgumentParser()
+    add_arguments(parser)
+    names = vars(parser.parse_args([]))
+    return [f"--{name}" for name, default in names.items() if getattr(args, name) != default]
 
 
 def name_of(args: argparse.Namespace) -> str:
@@ -114,16 +126,19 @@ def _config(args: argparse.Namespace) -> "RLConfig":
     for name, value in args.set:
         if name not in numbers:
             raise ValueError(f"cannot set {name!r}; choose from {', '.join(numbers)}")
-        if numbers[name] is int and value != int(value):
+        if numbers[name] is int and not value.is_integer():
             raise ValueError(f"{name} must be a whole number, got {value:g}")
         given[name] = numbers[name](value)
     return replace(config, **given)
 
 
 def _start(args: argparse.Namespace, path: Path) -> "Network | None":
-    from softrobot_env.learned.network import Network
+    from softrobot_env.learned.quasi_static import load_for
+    from softrobot_env.robots import ARM
     from softrobot_env.training.shipping import load_start
 
-    if args.start == _NO_START:
+    if args.start == _NO_START or args.resume:
         return None
-    return load_start(path) if args.start == _START else Network.load(Path(args.start))[0]
+    if args.start == _START:
+        return load_start(path)
+    return load_for(Path(args.start), ARM, "softrobot train")[0]

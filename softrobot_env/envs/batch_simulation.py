@@ -18,6 +18,7 @@ _PROPORTIONAL = {
 }
 
 _NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+_DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 _STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
 _NO_STAGE = int(mujoco.mjtStage.mjSTAGE_NONE)
 
@@ -55,7 +56,7 @@ class BatchSimulation:
     def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
 
-        Timestep and integrator stay those of the scene.
+        The timestep stays that of the scene, and its integrator where tendons do not rub.
 
         Args:
             which: (k,) int, increasing, the simulations.
@@ -90,8 +91,11 @@ class BatchSimulation:
         loss = self.scene.model.tendon_frictionloss + friction[:, None]
         self._batch.expand("tendon_frictionloss")[which] = loss
         flags = self.scene.model.opt.disableflags | _NO_CONSTRAINT
-        constrained = loss.any(axis=1)
-        self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * constrained)
+        rubbing = loss.any(axis=1)
+        self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * rubbing)
+        if self.scene.config.integrator is None:
+            nominal = self.scene.model.opt.integrator
+            self._batch.expand("opt.integrator")[which] = np.where(rubbing, _DISCRETE, nominal)
 
     @property
     def count(self) -> int:

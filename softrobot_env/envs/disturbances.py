@@ -24,8 +24,9 @@ MAY_VANISH = (*robots.MAY_VANISH, "delay", "sensor_noise")
 #: Largest values: [s], and [1] the noise for which observation spaces leave room.
 LARGEST = {"delay": 1.0, "sensor_noise": 10.0}
 
-#: Standard deviation of noise of scale 1: 0.1 mm, 5 mm/s, 0.01 1/m and 0.5 1/(m s). Other
-#: observables have none.
+#: Standard deviation of noise of scale 1: 0.1 mm, 5 mm/s, 0.01 1/m and 0.5 1/(m s), anew in every
+#: control period: a policy that looks more often can average more of it. Other observables have
+#: none.
 SENSOR_NOISE = {
     "tip_position": 1e-4,
     "tip_velocity": 5e-3,
@@ -122,10 +123,13 @@ def periods(delay: float, control_period: float) -> int:
 
 
 def rounded(variation: dict[str, float], control_period: float) -> dict[str, float]:
-    """The variation with its delay at the nearest multiple of the control period."""
+    """The variation with its delay at the nearest allowed multiple of the control period."""
     if "delay" not in variation:
         return variation
-    return variation | {"delay": round(variation["delay"] / control_period) * control_period}
+    most = int(LARGEST["delay"] / control_period + _WHOLE)
+    return variation | {
+        "delay": min(round(variation["delay"] / control_period), most) * control_period
+    }
 
 
 def noise_seed(rng: np.random.Generator) -> int:

@@ -8,7 +8,7 @@ from gymnasium import spaces
 from softrobot_env.envs.readout import Readout
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.build import Scene, at_timestep_of, build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.statics import equilibrium
@@ -53,8 +53,14 @@ class MujocoPlant:
         return curvature[self.layout.piece] * self.layout.weights
 
     def simulation(self, vary: dict[str, float]) -> Simulation:
-        """New simulation of the nominal robot, or of a variation of it."""
-        return Simulation(self._build(self.robot.vary(**vary)) if vary else self.nominal)
+        """New simulation of the nominal robot, or of a variation of it at the same timestep.
+
+        Were the timestep chosen anew, variations would differ by its error too, and from those of
+        many environments, which share one. It is chosen anew only where it would be unstable.
+        """
+        if not vary:
+            return Simulation(self.nominal)
+        return Simulation(at_timestep_of(self._build(self.robot.vary(**vary)), self.nominal))
 
     def readout(self, simulation: Simulation) -> Readout:
         """Measurements of a simulation."""

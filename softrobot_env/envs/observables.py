@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -35,14 +36,16 @@ class Sizes:
         return mujoco.mjMAXVAL * len(self.layout.stations)
 
 
-def _symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
+def symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
+    """Box (size,) of float64 between -bound and bound."""
     high = np.broadcast_to(np.asarray(bound, dtype=np.float64), (size,))
     return spaces.Box(-high, high, dtype=np.float64)
 
 
-def _position(size: int, robot: RobotParams) -> spaces.Box:
+def positions(size: int, robot: RobotParams) -> spaces.Box:
+    """Coordinates [m] of points within the robot's reach."""
     # The margin covers the rounding of a straight robot's tip.
-    return _symmetric(size, robot.length * (1 + 1e-9))
+    return symmetric(size, robot.reach * (1 + 1e-9))
 
 
 def _tendon_length(sizes: Sizes) -> spaces.Box:
@@ -52,23 +55,24 @@ def _tendon_length(sizes: Sizes) -> spaces.Box:
     return spaces.Box(ends - change, ends + change, dtype=np.float64)
 
 
-def _tendon_tension(sizes: Sizes) -> spaces.Box:
+def tensions(sizes: Any) -> spaces.Box:
+    """Tensions [N] of the tendons of `sizes.robot`, up to their limits."""
     limit = np.array([t.tension_limit for t in sizes.robot.tendons])
     return spaces.Box(np.zeros_like(limit), limit * (1 + 1e-9), dtype=np.float64)
 
 
 #: Space of every observable. In a planar robot positions are (x, z).
 OBSERVABLES: dict[str, Callable[[Sizes], spaces.Box]] = {
-    "tip_position": lambda s: _position(2, s.robot),
-    "tip_velocity": lambda s: _symmetric(2, s.turning_rate * s.robot.length),
-    "curvature": lambda s: _symmetric(s.n_pieces, s.robot.curvature_limit),
-    "curvature_rate": lambda s: _symmetric(s.n_pieces, s.turning_rate / s.layout.piece_length),
-    "tendon_tension": _tendon_tension,
+    "tip_position": lambda s: positions(2, s.robot),
+    "tip_velocity": lambda s: symmetric(2, s.turning_rate * s.robot.length),
+    "curvature": lambda s: symmetric(s.n_pieces, s.robot.curvature_limit),
+    "curvature_rate": lambda s: symmetric(s.n_pieces, s.turning_rate / s.layout.piece_length),
+    "tendon_tension": tensions,
     "tendon_length": _tendon_length,
-    "reference": lambda s: _position(2, s.robot),
-    "reference_velocity": lambda s: _symmetric(2, REFERENCE_SPEED * s.robot.length),
-    "reference_preview": lambda s: _position(2 * s.n_preview, s.robot),
-    "previous_action": lambda s: _symmetric(s.tendon_map.n_inputs, 1.0),
+    "reference": lambda s: positions(2, s.robot),
+    "reference_velocity": lambda s: symmetric(2, REFERENCE_SPEED * s.robot.length),
+    "reference_preview": lambda s: positions(2 * s.n_preview, s.robot),
+    "previous_action": lambda s: symmetric(s.tendon_map.n_inputs, 1.0),
 }
 
 #: What agents see unless they choose.
@@ -84,15 +88,19 @@ DEFAULT_OBSERVABLES = (
 )
 
 
-def observation_space(names: tuple[str, ...], sizes: Sizes) -> spaces.Dict:
-    """Dict space of the named observables.
+def observation_space(
+    names: tuple[str, ...],
+    sizes: Any,
+    observables: dict[str, Callable[[Any], spaces.Box]] = OBSERVABLES,
+) -> spaces.Dict:
+    """Dict space of the named ones of an environment's `observables`.
 
     Raises:
         ValueError: No name, an unknown name or a repeated one.
     """
-    unknown = [n for n in names if n not in OBSERVABLES]
+    unknown = [n for n in names if n not in observables]
     if unknown or not names or len(set(names)) < len(names):
         raise ValueError(
-            f"observe needs distinct names out of {', '.join(OBSERVABLES)}; got {list(names)}"
+            f"observe needs distinct names out of {', '.join(observables)}; got {list(names)}"
         )
-    return spaces.Dict({name: OBSERVABLES[name](sizes) for name in names})
+    return spaces.Dict({name: observables[name](sizes) for name in names})

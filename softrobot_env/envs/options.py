@@ -44,21 +44,15 @@ def parse_options(options: dict[str, Any] | None, n_inputs: int, n_pieces: int) 
     Raises:
         ValueError: Unknown option, wrong shape, a value out of range, or two starts.
     """
-    if not isinstance(options, dict | None):
-        raise ValueError(f"options must be a dict, got {options!r}")
-    given = dict(options or {})
-    unknown = sorted(set(given) - set(OPTIONS), key=str)
-    if unknown:
-        listed = "; ".join(f"{name}: {text}" for name, text in OPTIONS.items())
-        raise ValueError(f"unknown reset option {unknown[0]!r}; allowed are {listed}")
+    given = known_options(options, OPTIONS)
     if "start_input" in given and "start_curvature" in given:
         raise ValueError("give start_input or start_curvature, not both")
     for name, size in (("start_input", n_inputs), ("start_curvature", n_pieces)):
         if name in given:
-            given[name] = _vector(name, given[name], size)
+            given[name] = vector(name, given[name], size)
     for name in ("step_width", "duration"):
         if name in given:
-            given[name] = _positive(name, given[name])
+            given[name] = positive(name, given[name])
     if not isinstance(given.get("vary", {}), dict):
         raise ValueError(f"option 'vary' must be a dict of numbers, got {given['vary']!r}")
     for name, value in given.get("vary", {}).items():
@@ -66,7 +60,20 @@ def parse_options(options: dict[str, Any] | None, n_inputs: int, n_pieces: int) 
     return ResetOptions(**given)
 
 
-def _positive(name: str, value: Any) -> float:
+def known_options(options: dict[str, Any] | None, allowed: dict[str, str]) -> dict[str, Any]:
+    """A copy of the options of a reset; ValueError if one is not among `allowed` (with texts)."""
+    if not isinstance(options, dict | None):
+        raise ValueError(f"options must be a dict, got {options!r}")
+    given = dict(options or {})
+    unknown = sorted(set(given) - set(allowed), key=str)
+    if unknown:
+        listed = "; ".join(f"{name}: {text}" for name, text in allowed.items())
+        raise ValueError(f"unknown reset option {unknown[0]!r}; allowed are {listed}")
+    return given
+
+
+def positive(name: str, value: Any) -> float:
+    """The value of an option as a positive number, a duration up to the longest."""
     number = as_number(value)
     if number is None or not 0 < number < np.inf:
         raise ValueError(f"option {name!r} must be a positive number, got {value!r}")
@@ -75,7 +82,8 @@ def _positive(name: str, value: Any) -> float:
     return number
 
 
-def _vector(name: str, value: Any, size: int) -> np.ndarray:
+def vector(name: str, value: Any, size: int) -> np.ndarray:
+    """The value of an option as finite numbers (size,)."""
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):

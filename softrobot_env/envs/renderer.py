@@ -7,7 +7,9 @@ copies the posture into it, and adds the reference, the target and the trail of 
 import threading
 import time
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
+from math import degrees
 from typing import Protocol
 
 import mujoco
@@ -26,6 +28,7 @@ _MAX_GEOMS = 2000
 _PATH_POINTS = 50
 _TRAIL_POINTS = 300
 _TRAIL_STEP = 0.008  # m between two points of the trail
+_FULL_SIZE = 0.4  # m of reach from which on target and tip are drawn in full size
 
 _SLACK = np.array([0.62, 0.67, 0.76, 1.0])
 _TIGHT = np.array([0.75, 0.0, 0.10, 1.0])
@@ -46,6 +49,7 @@ class Frame:
         tension: (n_tendons,) [N].
         target: (3,) [m], the reference now.
         path: (k, 3) [m], the whole reference; two points are shown as points.
+        jumps: Whether the reference jumps between the points of its path; then all are points.
     """
 
     episode: int
@@ -54,6 +58,7 @@ class Frame:
     tension: np.ndarray
     target: np.ndarray
     path: np.ndarray
+    jumps: bool = False
 
 
 class Renderer(Protocol):
@@ -140,8 +145,10 @@ class WindowRenderer:
             self._view.model, self._view.data, show_left_ui=False, show_right_ui=False
         )
         camera = self._window.cam
-        camera.lookat[:] = (0.0, 0.0, config.robot.length / 2)
-        camera.distance, camera.azimuth, camera.elevation = 2.2 * config.robot.length, 90.0, 0.0
+        reach = config.robot.reach
+        camera.lookat[:] = (0.0, 0.0, reach / 2)
+        camera.distance, camera.azimuth = 2.2 * reach, 90.0
+        camera.elevation = -degrees(self._view.camera.elevation)
         self._threads = set(threading.enumerate()) - others
         self._last = (0.0, 0.0)  # simulated and wall-clock time [s] of the last frame
 
@@ -179,9 +186,14 @@ class _View:
             integrator="discrete",  # stable for every robot; the view never integrates
             sensors=(),
         )
+        self.camera = drawn.cameras[0]
         self.model = build_scene(drawn).model
         self.data = mujoco.MjData(self.model)
-        self._radius = config.robot.outer_radius
+        # Layers lie in front of the body, which in space comes nearer by up to its reach. Moved
+        # along the line of sight they stay where they are in the picture.
+        room = config.robot.reach if config.bending == "spatial" else 0.0
+        self._front = config.robot.outer_radius + room
+        self._disc_size = min(1.0, config.robot.reach / _FULL_SIZE)
         self._limit = np.array([t.tension_limit for t in config.robot.tendons])
         self._lines = [_line_id(self.model, t.name) for t in config.robot.tendons]
         self._tip = self.data.site(TIP_SITE).xpos
@@ -204,24 +216,26 @@ class _View:
             self._trail.clear()
         self._episode = episode
         tip = self._tip.copy()
-        if not self._trail or np.linalg.norm(tip - self._trail[-1]) > _TRAIL_STEP:
+        if not self._trail or np.linalg.norm(tip - self._trail[-1]) > _TRAIL_STEP * self._disc_size:
             self._trail.append(tip)
             del self._trail[:-_TRAIL_POINTS]
 
     def decorate(self, scene: mujoco.MjvScene, frame: Frame) -> None:
         """Add reference, target, trail and tip, in layers in front of the body."""
-        layer = self._radius + 0.008 + 0.004 * np.arange(6)
-        if len(frame.path) > 2:
-            _add_line(scene, _in_front(_thinned(frame.path), layer[0]), 0.0016, _PATH)
+        towards = np.array(self.camera.towards)
+        layer = (self._front + 0.008 + 0.004 * np.arange(6))[:, None] * towards
+        disc = partial(_add_disc, scene, up=np.array(self.camera.up), towards=towards)
+        size = self._disc_size
+        if len(frame.path) > 2 and not frame.jumps:
+            _add_line(scene, _thinned(frame.path) + layer[0], 0.0016, _PATH)
         else:
-            for point in _in_front(frame.path, layer[0]):
-                _add_disc(scene, point, 0.005, _PATH)
-        target = frame.target[None]
-        _add_disc(scene, _in_front(target, layer[1])[0], 0.014, _TARGET)
-        _add_disc(scene, _in_front(target, layer[2])[0], 0.010, _WHITE)
+            for point in frame.path:
+                disc(point + layer[0], 0.005 * size, _PATH)
+        disc(frame.target + layer[1], 0.014 * size, _TARGET)
+        disc(frame.target + layer[2], 0.010 * size, _WHITE)
         trail = np.array([*self._trail, self._tip])
-        _add_line(scene, _in_front(trail, layer[3]), 0.0022, _TRAIL)
-        _add_disc(scene, _in_front(trail[-1:], layer[5])[0], 0.006, _TRAIL)
+        _add_line(scene, trail + layer[3], 0.0022 * size, _TRAIL)
+        disc(self._tip + layer[5], 0.006 * size, _TRAIL)
 
 
 def _line_id(model: mujoco.MjModel, tendon: str) -> int:
@@ -236,11 +250,6 @@ def _thinned(path: np.ndarray) -> np.ndarray:
     return np.concatenate((path[:-1:stride], path[-1:]))
 
 
-def _in_front(points: np.ndarray, distance: float) -> np.ndarray:
-    """Points (k, 3) [m] moved towards the camera, which sees no difference in position."""
-    return points - np.array([0.0, distance, 0.0])
-
-
 def _add_line(scene: mujoco.MjvScene, points: np.ndarray, radius: float, rgba: np.ndarray) -> None:
     for start, end in pairwise(points):
         geom = _next_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), rgba)
@@ -249,13 +258,20 @@ def _add_line(scene: mujoco.MjvScene, points: np.ndarray, radius: float, rgba: n
         mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE.value, radius, start, end)
 
 
-def _add_disc(scene: mujoco.MjvScene, center: np.ndarray, radius: float, rgba: np.ndarray) -> None:
-    """Thin disc facing the camera."""
+def _add_disc(
+    scene: mujoco.MjvScene,
+    center: np.ndarray,
+    radius: float,
+    rgba: np.ndarray,
+    up: np.ndarray,
+    towards: np.ndarray,
+) -> None:
+    """Thin disc facing the camera, in the direction `towards` (3,)."""
     size = np.array([radius, 0.0005, 0.0])
     geom = _next_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, size, rgba)
     if geom is not None:
         geom.pos[:] = center
-        geom.mat[:] = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]
+        geom.mat[:] = np.stack([np.cross(up, towards), up, towards], axis=1)
 
 
 def _next_geom(

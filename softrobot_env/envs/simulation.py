@@ -42,6 +42,10 @@ class Simulation:
         self.model = self.data.model
         self.scene = replace(self.scene, model=self.model)
         self._warnings = self.data.warning.number
+        if self.scene.timestep.integrator == "discrete":
+            # A pickle leaves out what the first half of a step prepares for the second.
+            mujoco.mj_fwdPosition(self.model, self.data)
+            mujoco.mj_fwdVelocity(self.model, self.data)
 
     @property
     def ctrl(self) -> np.ndarray:
@@ -79,6 +83,38 @@ class Simulation:
             mj_step(model, data, substeps)
         mj_step1(model, data)
         return self._warnings.tobytes() == _HEALTHY
+
+    def advance_through(self, controls: np.ndarray) -> bool:
+        """Integrate over one control period with controls (k, nu), one row per timestep.
+
+        At most one row more than the period has timesteps. The last row holds for the rest of the
+        period, and is in force at its end. Rows at the timesteps' starts are the most accurate for
+        controls that change steadily: they come half a step late, which makes up for the half step
+        by which the integrator lets forces act early.
+
+        Returns:
+            Whether all went well; if not, `failure` says what happened.
+        """
+        model, data, ctrl = self.model, self.data, self.data.ctrl
+        for index, row in enumerate(controls[:-1]):
+            ctrl[:] = row
+            if index == 0 and self._splits:
+                mj_step2(model, data)
+            else:
+                mj_step(model, data)
+        ctrl[:] = controls[-1]
+        taken = len(controls) - 1
+        if not taken:
+            return self.advance()
+        if self._substeps > taken:
+            mj_step(model, data, self._substeps - taken)
+        mj_step1(model, data)
+        return self._warnings.tobytes() == _HEALTHY
+
+    @property
+    def step_times(self) -> np.ndarray:
+        """Times [s] of the ends of a control period's timesteps, since its start."""
+        return self.model.opt.timestep * np.arange(1, self._substeps + 1)
 
     def failure(self) -> str | None:
         """What diverged and when, or None. MuJoCo's own reset is switched off in our scenes."""

@@ -1,10 +1,8 @@
 """Tip tracking with one simulated robot."""
 
 from dataclasses import replace
-from math import hypot
 from typing import Any, ClassVar
 
-import gymnasium
 import numpy as np
 from gymnasium import spaces
 
@@ -17,6 +15,7 @@ from softrobot_env.envs.disturbances import (
     split,
     with_noise,
 )
+from softrobot_env.envs.episodes import EpisodeEnv
 from softrobot_env.envs.mujoco_plant import MujocoPlant
 from softrobot_env.envs.observables import (
     DEFAULT_OBSERVABLES,
@@ -33,21 +32,19 @@ from softrobot_env.envs.options import (
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.readout import NoisyReadout
 from softrobot_env.envs.reference import sample_reference
-from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.interfaces import Observation, PlantFactory
-from softrobot_env.scene.build import Scene
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tendon_map import TendonMap
 
+#: [s].
+DEFAULT_PERIOD = 0.01
+
 _DEFAULT_RULE = "balanced2"
 
-#: What `_install` takes from a simulation anew; a copy or a pickle goes without.
-_REBUILT = {"model", "data", "_advance", "_ctrl", "_readout", "_readers", "_renderer"}
 
-
-class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
+class TrackingEnv(EpisodeEnv):
     """Move the tip of a tendon-driven robot along a reference.
 
     The action is a vector in [-1, 1], one entry per tendon pair. Times `input_scale` [N] it is the
@@ -106,7 +103,7 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self,
         task: str | Task = "swing",
         *,
-        control_period: float = 0.01,
+        control_period: float = DEFAULT_PERIOD,
         observe: tuple[str, ...] | str = DEFAULT_OBSERVABLES,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
         reward: TrackingReward | None = None,
@@ -191,11 +188,6 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
 
     # ------------------------------------------------------------------ simulation
 
-    @property
-    def scene(self) -> Scene | None:
-        """The scene of the running episode; None with another plant than the MuJoCo chain."""
-        return self._simulation.scene
-
     def _install(self, simulation: Simulation | BeamSimulation) -> None:
         """Make a simulation the running one."""
         self._simulation = simulation
@@ -208,20 +200,6 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._advance, self._ctrl = simulation.advance, simulation.ctrl
         readout = self._plant.readout(simulation)
         self._readout = readout if self._noise is None else NoisyReadout(readout, self._noise)
-
-    def _bind_observation(self, index: int) -> None:
-        """Prepare the observations from control instant `index` on.
-
-        Every observation takes the next row of the episode's own copies of the reference: none is
-        shared between observations, and none is copied in a step.
-        """
-        sources = self._readout.sources()
-        sources |= {name: iter(rows[index:]).__next__ for name, rows in self._rows.items()}
-        sources["previous_action"] = lambda: self._action_array
-        self._readers = [(name, sources[name]) for name in self.observation_space]
-
-    def __getstate__(self) -> dict:
-        return {k: v for k, v in self.__dict__.items() if k not in _REBUILT}
 
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
@@ -332,115 +310,11 @@ class TrackingEnv(gymnasium.Env[Observation, np.ndarray]):
         self._measure()
         self._last_observation = {name: read() for name, read in self._readers}
 
-    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Apply an action (n_inputs,) in [-1, 1] for one control period.
-
-        Raises:
-            ValueError: Wrong shape, NaN, or a value outside [-1, 1].
-            gymnasium.error.ResetNeeded: The episode is over or was never started.
-        """
-        values = self._checked(action)
-        self._action_array = array = action.astype(np.float64)
-        self._pull(array, self._ctrl)
-        healthy = self._advance()
-        self._index = index = self._index + 1
-        previous, self._action = self._action, values
-        failure = self._measure()
-        if not healthy:
-            failure = self._simulation.failure() or failure
-        if failure is not None:
-            return self._fail(failure)
-        terms = self._reward.terms(self._error, values, previous)
-        truncated = index >= self._last_index
-        self._running = not truncated
-        self._last_observation = observation = {name: read() for name, read in self._readers}
-        if self.render_mode == "human":
-            self.render()
-        return observation, sum(terms.values()), False, truncated, self._info(terms)
-
     def _pull_through_drives(self, action: np.ndarray, out: np.ndarray) -> None:
         out[:] = self._drives.apply(self._commanded(action))[0]
 
-    def _checked(self, action: np.ndarray) -> list[float]:
-        """The action as a list of floats."""
-        if not self._running:
-            raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        valid = isinstance(action, np.ndarray) and action.shape == self._action_shape
-        values = action.tolist() if valid else []
-        try:
-            for value in values:
-                valid = valid and -1.0 <= value <= 1.0  # False for NaN
-        except TypeError:  # no numbers
-            valid = False
-        if not valid:
-            raise ValueError(
-                f"action must be an array of {self._n_inputs} numbers in [-1, 1], got {action!r} "
-                "(gymnasium.wrappers.ClipAction clips)"
-            )
-        return values
-
-    def _measure(self) -> str | None:
-        """Update measurements and error; return what left the workspace, or None."""
-        readout = self._readout
-        outside = readout.update()
-        x, z = readout.tip
-        x_ref, z_ref = self._points[self._index]
-        self._error = hypot(x - x_ref, z - z_ref)
-        return outside
-
-    def _fail(self, failure: str) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        self._running = False
-        terms = self._reward.failed_terms()
-        last = {name: value.copy() for name, value in self._last_observation.items()}
-        return last, sum(terms.values()), True, False, self._info(terms) | {"failure": failure}
-
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        info = {
-            "time": self._index * self.control_period,
-            "error": self._error,
-            "tendon_tension": self._readout.tendon_tension(),
-            "tendon_length": self._readout.tendon_length(),
-            "reward_terms": terms,
-        }
+        info = super()._info(terms)
         if self._randomization is not None:
             info["variation"] = dict(self._vary)
-        if self._noise is not None:
-            info |= self._readout.truth()
         return info
-
-    # ------------------------------------------------------------------ pictures
-
-    def render(self) -> np.ndarray | None:
-        """Frame (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
-
-        Raises:
-            RenderError: No OpenGL (or, in mode "human", no display); says what to install.
-            gymnasium.error.ResetNeeded: Nothing was started yet.
-        """
-        if self._last_observation is None:
-            raise gymnasium.error.ResetNeeded("call reset() before render()")
-        if self.render_mode is None:
-            gymnasium.logger.warn(
-                'render() does nothing without a render mode; pass render_mode="rgb_array"'
-            )
-            return None
-        if self._renderer is None:
-            self._renderer = make_renderer(self.render_mode, self._plant.config, self._frame_size)
-        return self._renderer.draw(self._frame())
-
-    def _frame(self) -> Frame:
-        x, z = self._points[self._index]
-        return Frame(
-            episode=self._episode,
-            time=self._simulation.time,
-            qpos=self._simulation.posture,
-            tension=self._readout.tendon_tension(),
-            target=np.array([x, 0.0, z]),
-            path=self._current.trajectory.path(),
-        )
-
-    def close(self) -> None:
-        """Free the renderer; closing twice is harmless."""
-        if self._renderer is not None:
-            self._renderer.close()
-            self._renderer = None

@@ -1,7 +1,6 @@
 """Tip tracking with many robots at once."""
 
-from copy import deepcopy
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -15,17 +14,16 @@ from softrobot_env.envs.disturbances import (
     SENSOR_NOISE,
     Drives,
     SensorNoise,
-    check_value,
     noise_seed,
-    periods,
     rounded,
 )
 from softrobot_env.envs.observables import DEFAULT_OBSERVABLES
 from softrobot_env.envs.options import parse_options
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.reference import PLANE
+from softrobot_env.envs.reference import PLANE, instants
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.vector_options import parse_mask, parse_seeds, parse_variation
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import VARIABLE
 from softrobot_env.scene.tendons import straight_length
@@ -34,6 +32,14 @@ from softrobot_env.tendon_map import TendonMap
 
 #: Reset options that hold for all environments of a call alike.
 _MASK = "reset_mask"
+
+
+class _Start(NamedTuple):
+    """How episodes begin: reduced input [N], hinge angles [rad], and index of the last instant."""
+
+    input: np.ndarray
+    posture: np.ndarray
+    last: int
 
 
 class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.ndarray]):
@@ -128,6 +134,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._started = False
         self._observation: Observation | None = None
         self._names = tuple(self.single_observation_space)
+        self._usual = self._start({})
 
     # ------------------------------------------------------------------ episodes
 
@@ -148,72 +155,57 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         Raises:
             ValueError: A bad option; the message names what is allowed.
         """
+        # Everything that can be refused comes before anything is changed.
         given = dict(options or {})
-        which = self._masked(given.pop(_MASK, None))
-        variation = self._given_variation(given.pop("vary", None))
-        self._seed(seed)
-        self._begin(which, given, variation)
+        which = parse_mask(given.pop(_MASK, None), self.num_envs)
+        if not self._started and len(which) < self.num_envs:
+            raise ValueError("the first reset must be of all environments")
+        variation = None
+        if "vary" in given:
+            variation = parse_variation(given.pop("vary"), self.num_envs, self.control_period)
+        start, seeds = self._start(given), parse_seeds(seed, self.num_envs)
+        self._seed(seeds)
+        self._begin(which, start, variation)
         self._started = True
         self._observation = self._observe(which)
         return self._observation, self._info(None)
 
-    def _seed(self, seed: int | list[int | None] | None) -> None:
+    def _seed(self, seeds: list[int | None]) -> None:
         """A generator for each environment, as the single environment's of the same seed."""
-        seeds = seed if isinstance(seed, list) else [None] * self.num_envs
-        if isinstance(seed, int | np.integer):
-            seeds = [int(seed) + i for i in range(self.num_envs)]
-        if len(seeds) != self.num_envs:
-            raise ValueError(f"got {len(seeds)} seeds for {self.num_envs} environments")
         for i, one in enumerate(seeds):
             if i == len(self._generators):
                 self._generators.append(seeding.np_random(one)[0])
             elif one is not None:
                 self._generators[i] = seeding.np_random(one)[0]
 
-    def _given_variation(self, vary: Any) -> dict[str, np.ndarray] | None:
-        """Values (n,) of every variation from the option, None without it."""
-        if vary is None:
-            return None
-        if not isinstance(vary, dict):
-            raise ValueError(f"option 'vary' must be a dict of numbers, got {vary!r}")
-        out = {name: np.full(self.num_envs, value) for name, value in NEUTRAL.items()}
-        for name, value in vary.items():
-            values = np.asarray(value, dtype=float)
-            if values.shape not in ((), (self.num_envs,)):
-                raise ValueError(
-                    f"values of {name!r} must be a number or {self.num_envs}, got {value!r}"
-                )
-            for one in set(values.ravel().tolist()):
-                check_value(name, one)
-                if name == "delay":
-                    periods(one, self.control_period)  # refuses fractions
-            out[name][:] = values
-        return out
+    def _start(self, options: dict[str, Any]) -> _Start:
+        """What the options ask for.
 
-    def _masked(self, mask: Any) -> np.ndarray:
-        """Indices of a mask (n,) bool, all for None."""
-        if mask is None:
-            return np.arange(self.num_envs)
-        mask = np.asarray(mask)
-        if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
-            raise ValueError(
-                f"reset_mask must be {self.num_envs} truth values, some of them true, got {mask!r}"
-            )
-        if not self._started and not mask.all():
-            raise ValueError("the first reset must be of all environments")
-        return np.flatnonzero(mask)
-
-    def _begin(
-        self,
-        which: np.ndarray,
-        options: dict[str, Any],
-        variation: dict[str, np.ndarray] | None = None,
-    ) -> None:
-        """Start episodes of the environments `which` (k,), of varied robots if so given."""
+        Raises:
+            ValueError: A bad option; the message names what is allowed.
+        """
         one = self._one
         parsed = parse_options(options, len(self.input_scale), self._pieces)
         if parsed.step_width is not None:
             raise ValueError("step_width is an option of the single environment only")
+        last = self._table.last_index
+        if parsed.duration is not None:
+            last = instants(parsed.duration, self.control_period)
+            if last > self._table.last_index:
+                raise ValueError(
+                    f"duration must be at most the task's, {self.task.duration:g} s, got "
+                    f"{parsed.duration:g}: only single environments go on longer"
+                )
+        start_input = one._start_input(parsed, self.task)
+        return _Start(start_input, one._start_posture(parsed, start_input), last)
+
+    def _begin(
+        self,
+        which: np.ndarray,
+        start: _Start,
+        variation: dict[str, np.ndarray] | None = None,
+    ) -> None:
+        """Start episodes of the environments `which` (k,), of varied robots if so given."""
         for name, values in self._variation.items():
             values[which] = NEUTRAL[name] if variation is None else variation[name][which]
         if variation is None and self._randomization is not None:
@@ -222,16 +214,11 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 for name, value in rounded(drawn, self.control_period).items():
                     self._variation[name][i] = value
         self._simulation.vary(which, {name: self._variation[name][which] for name in VARIABLE})
-        start_input = one._start_input(parsed, self.task)
-        posture = one._start_posture(parsed, start_input)
-        tension = self._start_drives(which, one._tendon_map.tension(start_input))
-        self._simulation.reset(which, posture, tension)
+        tension = self._start_drives(which, self._one._tendon_map.tension(start.input))
+        self._simulation.reset(which, start.posture, tension)
         self._start_noise(which)
-        last = self._table.last_index
-        if parsed.duration is not None:
-            last = min(last, max(1, round(parsed.duration / self.control_period)))
-        self._index[which], self._last[which] = 0, last
-        self._action[which] = start_input / self.input_scale
+        self._index[which], self._last[which] = 0, start.last
+        self._action[which] = start.input / self.input_scale
         self._done[which] = False
 
     def _start_drives(self, which: np.ndarray, tension: np.ndarray) -> np.ndarray:
@@ -277,7 +264,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         failed = self._advance(ended)
         self._index += 1
         if ended is not None:
-            self._begin(np.flatnonzero(ended), {})
+            self._begin(np.flatnonzero(ended), self._usual)
         return self._result(previous, failed, ended)
 
     def _advance(self, ended: np.ndarray | None) -> np.ndarray:
@@ -307,7 +294,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             info |= {"failure": failures, "_failure": terminated.copy()}
         self._done = terminated | truncated
         if self._mode == AutoresetMode.SAME_STEP and self._done.any():
-            info |= self._restart(info)
+            info = self._restart(info)
         return self._observation, sum(terms.values()), terminated, truncated, info
 
     def _fail(
@@ -334,15 +321,19 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             )
         return f"simulation diverged in the control period ending {when}"
 
-    def _restart(self, info: dict[str, Any]) -> dict[str, Any]:
-        """Reset ended episodes within the step; entries of `info` about their ends."""
+    def _restart(self, last: dict[str, Any]) -> dict[str, Any]:
+        """Reset ended episodes within the step; `info` of the new ones, and `last` of the ends."""
         done = self._done.copy()
         final = {"final_obs": self._observation, "_final_obs": done}
-        final |= {"final_info": deepcopy(info), "_final_info": done}
+        final |= {"final_info": last, "_final_info": done}
         ended = np.flatnonzero(done)
-        self._begin(ended, {})
+        self._begin(ended, self._usual)
         self._observation = self._observe(ended)
-        return final
+        return self._info(None) | {
+            "reward_terms": last["reward_terms"],
+            "_reward_terms": ~done,
+            **final,
+        }
 
     def _checked(self, actions: np.ndarray) -> np.ndarray:
         """A copy of the actions as floats."""

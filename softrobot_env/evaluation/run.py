@@ -12,6 +12,9 @@ from softrobot_env.rollout import Rollout
 if TYPE_CHECKING:
     import gymnasium
 
+#: Coordinates x and z, those of positions where an environment does not name its `axes`.
+_PLANE = slice(0, 3, 2)
+
 #: Observables a recorded environment has to provide.
 RECORDED = ("tip_position", "reference", "curvature", "previous_action")
 
@@ -38,6 +41,7 @@ def run_episode(
     missing = [name for name in RECORDED if name not in env.observation_space.spaces]
     if missing:
         raise ValueError(f'recording needs the observables {missing}: pass observe="all"')
+    axes = getattr(env.unwrapped, "axes", _PLANE)
     begin = perf_counter()
     samples, policy_time, status = _Table(), _Table(), []
     for moment in play(env, policy, seed, options):
@@ -45,7 +49,7 @@ def run_episode(
             policy_time.add({"policy_time": moment.policy_time})
             status.append(moment.status or "")
         if not moment.failed:
-            samples.add(_sample(moment))
+            samples.add(_sample(moment, axes))
     return Rollout(
         **samples.columns(),
         **policy_time.columns(),
@@ -92,12 +96,12 @@ def warm_up(env: "gymnasium.Env", policy: Policy) -> None:
         pass
 
 
-def _sample(moment: Moment) -> dict[str, Any]:
+def _sample(moment: Moment, axes: slice) -> dict[str, Any]:
     observation, info = moment.observation, moment.info  # `info` has the truth if there is noise
     return {
         "time": info["time"],
-        "reference": _in_space(observation["reference"]),
-        "tip": _in_space(info.get("tip_position", observation["tip_position"])),
+        "reference": _in_space(observation["reference"], axes),
+        "tip": _in_space(info.get("tip_position", observation["tip_position"]), axes),
         "action": observation["previous_action"],
         "tendon_tension": info["tendon_tension"],
         "tendon_length": info["tendon_length"],
@@ -106,6 +110,10 @@ def _sample(moment: Moment) -> dict[str, Any]:
     }
 
 
-def _in_space(point: np.ndarray) -> np.ndarray:
-    """(3,) from (x, z) of a planar robot, or unchanged."""
-    return np.array([point[0], 0.0, point[1]]) if len(point) == 2 else point
+def _in_space(point: np.ndarray, axes: slice) -> np.ndarray:
+    """(3,) from the two coordinates an environment has, zero elsewhere, or unchanged."""
+    if len(point) == 3:
+        return point
+    placed = np.zeros(3)
+    placed[axes] = point
+    return placed

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
+from softrobot_env.learned.levenberg_marquardt import DAMPING_LIMIT, LeastSquares
 from softrobot_env.learned.network import Network
 
-_CHUNK = 1000  # samples whose Jacobian is held at once
-_DAMPING_START, _DAMPING_LIMIT = 5e-3, 1e10
+_DAMPING_START = 5e-3
 _GAIN_TOLERANCE = 1e-7  # relative decrease of the cost over `_PATIENCE` iterations
 _PATIENCE = 10
 
@@ -59,33 +59,10 @@ class _Point:
         return self.beta * self.data_error + self.alpha * self.size
 
 
-class _Problem:
-    """Scaled data, and what the cost needs of them."""
-
-    def __init__(self, network: Network, inputs: np.ndarray, outputs: np.ndarray) -> None:
-        self._network = network
-        self._inputs = network.inputs.scale(inputs)
-        self._outputs = network.outputs.scale(outputs)
-        self.errors = self._outputs.size
-
-    def point(self, parameters: np.ndarray, alpha: float, beta: float) -> _Point:
-        """The cost's parts at parameters (n,)."""
-        values = self._network.with_parameters(parameters).activations(self._inputs)
-        error = float(np.sum((values[-1] - self._outputs) ** 2))
-        return _Point(parameters, error, float(parameters @ parameters), alpha, beta)
-
-    def expand(self, parameters: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """J^T e (n,) and J^T J (n, n) of the errors e and their Jacobian J."""
-        network = self._network.with_parameters(parameters)
-        n = len(parameters)
-        slope, square = np.zeros(n), np.zeros((n, n))
-        for k in range(0, len(self._inputs), _CHUNK):
-            inputs = self._inputs[k : k + _CHUNK]
-            error = network.activations(inputs)[-1] - self._outputs[k : k + _CHUNK]
-            jacobian = network.jacobian(inputs).reshape(-1, n)
-            slope += jacobian.T @ error.ravel()
-            square += jacobian.T @ jacobian
-        return slope, square
+def _point(problem: LeastSquares, parameters: np.ndarray, alpha: float, beta: float) -> _Point:
+    """The cost's parts at parameters (n,)."""
+    error = problem.squared_error(parameters)
+    return _Point(parameters, error, float(parameters @ parameters), alpha, beta)
 
 
 def train(
@@ -111,15 +88,15 @@ def train(
     Raises:
         ValueError: Data that are not finite, or of shapes that do not fit the network.
     """
-    _check(network, inputs, outputs)
-    problem = _Problem(network, inputs, outputs)
+    problem = LeastSquares(network, inputs, outputs)
+    _check(problem, network)
     # As trainbr begins: all parameters are taken as effective.
-    start = problem.point(network.parameters, 0.0, 1.0)
+    start = _point(problem, network.parameters, 0.0, 1.0)
     point = _reweigh(start, float(len(start.parameters)), problem.errors)
     gamma, damping, done, converged = float(len(start.parameters)), _DAMPING_START, 0, False
     costs: list[float] = []
     while done < iterations and not converged:
-        slope, square = problem.expand(point.parameters)
+        slope, square = problem.gauss_newton(point.parameters)
         step = _descend(problem, point, slope, square, damping)
         if step is None:
             converged = True
@@ -143,18 +120,10 @@ def train(
     )
 
 
-def _check(network: Network, inputs: np.ndarray, outputs: np.ndarray) -> None:
-    wanted = [(len(inputs), network.sizes[0]), (len(inputs), network.sizes[-1])]
-    if [inputs.shape, outputs.shape] != wanted:
+def _check(problem: LeastSquares, network: Network) -> None:
+    if problem.errors <= len(network.parameters):
         raise ValueError(
-            f"training data must have shapes {wanted[0]} and {wanted[1]}, got {inputs.shape} and "
-            f"{outputs.shape}"
-        )
-    if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(outputs))):
-        raise ValueError("training data must be finite")
-    if outputs.size <= len(network.parameters):
-        raise ValueError(
-            f"{outputs.size} errors cannot determine {len(network.parameters)} parameters and "
+            f"{problem.errors} errors cannot determine {len(network.parameters)} parameters and "
             "their noise; give more samples than that"
         )
 
@@ -174,18 +143,18 @@ def _effective(square: np.ndarray, point: _Point) -> float:
 
 
 def _descend(
-    problem: _Problem, point: _Point, slope: np.ndarray, square: np.ndarray, damping: float
+    problem: LeastSquares, point: _Point, slope: np.ndarray, square: np.ndarray, damping: float
 ) -> tuple[_Point, float] | None:
     """A point of lower cost and the damping to begin with there; None if there is none."""
     gradient = point.beta * slope + point.alpha * point.parameters
-    while damping <= _DAMPING_LIMIT:
+    while damping <= DAMPING_LIMIT:
         hessian = point.beta * square + (point.alpha + damping) * np.eye(len(square))
         try:
             step = cho_solve(cho_factor(hessian), gradient)
         except LinAlgError:
             damping *= 10
             continue
-        trial = problem.point(point.parameters - step, point.alpha, point.beta)
+        trial = _point(problem, point.parameters - step, point.alpha, point.beta)
         if trial.cost < point.cost:
             return trial, max(damping / 10, 1e-20)
         damping *= 10

@@ -1,6 +1,6 @@
 """Put a scene together: backbone, tendons, and only the optional parts that are listed."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 
@@ -9,7 +9,7 @@ from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 from softrobot_env.scene.tendons import add_tendons
-from softrobot_env.scene.timestep import TimestepChoice, choose_timestep, linearize
+from softrobot_env.scene.timestep import SAFETY, TimestepChoice, choose_timestep, linearize
 
 
 @dataclass(frozen=True)
@@ -45,6 +45,19 @@ def build_scene(config: SceneConfig) -> Scene:
     return Scene(config, layout, choice, model)
 
 
+def at_timestep_of(scene: Scene, other: Scene) -> Scene:
+    """The scene, from now on with the timestep of another one of the same control period.
+
+    It stays as it is if that timestep would be near its own stability limit.
+    """
+    choice, wanted = scene.timestep, other.timestep
+    if wanted.timestep > SAFETY * choice.stability_limit:
+        return scene
+    kept = replace(choice, timestep=wanted.timestep, substeps=wanted.substeps)
+    _apply(kept, scene.model.opt)
+    return replace(scene, timestep=kept)
+
+
 def scene_xml(config: SceneConfig) -> str:
     """The scene as MJCF, ready for any MuJoCo viewer."""
     spec, _ = _assemble(config)
@@ -68,6 +81,7 @@ def _timestep(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
         config.control_period,
         config.timestep,
         config.integrator,
+        friction=config.robot.rubs,
     )
 
 
@@ -87,7 +101,7 @@ def _empty_spec(config: SceneConfig) -> mujoco.MjSpec:
     spec.option.gravity = config.robot.gravity
     disable = mujoco.mjtDisableBit
     flags = disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
-    if not any(tendon.friction for tendon in config.robot.tendons):
+    if not config.robot.rubs:
         flags |= disable.mjDSBL_CONSTRAINT
     spec.option.disableflags = int(flags)
     return spec

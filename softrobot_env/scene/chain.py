@@ -12,16 +12,20 @@ same in all directions. In a universal joint the springs' angles b and g make th
 cos t = cos b cos g, so that it is stiffer between its axes, by b^2 g^2 / 3 in t^2, and twists by
 b g / 2. Both are errors of the order of the rules. The order of the hinges reverses from station
 to station, and the twists of neighbours cancel. A continuous tendon channel sums up hinge angles,
-which a ball joint has none of: a robot with channels gets hinges.
+which a ball joint has none of: a robot with channels gets hinges. So does one that is not alike in
+all directions; its hinges' axes are turned to the directions of the principal stiffnesses.
+
+A head is a body of its own, fixed to the last link, and carries the tip site at its output point.
 """
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from math import cos, sin
 
 import mujoco
 import numpy as np
 
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import Head, RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
 
 #: Prefix of the hinges' names -> axis. A positive angle of a "hinge" bends +z towards +x, one of
@@ -32,6 +36,7 @@ HINGE_AXES = {"hinge": (0.0, 1.0, 0.0), "side": (-1.0, 0.0, 0.0), "twist": (0.0,
 BALL = "ball"
 
 TIP_SITE = "tip"
+HEAD_BODY = "head"
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,7 @@ class Chain:
         length: [m] of the robot.
         bodies: World body, then one body per station.
         kinds: What the joint of a station is made of: `BALL`, or keys of `HINGE_AXES`.
+        azimuth: [rad] by which the hinges' axes are turned about +z.
     """
 
     spec: mujoco.MjSpec
@@ -51,6 +57,7 @@ class Chain:
     length: float
     bodies: tuple[mujoco.MjsBody, ...]
     kinds: tuple[str, ...] = ("hinge",)
+    azimuth: float = 0.0
 
     def locate(self, station: float) -> tuple[mujoco.MjsBody, float]:
         """Body that carries arc length `station` [m], and the height [m] above its origin.
@@ -74,12 +81,20 @@ def joint_kinds(robot: RobotParams, bending: str, torsion: bool) -> tuple[str, .
         robot: The robot.
         bending: "planar" or "spatial".
         torsion: Whether a spatial chain twists.
+
+    Raises:
+        ValueError: A planar chain of a robot that bends out of its plane by itself.
     """
     if bending == "planar":
+        if robot.anisotropy or robot.precurvature[1]:
+            raise ValueError(
+                f"robot {robot.name!r} has anisotropy or precurvature towards y: it needs "
+                "bending='spatial'"
+            )
         return ("hinge",)
     if not torsion:
         return ("hinge", "side")
-    isotropic = robot.torsional_stiffness == robot.bending_stiffness
+    isotropic = robot.is_symmetric and robot.torsional_stiffness == robot.bending_stiffness
     channels = any(not tendon.guides for tendon in robot.tendons)
     return (BALL,) if isotropic and not channels else ("hinge", "side", "twist")
 
@@ -98,7 +113,8 @@ def joint_angles(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
         for turn, address in zip(turns, joints[BALL], strict=True):
             mujoco.mju_quat2Vel(turn, qpos[address : address + 4], 1.0)
         return turns[:, [1, 0, 2]] * [1, -1, 1]
-    return np.stack([qpos[addresses] for addresses in joints.values()], axis=1)
+    angles = np.stack([qpos[addresses] for addresses in joints.values()], axis=1)
+    return angles @ _turn(model, angles.shape[1]).T
 
 
 def posture(model: mujoco.MjModel, angles: np.ndarray) -> np.ndarray:
@@ -110,9 +126,42 @@ def posture(model: mujoco.MjModel, angles: np.ndarray) -> np.ndarray:
         velocity.reshape(-1, 3)[:] = turns
         mujoco.mj_integratePos(model, qpos, velocity, 1.0)
     else:
-        for column, addresses in zip(angles.T, joints.values(), strict=True):
+        turned = angles @ _turn(model, angles.shape[1])
+        for column, addresses in zip(turned.T, joints.values(), strict=True):
             qpos[addresses] = column
     return qpos
+
+
+def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> np.ndarray:
+    """Matrix (2 pieces, nv) [1/m] from the hinge angles of a spatial chain to mean curvatures.
+
+    Rows are beta (towards +x) and gamma (towards +y) of equal pieces, piece by piece. The mean of a
+    piece is the angle of its hinges over its length.
+
+    Raises:
+        ValueError: The chain is planar or has ball joints, or its own pieces do not divide these.
+    """
+    joints = _joints(model)
+    if "side" not in joints or layout.pieces % pieces:
+        raise ValueError(
+            f"need a spatial chain of hinges, and a multiple of {pieces} pieces, got joints "
+            f"{', '.join(joints)} and {layout.pieces} pieces"
+        )
+    turn = _turn(model, 2) * pieces / layout.weights.sum()
+    matrix = np.zeros((pieces, 2, model.nv))
+    for station, piece in enumerate(layout.piece // (layout.pieces // pieces)):
+        for column, kind in enumerate(("hinge", "side")):
+            matrix[piece, :, joints[kind][station]] = turn[:, column]
+    return matrix.reshape(2 * pieces, model.nv)
+
+
+def _turn(model: mujoco.MjModel, size: int) -> np.ndarray:
+    """(size, size) from angles about a chain's own hinge axes to beta, gamma (and torsion)."""
+    matrix = np.eye(size)
+    if size > 1:
+        sine, cosine = -model.joint("hinge0").axis[0], model.joint("hinge0").axis[1]
+        matrix[:2, :2] = [[cosine, -sine], [sine, cosine]]
+    return matrix
 
 
 def _joints(model: mujoco.MjModel) -> dict[str, np.ndarray]:
@@ -129,7 +178,8 @@ def add_chain(
     layout: HingeLayout,
     kinds: tuple[str, ...] = ("hinge",),
 ) -> Chain:
-    """Add the links, their joints made of `kinds` and the tip site to an empty spec."""
+    """Add the links, their joints made of `kinds`, the head and the tip site to an empty spec."""
+    azimuth = robot.stiff_azimuth if robot.anisotropy else 0.0
     bodies = [spec.worldbody]
     stations = np.concatenate(([0.0], layout.stations, [robot.length]))
     for index, weight in enumerate(layout.weights):
@@ -137,12 +187,22 @@ def add_chain(
         body = bodies[-1].add_body(name=f"link{index}", pos=[0, 0, origin])
         _set_inertia(body, robot, stations[index + 2] - stations[index + 1])
         for kind in _in_order(kinds, index):
-            _add_joint(body, f"{kind}{index}", kind, robot, weight)
+            _add_joint(body, f"{kind}{index}", kind, robot, weight, azimuth)
         bodies.append(body)
-    chain = Chain(spec, layout, robot.length, tuple(bodies), kinds)
-    body, height = chain.locate(robot.length)
-    body.add_site(name=TIP_SITE, pos=[0, 0, height], size=[1e-3, 0, 0])
+    chain = Chain(spec, layout, robot.length, tuple(bodies), kinds, azimuth)
+    _add_tip(chain, robot.head)
     return chain
+
+
+def _add_tip(chain: Chain, head: Head | None) -> None:
+    """The tip site at the end of the chain, or at the output point of the head on it."""
+    body, height = chain.locate(chain.length)
+    if head is not None:
+        body = body.add_body(name=HEAD_BODY, pos=[0, 0, height])
+        body.mass, body.ipos, body.inertia = head.mass, [0, 0, head.centre], head.inertia
+        body.explicitinertial = True
+        height = head.output
+    body.add_site(name=TIP_SITE, pos=[0, 0, height], size=[1e-3, 0, 0])
 
 
 def _in_order(kinds: tuple[str, ...], index: int) -> Iterable[str]:
@@ -162,14 +222,38 @@ def _set_inertia(body: mujoco.MjsBody, robot: RobotParams, length: float) -> Non
 
 
 def _add_joint(
-    body: mujoco.MjsBody, name: str, kind: str, robot: RobotParams, weight: float
+    body: mujoco.MjsBody, name: str, kind: str, robot: RobotParams, weight: float, azimuth: float
 ) -> None:
-    """Joint with the stiffness and damping of `weight` [m] of beam."""
+    """Joint with the stiffness and damping of `weight` [m] of beam, its axis turned by azimuth."""
     if kind == BALL:
         joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
     else:
-        joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=HINGE_AXES[kind])
-    beam = robot.torsional_stiffness if kind == "twist" else robot.bending_stiffness
-    stiffness = beam / weight
+        axis = _turned(HINGE_AXES[kind], azimuth)
+        joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+        joint.springref = weight * _precurvature(kind, robot, azimuth)
+    stiffness = _beam_stiffness(kind, robot) / weight
     joint.stiffness[0] = stiffness
     joint.damping[0] = robot.damping_time * stiffness
+
+
+def _turned(axis: tuple[float, float, float], azimuth: float) -> tuple[float, float, float]:
+    """(3,) turned about +z."""
+    if azimuth == 0:  # without rounding -0.0 into the exported scenes
+        return axis
+    x, y, z = axis
+    return x * cos(azimuth) - y * sin(azimuth), x * sin(azimuth) + y * cos(azimuth), z
+
+
+def _precurvature(kind: str, robot: RobotParams, azimuth: float) -> float:
+    """Curvature [1/m] of the unloaded robot about a hinge."""
+    x, y = robot.precurvature
+    along, across = x * cos(azimuth) + y * sin(azimuth), y * cos(azimuth) - x * sin(azimuth)
+    return {"hinge": along, "side": across, "twist": 0.0}[kind]
+
+
+def _beam_stiffness(kind: str, robot: RobotParams) -> float:
+    """[N m2]"""
+    if kind == "twist":
+        return robot.torsional_stiffness
+    towards, across = robot.principal_stiffnesses
+    return across if kind == "side" else towards

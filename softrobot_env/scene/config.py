@@ -1,7 +1,7 @@
 """What a scene contains. A part that is not listed is not built."""
 
 from dataclasses import dataclass
-from math import inf
+from math import cos, inf, sin
 
 from softrobot_env.loads import Load
 from softrobot_env.robots import RobotParams
@@ -20,17 +20,29 @@ Rgba = tuple[float, float, float, float]
 
 @dataclass(frozen=True)
 class Camera:
-    """Fixed camera looking along +y at the bending plane.
+    """Fixed camera looking along +y at the x-z plane, or down on it.
 
     Attributes:
         name: Unique name.
         center: (x, z) [m] in the middle of the picture.
-        height: [m] of the bending plane shown.
+        height: [m] shown across the line of sight.
+        elevation: [rad] above the horizontal from which it looks.
     """
 
     name: str
     center: tuple[float, float]
     height: float
+    elevation: float = 0.0
+
+    @property
+    def towards(self) -> tuple[float, float, float]:
+        """Unit vector from what is seen to the camera."""
+        return 0.0, -cos(self.elevation), sin(self.elevation)
+
+    @property
+    def up(self) -> tuple[float, float, float]:
+        """Unit vector that points up in the picture; right is +x."""
+        return 0.0, sin(self.elevation), cos(self.elevation)
 
 
 @dataclass(frozen=True)

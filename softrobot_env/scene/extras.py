@@ -7,8 +7,8 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.scene.chain import TIP_SITE, Chain
+from softrobot_env.robots import Head, RobotParams, Tendon
+from softrobot_env.scene.chain import HEAD_BODY, TIP_SITE, Chain
 from softrobot_env.scene.config import Appearance, Camera, Load, Marker, PathMarker
 from softrobot_env.scene.skin import add_skin
 from softrobot_env.scene.tendons import route_through_guides
@@ -24,6 +24,8 @@ _CAMERA_DISTANCE = 1.5  # m
 _LINE_STEP = 0.02  # m between the points of a tendon's line
 _LINE_SPREAD = 0.45  # rad around the body between the lines of two groups
 _DARK = (0.22, 0.24, 0.28, 1.0)
+_WHITE = (0.97, 0.97, 0.97, 1.0)
+_TAG_SHARE, _TAG_THICKNESS = 0.6, 0.0004  # of a side of the head, m
 _WORLD_SITE = "world_axes"
 
 
@@ -74,11 +76,12 @@ def add_path(spec: mujoco.MjSpec, path: PathMarker) -> None:
 
 
 def add_camera(spec: mujoco.MjSpec, camera: Camera) -> None:
-    """Orthographic camera in front of the bending plane: x to the right, z up."""
+    """Orthographic camera in front of the x-z plane: x to the right."""
+    _, y, z = (_CAMERA_DISTANCE * x for x in camera.towards)
     spec.worldbody.add_camera(
         name=camera.name,
-        pos=[camera.center[0], -_CAMERA_DISTANCE, camera.center[1]],
-        xyaxes=[1, 0, 0, 0, 0, 1],
+        pos=[camera.center[0], y, camera.center[1] + z],
+        xyaxes=[1, 0, 0, *camera.up],
         proj=mujoco.mjtProjection.mjPROJ_ORTHOGRAPHIC,
         fovy=camera.height,
     )
@@ -88,34 +91,36 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
     """Visible body, base, wall and light, and a drawn line for every channel tendon."""
     add_skin(chain, robot, look.link_rgba)
     for tendon in robot.tendons:
-        _draw_tendon(chain, tendon, look)
+        _draw_tendon(chain, tendon, robot.outer_radius, look)
     for end in sorted({tendon.end for tendon in robot.tendons}):
         _add_anchor_ring(chain, robot, end)
+    if robot.head is not None:
+        _add_head(chain.spec.body(HEAD_BODY), robot.head)
     _add_base(chain.spec, robot)
     # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
-    room = 0.0 if chain.kinds == ("hinge",) else robot.length
+    room = 0.0 if chain.kinds == ("hinge",) else robot.reach
     _add_surroundings(chain.spec, robot, 2 * robot.outer_radius + room)
 
 
-def _draw_tendon(chain: Chain, tendon: Tendon, look: Appearance) -> None:
+def _draw_tendon(chain: Chain, tendon: Tendon, surface: float, look: Appearance) -> None:
     """Colour a guided tendon; give a channel tendon a line that carries no force."""
     line = chain.spec.tendon(tendon.name)
     if not tendon.guides:
         count = round(tendon.end / _LINE_STEP)
         guides = tuple(np.linspace(0, tendon.end, count + 1)[1:-1])
-        drawn = replace(tendon, guides=guides, offset=_drawn_offset(tendon))
+        drawn = replace(tendon, guides=guides, offset=_drawn_offset(tendon, surface))
         line = route_through_guides(chain, drawn, TENDON_LINE.format(tendon.name))
     line.rgba = look.tendon_rgba
     line.width = TENDON_WIDTH
 
 
-def _drawn_offset(tendon: Tendon) -> tuple[float, float]:
-    """Position (x, y) [m] of a tendon's line on the surface.
+def _drawn_offset(tendon: Tendon, surface: float) -> tuple[float, float]:
+    """Position (x, y) [m] of a tendon's line outside the `surface` [m].
 
     Tendons of several groups share one channel; their lines are spread side by side towards
     the viewer, so that each can be seen.
     """
-    radius = float(np.hypot(*tendon.offset)) + TENDON_WIDTH / 2
+    radius = max(surface, float(np.hypot(*tendon.offset))) + TENDON_WIDTH / 2
     angle = np.arctan2(tendon.offset[1], tendon.offset[0])
     turn = -_LINE_SPREAD * tendon.group * (1 if tendon.offset[0] >= 0 else -1)
     return radius * float(np.cos(angle + turn)), radius * float(np.sin(angle + turn))
@@ -132,6 +137,20 @@ def _add_anchor_ring(chain: Chain, robot: RobotParams, station: float) -> None:
         size=[robot.outer_radius + TENDON_WIDTH, half, 0],
         rgba=_DARK,
     )
+
+
+def _add_head(body: mujoco.MjsBody, head: Head) -> None:
+    """Block on a stem: the uniform one of the head's inertia, with a dark tag on each side."""
+    squares = 1.5 / head.mass * (sum(head.inertia) - 2 * np.array(head.inertia))
+    half = np.sqrt(np.maximum(squares, 1e-6))  # a thin body is seen, too
+    box, cylinder = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
+    centre, stem = np.array([0.0, 0.0, head.centre]), head.centre / 2
+    _add_visual(body, type=cylinder, pos=[0, 0, stem], size=[min(half) / 2, stem, 0], rgba=_DARK)
+    _add_visual(body, type=box, pos=centre, size=half, rgba=_WHITE)
+    for axis, side in ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1)):
+        out = side * np.eye(3)[axis]
+        size = np.where(out == 0, _TAG_SHARE * half, _TAG_THICKNESS)
+        _add_visual(body, type=box, pos=centre + out * half, size=size, rgba=_DARK)
 
 
 def _add_visual(body: mujoco.MjsBody, **geom: Any) -> None:

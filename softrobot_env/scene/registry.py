@@ -1,15 +1,28 @@
 """Scenes by name, as they are exported to assets/."""
 
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RIG
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.view import visible
 
-_ARM = SceneConfig(ARM, sensors=(TipSensors(),))
+#: Pieces the rig is cut into: its first frequency is then within 1 % of the beam's.
+RIG_PIECES = 4
 
-#: "arm" is what all arm environments simulate, "arm_view" what they draw.
+_ARM = SceneConfig(ARM, sensors=(TipSensors(),))
+_RIG = SceneConfig(
+    RIG,
+    pieces=RIG_PIECES,
+    actuation="length",
+    control_period=0.02,
+    sensors=(TipSensors(),),
+    bending="spatial",
+)
+
+#: "arm" is what all arm environments simulate, "arm_view" what they draw; likewise "rig".
 SCENES: dict[str, SceneConfig] = {
     "arm": _ARM,
     "arm_view": visible(_ARM),
+    "rig": _RIG,
+    "rig_view": visible(_RIG),
     "cantilever_weak": SceneConfig(CANTILEVER_WEAK, sensors=(TipSensors(),)),
     "cantilever_stiff": SceneConfig(CANTILEVER_STIFF, sensors=(TipSensors(),)),
 }

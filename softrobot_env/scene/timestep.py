@@ -18,6 +18,9 @@ The timestep is the largest divisor of the control period that is at most
 
 implicitfast is taken unless stability would ask for more than `MAX_SUBSTEPS_RATIO` times the
 steps that accuracy asks for; then the rule takes discrete and says that fast modes are damped.
+Where tendons rub, discrete is taken as well, with at most `FRICTION_STEP`: the others find the
+friction as if the joints were undamped, and an arm whose tensions jitter by 4 N is 19 mm off in
+place of 3 mm (2 ms, friction of 0.5 N).
 """
 
 import warnings
@@ -33,6 +36,8 @@ SAFETY = 0.5
 #: 0.5 times the linear limit on (softrobot benchmark stability).
 SAFETY_IMPLICIT = 0.4
 MAX_SUBSTEPS_RATIO = 32
+#: [s], largest timestep with dry friction. MuJoCo makes friction softer in longer ones.
+FRICTION_STEP = 2e-3
 
 
 class TimestepWarning(UserWarning):
@@ -132,6 +137,8 @@ def choose_timestep(
     control_period: float,
     timestep: float | None = None,
     integrator: str | None = None,
+    *,
+    friction: bool = False,
 ) -> TimestepChoice:
     """Apply the rule of this module, or check what the caller fixed.
 
@@ -140,13 +147,17 @@ def choose_timestep(
         control_period: [s].
         timestep: [s], rounded to a divisor of the control period (down); None applies the rule.
         integrator: MuJoCo's name; None applies the rule.
+        friction: Whether any tendon rubs.
 
     Warns:
         TimestepWarning: The choice is outside the stability bound, or stiffness forced discrete.
     """
     period = float(2 * pi / chain.frequencies()[0])
     accurate = min(ACCURACY * period, control_period)
-    if integrator is None:
+    if integrator is None and friction:
+        integrator, reason = "discrete", "discrete includes the damping where tendons rub"
+        accurate = min(accurate, FRICTION_STEP)
+    elif integrator is None:
         integrator, reason = _choose_integrator(chain, accurate)
     else:
         reason = f"{integrator} was asked for"

@@ -7,7 +7,8 @@ from softrobot_env.scene.config import Appearance, Camera, SceneConfig
 #: Name of the camera that a visible scene has.
 FRONT_CAMERA = "front"
 
-_WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's length
+_WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
+_ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
 
 
 def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
@@ -17,7 +18,8 @@ def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
         config: The scene.
         aspect: Width over height of the pictures to take.
     """
-    length = config.robot.length
-    height = length * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
-    camera = Camera(FRONT_CAMERA, (0.0, 0.48 * length), height)
+    reach = config.robot.reach
+    height = reach * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
+    elevation = _ELEVATION if config.bending == "spatial" else 0.0
+    camera = Camera(FRONT_CAMERA, (0.0, 0.48 * reach), height, elevation)
     return replace(config, appearance=Appearance(), cameras=(camera,))

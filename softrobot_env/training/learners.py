@@ -1,7 +1,7 @@
 """The learners of stable-baselines3, and the network within each that acts."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -144,8 +144,37 @@ def actor_of(model: BaseAlgorithm, config: RLConfig) -> Network:
 
 
 def put_actor(model: BaseAlgorithm, config: RLConfig, network: Network) -> None:
-    """Let the learner act as a network with linear outputs does (bounded by tanh if it must be)."""
-    put_network(network, *LEARNERS[config.algorithm].acting(model))
+    """Let the learner act as a network does, bounded by tanh if the algorithm bounds actions.
+
+    Raises:
+        ValueError: Other layers than the learner's, or a bounded network for one that is not.
+    """
+    learner = LEARNERS[config.algorithm]
+    if learner.squashed:
+        network = _without_identity(network)
+    here = actor_of(model, config).sizes
+    wanted = here[:-1] if learner.squashed else here
+    if network.sizes != wanted:
+        raise ValueError(
+            f"the network to start from has layers of {_listed(network.sizes)}, {config.algorithm} "
+            f"needs {_listed(wanted)}; one that SAC or TD3 made ends with a further layer, and "
+            "only they can start from it"
+        )
+    put_network(network, *learner.acting(model))
+    if hasattr(model, "actor_target"):
+        model.actor_target.load_state_dict(model.actor.state_dict())
+
+
+def _listed(sizes: tuple[int, ...]) -> str:
+    return "-".join(str(size) for size in sizes)
+
+
+def _without_identity(network: Network) -> Network:
+    """The network less a last layer that does nothing."""
+    last = network.weights[-1]
+    if last.shape[0] != last.shape[1] or not np.array_equal(last, np.eye(len(last))):
+        return network
+    return replace(network, weights=network.weights[:-1], biases=network.biases[:-1])
 
 
 def freeze_actor(model: BaseAlgorithm, config: RLConfig, frozen: bool) -> None:

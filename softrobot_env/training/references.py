@@ -82,10 +82,13 @@ def random_waves(rng: np.random.Generator, duration: float) -> Task:
 
 def draw_task(rng: np.random.Generator, duration: float) -> Task:
     """A random task, or one of the three with another start or step width."""
-    kind = rng.choice(["step", "legs", "waves", "known"], p=[0.25, 0.15, 0.35, 0.25])
-    if kind == "known":
-        return known_task(rng, duration)
-    return {"step": random_step, "legs": random_legs, "waves": random_waves}[kind](rng, duration)
+    return known_task(rng, duration) if rng.uniform() < 0.25 else draw_reference(rng, duration)
+
+
+def draw_reference(rng: np.random.Generator, duration: float) -> Task:
+    """A random step, random legs or random waves."""
+    kind = rng.choice(3, p=[0.35, 0.2, 0.45])
+    return (random_step, random_legs, random_waves)[kind](rng, duration)
 
 
 def known_task(rng: np.random.Generator, duration: float) -> Task:

@@ -4,6 +4,7 @@ import json
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
 import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
@@ -13,7 +14,7 @@ from softrobot_env.training.learners import LEARNERS, freeze_actor, make_model, 
 from softrobot_env.training.progress import Show
 from softrobot_env.training.rl_config import RLConfig
 from softrobot_env.training.training_env import make_training_env
-from softrobot_env.training.watch import Point, Watch
+from softrobot_env.training.watch import Point, Watch, curve_of
 
 #: Files of a checkpoint, besides those of `watch`.
 _MODEL, _BUFFER, _CONFIG = "model.zip", "buffer.pkl", "config.json"
@@ -37,8 +38,8 @@ def train(
         show: Told the progress.
         start: Network to start from.
         checkpoint: Folder that is written to at every trial, if given.
-        resume: Whether to go on with the training that the folder holds; not as if it had never
-            stopped, as the episodes begin anew.
+        resume: Whether to go on with the training that the folder holds: with other draws, new
+            episodes, and the learning rate that so many of all steps are left for.
         log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
 
     Returns:
@@ -47,37 +48,41 @@ def train(
 
     Raises:
         FileNotFoundError: Nothing to go on with.
-        ValueError: The training to go on with had other settings (its steps alone may differ).
+        ValueError: The training to go on with had other settings (its steps alone may differ), the
+            folder holds one that is not finished, or the network to start from does not fit.
     """
     torch.set_num_threads(config.threads)
-    set_random_seed(seed)
-    if resume:
-        _check_same(config, seed, checkpoint)
-    env = make_training_env(config, seed)
+    logs = None if log is None else str(log)
     watch = Watch(config, show, lambda model: _save(model, config, seed, checkpoint))
     if resume:
+        _check_same(config, seed, checkpoint)
         watch.load(checkpoint)
-        model = _load(config, env, checkpoint)
+        model = _load(config, seed, checkpoint, watch.steps)
+        model.tensorboard_log = logs
     else:
-        model = make_model(config, env, seed, None if log is None else str(log))
-        _begin(model, config, start)
+        _check_free(checkpoint)
+        set_random_seed(seed)
+        model = make_model(config, make_training_env(config, seed), seed, logs)
+        begin(model, config, start)
     watch.folder = checkpoint
     left = config.steps - (model.num_timesteps if resume else 0)
     if left > 0:
         model.learn(left, callback=watch, reset_num_timesteps=not resume)
         watch.judge()
-    env.close()
+    model.get_env().close()
     return watch.best, watch.curve
 
 
-def _begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None:
+def begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None:
     """Put the network to start from, and let the critic learn from what it does."""
     if start is None:
         return
     put_actor(model, config, start)
+    if hasattr(model, "learning_starts"):
+        model.learning_starts = 0  # until then actions would be random
     if config.critic_steps:
         freeze_actor(model, config, True)
-        model.learn(config.critic_steps)
+        model.learn(config.critic_steps, tb_log_name="critic")
         freeze_actor(model, config, False)
 
 
@@ -91,8 +96,11 @@ def _save(model: BaseAlgorithm, config: RLConfig, seed: int, folder: Path | None
         model.save_replay_buffer(folder / _BUFFER)
 
 
-def _load(config: RLConfig, env: object, folder: Path) -> BaseAlgorithm:
+def _load(config: RLConfig, seed: int, folder: Path, steps: int) -> BaseAlgorithm:
+    """The learner of a checkpoint, with draws that depend on the steps done."""
+    env = make_training_env(config, seed)
     model = LEARNERS[config.algorithm].model.load(folder / _MODEL, env=env, device="cpu")
+    model.set_random_seed(int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1))
     if hasattr(model, "load_replay_buffer"):
         model.load_replay_buffer(folder / _BUFFER)
     return model
@@ -101,6 +109,19 @@ def _load(config: RLConfig, env: object, folder: Path) -> BaseAlgorithm:
 def _told(config: RLConfig, seed: int) -> str:
     """Settings and seed as text."""
     return json.dumps({**asdict(config), "seed": seed}, indent=1, sort_keys=True) + "\n"
+
+
+def _check_free(folder: Path | None) -> None:
+    """Refuse to overwrite a training that somebody may want to go on with."""
+    path = None if folder is None else folder / _CONFIG
+    if path is None or not path.is_file():
+        return
+    planned = json.loads(path.read_text(encoding="utf-8"))["steps"]
+    if curve_of(folder)[-1]["steps"] < planned:
+        raise ValueError(
+            f"{folder} holds a training that is not finished: resume it, delete it or choose "
+            "another folder"
+        )
 
 
 def _check_same(config: RLConfig, seed: int, folder: Path | None) -> None:

@@ -4,8 +4,9 @@ from dataclasses import dataclass, replace
 
 from softrobot_env.envs.randomization import Randomization
 
-#: What an agent can be trained on: the thesis' tasks, and random references.
-TRAINING_TASKS = ("step", "swing", "lshape", "random")
+#: What an agent can be trained on: the thesis' tasks, and references drawn by
+#: `references.draw_reference`.
+TRAINING_TASKS = ("step", "swing", "lshape", "drawn")
 
 #: Robots of a training unless asked otherwise, and robots and disturbances of a randomised one.
 NARROW = Randomization(youngs_modulus=(0.5, 1.5))
@@ -33,6 +34,18 @@ DISTURBED = (
 )
 
 
+_LARGE, _SMALL = 1e12, 1e-12
+
+#: Least and largest value of the numbers.
+_RANGES = {
+    **dict.fromkeys(("steps", "envs_per_task", "batch", "rollout", "epochs"), (1, _LARGE)),
+    **dict.fromkeys(("buffer", "updates", "trial_every", "threads"), (1, _LARGE)),
+    **dict.fromkeys(("drawn_tasks", "critic_steps", "warm_up"), (0, _LARGE)),
+    **dict.fromkeys(("fine_scale", "rate", "deviation", "target_kl"), (_SMALL, 100.0)),
+    "discount": (0.0, 1 - 1e-6),
+}
+
+
 @dataclass(frozen=True)
 class RLConfig:
     """Size and settings of a training.
@@ -40,7 +53,7 @@ class RLConfig:
     Attributes:
         algorithm: "ppo", "sac" or "td3".
         tasks: Out of `TRAINING_TASKS`.
-        random_tasks: Number of random references among the tasks.
+        drawn_tasks: Number of drawn references among the tasks.
         envs_per_task: Environments of each task (steps of four widths, and two times each the
             swing and the L-shape).
         randomization: Robots and disturbances, drawn for every episode.
@@ -65,7 +78,7 @@ class RLConfig:
 
     algorithm: str = "ppo"
     tasks: tuple[str, ...] = TRAINING_TASKS
-    random_tasks: int = 6
+    drawn_tasks: int = 6
     envs_per_task: int = 16
     randomization: Randomization = NARROW
     fine_scale: float = 0.005
@@ -97,9 +110,13 @@ class RLConfig:
             raise ValueError(
                 f"tasks must be one or more of {', '.join(TRAINING_TASKS)}, got {self.tasks!r}"
             )
-        for name in ("steps", "envs_per_task", "batch", "trial_every", "threads"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"{name} must be 1 or more, got {getattr(self, name)!r}")
+        if self.tasks == ("drawn",) and self.drawn_tasks < 1:
+            raise ValueError("drawn_tasks must be 1 or more if there are no other tasks")
+        for name, (least, most) in _RANGES.items():
+            if not least <= getattr(self, name) <= most:
+                raise ValueError(
+                    f"{name} must lie between {least:g} and {most:g}, got {getattr(self, name)!r}"
+                )
 
 
 _OFF_POLICY = {"envs_per_task": 4, "batch": 256, "rate": 1e-3, "deviation": 0.1, "steps": 700_000}

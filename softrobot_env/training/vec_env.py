@@ -68,6 +68,12 @@ class TrackingVecEnv(VecEnv):
         self._return, self._length = np.zeros(self.num_envs), np.zeros(self.num_envs, int)
         self._began = perf_counter()
 
+    def seed(self, seed: int | None = None) -> list[int | None]:
+        """Seeds of the next reset, unlike those of any other seed; drawn anew for None."""
+        spawned = np.random.SeedSequence(seed).spawn(self.num_envs)
+        self._seeds = [int(one.generate_state(1)[0]) for one in spawned]
+        return self._seeds
+
     def reset(self) -> np.ndarray:
         """Features (n, k) of new episodes everywhere."""
         self._seen = [self._reset(p, s) for p, s in zip(self.parts, self._slices, strict=True)]

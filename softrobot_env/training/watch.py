@@ -29,6 +29,11 @@ SCORE = TrackingReward()
 _PENALTY = 1.0
 
 
+def curve_of(folder: Path) -> list[Point]:
+    """The learning curve of a checkpoint."""
+    return json.loads((folder / _CURVE).read_text(encoding="utf-8"))
+
+
 class Watch(BaseCallback):
     """Tries the mean action now and then, keeps the best network and the learning curve.
 
@@ -56,9 +61,14 @@ class Watch(BaseCallback):
     def load(self, folder: Path) -> None:
         """Take up an earlier training."""
         self.best, _ = Network.load(folder / _BEST)
-        self.curve = json.loads((folder / _CURVE).read_text(encoding="utf-8"))
+        self.curve = curve_of(folder)
         self._reward = max(point["reward"] for point in self.curve)
         self._next = self.curve[-1]["steps"] + self._config.trial_every
+
+    @property
+    def steps(self) -> int:
+        """Environment steps at the last trial."""
+        return int(self.curve[-1]["steps"])
 
     def _on_step(self) -> bool:
         return True

@@ -1,0 +1,135 @@
+"""What can be measured of the running test rig: exactly, and by its camera."""
+
+from collections.abc import Callable
+from math import hypot
+
+import mujoco
+import numpy as np
+
+from softrobot_env.envs.reference import TOP
+from softrobot_env.envs.rig_observables import FARTHEST
+from softrobot_env.envs.servos import Servos
+from softrobot_env.envs.simulation import Simulation
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.chain import mean_curvature
+
+
+class RigReadout:
+    """Exact measurements of a simulation.
+
+    Attributes:
+        tip: [x, y] [m] of the head's output point as plain numbers.
+        curvature: (2 pieces,) [1/m], beta and gamma of the robot's pieces, each the mean over the
+            piece; a new array at every `update`.
+        tendon_tension: Function that returns a new array (n_tendons,) [N], as really applied.
+    """
+
+    def __init__(self, simulation: Simulation, robot: RobotParams, servos: Servos) -> None:
+        """Bind to a simulation of `robot` and the servos that drive it."""
+        self._data = data = simulation.data
+        self._servos = servos
+        layout, self._model = simulation.scene.layout, simulation.model
+        self._per_angle = mean_curvature(self._model, layout, robot.pieces)
+        self._per_angle_fine = mean_curvature(self._model, layout, layout.pieces)
+        self._tip_position = data.sensordata[0:3][TOP]
+        self._tip_velocity = data.sensordata[3:6][TOP]
+        self.tendon_tension = data.actuator_force.copy
+        self._curvature_limit = robot.curvature_limit
+        self.update()
+
+    def sources(self) -> dict[str, Callable[[], np.ndarray]]:
+        """Function by observable; no array is given out for two control instants."""
+        return {
+            "tip_position": self._tip_position.copy,
+            "tip_velocity": self._tip_velocity.copy,
+            "curvature": lambda: self.curvature,
+            "curvature_rate": lambda: self._per_angle.dot(self._data.qvel),
+            "tendon_tension": self.tendon_tension,
+            "tendon_length": self.tendon_length,
+        }
+
+    def tendon_length(self) -> np.ndarray:
+        """(n_tendons,) [m] pulled in by the servos' horns."""
+        return self._servos.horn.copy()
+
+    def update(self) -> str | None:
+        """Measure anew; return what left the documented workspace, or None."""
+        # The forces lag the state by a timestep where they depend on it.
+        mujoco.mj_fwdActuation(self._model, self._data)
+        angles = self._data.qpos
+        self.tip = self._tip_position.tolist()
+        self.curvature = self._per_angle.dot(angles)
+        fine = self._per_angle_fine.dot(angles)
+        # The norm bounds all pieces, so the exact check runs only near the limit.
+        if hypot(*fine.tolist()) > self._curvature_limit:
+            return self._sharp_bend(np.hypot(fine[0::2], fine[1::2]))
+        return None
+
+    def _sharp_bend(self, curvature: np.ndarray) -> str | None:
+        piece = int(np.argmax(curvature))
+        if curvature[piece] <= self._curvature_limit:
+            return None
+        return (
+            f"left the workspace: curvature {curvature[piece]:.4g} 1/m of the chain's piece "
+            f"{piece + 1} is beyond {self._curvature_limit:g} 1/m at t = {self._data.time:.3f} s"
+        )
+
+
+class Camera:
+    """A camera that sees late and not exactly; it takes one picture in each control period.
+
+    Attributes:
+        position: (2,) [m], what the picture at hand says.
+        velocity: (2,) [m/s], by difference to the picture before.
+    """
+
+    def __init__(self, noise: float, delay: int, control_period: float, seed: int) -> None:
+        """A camera with noise of standard deviation `noise` [m], `delay` control periods late."""
+        self._noise, self._period = noise, control_period
+        self._generator = np.random.default_rng(seed)
+        self._pictures = np.zeros((delay + 2, 2))
+        self._read()
+
+    def start(self, tip: np.ndarray) -> None:
+        """Begin with pictures of a tip at rest at (2,) [m]."""
+        for _ in self._pictures:
+            self.see(tip)
+
+    def see(self, tip: np.ndarray) -> None:
+        """Take the next picture, of the tip at (2,) [m]."""
+        normal = self._generator.standard_normal(2)
+        seen = tip + self._noise * np.clip(normal, -FARTHEST, FARTHEST)
+        self._pictures = np.concatenate((self._pictures[1:], seen[None]))
+        self._read()
+
+    def _read(self) -> None:
+        before, now = self._pictures[:2]
+        self.position, self.velocity = now.copy(), (now - before) / self._period
+
+
+class CameraReadout:
+    """Measurements with the tip as a camera sees it; the attributes stay what they are without."""
+
+    def __init__(self, readout: RigReadout, camera: Camera) -> None:
+        """Look through a camera; every `update` takes a picture."""
+        self._readout, self._camera = readout, camera
+        self.tendon_tension, self.tendon_length = readout.tendon_tension, readout.tendon_length
+        self.tip, self.curvature = readout.tip, readout.curvature
+
+    def sources(self) -> dict[str, Callable[[], np.ndarray]]:
+        """Function by observable; no array is given out for two control instants."""
+        return self._readout.sources() | {
+            "tip_position": lambda: self._camera.position,
+            "tip_velocity": lambda: self._camera.velocity,
+        }
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Tip position [m] as it is, for `info`."""
+        return {"tip_position": np.array(self.tip)}
+
+    def update(self) -> str | None:
+        """Measure anew; return what left the documented workspace, or None."""
+        outside = self._readout.update()
+        self.tip, self.curvature = self._readout.tip, self._readout.curvature
+        self._camera.see(np.array(self.tip))
+        return outside

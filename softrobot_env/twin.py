@@ -1,0 +1,162 @@
+"""Digital twins of the spatial test rig: the robot with errors that no controller is told.
+
+A twin stands for one built rig. What it is drawn from:
+
+* Young's modulus around 0.9 of the one believed in, tendons turned by 7 degrees: inferred by
+  recomputation, these two reproduce the errors of the thesis' model-based controllers (audit sec.
+  2, model mismatch; Tabs. 5.2 and 5.3);
+* `EQUIVALENT`: the thesis' EI belongs to its model of one piece of constant curvature. A real beam
+  also bends unevenly, and its heavy head makes it softer than that model. With 1.2 times the
+  modulus it stands where the model says, within 2 % up to 120 mm (a test holds it);
+* friction of 0.05 N in every tendon, with which networks of the statics err by what the thesis
+  reports, 0.7 to 0.8 mm (fitted: 0.1 N gives 1.2 mm, 0.3 N 3 mm; `softrobot benchmark rig_networks`
+  on the stand-in of `training/rig_statics.py`);
+* everything else: assumptions of this package about a silicone body cast by hand, tendons laid by
+  hand, hobby servos and a webcam of 90 frames a second.
+"""
+
+from dataclasses import dataclass, replace
+from math import cos, inf, pi, radians, sin
+
+import numpy as np
+
+from softrobot_env.robots import RIG, RobotParams, Tendon
+
+#: Young's modulus of a beam over that of the one-piece model of the same rig [1].
+EQUIVALENT = 1.2
+
+#: A rig without errors as the one-piece model with the parameters of `RIG` describes it.
+EQUIVALENT_RIG = replace(RIG, name="rig_equivalent", youngs_modulus=EQUIVALENT * RIG.youngs_modulus)
+
+#: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
+SERVO_SPEED = pi / 3 / 0.16 * 0.020
+
+#: Largest standard deviation [m] of a camera's noise, and largest error [m] of a servo: offset plus
+#: half of the backlash. Observation spaces leave room for them.
+LARGEST_NOISE, LARGEST_ERROR = 2e-3, 5e-3
+
+#: A frame [s] of the webcam (T).
+FRAME = 1 / 90
+
+#: Spreads of `rig3d_twin`: of the logarithm of Young's modulus [1] the standard deviation, of the
+#: others the largest deviation. The tip of the straight rig moves by L (L / 2 + output) per
+#: precurvature: 0.1 1/m are 2 mm.
+MODULUS, MODULUS_SPREAD = 0.9, 0.05
+ANISOTROPY = 0.05
+PRECURVATURE = 0.1  # 1/m
+TURN, TURN_SPREAD, AZIMUTH_SPREAD = radians(7), radians(2), radians(1)
+RADIUS_SPREAD = 0.03
+FRICTION, FRICTION_SPREAD = 0.05, 0.3  # N, 1
+OFFSET = 0.3e-3  # m
+BACKLASH = (0.1e-3, 0.3e-3)  # m
+CAMERA_NOISE = 0.3e-3  # m
+
+
+@dataclass(frozen=True)
+class Twin:
+    """A rig as built: robot, servos and camera.
+
+    Attributes:
+        robot: The robot, driven by length; its tendons are numbered as the servos.
+        servo_speed: [m/s], how fast a servo can wind up a tendon.
+        servo_offset: (n_tendons,) [m], pulled in when the command is zero.
+        backlash: (n_tendons,) [m], width of the servos' dead band.
+        camera_noise: [m], standard deviation of each coordinate.
+        camera_delay: [s]; environments round it to whole control periods.
+        seed: What it was drawn from, None if nothing was drawn.
+    """
+
+    robot: RobotParams
+    servo_speed: float
+    servo_offset: tuple[float, ...]
+    backlash: tuple[float, ...]
+    camera_noise: float = 0.0
+    camera_delay: float = 0.0
+    seed: int | None = None
+
+    def __post_init__(self) -> None:
+        tendons = len(self.robot.tendons)
+        if not tendons == len(self.servo_offset) == len(self.backlash):
+            raise ValueError(
+                f"a twin needs a servo_offset and a backlash for each of {tendons} tendons, got "
+                f"{len(self.servo_offset)} and {len(self.backlash)}"
+            )
+        if not self.servo_speed > 0:
+            raise ValueError(f"servo_speed must be positive, got {self.servo_speed} m/s")
+        if not all(0 <= x < inf for x in (*self.backlash, self.camera_delay)):
+            raise ValueError("backlash and camera_delay must be finite and zero or more")
+        for offset, width in zip(self.servo_offset, self.backlash, strict=True):
+            if not abs(offset) + width / 2 <= LARGEST_ERROR:
+                raise ValueError(
+                    f"servo_offset plus half of the backlash must be at most {LARGEST_ERROR:g} m, "
+                    f"got {offset} and {width} m"
+                )
+        if not 0 <= self.camera_noise <= LARGEST_NOISE:
+            raise ValueError(
+                f"camera_noise must lie in [0, {LARGEST_NOISE:g}] m, got {self.camera_noise!r}"
+            )
+
+
+def nominal_twin(robot: RobotParams = RIG) -> Twin:
+    """The robot as its parameters say, with servos and a camera that only have a limited speed."""
+    none = (0.0,) * len(robot.tendons)
+    return Twin(robot, SERVO_SPEED, servo_offset=none, backlash=none)
+
+
+def rig3d_twin(seed: int) -> Twin:
+    """A rig with errors of manufacturing, of its servos and its camera, drawn from a seed.
+
+    Raises:
+        ValueError: The seed is no whole number of zero or more.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise ValueError(f"the seed of a twin must be a whole number >= 0, got {seed!r}")
+    rng = np.random.default_rng(np.random.SeedSequence(int(seed)))
+    return Twin(
+        robot=_built(rng),
+        servo_speed=SERVO_SPEED,
+        servo_offset=_three(rng, -OFFSET, OFFSET),
+        backlash=_three(rng, *BACKLASH),
+        camera_noise=CAMERA_NOISE,
+        camera_delay=FRAME,
+        seed=int(seed),
+    )
+
+
+def _built(rng: np.random.Generator) -> RobotParams:
+    """The rig with its errors of manufacturing."""
+    modulus = EQUIVALENT * MODULUS * float(np.exp(MODULUS_SPREAD * rng.standard_normal()))
+    bend = PRECURVATURE * np.sqrt(rng.uniform()) * np.exp(2j * pi * rng.uniform())
+    return replace(
+        RIG,
+        name="rig_twin",
+        youngs_modulus=modulus * RIG.youngs_modulus,
+        anisotropy=float(rng.uniform(0, ANISOTROPY)),
+        stiff_azimuth=float(rng.uniform(0, pi)),
+        precurvature=(float(bend.real), float(bend.imag)),
+        tendons=_laid(rng),
+    )
+
+
+def _laid(rng: np.random.Generator) -> tuple[Tendon, ...]:
+    """The rig's tendons where they really are, with friction."""
+    common = TURN + rng.uniform(-TURN_SPREAD, TURN_SPREAD)
+    turn = common + np.array(_three(rng, -AZIMUTH_SPREAD, AZIMUTH_SPREAD))
+    scale = _three(rng, 1 - RADIUS_SPREAD, 1 + RADIUS_SPREAD)
+    friction = _three(rng, FRICTION * (1 - FRICTION_SPREAD), FRICTION * (1 + FRICTION_SPREAD))
+    return tuple(
+        replace(tendon, offset=_moved(tendon.offset, float(a), r), friction=f)
+        for tendon, a, r, f in zip(RIG.tendons, turn, scale, friction, strict=True)
+    )
+
+
+def _moved(offset: tuple[float, float], turn: float, scale: float) -> tuple[float, float]:
+    """(2,) [m] turned about the axis and farther from it by a factor."""
+    x, y = offset
+    c, s = scale * cos(turn), scale * sin(turn)
+    return x * c - y * s, x * s + y * c
+
+
+def _three(rng: np.random.Generator, low: float, high: float) -> tuple[float, ...]:
+    """One number for each tendon."""
+    return tuple(rng.uniform(low, high, len(RIG.tendons)).tolist())
