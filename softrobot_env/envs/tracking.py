@@ -8,6 +8,7 @@ from gymnasium import spaces
 
 from softrobot_env.envs.beam_plant import BeamPlant, BeamSimulation
 from softrobot_env.envs.disturbances import (
+    NEUTRAL,
     Disturbance,
     Drives,
     SensorNoise,
@@ -316,5 +317,5 @@ class TrackingEnv(EpisodeEnv):
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
         info = super()._info(terms)
         if self._randomization is not None:
-            info["variation"] = dict(self._vary)
+            info["variation"] = NEUTRAL | self._vary
         return info

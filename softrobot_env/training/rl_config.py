@@ -78,19 +78,19 @@ class RLConfig:
 
     algorithm: str = "ppo"
     tasks: tuple[str, ...] = TRAINING_TASKS
-    drawn_tasks: int = 6
-    envs_per_task: int = 16
+    drawn_tasks: int = 24
+    envs_per_task: int = 8
     randomization: Randomization = NARROW
     fine_scale: float = 0.005
-    steps: int = 2_000_000
+    steps: int = 3_000_000
     critic_steps: int = 0
     hidden: tuple[int, ...] = (128, 128)
     rate: float = 5e-4
     discount: float = 0.98
     deviation: float = 0.3
-    batch: int = 2048
-    rollout: int = 128
-    epochs: int = 5
+    batch: int = 512
+    rollout: int = 32
+    epochs: int = 10
     target_kl: float = 0.03
     buffer: int = 500_000
     updates: int = 4
@@ -119,7 +119,7 @@ class RLConfig:
                 )
 
 
-_OFF_POLICY = {"envs_per_task": 4, "batch": 256, "rate": 1e-3, "deviation": 0.1, "steps": 700_000}
+_OFF_POLICY = {"envs_per_task": 2, "batch": 256, "rate": 1e-3, "deviation": 0.1, "steps": 700_000}
 
 #: What the algorithms need from scratch, beyond the defaults.
 SCRATCH_SETTINGS = {"ppo": {}, "sac": _OFF_POLICY, "td3": _OFF_POLICY}
