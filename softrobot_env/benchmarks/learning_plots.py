@@ -11,7 +11,7 @@ _COLOURS = {
     "ppo_randomized": "#17becf",
     "sac": "#d62728",
     "sac_randomized": "#ff7f0e",
-    "ppo_scratch": "#7f7f7f",
+    "ppo_tuned": "#7f7f7f",
 }
 
 
