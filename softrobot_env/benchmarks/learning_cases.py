@@ -45,7 +45,6 @@ class Case:
             critic_steps=0,
             envs_per_task=1,
             drawn_tasks=1,
-            batch=128,
             trials=({},),
             trial_duration=0.2,
         )

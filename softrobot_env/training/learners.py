@@ -23,22 +23,24 @@ class Learner:
 
     Attributes:
         model: Class of stable-baselines3.
-        settings: Keyword arguments of the class, by the training's settings and outputs.
+        settings: Keyword arguments of the class, by the training's settings, the number of
+            outputs and that of environments.
         acting: Modules of the mean action, one by one.
         exploring: Parameters that shape the exploration.
         squashed: Whether tanh bounds the mean action.
     """
 
     model: type[BaseAlgorithm]
-    settings: Callable[[RLConfig, int], dict[str, Any]]
+    settings: Callable[[RLConfig, int, int], dict[str, Any]]
     acting: Callable[[Any], tuple[nn.Module, ...]]
     exploring: Callable[[Any], list[nn.Parameter]]
     squashed: bool
 
 
-def _ppo(config: RLConfig, outputs: int) -> dict[str, Any]:
-    hidden = list(config.hidden)
+def _ppo(config: RLConfig, outputs: int, environments: int) -> dict[str, Any]:
+    hidden, collected = list(config.hidden), config.rollout * environments
     return {
+        "batch_size": max(n for n in range(1, config.batch + 1) if collected % n == 0),
         "n_steps": config.rollout,
         "n_epochs": config.epochs,
         "target_kl": config.target_kl,
@@ -53,6 +55,7 @@ def _ppo(config: RLConfig, outputs: int) -> dict[str, Any]:
 def _off_policy(config: RLConfig) -> dict[str, Any]:
     hidden = list(config.hidden)
     return {
+        "batch_size": config.batch,
         "buffer_size": config.buffer,
         "learning_starts": config.warm_up,
         "gradient_steps": config.updates,
@@ -60,13 +63,13 @@ def _off_policy(config: RLConfig) -> dict[str, Any]:
     }
 
 
-def _sac(config: RLConfig, outputs: int) -> dict[str, Any]:
+def _sac(config: RLConfig, outputs: int, environments: int) -> dict[str, Any]:
     # Entropy of a normal distribution with the deviation aimed at.
     entropy = outputs * (np.log(config.deviation) + 0.5 * np.log(2 * np.pi * np.e))
     return _off_policy(config) | {"ent_coef": "auto_0.001", "target_entropy": float(entropy)}
 
 
-def _td3(config: RLConfig, outputs: int) -> dict[str, Any]:
+def _td3(config: RLConfig, outputs: int, environments: int) -> dict[str, Any]:
     spread = config.deviation
     return _off_policy(config) | {
         "action_noise": NormalActionNoise(np.zeros(outputs), np.full(outputs, spread)),
@@ -110,12 +113,11 @@ def make_model(
         "MlpPolicy",
         env,
         learning_rate=lambda left: config.rate * left,
-        batch_size=config.batch,
         gamma=config.discount,
         tensorboard_log=log,
         seed=seed,
         device="cpu",
-        **learner.settings(config, env.action_space.shape[0]),
+        **learner.settings(config, env.action_space.shape[0], env.num_envs),
     )
     if config.algorithm == "sac":
         _explore_alike(model.actor.log_std, config.deviation)

@@ -65,7 +65,8 @@ class RLConfig:
         discount: Per step.
         deviation: Standard deviation [1] of the outputs that explore: at the start (PPO), the one
             whose entropy is aimed at (SAC), or throughout (TD3).
-        batch: Samples per gradient step.
+        batch: Samples per gradient step; PPO takes the largest number up to it that divides what
+            is collected between updates.
         rollout, epochs, target_kl: PPO: steps per environment between updates, passes over them,
             and the divergence at which an update ends early.
         buffer, updates, warm_up: SAC and TD3: steps remembered, gradient steps after every step of
