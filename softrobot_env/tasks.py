@@ -4,19 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.smooth_paths import FourierPath, SmoothRun, circle, figure_eight, random_path
 from softrobot_env.tendon_map import TendonMap
-from softrobot_env.trajectories import (
-    CurveSweep,
-    EqualForceCurve,
-    FourierPath,
-    Polyline,
-    SmoothRun,
-    Step,
-    Trajectory,
-    circle,
-    figure_eight,
-    random_path,
-)
+from softrobot_env.trajectories import CurveSweep, EqualForceCurve, Polyline, Step, Trajectory
 
 #: Longest episode [s]; its reference is sampled beforehand.
 LONGEST = 3600.0

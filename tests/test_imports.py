@@ -13,6 +13,7 @@ PACKAGE = "softrobot_env"
 FOUNDATION = {
     "robots",
     "trajectories",
+    "smooth_paths",
     "tasks",
     "interfaces",
     "episode",

@@ -6,17 +6,8 @@ from scipy.integrate import quad
 from scipy.optimize import brentq
 
 from softrobot_env.robots import ARM, centerline
-from softrobot_env.trajectories import (
-    CurveSweep,
-    EqualForceCurve,
-    FourierPath,
-    Polyline,
-    SmoothRun,
-    Step,
-    circle,
-    figure_eight,
-    random_path,
-)
+from softrobot_env.smooth_paths import FourierPath, SmoothRun, circle, figure_eight, random_path
+from softrobot_env.trajectories import CurveSweep, EqualForceCurve, Polyline, Step
 
 CURVE = EqualForceCurve(0.5)
 SWEEP = CurveSweep(CURVE, half_length=0.5, speed=0.1)
