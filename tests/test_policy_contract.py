@@ -7,44 +7,70 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.control.registry import FEEDBACKS, POLICIES, make_policy, policy_environment
+from softrobot_env.control.registry import (
+    FEEDBACKS,
+    POLICIES,
+    RIG_POLICIES,
+    make_policy,
+    policy_environment,
+)
+from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
-from softrobot_env.robots import ARM
+from softrobot_env.rig_tasks import make_rig_task
+from softrobot_env.robots import ARM, RIG
 from softrobot_env.tasks import make_task
 
 #: Long enough for several decisions of the slowest policy.
 SHORT = replace(make_task("swing"), duration=0.6)
+RIG_SHORT = replace(make_rig_task("triangle"), duration=0.6)
+
+ROBOTS = dict.fromkeys(POLICIES, ARM) | dict.fromkeys(RIG_POLICIES, RIG)
 
 
-@pytest.fixture(scope="module", params=list(POLICIES))
+def make_env(name, **options):
+    """The environment of a policy's robot."""
+    options |= policy_environment(name)
+    return TrackingEnv(SHORT, **options) if ROBOTS[name] is ARM else RigEnv(RIG_SHORT, **options)
+
+
+@pytest.fixture(scope="module", params=list(ROBOTS))
 def name(request):
     return request.param
 
 
 @pytest.fixture(scope="module")
 def env(name):
-    return TrackingEnv(SHORT, observe="all", **policy_environment(name))
+    return make_env(name, observe="all")
 
 
 @pytest.fixture(scope="module", params=FEEDBACKS)
 def policy(request, name, env):
-    policy = make_policy(name, ARM, env.control_period, request.param)
+    robot = ROBOTS[name]
+    policy = make_policy(name, robot, env.control_period, request.param)
     if (
         request.param == "output"
-        and policy.requires == make_policy(name, ARM, env.control_period).requires
+        and policy.requires == make_policy(name, robot, env.control_period).requires
     ):
         pytest.skip("measures no rates")
     return policy
 
 
+#: Option of `reset`, what a full action is in its unit, and two starts.
+STARTS = {
+    ARM.name: ("start_input", 80, ((5.0, 5.0, 5.0), (-8.0, 4.0, -2.0))),
+    RIG.name: ("start_length", 0.03, ((2e-3, 0.0, 4e-3), (8e-3, -1e-3, 1e-3))),
+}
+
+
 @pytest.fixture(scope="module")
-def seen(env):
+def seen(name, env):
     """Two episodes under the hold policy from different starts, as lists of observations."""
     episodes = []
-    for start in ((5.0, 5.0, 5.0), (-8.0, 4.0, -2.0)):
-        observation, _ = env.reset(options={"start_input": np.array(start)})
-        action = (np.array(start) / 80).astype(np.float32)
+    option, scale, starts = STARTS[ROBOTS[name].name]
+    for start in starts:
+        observation, _ = env.reset(options={option: np.array(start)})
+        action = (np.array(start) / scale).astype(np.float32)
         episode = [observation]
         while len(episode) < 30:
             observation, *_ = env.step(action)
@@ -212,11 +238,11 @@ def state_is_finite(state):
 
 
 def test_references_out_of_reach_are_reported(name, policy, env):
-    """The arm is 0.5 m long, the reference 0.64 m away."""
+    """The reference is 1.27 times as far away as the arm is long, 1.23 times as the rig."""
     if name == "hold":
         pytest.skip("follows no reference")
     observation, _ = env.reset()
-    far = np.array([0.45, 0.45])
+    far = np.array([0.45, 0.45] if ROBOTS[name] is ARM else [0.175, 0.175])
     state, statuses = None, set()
     for _ in range(len(env._rows["reference"]) - 1):
         observation["reference"] = far
@@ -238,7 +264,7 @@ def test_policies_run_in_stable_baselines3(name, policy):
     monitor = pytest.importorskip("stable_baselines3.common.monitor")
 
     def make():
-        return monitor.Monitor(TrackingEnv(SHORT, **policy_environment(name)))
+        return monitor.Monitor(make_env(name))
 
     envs = vec_env.DummyVecEnv([make, make])
     rewards, lengths = evaluation.evaluate_policy(
@@ -260,4 +286,4 @@ def test_control_periods_that_do_not_fit_are_refused(name):
     if "control_period" not in policy_environment(name):
         pytest.skip("works at any control period")
     with pytest.raises(ValueError, match="control_period that divides"):
-        make_policy(name, ARM, 0.0017)
+        make_policy(name, ROBOTS[name], 0.0017)

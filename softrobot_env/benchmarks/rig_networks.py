@@ -4,6 +4,7 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from functools import partial
 from multiprocessing import get_context
 
 import numpy as np
@@ -11,15 +12,20 @@ import numpy as np
 from softrobot_env.benchmarks.jobs import Progress, Row
 from softrobot_env.benchmarks.rig_networks_cases import Case, cases, run_case, train
 from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.control.rig_inverse import TOTAL
 from softrobot_env.learned.inference import CompiledInference, PlainInference
 from softrobot_env.robots import RIG
 from softrobot_env.training.rig_data import POINTS, Measure, RigData, Split, collect, disk_points
 from softrobot_env.training.rig_data import split as split_data
 from softrobot_env.training.rig_networks import DIRECTIONS, HIDDEN, TRAINING, direction_of
 from softrobot_env.training.rig_statics import RigStatics
+from softrobot_env.training.rig_twin_data import measure as measure_twin
 
 #: Points measured in a quick run: those of 150 samples to train with.
 _QUICK_POINTS = 215
+
+#: Seed of the twin of `run_on_twin`.
+_TWIN = 0
 
 #: Of the order of the visit and the split of the data.
 _SEED = 0
@@ -58,6 +64,11 @@ def run(
     parts = split_data(len(points), np.random.default_rng(_SEED))
     rows = run_cases(list(cases(quick)), data, parts, show, processes)
     return rows + inference_rows(data, parts, _QUICK_PASSES if quick else _PASSES)
+
+
+def run_on_twin(quick: bool = False, progress: Progress | None = None) -> list[Row]:
+    """`run` with the data of a twin, as its controllers get them: a constant sum of tensions."""
+    return run(quick, progress, partial(measure_twin, _TWIN), total=TOTAL)
 
 
 def run_cases(

@@ -25,6 +25,8 @@ _MARK = {"color": "black", "linestyle": "none", "markersize": 8, "zorder": 5}
 
 def plot(rows: list[Row], path: Path | str) -> None:
     """Draw a PNG: a line of panels per direction, error over neurons and over samples."""
+    from matplotlib.ticker import LogFormatter
+
     trained = [row for row in rows if row["study"] in ("size", "samples")]
     directions = list(dict.fromkeys(row["direction"] for row in trained))
     figure, axes = new_figure(len(directions), 2, (10.5, 0.6 + 3.7 * len(directions)))
@@ -38,6 +40,8 @@ def plot(rows: list[Row], path: Path | str) -> None:
             axis.set(xscale="log", yscale="log")
             axis.xaxis.set_major_formatter("{x:g}")
             axis.yaxis.set_major_formatter("{x:g}")
+            for numbers in (axis.xaxis, axis.yaxis):  # only where there are few others
+                numbers.set_minor_formatter(LogFormatter())
             axis.legend(fontsize=8, frameon=False)
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")

@@ -1,4 +1,4 @@
-"""`softrobot benchmark`: models against cost, controllers, speed, stability, thesis' figures."""
+"""`softrobot benchmark`: models, controllers of arm and rig, speed, stability, thesis' figures."""
 
 import argparse
 from collections.abc import Callable
@@ -22,6 +22,8 @@ BENCHMARKS = (
     "controllers",
     "generalization",
     "learning",
+    "rig",
+    "rig_networks",
     "speed",
     "stability",
     "thesis",
@@ -63,6 +65,20 @@ def _load(what: str) -> Benchmark:
         from softrobot_env.benchmarks import learning, learning_plots, learning_tables
 
         return Benchmark(learning.run, learning_tables.tables, learning_plots.plot)
+    if what == "rig":
+        from softrobot_env.benchmarks import rig, rig_plots, rig_tables
+
+        return Benchmark(rig.run, rig_tables.tables, rig_plots.plot)
+    if what == "rig_networks":
+        from softrobot_env.benchmarks import (
+            rig_networks,
+            rig_networks_plots,
+            rig_networks_tables,
+        )
+
+        return Benchmark(
+            rig_networks.run_on_twin, rig_networks_tables.tables, rig_networks_plots.plot
+        )
     if what == "stability":
         from softrobot_env.benchmarks import stability, stability_plots, stability_tables
 

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
@@ -114,6 +115,25 @@ def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
     return figures(network)
 
 
+def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
+    """What the rig's controllers have to learn of a twin (thesis sec. 5.1)."""
+    from math import degrees
+
+    from softrobot_env.robots import RIG
+    from softrobot_env.training.rig_twin_networks import learn, visit
+
+    lesson = learn(visit(twin, seed, show=show), seed)
+    lesson.learnt.save(path, RIG, {"twin": twin, "seed": seed})
+    errors = {name: f"{1e3 * value:.3f} mm" for name, value in lesson.errors.items()}
+    return [
+        ("twin", str(twin)),
+        ("rms error, lengths of outputs", errors["inverse"]),
+        ("rms error, outputs of lengths", errors["forward"]),
+        ("bending stiffness over nominal", f"{lesson.learnt.stiffness:.3f}"),
+        ("turn of the tendons", f"{degrees(lesson.learnt.turn):.2f} deg"),
+    ]
+
+
 def _points(show: Show) -> Callable[[int, int], None]:
     return lambda done, total: show("operating points", done, total)
 
@@ -130,8 +150,12 @@ TRAINERS = {
     "qs_nn": Trainer("qs_nn.npz", _train_qs_nn),
     "lqi": Trainer("lqi.npz", _train_lqi),
     "lq_preview": Trainer("lq_preview.npz", _train_lq_preview),
+    "rig_nn": Trainer("rig_nn.npz", _train_rig_nn),
     "imitation": Trainer("imitation.npz", _train_imitation, ("torch", "daqp")),
 }
+
+#: The artefact that is of one twin.
+_OF_A_TWIN = "rig_nn"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -140,6 +164,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "what", nargs="?", choices=list(TRAINERS), help="an artefact; or give --algo"
     )
     parser.add_argument("--seed", type=_seed, default=0, help="of the randomness; default: 0")
+    parser.add_argument(
+        "--twin",
+        type=_seed,
+        metavar="SEED",
+        help=f"of the twin that {_OF_A_TWIN} is of; default: 0. Others than 0 go to a file with "
+        "the seed in its name",
+    )
     add_out(parser, str(models_dir()), ", where policies look")
     train_rl.add_arguments(parser)
 
@@ -155,8 +186,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the command.
 
     Raises:
-        ValueError: Neither an artefact nor an algorithm is given, or both, or an argument of
-            reinforcement learning with an artefact.
+        ValueError: Neither an artefact nor an algorithm is given, or both, or an argument that is
+            not theirs.
         ImportError: A package is missing; says what to install.
     """
     if (args.what is None) == (args.algo is None):
@@ -167,6 +198,8 @@ def run(args: argparse.Namespace) -> int:
     foreign = train_rl.given(args) if args.what is not None else []
     if foreign:
         raise ValueError(f"{', '.join(foreign)}: only with --algo")
+    if args.twin is not None and args.what != _OF_A_TWIN:
+        raise ValueError(f"--twin: only with {_OF_A_TWIN}")
     console = Console()
     _check_packages(args)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -206,4 +239,8 @@ def _job(args: argparse.Namespace) -> tuple[str, Path, Callable[[Show], Figures]
         return name, path, lambda show: train_rl.run(args, path, show)
     trainer = TRAINERS[args.what]
     path = args.out / trainer.file
+    if args.twin:
+        path = path.with_stem(f"{path.stem}_{args.twin}")
+        run = partial(trainer.run, twin=args.twin)
+        return f"{args.what} of twin {args.twin}", path, lambda show: run(args.seed, path, show)
     return args.what, path, lambda show: trainer.run(args.seed, path, show)

@@ -40,6 +40,7 @@ class PolicySpec:
         return getattr(import_module(f"softrobot_env.control.{self.module}"), name)
 
 
+#: Policies of planar robots.
 POLICIES: dict[str, PolicySpec] = {
     "hold": PolicySpec("hold", "make_hold"),
     "feedforward": PolicySpec("feedforward", "make_feedforward"),
@@ -56,35 +57,59 @@ POLICIES: dict[str, PolicySpec] = {
     "mpc_preview": PolicySpec(
         "mpc", "make_preview", environment="preview_environment", package="daqp"
     ),
-    "imitation": PolicySpec(
-        "neural", "NeuralPolicy", {"weights": "imitation.npz"}, environment="environment"
+    **{
+        name: PolicySpec(
+            "neural", "NeuralPolicy", {"weights": f"{name}.npz"}, environment="environment"
+        )
+        for name in ("imitation", "ppo", "sac")
+    },
+}
+
+#: Policies of the spatial test rig, whose environments have other observations and actions. All
+#: but the inverse dynamics take as option `learnt` what was learnt of one rig; without it, that is
+#: what is shipped, of twin 0.
+RIG_POLICIES: dict[str, PolicySpec] = {
+    "rig_nn": PolicySpec("rig_feedforward", "make_network"),
+    "inverse_dynamics": PolicySpec("rig_feedforward", "make_inverse"),
+    "inverse_dynamics_ahead": PolicySpec("rig_feedforward", "make_inverse", {"ahead": True}),
+    "hybrid": PolicySpec("rig_feedforward", "make_hybrid"),
+    "hybrid_ahead": PolicySpec("rig_feedforward", "make_hybrid", {"ahead": True}),
+    "hybrid_flexible": PolicySpec(
+        "rig_feedforward", "make_hybrid", {"ahead": True, "model": "several pieces"}
     ),
+    "hybrid_calibrated": PolicySpec("rig_feedforward", "make_calibrated"),
 }
 
 
 def installed_policies() -> list[str]:
-    """Names of the policies whose packages are installed."""
+    """Names of the policies of `POLICIES` whose packages are installed."""
     packages = {name: spec.package for name, spec in POLICIES.items()}
     return [name for name, p in packages.items() if p is None or find_spec(p) is not None]
 
 
 def _find(name: str) -> PolicySpec:
-    if name not in POLICIES:
-        raise ValueError(f"unknown policy {name!r}; choose from {', '.join(POLICIES)}")
-    return POLICIES[name]
+    known = POLICIES | RIG_POLICIES
+    if name not in known:
+        raise ValueError(f"unknown policy {name!r}; choose from {', '.join(known)}")
+    return known[name]
 
 
 def make_policy(
-    name: str, robot: RobotParams, control_period: float, feedback: str = FEEDBACKS[0]
+    name: str,
+    robot: RobotParams,
+    control_period: float,
+    feedback: str = FEEDBACKS[0],
+    **options: Any,
 ) -> "Controller":
     """Build a policy by name.
 
     Args:
-        name: One of `POLICIES`.
+        name: One of `POLICIES` or `RIG_POLICIES`.
         robot: The nominal robot, which the policy may know.
         control_period: [s] between calls of `predict`.
         feedback: One of `FEEDBACKS`. Policies that use curvature rates get them from an observer
             under "output"; the others are the same under both.
+        **options: Of the policy's factory, besides those of its name.
 
     Raises:
         ValueError: Unknown name; the message lists the known ones. Or a control period that the
@@ -93,7 +118,7 @@ def make_policy(
     spec = _find(name)
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
-    policy = spec.load(spec.make)(robot, control_period, **spec.options)
+    policy = spec.load(spec.make)(robot, control_period, **(spec.options | options))
     if feedback == "state" or "curvature_rate" not in policy.requires:
         return policy
     from softrobot_env.control.observer import RateObserver

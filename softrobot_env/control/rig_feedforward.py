@@ -1,0 +1,210 @@
+"""Feedforward controllers of the rig (thesis ch. 5): statics from a network, dynamics from a model.
+
+    rig_nn             s = network(z)                                   sec. 5.1
+    inverse_dynamics   s = model(z, z', z'')                            sec. 5.2
+    hybrid             s = network(z) + s_dyn of the model              sec. 5.3, (5.36) to (5.39)
+
+and beyond the thesis: the reference half a control period ahead, as an input that is held for a
+period lags by half of it; the model in several pieces; that model calibrated by the data that the
+network was trained with; and what is known of the servos, their speed and play.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.rig_inverse import InverseModel, Motion, OnePiece, SeveralPieces
+from softrobot_env.control.rig_learnt import Learnt, turned
+from softrobot_env.control.servo_constraints import OutOfReachError
+from softrobot_env.control.servo_flexible import InversionError
+from softrobot_env.interfaces import Observation
+from softrobot_env.rig_tasks import WORKSPACE
+from softrobot_env.robots import RobotParams
+from softrobot_env.twin import EQUIVALENT, SERVO_SPEED
+
+#: [m], pulled in by a full-scale action of `envs.rig.RigEnv`.
+LENGTH_SCALE = 0.03
+
+#: Half of a servo's play [m] plus friction over a tendon's stiffness, of typical parts: 0.2 mm and
+#: 0.05 N.
+PLAY = 0.15e-3
+
+_MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
+_TURNING = 2e-3  # m/s, below which it is not clear on which side of its play a servo is
+
+_MOTION = ("reference", "reference_velocity", "reference_acceleration")
+_LIMITED, _OUTSIDE = "length limit reached", "outside the trained workspace"
+_UNREACHABLE, _NOT_FINITE = "reference out of reach", "observation not finite"
+
+
+class RigState(NamedTuple):
+    """What the next call needs.
+
+    Attributes:
+        memory: Of the inverse model; None to begin anew.
+        acceleration: (2,) [m/s2] of the reference, None at the start.
+        wanted: (3,) [m], lengths wanted of the horns; None at the start.
+        status: Why the action is not the one wanted, or None.
+    """
+
+    memory: Any = None
+    acceleration: np.ndarray | None = None
+    wanted: np.ndarray | None = None
+    status: str | None = None
+
+
+class RigFeedforward(Controller):
+    """s = network(z_ref) + dynamic part of a model, or all of it by the model.
+
+    Decides from the reference, its velocity and acceleration alone. When an observation is not
+    finite, or the reference is out of the model's reach, the action in force is kept. Beyond the
+    points that the network was trained with, it is asked for the farthest place in that direction;
+    the state's `status` says so.
+    """
+
+    requires = (*_MOTION, "previous_action")
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        learnt: Learnt | None = None,
+        model: InverseModel | None = None,
+        ahead: bool = False,
+        play: float | None = None,
+    ) -> None:
+        """Put the parts together.
+
+        Args:
+            robot: Nominal rig.
+            control_period: [s] between calls.
+            learnt: Statics of the rig; those of the model unless given.
+            model: Dynamics; the controller is quasi-static unless given.
+            ahead: Take the reference half a control period ahead.
+            play: [m], see `PLAY`; unless given, the servos are taken as ideal.
+
+        Raises:
+            ValueError: Neither statics nor a model are given.
+        """
+        if learnt is None and model is None:
+            raise ValueError("a feedforward controller needs learnt statics, a model or both")
+        self._network = None if learnt is None else learnt.statics
+        self._model, self._period, self._play = model, control_period, play
+        self._lead = control_period / 2 if ahead else 0.0
+        self._tendons = len(robot.tendons)
+        self.sizes = dict.fromkeys(_MOTION, 2) | {"previous_action": self._tendons}
+
+    def start(self, observation: Observation) -> RigState:
+        """Begin at rest."""
+        return RigState()
+
+    def act(self, observation: Observation, state: RigState) -> tuple[np.ndarray, RigState]:
+        """Lengths for the motion wanted."""
+        kept = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
+        if not all(np.isfinite(observation[name]).all() for name in self.requires):
+            return kept, RigState(status=_NOT_FINITE)
+        now = Motion(*(np.array(observation[name]) for name in _MOTION))
+        try:
+            wanted, memory = self._lengths(now, state)
+        except (OutOfReachError, InversionError):
+            return kept, RigState(status=_UNREACHABLE)
+        if not np.all(np.isfinite(wanted)):
+            return kept, RigState(status=_UNREACHABLE)
+        action = self._driven(wanted, state.wanted) / LENGTH_SCALE
+        limited = np.clip(action, -1.0, 1.0)
+        status = _LIMITED if np.any(limited != action) else self._trust(now)
+        return limited, RigState(memory, now.acceleration, wanted, status)
+
+    def _lengths(self, now: Motion, state: RigState) -> tuple[np.ndarray, Any]:
+        """Lengths (3,) [m] wanted of the servos' horns, and what the model remembers."""
+        then = now
+        if self._lead:
+            before = now.acceleration if state.acceleration is None else state.acceleration
+            then = now.after(self._lead, (now.acceleration - before) / self._period)
+        if self._model is None:
+            return self._statics(then.position), None
+        pull, memory = self._model.step(state.memory, now, then, self._period)
+        if self._network is None:
+            return pull.total, memory
+        return self._statics(then.position) + pull.dynamic, memory
+
+    def _statics(self, place: np.ndarray) -> np.ndarray:
+        """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
+        distance = np.hypot(*place)
+        return self._network(place * min(1.0, (WORKSPACE + _MARGIN) / max(distance, WORKSPACE)))
+
+    def _driven(self, wanted: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+        """Commands (3,) [m] with which the horns are on average where they should be."""
+        if self._play is None or before is None:
+            return wanted
+        rate = (wanted - before) / self._period
+        # A servo takes a while, |rate| T / speed, for its way in a period.
+        late = np.minimum(np.abs(rate), SERVO_SPEED) * self._period / (2 * SERVO_SPEED)
+        return wanted + late * rate + self._play * np.tanh(rate / _TURNING)
+
+    def _trust(self, now: Motion) -> str | None:
+        """Whether the network was trained for a place, or what is to be said."""
+        if self._network is None or np.hypot(*now.position) <= WORKSPACE + _MARGIN:
+            return None
+        return _OUTSIDE
+
+
+def make_network(
+    robot: RobotParams,
+    control_period: float,
+    learnt: Learnt | str | Path | None = None,
+    ahead: bool = False,
+) -> RigFeedforward:
+    """Quasi-static controller; `learnt` is what is known of the rig, or its file."""
+    return RigFeedforward(robot, control_period, _known(robot, learnt), ahead=ahead)
+
+
+def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False) -> RigFeedforward:
+    """Inverse dynamics of the nominal rig in one piece."""
+    return RigFeedforward(robot, control_period, model=OnePiece(robot), ahead=ahead)
+
+
+def make_hybrid(
+    robot: RobotParams,
+    control_period: float,
+    learnt: Learnt | str | Path | None = None,
+    model: str = "one piece",
+    ahead: bool = False,
+    play: float | None = None,
+) -> RigFeedforward:
+    """Network plus the dynamic part of an inverse model.
+
+    Args:
+        robot: Nominal rig.
+        control_period: [s] between calls.
+        learnt: What is known of the rig, or its file; the one shipped, of twin 0, unless given.
+        model: "one piece" of the nominal rig; "several pieces" of a rig that stands as that one
+            does; or "calibrated", several pieces of the rig as learnt.
+        ahead, play: See `RigFeedforward`.
+
+    Raises:
+        ValueError: Another model, or a file of another robot.
+        FileNotFoundError: No such file.
+    """
+    known = _known(robot, learnt)
+    models = {
+        "one piece": lambda: OnePiece(robot),
+        "several pieces": lambda: SeveralPieces(turned(robot, EQUIVALENT, 0.0)),
+        "calibrated": lambda: SeveralPieces(known.believed(robot)),
+    }
+    if model not in models:
+        raise ValueError(f"unknown model {model!r}; choose from {', '.join(models)}")
+    return RigFeedforward(robot, control_period, known, models[model](), ahead, play)
+
+
+def make_calibrated(
+    robot: RobotParams, control_period: float, learnt: Learnt | str | Path | None = None
+) -> RigFeedforward:
+    """The hybrid with all that goes beyond the thesis; arguments as `make_hybrid`."""
+    return make_hybrid(robot, control_period, learnt, "calibrated", ahead=True, play=PLAY)
+
+
+def _known(robot: RobotParams, learnt: Learnt | str | Path | None) -> Learnt:
+    return learnt if isinstance(learnt, Learnt) else Learnt.load(robot, learnt)

@@ -1,0 +1,128 @@
+"""What is learnt of one rig from its quasi-static data, for its controllers.
+
+A network z -> s of the statics (thesis sec. 5.1), and two parameters of the rig in several pieces
+that describe the same data: the bending stiffness and how far the tendons are turned about the
+axis. A network knows the statics better than any model; inertia and damping cannot be learnt from
+statics, but a model turned and stiff as the rig is has them right.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from math import cos, sin
+from pathlib import Path
+
+import numpy as np
+from scipy.optimize import least_squares
+
+from softrobot_env.control.rig_inverse import PIECES, TOTAL, hold_outputs, pulled_with_total
+from softrobot_env.control.servo_flexible import FlexibleServoConstraints
+from softrobot_env.learned.inference import CompiledInference
+from softrobot_env.learned.network import Network
+from softrobot_env.learned.quasi_static import describe, load_for
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import RobotParams
+from softrobot_env.twin import EQUIVALENT
+
+#: Rings [m] in which points are followed one after the other.
+_RING = 0.01
+_STEP = 1e-4
+_SCALE = 1e-3  # m, of the residuals
+
+
+@dataclass(frozen=True)
+class Learnt:
+    """What is known of one rig.
+
+    Attributes:
+        network: z (2,) [m] -> s (3,) [m], with a constant sum of tensions.
+        stiffness: Bending stiffness over that of the nominal rig [1].
+        turn: [rad], of the tendons about the axis.
+    """
+
+    network: Network
+    stiffness: float
+    turn: float
+
+    @cached_property
+    def statics(self) -> CompiledInference:
+        """The network, for real time."""
+        return CompiledInference(self.network)
+
+    def believed(self, robot: RobotParams) -> RobotParams:
+        """The rig as it seems to be, to be modelled in several pieces."""
+        return turned(robot, self.stiffness, self.turn)
+
+    def save(self, path: Path, robot: RobotParams, about: dict[str, object]) -> None:
+        """Write an npz file, for the nominal robot, with more `about` it."""
+        numbers = {"stiffness": self.stiffness, "turn": self.turn}
+        self.network.save(path, describe(robot) | numbers | about)
+
+    @classmethod
+    def load(cls, robot: RobotParams, path: str | Path | None = None) -> "Learnt":
+        """Read what `save` wrote.
+
+        Args:
+            robot: The nominal rig.
+            path: The file; that of twin 0, which is shipped, unless given.
+
+        Raises:
+            FileNotFoundError: No such file.
+            ValueError: It belongs to another robot.
+        """
+        path = models_dir() / FILE if path is None else Path(path)
+        network, about = load_for(path, robot, "softrobot train rig_nn")
+        return cls(network, float(about["stiffness"]), float(about["turn"]))
+
+
+#: In the folder of models: what is learnt of twin 0.
+FILE = "rig_nn.npz"
+
+
+def turned(robot: RobotParams, stiffness: float, turn: float) -> RobotParams:
+    """A rig with another stiffness [1], and its tendons turned about the axis by `turn` [rad]."""
+    c, s = cos(turn), sin(turn)
+    offsets = [(c * x - s * y, s * x + c * y) for x, y in (t.offset for t in robot.tendons)]
+    tendons = tuple(
+        replace(tendon, offset=offset)
+        for tendon, offset in zip(robot.tendons, offsets, strict=True)
+    )
+    modulus = stiffness * robot.youngs_modulus
+    return replace(robot, youngs_modulus=modulus, tendons=tendons)
+
+
+def calibrate(robot: RobotParams, lengths: np.ndarray, outputs: np.ndarray) -> tuple[float, float]:
+    """Stiffness [1] and turn [rad] of the rig in several pieces that fit data best.
+
+    Least squares of the lengths, but for a constant of each tendon: pretension and the zero of a
+    servo are not asked for.
+
+    Args:
+        robot: The nominal rig.
+        lengths: s (n, 3) [m], with a constant sum of tensions.
+        outputs: z (n, 2) [m], measured.
+
+    Raises:
+        ValueError: Data of other shapes, or fewer than three.
+        InversionError: The model does not reach an output.
+    """
+    if len(lengths) < 3 or lengths.shape[1:] != (3,) or outputs.shape != (len(lengths), 2):
+        raise ValueError(
+            f"need three lengths (n, 3) or more and outputs (n, 2), got {lengths.shape} and "
+            f"{outputs.shape}"
+        )
+    order = _one_by_one(outputs)
+    lengths, outputs = lengths[order], outputs[order]
+
+    def missing(parameters: np.ndarray) -> np.ndarray:
+        model = FlexibleServoConstraints(turned(robot, *parameters), PIECES)
+        off = pulled_with_total(model.tripod, *hold_outputs(model, outputs), TOTAL) - lengths
+        return (off - off.mean(axis=0)).ravel() / _SCALE
+
+    found = least_squares(missing, (EQUIVALENT, 0.0), diff_step=_STEP)
+    return float(found.x[0]), float(found.x[1])
+
+
+def _one_by_one(points: np.ndarray) -> np.ndarray:
+    """Indices of points (n, 2) [m], ring by ring, each next to the one before."""
+    ring = np.round(np.hypot(*points.T) / _RING)
+    return np.lexsort((np.arctan2(points[:, 1], points[:, 0]), ring))
