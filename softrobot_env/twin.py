@@ -5,9 +5,9 @@ A twin stands for one built rig. What it is drawn from:
 * Young's modulus around 0.9 of the one believed in, tendons turned by 7 degrees: inferred by
   recomputation, these two reproduce the errors of the thesis' model-based controllers (audit sec.
   2, model mismatch; Tabs. 5.2 and 5.3);
-* `EQUIVALENT`: the thesis' EI belongs to its model of one piece of constant curvature. A real beam
-  also bends unevenly, and its heavy head makes it softer than that model. With 1.2 times the
-  modulus it stands where the model says, within 2 % up to 120 mm (a test holds it);
+* `rig_tasks.EQUIVALENT`: the thesis' EI belongs to its model of one piece of constant curvature. A
+  real beam also bends unevenly, and its heavy head makes it softer than that model. With 1.2 times
+  the modulus it stands where the model says, within 2 % up to 120 mm (a test holds it);
 * friction of 0.05 N in every tendon, with which networks of the statics err by what the thesis
   reports, 0.7 to 0.8 mm (fitted: 0.1 N gives 1.2 mm, 0.3 N 3 mm; `softrobot benchmark rig_networks`
   on the stand-in of `training/rig_statics.py`);
@@ -20,16 +20,11 @@ from math import cos, inf, pi, radians, sin
 
 import numpy as np
 
+from softrobot_env.rig_tasks import EQUIVALENT, SERVO_SPEED
 from softrobot_env.robots import RIG, RobotParams, Tendon
-
-#: Young's modulus of a beam over that of the one-piece model of the same rig [1].
-EQUIVALENT = 1.2
 
 #: A rig without errors as the one-piece model with the parameters of `RIG` describes it.
 EQUIVALENT_RIG = replace(RIG, name="rig_equivalent", youngs_modulus=EQUIVALENT * RIG.youngs_modulus)
-
-#: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
-SERVO_SPEED = pi / 3 / 0.16 * 0.020
 
 #: Largest standard deviation [m] of a camera's noise, and largest error [m] of a servo: offset plus
 #: half of the backlash. Observation spaces leave room for them.

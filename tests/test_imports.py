@@ -148,6 +148,13 @@ def test_control_and_envs_meet_only_at_the_top():
     assert "control" not in ALLOWED["envs"]
 
 
+def test_controllers_never_see_a_twin():
+    """What is wrong with a rig is for the environments alone."""
+    for part in ("control", "learned", "beams"):
+        for path in (ROOT / PACKAGE / part).rglob("*.py"):
+            assert "twin" not in parts_in(imported(path, ast.walk(ast.parse(path.read_text()))))
+
+
 def test_heavy_packages_load_where_they_are_used(source):
     path, tree = source
     part = part_of(path)

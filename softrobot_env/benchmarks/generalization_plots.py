@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Colours of policies that have none in the figures of the thesis' controllers.
-_COLOURS = COLOURS | {"imitation": "#000000"}
+_COLOURS = COLOURS | {"imitation": "#000000", "ppo": "#E41A1C", "sac": "#8C564B"}
 
 #: Markers, one per policy in the order of their first rows.
 _MARKERS = "osD^v<>PX*hp"

@@ -3,6 +3,7 @@
 import argparse
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from io import StringIO
 from pathlib import Path
 
@@ -15,6 +16,8 @@ from softrobot_env.evaluation.report import write_json
 EXAMPLE = "softrobot benchmark speed --quick"
 
 _WIDTH = 110  # characters of a report
+
+_BENCHMARKS = "softrobot_env.benchmarks"
 
 #: What can be measured.
 BENCHMARKS = (
@@ -43,59 +46,13 @@ class Benchmark:
 
 
 def _load(what: str) -> Benchmark:
-    if what == "accuracy":
-        from softrobot_env.benchmarks import accuracy, accuracy_plots, accuracy_tables
-
-        return Benchmark(accuracy.run, accuracy_tables.tables, accuracy_plots.plot)
-    if what == "controllers":
-        from softrobot_env.benchmarks import controllers, controllers_plots, controllers_tables
-
-        return Benchmark(controllers.run, controllers_tables.tables, controllers_plots.plot)
-    if what == "generalization":
-        from softrobot_env.benchmarks import (
-            generalization,
-            generalization_plots,
-            generalization_tables,
-        )
-
-        return Benchmark(
-            generalization.run, generalization_tables.tables, generalization_plots.plot
-        )
-    if what == "learning":
-        from softrobot_env.benchmarks import learning, learning_plots, learning_tables
-
-        return Benchmark(learning.run, learning_tables.tables, learning_plots.plot)
-    if what == "rig":
-        from softrobot_env.benchmarks import rig, rig_plots, rig_tables
-
-        return Benchmark(rig.run, rig_tables.tables, rig_plots.plot)
-    if what == "rig_networks":
-        from softrobot_env.benchmarks import (
-            rig_networks,
-            rig_networks_plots,
-            rig_networks_tables,
-        )
-
-        return Benchmark(
-            rig_networks.run_on_twin, rig_networks_tables.tables, rig_networks_plots.plot
-        )
-    if what == "stability":
-        from softrobot_env.benchmarks import stability, stability_plots, stability_tables
-
-        return Benchmark(stability.run, stability_tables.tables, stability_plots.plot)
-    if what == "thesis":
-        from softrobot_env.benchmarks import (
-            thesis_figures,
-            thesis_figures_plots,
-            thesis_figures_tables,
-        )
-
-        return Benchmark(
-            thesis_figures.run, thesis_figures_tables.tables, thesis_figures_plots.plot
-        )
-    from softrobot_env.benchmarks import speed
-
-    return Benchmark(speed.run, speed.tables)
+    """The functions of a benchmark, from its modules `NAME`, `NAME_tables` and `NAME_plots`."""
+    module = import_module(f"{_BENCHMARKS}.{what}")
+    if what == "speed":
+        return Benchmark(module.run, module.tables)
+    tables, plots = (import_module(f"{_BENCHMARKS}.{what}_{part}") for part in ("tables", "plots"))
+    run = module.run_on_twin if what == "rig_networks" else module.run
+    return Benchmark(run, tables.tables, plots.plot)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

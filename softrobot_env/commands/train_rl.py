@@ -121,15 +121,15 @@ def _config(args: argparse.Namespace) -> "RLConfig":
 
     config = preset(args.algo, args.start != _NO_START, args.randomize)
     tasks = tuple(expand_all(args.task, list(TASKS)))
-    given = {"tasks": tasks} if args.steps is None else {"tasks": tasks, "steps": args.steps}
+    wanted = {"tasks": tasks} if args.steps is None else {"tasks": tasks, "steps": args.steps}
     numbers = {f.name: f.type for f in fields(RLConfig) if f.type in (int, float)}
     for name, value in args.set:
         if name not in numbers:
             raise ValueError(f"cannot set {name!r}; choose from {', '.join(numbers)}")
         if numbers[name] is int and not value.is_integer():
             raise ValueError(f"{name} must be a whole number, got {value:g}")
-        given[name] = numbers[name](value)
-    return replace(config, **given)
+        wanted[name] = numbers[name](value)
+    return replace(config, **wanted)
 
 
 def _start(args: argparse.Namespace, path: Path) -> "Network | None":

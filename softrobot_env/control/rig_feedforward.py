@@ -20,12 +20,8 @@ from softrobot_env.control.rig_learnt import Learnt, turned
 from softrobot_env.control.servo_constraints import OutOfReachError
 from softrobot_env.control.servo_flexible import InversionError
 from softrobot_env.interfaces import Observation
-from softrobot_env.rig_tasks import WORKSPACE
+from softrobot_env.rig_tasks import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE
 from softrobot_env.robots import RobotParams
-from softrobot_env.twin import EQUIVALENT, SERVO_SPEED
-
-#: [m], pulled in by a full-scale action of `envs.rig.RigEnv`.
-LENGTH_SCALE = 0.03
 
 #: Half of a servo's play [m] plus friction over a tendon's stiffness, of typical parts: 0.2 mm and
 #: 0.05 N.

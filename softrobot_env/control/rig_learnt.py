@@ -20,8 +20,8 @@ from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.network import Network
 from softrobot_env.learned.quasi_static import describe, load_for
 from softrobot_env.paths import models_dir
+from softrobot_env.rig_tasks import EQUIVALENT
 from softrobot_env.robots import RobotParams
-from softrobot_env.twin import EQUIVALENT
 
 #: Rings [m] in which points are followed one after the other.
 _RING = 0.01

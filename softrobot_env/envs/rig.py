@@ -25,7 +25,7 @@ from softrobot_env.envs.rig_readout import Camera, CameraReadout, RigReadout
 from softrobot_env.envs.servos import Servos
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.interfaces import Observation
-from softrobot_env.rig_tasks import RigTask, make_rig_task
+from softrobot_env.rig_tasks import LENGTH_SCALE, RigTask, make_rig_task
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.twin import Twin, nominal_twin, rig3d_twin
 
@@ -70,7 +70,7 @@ class RigEnv(EpisodeEnv):
 
     metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 50}
     axes = TOP
-    length_scale = 0.03
+    length_scale = LENGTH_SCALE
 
     def __init__(
         self,
