@@ -28,11 +28,11 @@ lint: .venv/.setup-test
 	$(PYTHON) -m venv .venv
 
 .venv/.setup: .venv/bin/python pyproject.toml constraints.txt
-	$(PIP) install --quiet -c constraints.txt -e '.[viz,mpc]'
+	$(PIP) install --quiet -c constraints.txt -e '.[viz,mpc,robot]'
 	touch $@
 
 .venv/.setup-test: .venv/.setup
-	$(PIP) install --quiet -c constraints.txt -e '.[viz,rl,mpc,test]'
+	$(PIP) install --quiet -c constraints.txt -e '.[viz,rl,mpc,robot,test]'
 	touch $@
 
 clean:

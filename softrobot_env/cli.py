@@ -13,6 +13,7 @@ COMMANDS = {
     "train": "make the trained artefacts that policies load",
     "inspect": "print what a scene contains and what it leaves out",
     "export": "write the MJCF of the registered scenes",
+    "robot": "find, calibrate, hold and stop a real robot, or run a virtual one",
 }
 
 

@@ -1,4 +1,4 @@
-"""The only place that knows where assets/ and models/ are."""
+"""The only place that knows where assets/, models/ and firmware/ are."""
 
 from pathlib import Path
 
@@ -19,3 +19,8 @@ def assets_dir() -> Path:
 def models_dir() -> Path:
     """Folder of trained artefacts and their model cards."""
     return _data_dir("models")
+
+
+def firmware_dir() -> Path:
+    """Folder of the microcontroller's sources."""
+    return _data_dir("firmware")

@@ -24,6 +24,11 @@ RIG_ENVIRONMENTS = {
     "SoftRobot/RigReach-v0": "reach",
 }
 
+REAL_ENTRY_POINT = "softrobot_env.envs.real:RealRigEnv"
+
+#: The rig over a serial line, with the task it has unless told otherwise.
+REAL_ENVIRONMENTS = {"SoftRobot/RealRig-v0": "triangle"}
+
 
 def register_envs() -> None:
     """Register every environment with Gymnasium; calling it again changes nothing."""
@@ -31,6 +36,8 @@ def register_envs() -> None:
         _register(env_id, ENTRY_POINT, VECTOR_ENTRY_POINT, task)
     for env_id, task in RIG_ENVIRONMENTS.items():
         _register(env_id, RIG_ENTRY_POINT, None, task)
+    for env_id, task in REAL_ENVIRONMENTS.items():
+        _register(env_id, REAL_ENTRY_POINT, None, task)
 
 
 def _register(env_id: str, entry_point: str, vector_entry_point: str | None, task: str) -> None:

@@ -23,7 +23,8 @@ from softrobot_env.benchmarks import (
     spiral,
     tension_step,
 )
-from softrobot_env.benchmarks.accuracy_plots import front, plot
+from softrobot_env.benchmarks.accuracy_plot_parts import front
+from softrobot_env.benchmarks.accuracy_plots import plot
 from softrobot_env.benchmarks.accuracy_rows import (
     BENDING,
     FIELDS,
@@ -322,7 +323,9 @@ def test_absent_pyelastica_is_said(monkeypatch):
 
 def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
     numbers = [chain_row(case, "balanced2", 6, BENDING) for case in scalar_cases()]
-    rows = [*static, *motions, *numbers, make_row("note", "case", "model", reference="left out")]
+    rig = make_row("static", "rig_slack", "rig_piece", 1, e_mean=0.023, e_max=0.023, wall_time=1e-3)
+    note = make_row("note", "case", "model", reference="left out")
+    rows = [*static, *motions, *numbers, rig, note]
     out = StringIO()
     Console(file=out, width=100).print(accuracy_tables.tables(rows))
     text = out.getvalue()
@@ -337,5 +340,5 @@ def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
     )
     assert f"{1e3 * moment:.2g}" in text
     plot(rows, tmp_path / "accuracy.png")
-    for name in ("accuracy", "accuracy_static", "accuracy_rules"):
+    for name in ("accuracy", "accuracy_static", "accuracy_rules", "accuracy_rig"):
         assert (tmp_path / f"{name}.png").read_bytes().startswith(b"\x89PNG")

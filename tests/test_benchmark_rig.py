@@ -10,12 +10,13 @@ from rich.console import Console
 from softrobot_env.benchmarks import rig, rig_networks
 from softrobot_env.benchmarks.rig_cases import BLIND, FAST, SLOW, Case, run_case
 from softrobot_env.benchmarks.rig_forces import force_rows
-from softrobot_env.benchmarks.rig_goals import THESIS, middle, rows
+from softrobot_env.benchmarks.rig_goals import middle, rows
 from softrobot_env.benchmarks.rig_plots import plot
 from softrobot_env.benchmarks.rig_tables import tables
 from softrobot_env.commands.benchmark import BENCHMARKS
 from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.control.rig_learnt import Learnt
+from softrobot_env.evaluation.thesis import TRIANGLE
 from softrobot_env.robots import RIG
 
 #: Made-up mean errors [mm] on twin 0, slow and fast; each twin has 1 mm more than the one before.
@@ -61,7 +62,7 @@ def goal(found, text, policy=""):
 
 def test_every_policy_is_run_on_every_rig():
     assert set(BLIND) < set(RIG_POLICIES) == set(ERRORS)
-    assert {policy for policy, _ in THESIS} < set(RIG_POLICIES)
+    assert {policy for policy, _ in TRIANGLE} < set(RIG_POLICIES)
     assert len(rig.TWINS) >= 5 and rig.SHOWN in rig.TWINS
     assert {"rig", "rig_networks"} < set(BENCHMARKS)
 

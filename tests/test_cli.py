@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from softrobot_env.cli import COMMANDS, main
-from softrobot_env.commands import evaluate
+from softrobot_env.commands import evaluate_cases
 
 
 def test_evaluate_writes_report_and_plots(tmp_path, capsys):
@@ -67,7 +67,7 @@ def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):
 
 
 def test_policies_without_their_package_are_left_out_of_all(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(evaluate, "installed_policies", lambda: ["hold"])
+    monkeypatch.setattr(evaluate_cases, "installed_policies", lambda: ["hold"])
     arguments = ["--tasks", "lshape", "--control-period", "0.2", "--no-plots"]
     assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
@@ -142,7 +142,12 @@ def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
         (["inspect", "--rule", "simpson"], "balanced2"),
         (["inspect", "--pieces", "4"], "inside a piece"),
         (["inspect", "--control-period", "3"], "control_period"),
+        (["inspect", "--twin", "1"], "--twin: only with tasks of the rig"),
         (["evaluate", "--step-widths", "0.9", "--tasks", "step"], "step width"),
+        (["evaluate", "--step-widths", "0.1", "--tasks", "swing"], "step_width is an option of"),
+        (["evaluate", "--speeds", "0.1", "--tasks", "swing"], "circle, figure_eight, random"),
+        (["evaluate", "--path-seeds", "1", "--tasks", "circle"], "random, reach"),
+        (["render", "--step-width", "0.1", "--task", "swing"], "step only"),
     ],
 )
 def test_bad_values_end_with_the_reason(arguments, reason, capsys):

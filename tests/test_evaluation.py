@@ -14,8 +14,8 @@ from softrobot_env.tasks import make_task
 COMMAND = "softrobot evaluate --tasks swing"
 
 ROW_KEYS = {
-    "task", "step_width", "policy", "robot", "plant", "variation", "e_mean", "e_max", "e_rms",
-    "e_final", "rise_time", "settling_time", "overshoot", "steady_state_error",
+    "task", "step_width", "policy", "robot", "plant", "source", "variation", "e_mean", "e_max",
+    "e_rms", "e_final", "rise_time", "settling_time", "overshoot", "steady_state_error",
     "policy_time_median", "policy_time_p99", "realtime_factor", "remarks", "failure",
 }  # fmt: skip
 

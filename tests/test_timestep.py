@@ -194,6 +194,15 @@ def test_stiffness_scales_the_timestep_and_keeps_the_steps_per_period():
     assert choices[0].timestep / choices[1].timestep == pytest.approx(10, rel=1e-3)
 
 
+@pytest.mark.parametrize("friction", [False, True])
+def test_undamped_robot_driven_by_length_gets_rk4(friction):
+    chain = linearize(length_driven(0.0, 1e4).model)
+    choice = choose_timestep(chain, 0.02, friction=friction)
+    assert choice.integrator == "RK4" and choice.timestep < choice.stability_limit
+    damped = linearize(length_driven(0.05, 1e4).model)
+    assert choose_timestep(damped, 0.02).integrator == "implicitfast"
+
+
 def test_extremely_stiff_undamped_robot_gets_discrete_and_a_warning():
     """Steel wire on 48 hinges: the fastest mode is thousands of times the first."""
     with pytest.warns(TimestepWarning, match="using discrete, which damps fast modes"):

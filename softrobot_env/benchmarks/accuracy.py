@@ -13,7 +13,15 @@ import mujoco
 import numpy as np
 
 from softrobot_env.beams.model import IntegrationError
-from softrobot_env.benchmarks import agreement, goals, pyelastica_rod, spiral, tension_step
+from softrobot_env.benchmarks import (
+    agreement,
+    goals,
+    pyelastica_rod,
+    rig_accuracy,
+    rig_accuracy_cases,
+    spiral,
+    tension_step,
+)
 from softrobot_env.benchmarks.accuracy_rows import (
     BENDING,
     Limit,
@@ -61,6 +69,12 @@ _NEWTON = 1e-6
 
 _LOAD_STEP = 0.2
 
+#: [s], of the motions in which a step of the chain costs the same throughout.
+_DURATIONS = {
+    tension_step.CASE: tension_step.DURATION,
+    **dict.fromkeys(rig_accuracy_cases.MOTIONS, rig_accuracy_cases.DURATION),
+}
+
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     """Measure all cases, models and resolutions.
@@ -91,6 +105,7 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         return goals.rows(rows, quick)
 
     jobs = [*_static_jobs(quick), *_number_jobs(quick), *_dynamic_jobs(quick)]
+    jobs += rig_accuracy.jobs(quick)
     jobs.append(("PyElastica", lambda: pyelastica_rod.rows(quick)))
     jobs.append(("goals", reach_goals))
     return run_jobs(jobs, progress, rows)
@@ -102,12 +117,14 @@ def _share_step_times(rows: list[Row]) -> None:
     A step costs the same whatever the rule and the timestep, so its best time over all runs with
     as many hinges and the same integrator is the truth; single runs differ by the machine's noise.
     """
-    chains = [r for r in rows if r["kind"] == "dynamic" and is_chain(r)]
-    moving = [r for r in chains if r["case"] == tension_step.CASE]
-    for row in moving:
-        alike = [r for r in moving if (r["n"], r["integrator"]) == (row["n"], row["integrator"])]
-        row["step_time"] = min(r["step_time"] for r in alike)
-        row["wall_time"] = row["step_time"] * tension_step.DURATION / row["timestep"]
+    alike: dict[tuple, list[Row]] = {}
+    for row in rows:
+        if row["kind"] == "dynamic" and is_chain(row) and row["case"] in _DURATIONS:
+            alike.setdefault((row["case"], row["n"], row["integrator"]), []).append(row)
+    for (case, *_), mine in alike.items():
+        best = min(row["step_time"] for row in mine)
+        for row in mine:
+            row["step_time"], row["wall_time"] = best, best * _DURATIONS[case] / row["timestep"]
 
 
 def hinge_numbers(robot: RobotParams, rule: str, quick: bool = False) -> tuple[int, ...]:

@@ -2,27 +2,30 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.benchmarks import accuracy_rule_plots, pyelastica_rod, spiral, tension_step
+from softrobot_env.benchmarks import (
+    accuracy_rule_plots,
+    pyelastica_rod,
+    rig_accuracy_cases,
+    rig_accuracy_plots,
+    spiral,
+    tension_step,
+)
+from softrobot_env.benchmarks.accuracy_plot_parts import (
+    STYLE,
+    draw_front,
+    draw_legend,
+    family,
+    plain_ticks,
+)
+from softrobot_env.benchmarks.accuracy_rows import Row
 from softrobot_env.benchmarks.accuracy_rule_plots import label_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-Row = dict[str, Any]
-
-#: Okabe and Ito's colours and a marker for each model.
-_STYLE = {
-    "mujoco_chain": ("#0072B2", "o", "MuJoCo chain"),
-    "pcc/lumped": ("#E69F00", "s", "PCC, lumped mass"),
-    "pcc/distributed": ("#D55E00", "D", "PCC, distributed mass"),
-    "cosserat": ("#009E73", "^", "Cosserat rod"),
-    "ancf": ("#CC79A7", "v", "ANCF"),
-    "pyelastica": ("#000000", "P", "PyElastica"),
-}
 
 #: Thesis, Tab. 2.2 (i7-6700K, compiled MATLAB; its errors are in m according to the audit): pieces,
 #: run times [s] with ode15s at 0.9 mm, then with implicit Euler at 10, 1 and 0.1 mm.
@@ -40,9 +43,6 @@ _MOTIONS = {
     pyelastica_rod.CASE: "Spiral without damping",
 }
 _REAL_TIME = 3000  # ms
-
-#: A run joins a model's best ones if its error is smaller by at least this factor.
-_GAIN = 0.85
 
 _STATIC_TITLES = {
     "self_weight_weak": "self-weight, weak",
@@ -71,9 +71,12 @@ def plot(rows: list[Row], path: Path | str) -> None:
 
     Args:
         rows: Rows of `benchmarks.accuracy.run`.
-        path: File of the first picture. The others have its name with "_static" and "_rules".
+        path: File of the first picture. The others have its name with "_static", "_rules" and
+            "_rig".
     """
     path = Path(path)
+    rig_accuracy_plots.plot(rows, path.with_stem(f"{path.stem}_rig"))
+    rows = [row for row in rows if row["case"] not in rig_accuracy_cases.CASES]
     _work_precision(rows, path)
     _resolution(rows, path.with_stem(f"{path.stem}_static"))
     accuracy_rule_plots.plot(rows, path.with_stem(f"{path.stem}_rules"))
@@ -97,16 +100,16 @@ def _work_precision(rows: list[Row], path: Path) -> None:
     grid = figure.subplots(lines, columns, squeeze=False) if panels else np.empty((0, 0))
     for axes, draw in zip(grid.flat, panels, strict=True):
         draw(axes)
-        _plain_ticks(axes)
+        plain_ticks(axes)
         _real_time(axes)
-    _legend(figure, {family(row) for row in moving})
+    draw_legend(figure, {family(row) for row in moving})
     figure.suptitle("Error against run time: all runs, and the best of each model joined")
     figure.savefig(path, dpi=150)
 
 
 def _motions(axes: "Axes", rows: list[Row], title: str) -> None:
-    for model in _STYLE:
-        _front(axes, model, [row for row in rows if family(row) == model], "e_mean")
+    for model in STYLE:
+        draw_front(axes, model, [row for row in rows if family(row) == model], "e_mean")
     label_axes(axes, title, "run time of 3 s of motion [ms]")
     axes.set_ylabel("mean tip error [mm]")
 
@@ -132,8 +135,8 @@ def _in_time(axes: "Axes", rows: list[Row]) -> None:
     """Error of the integrators alone, on the discretisations of the thesis, with its own."""
     for model, (pieces, time, euler) in _THESIS.items():
         mine = [r for r in rows if (r["model"], r["n"]) == (model, pieces)]
-        _front(axes, model, mine, "e_time")
-        color, marker, _ = _STYLE[model]
+        draw_front(axes, model, mine, "e_time")
+        color, marker, _ = STYLE[model]
         grey = {"color": "0.5", "marker": marker, "markeredgecolor": color}
         axes.plot([1e3 * t for t in euler], _EULER_ERRORS, **grey, linestyle=":", markersize=6)
         axes.plot(1e3 * time, _ODE15S_ERROR, **grey, markersize=10)
@@ -162,36 +165,6 @@ def _in_time(axes: "Axes", rows: list[Row]) -> None:
     )
 
 
-def family(row: Row) -> str:
-    """Model of a row; all hinge rules are one."""
-    return "mujoco_chain" if row["model"].startswith("mujoco") else row["model"]
-
-
-def front(rows: list[Row], error: str = "e_mean") -> list[Row]:
-    """Rows that no faster one beats in an error, by a margin, fastest first."""
-    out: list[Row] = []
-    for row in sorted(rows, key=lambda row: (row["wall_time"], row[error])):
-        if not out or row[error] < _GAIN * out[-1][error]:
-            out.append(row)
-    return out
-
-
-def _front(axes: "Axes", model: str, rows: list[Row], error: str) -> None:
-    """All runs of a model as faint points, those that none beats joined."""
-    color, marker, _ = _STYLE[model]
-    for chosen, style in (
-        (rows, {"linestyle": "", "markersize": 3, "alpha": 0.35, "markeredgewidth": 0}),
-        (front(rows, error), {"linewidth": 1.4, "markersize": 5}),
-    ):
-        axes.plot(
-            [1e3 * r["wall_time"] for r in chosen],
-            [1e3 * r[error] for r in chosen],
-            color=color,
-            marker=marker,
-            **style,
-        )
-
-
 def _resolution(rows: list[Row], path: Path) -> None:
     from matplotlib.figure import Figure
 
@@ -208,7 +181,7 @@ def _resolution(rows: list[Row], path: Path) -> None:
             axes.set_xticks([], minor=True)
         panels[0].set_ylim(bottom=floor / 2)
         panels[0].set_ylabel("error [%]" if titles is _NUMBER_TITLES else "tip error [mm]")
-    _legend(figure, {family(row) for row in shown})
+    draw_legend(figure, {family(row) for row in shown})
     figure.suptitle(
         "Error against resolution, each model to the exact solution of its own physics "
         f"(less than {_FLOORS[0]:g} mm or {_FLOORS[1]:g} %: at the bottom)",
@@ -218,7 +191,7 @@ def _resolution(rows: list[Row], path: Path) -> None:
 
 
 def _draw_resolution(axes: "Axes", rows: list[Row], floor: float) -> None:
-    for model, (color, marker, _) in _STYLE.items():
+    for model, (color, marker, _) in STYLE.items():
         name = _RULE if model == "mujoco_chain" else model
         mine = [r for r in rows if r["model"] == name]
         error = [
@@ -232,22 +205,3 @@ def _draw_resolution(axes: "Axes", rows: list[Row], floor: float) -> None:
             markersize=4.5,
             linewidth=1.3,
         )
-
-
-def _plain_ticks(axes: "Axes") -> None:
-    from matplotlib.ticker import FuncFormatter, NullFormatter
-
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        axis.set_minor_formatter(NullFormatter())
-
-
-def _legend(figure: Any, models: set[str]) -> None:
-    from matplotlib.lines import Line2D
-
-    handles = [
-        Line2D([], [], color=color, marker=marker, markersize=5, linewidth=1.4, label=label)
-        for model, (color, marker, label) in _STYLE.items()
-        if model in models
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), fontsize=9)

@@ -10,7 +10,8 @@ import numpy as np
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.report import make_row, task_label, variation_label
+from softrobot_env.evaluation.labels import task_label, variation_label
+from softrobot_env.evaluation.report import make_row
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.evaluation.thesis import CONTROLLERS
 from softrobot_env.rollout import Rollout

@@ -20,7 +20,7 @@ from softrobot_env.benchmarks.controllers_curves import (
     new_figure,
 )
 from softrobot_env.benchmarks.controllers_rows import moduli, names, one, select
-from softrobot_env.evaluation.report import variation_label
+from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.evaluation.thesis import CONTROLLERS
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from rich.table import Table
 from softrobot_env.benchmarks.controllers_cases import TASKS, Row
 from softrobot_env.benchmarks.controllers_cells import both, new_table, number, several, task_name
 from softrobot_env.benchmarks.controllers_rows import E, moduli, names, one, select
-from softrobot_env.evaluation.report import variation_label
+from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.evaluation.thesis import CONTROLLERS, ROBUSTNESS
 
 _PLANTS = {"pcc": "PCC", "mujoco": "MuJoCo"}

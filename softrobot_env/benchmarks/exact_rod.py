@@ -56,7 +56,7 @@ def section(robot: RobotParams, shear_coefficient: float | None) -> Section:
     return Section(robot.bending_stiffness, shear, robot.youngs_modulus * robot.area)
 
 
-def _slope(angle: np.ndarray, force: np.ndarray, rod: Section) -> np.ndarray:
+def section_slope(angle: np.ndarray, force: np.ndarray, rod: Section) -> np.ndarray:
     """r' (2, ...) [1] at section angles (...) [rad] under internal forces (2, ...) [N]."""
     sin, cos = np.sin(angle), np.cos(angle)
     shear = (force[0] * cos - force[1] * sin) / rod.shear
@@ -94,7 +94,7 @@ def rod_tip(
 
         def derivative(s: np.ndarray, y: np.ndarray, share: float = share) -> np.ndarray:
             inner = share * (q[:, None] * (1 - s) + f[:, None])
-            slope = _slope(y[0], inner, scaled)
+            slope = section_slope(y[0], inner, scaled)
             return np.stack([y[1], inner[1] * slope[0] - inner[0] * slope[1], *slope])
 
         def ends(base: np.ndarray, tip: np.ndarray, share: float = share) -> np.ndarray:
@@ -165,7 +165,7 @@ def _next_guides(
         def derivative(_: float, y: np.ndarray) -> np.ndarray:
             arm = first - y[:2]
             moment = -np.sum(arm[:, 1] * pull[:, 0] - arm[:, 0] * pull[:, 1])
-            return np.array([*_slope(y[2], force, rod), moment / rod.bending])
+            return np.array([*section_slope(y[2], force, rod), moment / rod.bending])
 
         return solve_ivp(derivative, (0, span), pose, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
 

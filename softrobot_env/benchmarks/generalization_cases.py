@@ -8,7 +8,8 @@ from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.benchmarks.controllers_cases import policies as known_policies
 from softrobot_env.control.registry import installed_policies, make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.report import make_row, variation_label
+from softrobot_env.evaluation.labels import variation_label
+from softrobot_env.evaluation.report import make_row
 from softrobot_env.evaluation.run import run_episode, warm_up
 from softrobot_env.tasks import Task, make_task
 

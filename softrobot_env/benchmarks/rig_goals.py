@@ -5,16 +5,7 @@ from statistics import median
 
 from softrobot_env.benchmarks.jobs import Row
 from softrobot_env.benchmarks.rig_cases import FAST, SLOW
-
-#: Policy and period [s] -> mean and largest error [m] in Tabs. 5.2 and 5.3.
-THESIS = {
-    ("rig_nn", SLOW): (4.5e-3, 13.0e-3),
-    ("inverse_dynamics", SLOW): (12.5e-3, 42.3e-3),
-    ("hybrid", SLOW): (2.9e-3, 8.9e-3),
-    ("rig_nn", FAST): (35.9e-3, 90.3e-3),
-    ("inverse_dynamics", FAST): (19.7e-3, 49.5e-3),
-    ("hybrid", FAST): (8.6e-3, 18.4e-3),
-}
+from softrobot_env.evaluation.thesis import TRIANGLE
 
 #: The thesis' controller, and that with the model in several pieces, which a real rig is.
 _HYBRIDS = ("hybrid", "hybrid_flexible")
@@ -48,7 +39,7 @@ def middle(rows: list[Row], name: str, policy: str, period: float) -> float | No
 def _accuracy(twins: list[Row]) -> Iterator[Row]:
     for policy in _HYBRIDS:
         for period in (SLOW, FAST):
-            for name, limit in zip(_NAMES, THESIS["hybrid", period], strict=True):
+            for name, limit in zip(_NAMES, TRIANGLE["hybrid", period], strict=True):
                 text = f"T = {period:g} s, {'mean' if name == 'e_mean' else 'largest'} error"
                 yield _at_most(text, policy, "mm", middle(twins, name, policy, period), limit)
     text = f"T = {FAST:g} s, mean error, beyond the thesis"

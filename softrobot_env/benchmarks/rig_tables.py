@@ -9,7 +9,8 @@ from rich.text import Text
 from softrobot_env.benchmarks.controllers_cells import new_table, verdict
 from softrobot_env.benchmarks.jobs import Row
 from softrobot_env.benchmarks.rig_cases import FAST, SLOW, rig_name
-from softrobot_env.benchmarks.rig_goals import THESIS, middle
+from softrobot_env.benchmarks.rig_goals import middle
+from softrobot_env.evaluation.thesis import TRIANGLE
 
 _NUMBERS = {SLOW: "5.2", FAST: "5.3"}
 _TIMES = (
@@ -58,7 +59,7 @@ def _errors(rows: list[Row], period: float) -> Table:
         pair = [middle(ideal, name, policy, period) for name in ("e_mean", "e_max")]
         own = [row for row in twins if row["policy"] == policy]
         spreads = (_spread(own, name) for name in ("e_mean", "e_max"))
-        out.add_row(policy, _both(THESIS.get((policy, period))), _both(pair), *spreads)
+        out.add_row(policy, _both(TRIANGLE.get((policy, period))), _both(pair), *spreads)
     return out
 
 

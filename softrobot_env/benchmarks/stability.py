@@ -6,7 +6,7 @@ of the same model (or of an independent truth). Everything else is a failure wit
 
 from collections.abc import Iterator
 
-from softrobot_env.benchmarks import stability_extremes
+from softrobot_env.benchmarks import rig_stability, stability_extremes
 from softrobot_env.benchmarks.jobs import Progress, run_jobs
 from softrobot_env.benchmarks.stability_beams import BEAMS, make_beam
 from softrobot_env.benchmarks.stability_map import (
@@ -42,8 +42,9 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     Returns:
         Rows as `stability_runs.make_row` says. Their case is "map", "rule" (what the timestep
         rule picks), "rule_asked" (the rule with a fixed integrator), "limit" (around the
-        stability limit of the linearised chain), or the name of an extreme case. e_max is None
-        for runs that did not reach their end.
+        stability limit of the linearised chain), or the name of an extreme case, or one of
+        `rig_stability.CASES` with the rig's further fields. e_max is None for runs that did not
+        reach their end, or that nothing can judge.
     """
     return run_jobs(list(_quick_jobs() if quick else _full_jobs()), progress)
 
@@ -60,6 +61,7 @@ def _full_jobs() -> Iterator[Job]:
         for n, dampings in PIECES:
             yield from beam_jobs(beam_family(name, n), dampings)
     yield from stability_extremes.jobs(BEAMS)
+    yield from rig_stability.jobs()
 
 
 def _quick_jobs() -> Iterator[Job]:
@@ -68,3 +70,4 @@ def _quick_jobs() -> Iterator[Job]:
     for name in BEAMS:
         yield from beam_jobs(beam_family(name, 3), *grid)
     yield from stability_extremes.jobs(BEAMS, quick=True)
+    yield from rig_stability.jobs(quick=True)

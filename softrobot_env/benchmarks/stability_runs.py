@@ -23,9 +23,11 @@ from softrobot_env.scene.timestep import LinearChain, linearize
 Row = dict[str, Any]
 
 #: How a run can end. A wrong run stays finite, but its tip leaves the error bound. One that did
-#: not converge gave up, because Newton's iteration failed or adapted steps became too many.
+#: not converge gave up, because Newton's iteration failed or adapted steps became too many. One
+#: without truth ended, but refined runs differ too much to judge it by them.
 STABLE, WRONG, DIVERGED, NOT_CONVERGED = "stable", "wrong", "diverged", "not_converged"
-OUTCOMES = (STABLE, WRONG, DIVERGED, NOT_CONVERGED)
+NO_TRUTH = "no_truth"
+OUTCOMES = (STABLE, WRONG, DIVERGED, NOT_CONVERGED, NO_TRUTH)
 
 #: Integrators of the MuJoCo chain, and methods of the beam models.
 CHAIN_INTEGRATORS = ("implicitfast", "discrete", "Euler", "implicit", "RK4")
@@ -58,11 +60,12 @@ class Trace:
 
     Attributes:
         time: (k,) [s].
-        tip: (k, 2) [m] in (x, z); without the part after a failure.
+        tip: (k, 2) [m] in (x, z), of a spatial chain (k, 3); without the part after a failure.
         outcome: `DIVERGED` or `NOT_CONVERGED` if the run failed, else None.
         failure: What failed and when, or None.
         wall_time: [s].
         steps: Steps taken.
+        tension: (k, nu) [N] of the chain's tendons, in the step before each instant.
     """
 
     time: np.ndarray
@@ -71,6 +74,7 @@ class Trace:
     failure: str | None
     wall_time: float
     steps: int
+    tension: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -128,6 +132,7 @@ class ChainSystem:
     ) -> None:
         self.scene, self.posture, self.speed = neutral_scene(config), posture, speed
         self.controls = controls
+        self.axes = [0, 2] if config.bending == "planar" else [0, 1, 2]
         self.linear: LinearChain = linearize(self.scene.model)
 
     def run(self, plan: Plan) -> Trace:
@@ -149,14 +154,15 @@ class ChainSystem:
         sample = self.scene.config.control_period if varying else plan.sample
         chunk = max(1, round(sample / plan.timestep))
         tip = data.site("tip").xpos
-        times, tips, done, failure = [], [], 0, None
+        times, tips, tensions, done, failure = [], [], [], 0, None
         begin = perf_counter()
         while failure is None and done <= plan.steps:
             mujoco.mj_kinematics(model, data)
             failure = chain_failure(data, tip)
             if failure is None:
                 times.append(done * plan.timestep)
-                tips.append(tip[[0, 2]])
+                tips.append(tip[self.axes])
+                tensions.append(data.actuator_force.copy())
             count = min(chunk, plan.steps - done)
             if count == 0:
                 break
@@ -166,7 +172,8 @@ class ChainSystem:
             done += count
         wall_time = perf_counter() - begin
         outcome = None if failure is None else DIVERGED
-        return Trace(np.array(times), np.array(tips), outcome, failure, wall_time, done)
+        series = np.array(times), np.array(tips)
+        return Trace(*series, outcome, failure, wall_time, done, np.array(tensions))
 
 
 @contextmanager
@@ -256,7 +263,7 @@ class Reference:
 
     Attributes:
         time: (k,) [s].
-        tip: (k, 2) [m].
+        tip: (k, 2) or (k, 3) [m].
         uncertainty: [m], largest distance to the same with coarser steps.
     """
 
@@ -265,7 +272,7 @@ class Reference:
     uncertainty: float
 
     def at(self, time: np.ndarray) -> np.ndarray:
-        """Tip (k, 2) [m] at instants (k,) [s] that it covers."""
+        """Tip (k, 2) or (k, 3) [m] at instants (k,) [s] that it covers."""
         from scipy.interpolate import CubicSpline
 
         return CubicSpline(self.time, self.tip)(time)

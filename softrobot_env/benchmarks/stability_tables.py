@@ -2,10 +2,11 @@
 
 from collections.abc import Iterable
 
-from rich import box
 from rich.console import Group
 from rich.table import Table
 
+from softrobot_env.benchmarks import rig_stability, rig_stability_tables
+from softrobot_env.benchmarks.stability_groups import groups, new_table
 from softrobot_env.benchmarks.stability_runs import (
     CHAIN,
     DIVERGED,
@@ -16,15 +17,16 @@ from softrobot_env.benchmarks.stability_runs import (
 )
 from softrobot_env.robots import ARM
 
-#: Cases that make up the maps; all others are extreme cases.
-MAP_CASES = ("map", "rule", "rule_asked", "limit")
+#: Cases that make up the maps, and those of the rig; all others are extreme cases.
+MAP_CASES = ("map", "rule", "rule_asked", "limit", *rig_stability.CASES)
 
 _SHORT = {CHAIN: "chain", "implicit_euler": "impl. Euler"}
 
 
 def tables(rows: list[Row]) -> Group:
-    """Shares of the maps, the rule, the sharpness of its stability limit, and extreme cases."""
-    return Group(_shares(rows), _rule(rows), _limits(rows), _extremes(rows))
+    """Shares of the maps, the rule, how sharp its limit is, extreme cases, and the rig's."""
+    arm = (_shares(rows), _rule(rows), _limits(rows), _extremes(rows))
+    return Group(*arm, *rig_stability_tables.tables(rows))
 
 
 def first_period(row: Row) -> float:
@@ -42,29 +44,12 @@ def safe_step(rows: Iterable[Row]) -> float | None:
     return safe
 
 
-def groups(rows: Iterable[Row], *keys: str) -> dict[tuple, list[Row]]:
-    """Rows by the values of some of their keys, in the order of their first appearance."""
-    out: dict[tuple, list[Row]] = {}
-    for row in rows:
-        out.setdefault(tuple(row[key] for key in keys), []).append(row)
-    return out
-
-
-def _table(title: str, left: tuple[str, ...], right: tuple[str, ...]) -> Table:
-    out = Table(title=title, title_justify="left", box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    for head in left:
-        out.add_column(head)
-    for head in right:
-        out.add_column(head, justify="right")
-    return out
-
-
 def _shares(rows: list[Row]) -> Table:
     """One line per model and integrator."""
     cells = [row for row in rows if row["case"] == "map"]
     dampings = sorted({row["damping_ratio"] for row in cells})
     shown = [z for z in dampings if z in (dampings[0], dampings[-1])] if cells else []
-    out = _table(
+    out = new_table(
         "Maps: share of cells in %; largest step up to which all are stable (T1: first period)",
         ("model", "n", "integrator"),
         ("stable", "wrong", "div.", "no c.", *(f"h, z={z:g}" for z in shown)),
@@ -85,7 +70,7 @@ def _step(step: float | None) -> str:
 
 def _rule(rows: list[Row]) -> Table:
     """One line per resolution and damping."""
-    out = _table(
+    out = new_table(
         "Timestep rule on the map",
         ("n", "zeta", "picks"),
         ("steps / T1", "stable", "e_max", "asked: stable"),
@@ -113,7 +98,7 @@ def _count(rows: list[Row]) -> str:
 
 def _limits(rows: list[Row]) -> Table:
     """How sharp the linearised chain's stability limit is."""
-    out = _table(
+    out = new_table(
         "Stability limit of the linearised chain: runs at timesteps in units of the limit",
         ("integrator", "n", "zeta"),
         ("limit", "stable up to", "fails from", "diverges from"),
@@ -137,7 +122,7 @@ def _limits(rows: list[Row]) -> Table:
 
 def _extremes(rows: list[Row]) -> Table:
     """One line per case and model."""
-    out = _table(
+    out = new_table(
         "Extreme cases",
         ("case", "model", "n", "integrator"),
         ("h [ms]", "error [mm]", "bound", "time [s]"),

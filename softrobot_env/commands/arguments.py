@@ -10,17 +10,11 @@ from softrobot_env.control.registry import FEEDBACKS, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
 from softrobot_env.scene.config import INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.tasks import ALL_TASKS
 
 _RULE = "balanced2"
 
-
-def add_task(parser: argparse.ArgumentParser) -> None:
-    """--task and --step-width."""
-    parser.add_argument("--task", choices=list(ALL_TASKS), default="swing", help="default: swing")
-    parser.add_argument(
-        "--step-width", type=positive, metavar="M", help="width [m] of the step task"
-    )
+#: The ideal rig, among the seeds of twins.
+_NO_TWIN = "none"
 
 
 def add_scene(parser: argparse.ArgumentParser) -> None:
@@ -30,7 +24,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         "--control-period",
         type=positive,
         metavar="S",
-        help="default: the policy's own where it has one, else 0.01 s",
+        help="default: the policy's own where it has one, else 0.01 s, of the rig 0.02 s",
     )
     group.add_argument("--pieces", type=int, help="pieces of the robot; default: the robot's own")
     group.add_argument(
@@ -91,6 +85,20 @@ def add_feedback(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_twin(parser: argparse.ArgumentParser, several: bool = False) -> None:
+    """--twin, a list of one seed or of several; None unless given."""
+    parser.add_argument(
+        "--twin",
+        nargs="+" if several else 1,
+        type=twin,
+        metavar="SEED",
+        help="the rig that is simulated: seed of a digital twin, a rig with errors of "
+        f"manufacturing, servos and camera that no policy is told, or {_NO_TWIN} for an ideal "
+        "one without them, which stands where the one-piece model of the policies says; default: "
+        "0. The networks that policies load are those of twin 0",
+    )
+
+
 def add_out(parser: argparse.ArgumentParser, default: str, note: str = "") -> None:
     """--out DIR."""
     parser.add_argument(
@@ -106,6 +114,17 @@ def positive(text: str) -> float:
 def size(text: str) -> int:
     """A number of pixels."""
     return int(_number(text, lambda v: v >= 1 and v == int(v), "a whole number of pixels"))
+
+
+def twin(text: str) -> int | None:
+    """Seed of a twin, None for an ideal rig."""
+    if text == _NO_TWIN:
+        return None
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not a seed, a whole number of zero or more, or {_NO_TWIN}"
+        )
+    return int(text)
 
 
 def _number(text: str, allowed: Callable[[float], bool], what: str) -> float:

@@ -4,17 +4,25 @@ import argparse
 from math import isinf
 
 import mujoco
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.benchmarks.timing import step_cost
-from softrobot_env.commands.arguments import add_scene, add_task, scene_options
+from softrobot_env.commands.arguments import add_scene, add_twin, scene_options
+from softrobot_env.commands.inspect_rig import errors_left_out, rig_rows
+from softrobot_env.commands.rig_setup import RigSetup, rig
+from softrobot_env.commands.task_arguments import add_task, one_task
+from softrobot_env.envs.episodes import EpisodeEnv
+from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.labels import option_columns, task_label
+from softrobot_env.rig_tasks import RigTask
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.scene.build import Scene
-from softrobot_env.tasks import make_task
 
-EXAMPLE = "softrobot inspect --task swing"
+EXAMPLE = """softrobot inspect --task swing
+  softrobot inspect --task triangle --twin 0"""
 
 #: What a scene may leave out: description -> whether this model has it.
 _OPTIONAL = {
@@ -34,30 +42,43 @@ _OPTIONAL = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_task(parser)
+    add_twin(parser)
     add_scene(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    env = TrackingEnv(make_task(args.task, args.step_width), **scene_options(args))
+    task, options = one_task(args)
+    label = task_label({"task": task.name, **option_columns(options)})
+    setup = RigSetup(args)
     console = Console()
-    console.print(_overview(env))
+    if isinstance(task, RigTask):
+        env = RigEnv(task, twin=rig(setup.twins()[0]), **scene_options(args))
+        console.print(_overview(env, label, errors_left_out(env.twin), rig_rows(env)))
+        console.print(_tendons(env.twin.robot))
+        return 0
+    setup.check([])
+    env = TrackingEnv(task, **scene_options(args))
+    action = f"{env.action_space.shape[0]} inputs, full scale {env.input_scale.tolist()} N"
+    console.print(_overview(env, label, [], {"action": action}))
     console.print(_tendons(env.task.robot))
     return 0
 
 
-def _overview(env: TrackingEnv) -> Table:
+def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, str]) -> Table:
+    """What every scene has, what else a robot leaves out, and rows of its own."""
     scene, model = env.scene, env.model
-    out = Table(show_header=False, title=f"Task {env.task.label}, robot {env.task.robot.name}")
+    out = Table(show_header=False, title=f"Task {label}, robot {scene.config.robot.name}")
+    left_out = [*(name for name, has in _OPTIONAL.items() if not has(model)), *left_out]
     rows = {
         "DOFs": f"{model.nv} hinges in {scene.layout.pieces} pieces, rule {scene.config.rule}",
         "bodies": f"{model.nbody - 1} links",
         "tendons, actuators": f"{model.ntendon}, {model.nu} ({scene.config.actuation})",
         "sensors": ", ".join(model.sensor(i).name for i in range(model.nsensor)) or "none",
-        "left out": "; ".join(name for name, has in _OPTIONAL.items() if not has(model)),
+        "left out": "; ".join(left_out),
         **_timing(scene),
         "observation": ", ".join(f"{k} {v.shape[0]}" for k, v in env.observation_space.items()),
-        "action": f"{env.action_space.shape[0]} inputs, full scale {env.input_scale.tolist()} N",
+        **own,
     }
     for name, text in rows.items():
         out.add_row(name, text)
@@ -68,12 +89,13 @@ def _timing(scene: Scene) -> dict[str, str]:
     choice = scene.timestep
     cost = step_cost(scene.model)
     per_control = cost * choice.substeps
+    limit = "none" if isinf(choice.stability_limit) else f"{1e3 * choice.stability_limit:.4g} ms"
     return {
         "integrator": choice.integrator,
         "timestep": f"{1e3 * choice.timestep:.4g} ms, {choice.substeps} per control period",
         "timestep rule": choice.reason,
         "first mode": f"{1 / choice.first_period:.3f} Hz",
-        "stability limit": f"{1e3 * choice.stability_limit:.4g} ms (linearised)",
+        "stability limit": f"{limit} (linearised)",
         "cost per step": f"{1e6 * cost:.1f} us",
         "cost per control period": (
             f"{1e6 * per_control:.1f} us, {scene.config.control_period / per_control:.0f} x "
@@ -83,20 +105,33 @@ def _timing(scene: Scene) -> dict[str, str]:
 
 
 def _tendons(robot: RobotParams) -> Table:
-    out = Table(header_style="bold", title="Tendons")
-    for heading in ("name", "offset mm", "end mm", "routing", "limit N", "stiffness"):
-        out.add_column(heading)
+    """One row per tendon, with friction where there is any."""
+    out = Table(
+        header_style="bold",
+        title="Tendons",
+        box=box.SIMPLE_HEAD,
+        padding=(0, 1, 0, 0),
+        pad_edge=False,
+    )
+    rubbing = any(tendon.friction for tendon in robot.tendons)
+    headings = ("name", "offset mm", "end mm", "routing", "pretension\nto limit N", "stiffness")
+    for heading in (*headings, *(["friction\nN"] if rubbing else [])):
+        out.add_column(heading, no_wrap=True)
     for tendon in robot.tendons:
-        out.add_row(
-            tendon.name,
-            f"({1e3 * tendon.offset[0]:g}, {1e3 * tendon.offset[1]:g})",
-            f"{1e3 * tendon.end:.1f}",
-            _routing(tendon),
-            f"{tendon.tension_limit:g}",
-            "inextensible" if isinf(tendon.stiffness) else f"{tendon.stiffness:g} N/m",
-        )
+        out.add_row(*_tendon_row(tendon), *([f"{tendon.friction:.3g}"] if rubbing else []))
     return out
 
 
+def _tendon_row(tendon: Tendon) -> tuple[str, ...]:
+    return (
+        tendon.name,
+        f"({1e3 * tendon.offset[0]:.3g}, {1e3 * tendon.offset[1]:.3g})",
+        f"{1e3 * tendon.end:.1f}",
+        _routing(tendon),
+        f"{tendon.pretension:g} to {tendon.tension_limit:g}",
+        "inextensible" if isinf(tendon.stiffness) else f"{tendon.stiffness:g} N/m",
+    )
+
+
 def _routing(tendon: Tendon) -> str:
-    return f"{len(tendon.guides)} guides" if tendon.guides else "continuous channel"
+    return f"{len(tendon.guides)} guides" if tendon.guides else "channel"

@@ -6,31 +6,33 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from softrobot_env.commands.arguments import (
-    add_feedback,
-    add_plant,
-    add_task,
-    plant_options,
-    positive,
-    size,
-)
-from softrobot_env.control.registry import POLICIES, make_policy
-from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.tasks import make_task
+from softrobot_env.commands.arguments import add_feedback, add_plant, add_twin, positive, size
+from softrobot_env.commands.cases import Case, Setup, case_label, setup_of
+from softrobot_env.commands.setups import make_setups
+from softrobot_env.commands.task_arguments import add_task, one_task
+from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 
-EXAMPLE = "softrobot render --task swing --policy feedforward_pi --out swing.mp4"
+EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
+  softrobot render --task triangle --policy hybrid --option period=1 --out triangle.gif"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_task(parser)
-    parser.add_argument("--policy", choices=list(POLICIES), default="feedforward_pi")
+    parser.add_argument(
+        "--policy",
+        choices=[*POLICIES, *RIG_POLICIES],
+        metavar="POLICY",
+        help=f"of the arm: {', '.join(POLICIES)}; default: feedforward_pi; of the test rig: "
+        f"{', '.join(RIG_POLICIES)}; default: hybrid",
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("out/render.mp4"), metavar="FILE", help=".mp4 or .gif"
     )
     parser.add_argument("--fps", type=int, default=30, help="frames per second; default: 30")
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
+    add_twin(parser)
     add_feedback(parser)
     add_plant(parser)
 
@@ -39,25 +41,21 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     from softrobot_env.rendering.video import record, write_video
 
-    task = make_task(args.task, args.step_width)
+    setups = make_setups(args)
+    setup = setup_of(args.task, setups)
+    case = _case(args, setup)
+    for other in setups:
+        other.check([case] if other is setup else [])
     width, height = args.size
-    env = TrackingEnv(
-        task,
-        observe="all",
-        render_mode="rgb_array",
-        width=width,
-        height=height,
-        **plant_options(args, args.policy),
-    )
-    policy = make_policy(args.policy, task.robot, env.control_period, args.feedback)
-    console = Console()
+    env = setup.environment(case, render_mode="rgb_array", width=width, height=height)
+    console, label = Console(), case_label(case, setup)
     with Progress(console=console, transient=True) as progress:
-        bar = progress.add_task(f"{task.label}, {args.policy}", total=1.0)
+        bar = progress.add_task(label, total=1.0)
         frames = record(
             env,
-            policy,
+            setup.policy(case, env.control_period),
             fps=args.fps,
-            title=f"{task.label}, {args.policy}",
+            title=label,
             options={} if args.duration is None else {"duration": args.duration},
             progress=lambda share: progress.update(bar, completed=share),
         )
@@ -65,3 +63,19 @@ def run(args: argparse.Namespace) -> int:
     env.close()
     console.print(f"Wrote {args.out} ({count} frames)")
     return 0
+
+
+def _case(args: argparse.Namespace, setup: Setup) -> Case:
+    """The episode to show.
+
+    Raises:
+        ValueError: A policy of another robot.
+    """
+    task, options = one_task(args)
+    policy = args.policy or setup.default_policy
+    if policy not in setup.policies:
+        raise ValueError(
+            f"policy {policy!r} is not for the task {args.task}; choose from "
+            f"{', '.join(setup.policies)}"
+        )
+    return Case(task, options, policy, twin=setup.twins()[0])

@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
+from softrobot_env.envs.options import action_values
 from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.renderer import Frame, make_renderer
 from softrobot_env.interfaces import Observation
@@ -79,19 +80,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         """The action as a list of floats."""
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        valid = isinstance(action, np.ndarray) and action.shape == self._action_shape
-        values = action.tolist() if valid else []
-        try:
-            for value in values:
-                valid = valid and -1.0 <= value <= 1.0  # False for NaN
-        except TypeError:  # no numbers
-            valid = False
-        if not valid:
-            raise ValueError(
-                f"action must be an array of {self._n_inputs} numbers in [-1, 1], got {action!r} "
-                "(gymnasium.wrappers.ClipAction clips)"
-            )
-        return values
+        return action_values(action, self._action_shape)
 
     def _measure(self) -> str | None:
         """Update measurements and error; return what left the workspace, or None."""

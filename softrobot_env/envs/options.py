@@ -117,3 +117,24 @@ def check_render_mode(render_mode: str | None, modes: list[str]) -> None:
     """Raise ValueError for a render mode that is neither None nor one of `modes`."""
     if render_mode is not None and render_mode not in modes:
         raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
+
+
+def action_values(action: np.ndarray, shape: tuple[int]) -> list[float]:
+    """An action (n,) as numbers.
+
+    Raises:
+        ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+    """
+    valid = isinstance(action, np.ndarray) and action.shape == shape
+    values = action.tolist() if valid else []
+    try:
+        for value in values:
+            valid = valid and -1.0 <= value <= 1.0  # False for NaN
+    except TypeError:  # no numbers
+        valid = False
+    if not valid:
+        raise ValueError(
+            f"action must be an array of {shape[0]} numbers in [-1, 1], got {action!r} "
+            "(gymnasium.wrappers.ClipAction clips)"
+        )
+    return values

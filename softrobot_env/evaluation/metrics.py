@@ -1,10 +1,11 @@
-"""Tracking and step metrics of thesis sec. 6.6."""
+"""Tracking metrics of thesis secs. 5.4 and 6.6, step metrics of sec. 6.6."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from softrobot_env.rollout import Rollout
+from softrobot_env.trajectories import Trajectory
 
 #: Part of a step response, at its end, whose mean is the steady-state value.
 _STEADY_WINDOW = 0.1
@@ -50,6 +51,25 @@ def tracking_metrics(rollout: Rollout) -> TrackingMetrics:
         e_rms=float(np.sqrt(np.mean(error**2))),
         e_final=float(error[-1]),
     )
+
+
+@dataclass(frozen=True)
+class ApproachedMetrics:
+    """Error of the tip after the approach to the path, in [m]: what Tabs. 5.2 and 5.3 count.
+
+    None where a trajectory has no approach, or the record ends with it.
+    """
+
+    e_mean_tracking: float | None
+    e_max_tracking: float | None
+
+
+def approached_metrics(rollout: Rollout, trajectory: Trajectory) -> ApproachedMetrics:
+    """Mean and maximum of the tip error after the `approach` [s] of a trajectory."""
+    error = rollout.error[rollout.time > getattr(trajectory, "approach", np.inf)]
+    if len(error) == 0:
+        return ApproachedMetrics(None, None)
+    return ApproachedMetrics(float(error.mean()), float(error.max()))
 
 
 def step_metrics(time: np.ndarray, tip: np.ndarray, target: np.ndarray) -> StepMetrics:

@@ -3,7 +3,6 @@
 import json
 import math
 import platform
-from collections.abc import Callable
 from dataclasses import asdict, fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -13,13 +12,15 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
+from softrobot_env.evaluation.labels import rig_label, robot_heading, robot_label, task_label
 from softrobot_env.evaluation.metrics import (
     StepMetrics,
     TrackingMetrics,
     step_metrics,
     tracking_metrics,
 )
-from softrobot_env.evaluation.thesis import FIGURES, POLICY_TIME, ThesisFigure
+from softrobot_env.evaluation.thesis_rows import thesis_rows
+from softrobot_env.rig_tasks import RigTask
 from softrobot_env.rollout import Rollout
 from softrobot_env.tasks import Task
 
@@ -30,18 +31,14 @@ _PACKAGES = ("softrobot_env", "mujoco", "gymnasium", "numpy", "scipy")
 #: Columns left to the report, so that a table fits into 80 characters.
 _TERMINAL_HIDES = ("policy_time_p99",)
 _STEP_HIDES = ("e_mean", "e_rms", "e_max", "e_final")
+_TRACKING_HIDES = ("e_rms", "e_final")
 
-#: Variation -> how people read it: factors, and amounts in people's units.
-_VARIATIONS: dict[str, Callable[[float], str]] = {
-    "youngs_modulus": lambda v: f"E x {v:g}",
-    "density": lambda v: f"rho x {v:g}",
-    "damping_time": lambda v: f"mu x {v:g}",
-    "tendon_radius": lambda v: f"r_t x {v:g}",
-    "tendon_friction": lambda v: f"friction {v:g} N",
-    "tension_gain": lambda v: f"gain x {v:g}",
-    "delay": lambda v: f"delay {1e3 * v:g} ms",
-    "sensor_noise": lambda v: f"noise x {v:g}",
-}
+_BOUND = "The thesis gives a steady-state error of 0.01 % as an upper bound."
+_TRACKING = "Tracking errors are those after the approach, as in Tabs. 5.2 and 5.3 of the thesis."
+
+#: The rig whose networks are shipped.
+_LEARNT_RIG = "twin 0"
+_LEARNT = f"What policies have learnt of the rig is of {_LEARNT_RIG}; other rigs differ from it."
 
 #: Column -> (heading, factor from SI, digits) of the tables people read.
 _COLUMNS = {
@@ -49,6 +46,8 @@ _COLUMNS = {
     "e_rms": ("rms mm", 1e3, 2),
     "e_max": ("max mm", 1e3, 2),
     "e_final": ("final mm", 1e3, 3),
+    "e_mean_tracking": ("tracking mean mm", 1e3, 2),
+    "e_max_tracking": ("tracking max mm", 1e3, 2),
     "rise_time": ("rise s", 1.0, 3),
     "settling_time": ("settling s", 1.0, 2),
     "overshoot": ("overshoot %", 100.0, 1),
@@ -60,20 +59,21 @@ _COLUMNS = {
 
 
 def make_row(
-    rollout: Rollout, task: Task, policy: str, plant: str, variation: dict[str, float]
+    rollout: Rollout, task: Task | RigTask, policy: str, plant: str, variation: dict[str, float]
 ) -> Row:
     """One row of `evaluate`; after a failure every metric of the motion is None."""
     failed = rollout.failure is not None
     tracking = _metrics(TrackingMetrics, None if failed else tracking_metrics(rollout))
-    step = None
-    if task.step_width is not None and not failed:
+    step, step_width = None, task.step_width if isinstance(task, Task) else None
+    if step_width is not None and not failed:
         step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
     return {
         "task": task.name,
-        "step_width": task.step_width,
+        "step_width": step_width,
         "policy": policy,
         "robot": task.robot.name,
         "plant": plant,
+        "source": rollout.source,
         "variation": dict(variation),
         **tracking,
         **_metrics(StepMetrics, step),
@@ -133,17 +133,6 @@ def _cpu_name() -> str:
     return platform.processor()
 
 
-def task_label(row: Row) -> str:
-    """Task, with the step width for people."""
-    width = row.get("step_width")
-    return row["task"] if width is None else f"{row['task']} {1e3 * width:g} mm"
-
-
-def variation_label(row: Row) -> str:
-    """Varied parameters for people, empty when nominal."""
-    return ", ".join(_VARIATIONS[name](value) for name, value in row["variation"].items())
-
-
 def tables(rows: list[Row]) -> list[Table]:
     """One table per task for the terminal."""
     return [_table(label, group) for label, group in _by_task(rows)]
@@ -155,18 +144,18 @@ def _by_task(rows: list[Row]) -> list[tuple[str, list[Row]]]:
 
 
 def _table(label: str, rows: list[Row]) -> Table:
-    hidden = _TERMINAL_HIDES + (_STEP_HIDES if rows[0]["step_width"] is not None else ())
-    shown = [name for name in _shown_columns(rows) if name not in hidden]
-    varied = any(row["variation"] for row in rows)
+    shown = _terminal_columns(rows)
+    robots = list(dict.fromkeys(map(robot_label, rows)))
+    told = len(robots) > 1  # else it stands in the title
     out = Table(
         header_style="bold",
-        title=label,
+        title=label if told else ", ".join(filter(None, (label, *robots))),
         title_justify="left",
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
         pad_edge=False,
     )
-    for heading in ("policy", "variation")[: 1 + varied]:
+    for heading in ("policy", robot_heading(rows[0]))[: 1 + told]:
         out.add_column(heading, overflow="fold")
     for name in shown:
         # Numbers are never cut short; where space lacks, names and headings fold.
@@ -174,7 +163,7 @@ def _table(label: str, rows: list[Row]) -> Table:
         heading = _COLUMNS[name][0].replace(" ", "\n", 1)
         out.add_column(heading, justify="right", min_width=width, overflow="fold")
     for row in rows:
-        labels = (_policy_label(row), variation_label(row))[: 1 + varied]
+        labels = (_policy_label(row), robot_label(row))[: 1 + told]
         style = "red" if row["failure"] else None
         out.add_row(*labels, *(_cell(row, name) for name in shown), style=style)
     out.caption = "\n".join(failures(rows)) or None
@@ -191,7 +180,7 @@ def remarks(rows: list[Row]) -> list[str]:
     for row in rows:
         shares = [f"{reason} in {100 * s:.2g} %" for reason, s in row.get("remarks", {}).items()]
         if shares:
-            name = " ".join(filter(None, (row["policy"], variation_label(row))))
+            name = " ".join(filter(None, (row["policy"], robot_label(row))))
             out.append(f"{name}, of its decisions: {', '.join(shares)}.")
     return out
 
@@ -199,10 +188,17 @@ def remarks(rows: list[Row]) -> list[str]:
 def failures(rows: list[Row]) -> list[str]:
     """One sentence per failed episode."""
     return [
-        f"{task_label(r)}, {r['policy']} {variation_label(r)} failed: {r['failure']}"
+        f"{task_label(r)}, {r['policy']} {robot_label(r)} failed: {r['failure']}"
         for r in rows
         if r["failure"]
     ]
+
+
+def notes(rows: list[Row]) -> list[str]:
+    """What has to be known to read the rows of the rig."""
+    approached = any(row.get("e_mean_tracking") is not None for row in rows)
+    foreign = any(rig_label(row) not in ("", _LEARNT_RIG) for row in rows)
+    return [_TRACKING] * approached + [_LEARNT] * foreign
 
 
 def markdown(rows: list[Row], command: str) -> str:
@@ -210,35 +206,32 @@ def markdown(rows: list[Row], command: str) -> str:
     parts = ["# Evaluation", f"Command: `{command}`"]
     for label, group in _by_task(rows):
         parts += [f"## {label}", _markdown_table(group), *failures(group), *remarks(group)]
-    parts.append("The thesis gives a steady-state error of 0.01 % as an upper bound.")
+    parts += [_BOUND] if any(row["step_width"] is not None for row in rows) else []
+    parts += notes(rows)
     return "\n\n".join(parts) + "\n"
 
 
 def _markdown_table(rows: list[Row]) -> str:
-    reported = [_thesis_row(figure) for figure in FIGURES if _same_task(figure, rows[0])]
+    reported = thesis_rows(rows[0])
     shown = _shown_columns([*rows, *reported])
+    headings = ["policy", robot_heading(rows[0]), *(_COLUMNS[name][0] for name in shown)]
     lines = [
-        "| " + " | ".join(["policy", "variation", *(_COLUMNS[n][0] for n in shown)]) + " |",
+        "| " + " | ".join(headings) + " |",
         "|" + "---|" * 2 + "---:|" * len(shown),
     ]
     for row in [*rows, *reported]:
-        cells = [_policy_label(row), variation_label(row), *(_cell(row, name) for name in shown)]
+        cells = [_policy_label(row), robot_label(row), *(_cell(row, name) for name in shown)]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
-def _same_task(figure: ThesisFigure, row: Row) -> bool:
-    return (figure.task, figure.step_width) == (row["task"], row["step_width"])
-
-
-def _thesis_row(figure: ThesisFigure) -> Row:
-    return {
-        **asdict(figure),
-        "policy": f"{figure.controller} (thesis, PCC plant)",
-        "policy_time_median": POLICY_TIME[figure.controller],
-        "variation": {},
-        "failure": None,
-    }
+def _terminal_columns(rows: list[Row]) -> list[str]:
+    """Columns of a table on the terminal, which is narrow."""
+    shown = _shown_columns(rows)
+    hidden = {*_TERMINAL_HIDES}
+    hidden |= {*_STEP_HIDES} if rows[0]["step_width"] is not None else set()
+    hidden |= {*_TRACKING_HIDES} if "e_mean_tracking" in shown else set()
+    return [name for name in shown if name not in hidden]
 
 
 def _shown_columns(rows: list[Row]) -> list[str]:

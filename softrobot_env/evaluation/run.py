@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 #: Coordinates x and z, those of positions where an environment does not name its `axes`.
 _PLANE = slice(0, 3, 2)
 
+_NOTHING = np.empty(0)
+
 #: Observables a recorded environment has to provide.
-RECORDED = ("tip_position", "reference", "curvature", "previous_action")
+RECORDED = ("tip_position", "reference", "previous_action")
 
 
 def run_episode(
@@ -33,7 +35,9 @@ def run_episode(
         seed, options: Passed to `reset`.
 
     Returns:
-        The record. After a failure it ends at the last instant before it.
+        The record. After a failure it ends at the last instant before it. Where `info` has a
+        `tip_age`, the tip's measurements are brought to the control instants by their own times.
+        A robot whose curvature is not observed has none in its record.
 
     Raises:
         ValueError: The environment does not provide what is recorded.
@@ -48,15 +52,26 @@ def run_episode(
         if moment.policy_time is not None:
             policy_time.add({"policy_time": moment.policy_time})
             status.append(moment.status or "")
-        if not moment.failed:
+        if "failure" not in moment.info:
             samples.add(_sample(moment, axes))
+    columns = samples.columns()
+    columns["tip"] = _on_time(columns["time"], columns.pop("tip_age"), columns["tip"])
     return Rollout(
-        **samples.columns(),
+        **columns,
         **policy_time.columns(),
         policy_status=np.array(status),
         wall_time=perf_counter() - begin,
+        source=getattr(env.unwrapped, "source", "sim"),
         failure=moment.info.get("failure"),
     )
+
+
+def _on_time(time: np.ndarray, age: np.ndarray, tip: np.ndarray) -> np.ndarray:
+    """Tip (k, 3) [m] at times (k,) [s], from what was seen at them, each some age (k,) [s] old."""
+    if not age.any():
+        return tip
+    taken, first = np.unique(time - age, return_index=True)
+    return np.stack([np.interp(time, taken, column[first]) for column in tip.T], axis=1)
 
 
 class _Table:
@@ -105,7 +120,8 @@ def _sample(moment: Moment, axes: slice) -> dict[str, Any]:
         "action": observation["previous_action"],
         "tendon_tension": info["tendon_tension"],
         "tendon_length": info["tendon_length"],
-        "curvature": info.get("curvature", observation["curvature"]),
+        "curvature": info.get("curvature", observation.get("curvature", _NOTHING)),
+        "tip_age": info.get("tip_age", 0.0),
         "reward": moment.reward,
     }
 

@@ -2,7 +2,7 @@
 
 M. Grube, Modeling, Sensing, and Control for Agile Trajectory Tracking of Soft Robots, 2026:
 Tabs. 6.2 to 6.5 and the text of secs. 6.6.2 and 6.6.3. The plant there is the PCC model with six
-pieces. "<0.01 %" is kept as its bound.
+pieces. "<0.01 %" is kept as its bound. Tabs. 5.2 and 5.3 are of the real test rig.
 """
 
 from dataclasses import dataclass
@@ -75,6 +75,17 @@ FIGURES = (
     ThesisFigure("lshape", "LQI", e_max=1.71e-3, e_motion=0.2e-3),
     ThesisFigure("lshape", "MPC", e_max=3.11e-3),
 )
+
+#: Policy and period [s] of a lap of the triangle -> mean and largest error [m] after the approach,
+#: Tabs. 5.2 and 5.3.
+TRIANGLE = {
+    ("rig_nn", 5.0): (4.5e-3, 13.0e-3),
+    ("inverse_dynamics", 5.0): (12.5e-3, 42.3e-3),
+    ("hybrid", 5.0): (2.9e-3, 8.9e-3),
+    ("rig_nn", 1.0): (35.9e-3, 90.3e-3),
+    ("inverse_dynamics", 1.0): (19.7e-3, 49.5e-3),
+    ("hybrid", 1.0): (8.6e-3, 18.4e-3),
+}
 
 #: What sec. 6.6.3 says of the swing with a factor [1] on Young's modulus of the plant.
 ROBUSTNESS = {

@@ -16,8 +16,12 @@ The timestep is the largest divisor of the control period that is at most
 * `SAFETY` times the stability limit, because bending stiffens the chain's modes
   (`SAFETY_IMPLICIT` for implicit).
 
-implicitfast is taken unless stability would ask for more than `MAX_SUBSTEPS_RATIO` times the
-steps that accuracy asks for; then the rule takes discrete and says that fast modes are damped.
+A chain without any damping whose tendons are driven by length takes RK4: stiff tendons excite its
+fast modes, and implicitfast, which feeds energy into them where a tendon goes slack or taut, is
+wrong or diverges in half of such cases (softrobot benchmark stability).
+
+Otherwise implicitfast is taken unless stability would ask for more than `MAX_SUBSTEPS_RATIO` times
+the steps that accuracy asks for; then the rule takes discrete and says that fast modes are damped.
 Where tendons rub, discrete is taken as well, with at most `FRICTION_STEP`: the others find the
 friction as if the joints were undamped, and an arm whose tensions jitter by 4 N is 19 mm off in
 place of 3 mm (2 ms, friction of 0.5 N).
@@ -79,6 +83,12 @@ class LinearChain:
     stiffness: np.ndarray
     damping: np.ndarray
 
+    @property
+    def is_undamped_spring(self) -> bool:
+        """Whether tendons are driven by length and nothing takes energy."""
+        coupled = np.any(self.stiffness != np.diag(np.diag(self.stiffness)))
+        return bool(coupled) and not np.any(self.damping)
+
     def frequencies(self) -> np.ndarray:
         """Undamped angular frequencies (nv,) [rad/s], increasing."""
         # As 1 / w^2, so that the slow modes are the accurate ones.
@@ -109,7 +119,7 @@ def stability_limit(integrator: str, chain: LinearChain) -> float:
         return inf
     if integrator == "RK4":
         roots = _quadratic_roots(chain.mass, chain.damping, chain.stiffness)
-        return min(_rk4_limit(root) for root in roots)
+        return float(min(_rk4_limit(root) for root in roots))
     # 4 M x^2 + 2 D x - K turns singular at x = 1 / h; half of the roots are positive.
     roots = _quadratic_roots(4 * chain.mass, 2 * chain.damping, -chain.stiffness)
     return float(1 / np.max(roots.real))
@@ -154,7 +164,9 @@ def choose_timestep(
     """
     period = float(2 * pi / chain.frequencies()[0])
     accurate = min(ACCURACY * period, control_period)
-    if integrator is None and friction:
+    if integrator is None and chain.is_undamped_spring:
+        integrator, reason = "RK4", "RK4 neither damps nor drives undamped motion"
+    elif integrator is None and friction:
         integrator, reason = "discrete", "discrete includes the damping where tendons rub"
         accurate = min(accurate, FRICTION_STEP)
     elif integrator is None:

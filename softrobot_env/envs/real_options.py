@@ -1,0 +1,72 @@
+"""Checks of what users pass to the real rig's environment and to its `reset`."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from softrobot_env.envs.options import positive
+from softrobot_env.hardware.config import RobotFile, rig_file
+from softrobot_env.hardware.config_file import read_robot_file
+from softrobot_env.rig_tasks import RigTask, make_rig_task
+
+#: Options of `reset`; also the list in error messages.
+OPTIONS = {
+    "duration": "duration [s] of the episode instead of the task's",
+    "task": "dict of options of the task, as those of the environment",
+    "clear_fault": "True to clear the fault that ended the last episode",
+}
+
+
+def choose_task(task: str | RigTask, options: dict[str, float]) -> RigTask:
+    """The task, built if it is a name.
+
+    Raises:
+        ValueError: A bad name or option, or a task that does not start at rest.
+    """
+    if isinstance(task, str):
+        task = make_rig_task(task, **options)
+    elif options:
+        raise ValueError(f"options of a task need its name, got a task and {', '.join(options)}")
+    if any(task.start_length):
+        raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")
+    return task
+
+
+def task_for(task: RigTask, given: dict[str, Any]) -> RigTask:
+    """The task of an episode, with the options of its `reset`."""
+    changes = given.get("task", {})
+    if not isinstance(changes, dict):
+        raise ValueError(f"option 'task' must be a dict, got {changes!r}")
+    if changes:
+        task = choose_task(task.name, dict(task.options) | changes)
+    return replace(task, duration=positive("duration", given.get("duration", task.duration)))
+
+
+def choose_robot_file(
+    given: str | Path | RobotFile | None, port: str | None, task: RigTask
+) -> RobotFile:
+    """The robot file, read if it is a path, with another `port` if one is given.
+
+    Raises:
+        ValueError: What the file must not say, or another number of tendons than the task's.
+        FileNotFoundError: No such file.
+    """
+    if given is None:
+        file = rig_file()
+    else:
+        file = given if isinstance(given, RobotFile) else read_robot_file(Path(given))
+    tendons = len(task.robot.tendons)
+    if len(file.tendons) != tendons:
+        raise ValueError(
+            f"robot {file.name!r} has {len(file.tendons)} tendons, the task's robot {tendons}"
+        )
+    return file if port is None else replace(file, port=port)
+
+
+def check_watchdog(file: RobotFile, control_period: float) -> None:
+    """Raise ValueError for a control period [s] that the watchdog would not survive."""
+    if control_period > file.watchdog / 2:
+        raise ValueError(
+            f"control_period must be at most half of the watchdog of {file.watchdog:g} s, got "
+            f"{control_period:g} s"
+        )

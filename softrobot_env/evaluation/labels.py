@@ -1,0 +1,77 @@
+"""What rows of a report are called for people."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from softrobot_env.rig_tasks import RIG_TASKS
+
+#: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
+REAL, VIRTUAL = "real", "virtual"
+
+#: Option of a task -> column of a row.
+_COLUMNS = {
+    "seed": "path_seed",
+    "step_width": "step_width",
+    "radius": "radius",
+    "speed": "speed",
+    "period": "period",
+    "hold": "hold",
+}
+
+#: Column -> how people read it, in the order of a label.
+_OPTIONS: dict[str, Callable[[float], str]] = {
+    "path_seed": lambda v: f"{v}",
+    "step_width": lambda v: f"{1e3 * v:g} mm",
+    "radius": lambda v: f"{1e3 * v:g} mm",
+    "speed": lambda v: f"{v:g} m/s",
+    "period": lambda v: f"{v:g} s",
+    "hold": lambda v: f"{v:g} s",
+}
+
+#: Variation -> how people read it: factors, and amounts in people's units.
+_VARIATIONS: dict[str, Callable[[float], str]] = {
+    "youngs_modulus": lambda v: f"E x {v:g}",
+    "density": lambda v: f"rho x {v:g}",
+    "damping_time": lambda v: f"mu x {v:g}",
+    "tendon_radius": lambda v: f"r_t x {v:g}",
+    "tendon_friction": lambda v: f"friction {v:g} N",
+    "tension_gain": lambda v: f"gain x {v:g}",
+    "delay": lambda v: f"delay {1e3 * v:g} ms",
+    "sensor_noise": lambda v: f"noise x {v:g}",
+}
+
+
+def option_columns(options: Mapping[str, float]) -> dict[str, float | None]:
+    """Columns of a row for the options of any task, None where the task has none."""
+    return {column: options.get(option) for option, column in _COLUMNS.items()}
+
+
+def task_label(row: Mapping[str, Any]) -> str:
+    """Task with its options, for people."""
+    told = [text(row[name]) for name, text in _OPTIONS.items() if row.get(name) is not None]
+    return " ".join([row["task"], *told])
+
+
+def variation_label(row: Mapping[str, Any]) -> str:
+    """Varied parameters for people, empty when nominal."""
+    return ", ".join(_VARIATIONS[name](value) for name, value in row["variation"].items())
+
+
+def rig_label(row: Mapping[str, Any]) -> str:
+    """Which rig it was, for people; empty for tasks of other robots."""
+    if row["task"] not in RIG_TASKS:
+        return ""
+    if row["plant"] == REAL:
+        return "real"
+    name = "ideal" if row["twin"] is None else f"twin {row['twin']}"
+    return f"virtual {name}" if row["plant"] == VIRTUAL else name
+
+
+def robot_label(row: Mapping[str, Any]) -> str:
+    """How the robot differs from the nominal arm, or which rig it was."""
+    return variation_label(row) or rig_label(row)
+
+
+def robot_heading(row: Mapping[str, Any]) -> str:
+    """What `robot_label` tells."""
+    return "rig" if row["task"] in RIG_TASKS else "variation"

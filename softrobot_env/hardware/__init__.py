@@ -1,0 +1,1 @@
+"""The real robot over serial: wire protocol, driver, configuration, virtual robot."""

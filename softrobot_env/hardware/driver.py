@@ -1,0 +1,272 @@
+"""Drives a robot, in SI units."""
+
+import secrets
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from math import ceil, inf
+from time import monotonic
+from typing import Any, Self
+
+import numpy as np
+
+from softrobot_env.hardware import messages as m
+from softrobot_env.hardware.config import RobotFile
+from softrobot_env.hardware.errors import LinkError, RobotError
+from softrobot_env.hardware.exchange import Exchange
+from softrobot_env.hardware.exit_guard import ExitGuard
+from softrobot_env.hardware.readings import DeviceInfo, FaultInfo, Reading
+from softrobot_env.hardware.session import Phase, Session
+from softrobot_env.hardware.transport import Transport
+
+_FRESH = 0.5  # s; a robot that has said nothing for longer is taken for dead
+
+
+class Driver:
+    """A real robot's servos, in SI units.
+
+    Lengths are (n,) [m] pulled in. All waits are bounded. What goes wrong while listening is
+    raised by the next call. Nothing but `command` and `move_to` keeps a robot moving: it stops
+    by itself when set-points stay away for longer than its watchdog allows.
+    """
+
+    def __init__(
+        self,
+        robot: RobotFile,
+        transport: Transport,
+        clock: Callable[[], float] = monotonic,
+        draw: Callable[[int], int] = secrets.randbits,
+    ) -> None:
+        """Nothing is sent yet.
+
+        Args:
+            robot: Calibration and limits.
+            transport: The way to the robot; `close` closes it.
+            clock: [s].
+            draw: Random number of that many bits.
+        """
+        self.robot = robot
+        self._transport, self._clock, self._draw = transport, clock, draw
+        self._session = Session(robot, nonce=0)  # until connect()
+        self._exchange = Exchange(transport, clock)
+        self._closed = False
+        self._guard = ExitGuard(self.close)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def info(self) -> DeviceInfo | None:
+        """Who answered; None before `connect`."""
+        return self._session.info
+
+    @property
+    def reading(self) -> Reading | None:
+        """The newest reading, None before the first."""
+        return self._session.reading
+
+    @property
+    def fault(self) -> FaultInfo | None:
+        """What stopped the robot, None if nothing did."""
+        return self._session.fault
+
+    @property
+    def link(self) -> dict[str, Any]:
+        """Counters of the connection, see `LinkCounters`."""
+        return self._session.link.as_dict()
+
+    def connect(self, timeout: float = 2.0) -> DeviceInfo:
+        """Greet and configure the robot, which stays disarmed; also anew after a lost session.
+
+        Raises:
+            LinkError: No answer within `timeout` [s].
+            ProtocolMismatchError: The firmware does not fit.
+            RefusedError: It does not take the configuration.
+        """
+        if self._closed:
+            raise LinkError("this driver is closed")
+        session = self._session = Session(self.robot, self._draw(32))
+        end, ask = self._clock() + timeout, self._exchange.ask
+        self._exchange.listen(session)
+        self._guard.install()
+        ask(m.Hello, session.hello, lambda: session.phase >= Phase.GREETED, end)
+        ask(m.Config, session.configure, lambda: session.phase >= Phase.CONFIGURED, end)
+        if not self._exchange.wait(lambda: session.reading is not None, end):
+            raise LinkError("the robot does not say where it is")
+        self._learn_fault(session, end)
+        return session.info
+
+    def arm(self, timeout: float = 1.0) -> None:
+        """Power the outputs where the robot stands; set-points must follow within the watchdog.
+
+        A position just outside the range is moved to its end, if that is in the arming window.
+
+        Raises:
+            RobotFaultError: A fault is latched.
+            RefusedError: The robot refuses, for instance because it stands too far outside.
+            LinkError: No answer within `timeout` [s].
+            RobotError: Not connected, or armed already.
+        """
+        end, session, number = self._clock() + timeout, self._session, self._draw(16) or 1
+
+        def hold() -> bytes:
+            return session.setpoint(session.present_target(), m.MODE_LENGTH, self._clock())[1]
+
+        ask = self._exchange.ask
+        ask(m.Arm, lambda: session.arm(number), lambda: session.phase >= Phase.ARMED, end)
+        ask(m.Setpoint, hold, lambda: session.phase == Phase.RUNNING, end)
+
+    def command(self, length: np.ndarray, mode: int = m.MODE_LENGTH) -> int:
+        """Send a set-point; returns its sequence number.
+
+        Raises:
+            ValueError: See `Session.setpoint`; nothing was sent.
+            UnansweredError: Three set-points are under way.
+            LinkError: The link is broken.
+            RobotFaultError: A fault stopped the robot.
+            RobotError: Not armed.
+        """
+        with self._exchange.held():
+            seq, frame = self._session.setpoint(length, mode, self._clock())
+        self._exchange.write(frame)
+        return seq
+
+    def wait_for(self, seq: int, deadline: float) -> Reading | None:
+        """First reading that answers a set-point or a later one.
+
+        Args:
+            seq: What `command` returned.
+            deadline: [s] on the driver's clock.
+
+        Returns:
+            None at the deadline, or at once if a fault stops the robot.
+
+        Raises:
+            RobotError: What went wrong while listening.
+        """
+        session = self._session
+        self._exchange.wait(
+            lambda: session.fault is not None or session.echo(seq) is not None, deadline
+        )
+        return session.echo(seq)
+
+    def move_to(self, length: np.ndarray, speed: float, timeout: float) -> Reading:
+        """Move an armed robot in a straight line and wait until it is there.
+
+        Args:
+            length: (n,) [m].
+            speed: [m/s] of the tendon that has the longest way.
+            timeout: [s].
+
+        Raises:
+            ValueError: Outside the range, or the speed is not positive.
+            RobotError: It was not there in time, or see `command`.
+        """
+        self._session.check_target(length)
+        if not 0 < speed < inf:
+            raise ValueError(f"speed must be positive, got {speed} m/s")
+        if self.reading is None:
+            raise RobotError("move_to() needs a robot that is connected and armed")
+        start, end = self.reading.applied, self._clock() + timeout
+        way, period = np.asarray(length, float) - start, self.robot.control_period
+        steps = max(1, ceil(np.abs(way).max() / (speed * period)))
+        step, due = 0, self._clock()
+        while self._clock() < end:
+            step, due = min(step + 1, steps), max(due, self._clock()) + period
+            reading = self.pace(start + way * step / steps, due)
+            if step == steps and reading is not None and reading.is_at(length):
+                return reading
+        raise RobotError(f"the robot has not come to its target within {timeout:g} s")
+
+    def pace(self, length: np.ndarray, due: float) -> Reading | None:
+        """Command a set-point and wait until `due` [s]; its answer, None if there was none.
+
+        Raises:
+            RobotError: See `command` and `wait_for`.
+        """
+        reading = self.wait_for(self.command(length), due)
+        self._exchange.pause(due)
+        return reading
+
+    def estop(self) -> None:
+        """Cut the outputs at once; latches. Works in every state."""
+        self._exchange.write(self._session.estop())
+
+    def wait_for_fault(self, timeout: float) -> FaultInfo | None:
+        """The fault that stops the robot, None if none does within `timeout` [s]."""
+        session = self._session
+        self._exchange.wait(lambda: session.fault is not None, self._clock() + timeout)
+        return session.fault
+
+    def stop(self, timeout: float = 1.0) -> None:
+        """Ramp to rest, then off; nothing to do for a robot that is not armed.
+
+        Args:
+            timeout: [s], beyond the duration of the ramp.
+
+        Raises:
+            LinkError: It has not stopped in time.
+        """
+        session = self._session
+        if session.phase >= Phase.ARMING:
+            end = self._clock() + timeout + self._ramp_duration()
+            self._exchange.ask(m.Stop, session.stop, lambda: session.phase < Phase.ARMING, end)
+
+    def clear(self, timeout: float = 1.0) -> None:
+        """Clear the latched fault, if there is one; the robot stays disarmed.
+
+        Args:
+            timeout: [s], beyond the duration of a ramp under way.
+
+        Raises:
+            RefusedError: Its cause is still there.
+            LinkError: No answer in time.
+        """
+        session = self._session
+        end = self._clock() + timeout + self._ramp_duration()
+        self._learn_fault(session, end)
+        self._exchange.ask(m.Clear, session.clear, lambda: session.fault is None, end)
+
+    def close(self) -> None:
+        """Stop, disarm and free the port; never raises a `RobotError`, twice is harmless."""
+        if self._closed:
+            return
+        self._closed = True
+        stages = (
+            self._park,
+            self._disarm,
+            self._exchange.close,
+            self._transport.close,
+            self._guard.remove,
+        )
+        with ExitStack() as left:
+            for stage in reversed(stages):
+                left.callback(_quietly, stage)
+
+    def _learn_fault(self, session: Session, end: float) -> None:
+        """Wait for the report of a fault that is known only by its kind, or until `end` [s]."""
+        self._exchange.wait(lambda: session.fault is None or session.fault_told, end)
+
+    def _park(self) -> None:
+        reading = self.reading
+        if reading is not None and self._clock() - reading.time < _FRESH:
+            self.stop()
+
+    def _disarm(self) -> None:
+        if self._session.phase >= Phase.ARMING:
+            self._exchange.write(self._session.disarm())
+
+    def _ramp_duration(self) -> float:
+        """Longest time [s] to rest from where the outputs are."""
+        if self.reading is None:
+            return 0.0
+        rest = np.array([servo.rest for servo in self.robot.tendons])
+        speed = min(self.robot.ramp, self.robot.slew)
+        return float(np.abs(self.reading.applied - rest).max() / speed)
+
+
+def _quietly(stage: Callable[[], None]) -> None:
+    with suppress(RobotError):
+        stage()

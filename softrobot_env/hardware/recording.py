@@ -1,0 +1,197 @@
+"""Every byte between host and robot, with its time, in a file.
+
+A file is a header and records `t f64 | direction u8 | size u16 | bytes`, little-endian, appended
+as they happen: whatever ends the program, all records but the last one can be read.
+"""
+
+import struct
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from threading import Event
+from time import monotonic
+
+from softrobot_env.hardware.errors import LinkError
+from softrobot_env.hardware.framing import Decoder
+from softrobot_env.hardware.messages import SCHEMA, Arm, Hello, Message
+from softrobot_env.hardware.transport import Transport
+
+_MAGIC = b"softrobot link 1\n"
+_HEADER = struct.Struct("<I")  # schema
+_RECORD = struct.Struct("<dBH")
+_LARGEST = 0xFFFF
+
+
+class Direction(IntEnum):
+    """Which way bytes went."""
+
+    TO_ROBOT = 0
+    FROM_ROBOT = 1
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Bytes that went together.
+
+    Attributes:
+        time: [s] of the recording clock.
+        direction: Which way they went.
+        data: The bytes.
+    """
+
+    time: float
+    direction: Direction
+    data: bytes
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What a file holds.
+
+    Attributes:
+        chunks: In the order in which they happened.
+        complete: Whether the file ends with a whole record.
+    """
+
+    chunks: tuple[Chunk, ...]
+    complete: bool
+
+    def messages(self) -> Iterator[tuple[Chunk, Message, int]]:
+        """Every valid message, with the chunk that completed it and its sequence number."""
+        decoders = {direction: Decoder() for direction in Direction}
+        for chunk in self.chunks:
+            for message, seq in decoders[chunk.direction].feed(chunk.data):
+                yield chunk, message, seq
+
+
+class RecordingTransport:
+    """Passes bytes on and writes them to a file."""
+
+    def __init__(
+        self, transport: Transport, path: Path, clock: Callable[[], float] = monotonic
+    ) -> None:
+        """Begin a new file.
+
+        Raises:
+            OSError: The file exists or cannot be written.
+        """
+        self._transport, self._clock = transport, clock
+        # Unbuffered: a record is one write, so that records of two threads do not mix.
+        self._file = path.open("xb", buffering=0)
+        self._file.write(_MAGIC + _HEADER.pack(SCHEMA))
+
+    def read(self, timeout: float) -> bytes:
+        """See `Transport`."""
+        data = self._transport.read(timeout)
+        if data:
+            self._note(Direction.FROM_ROBOT, data)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """See `Transport`."""
+        self._note(Direction.TO_ROBOT, data)
+        self._transport.write(data)
+
+    def close(self) -> None:
+        """Close the transport and the file."""
+        try:
+            self._transport.close()
+        finally:
+            self._file.close()
+
+    def _note(self, direction: Direction, data: bytes) -> None:
+        for start in range(0, len(data), _LARGEST):
+            part = data[start : start + _LARGEST]
+            self._file.write(_RECORD.pack(self._clock(), direction, len(part)) + part)
+
+
+class ReplayTransport:
+    """Gives a recorded robot's bytes to a driver that sends what the recorded host sent.
+
+    Bytes arrive once the driver has written as often as the host had. Give `clock` and `draw` to
+    the driver, so that it lives in the recorded time and draws the recorded numbers.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._chunks = deque(recording.chunks)
+        self._written, self._wrote = 0, Event()
+        self._time = self._chunks[0].time if self._chunks else 0.0
+        messages = [message for _, message, _ in recording.messages()]
+        hellos = [message.nonce for message in messages if isinstance(message, Hello)]
+        arms = [message.session for message in messages if isinstance(message, Arm)]
+        self._drawn = {32: deque(dict.fromkeys(hellos)), 16: deque(dict.fromkeys(arms))}
+
+    def clock(self) -> float:
+        """Time [s] of the recording that has been reached."""
+        return self._time
+
+    def draw(self, bits: int) -> int:
+        """Next recorded number of that many bits.
+
+        Raises:
+            LinkError: There are no more.
+        """
+        if not self._drawn.get(bits):
+            raise LinkError("the recording has no further session")
+        return self._drawn[bits].popleft()
+
+    def read(self, timeout: float) -> bytes:
+        """See `Transport`.
+
+        Raises:
+            LinkError: The driver has written something after the end of the recording.
+        """
+        self._wrote.clear()
+        while self._chunks and self._chunks[0].direction == Direction.TO_ROBOT and self._written:
+            self._written -= 1
+            self._time = self._chunks.popleft().time
+        if not self._chunks and self._written:
+            raise LinkError("the recording is over")
+        if not self._chunks or self._chunks[0].direction == Direction.TO_ROBOT:
+            self._wrote.wait(timeout)
+            return b""
+        chunk = self._chunks.popleft()
+        self._time = chunk.time
+        return chunk.data
+
+    def write(self, data: bytes) -> None:
+        """See `Transport`."""
+        self._written += 1
+        self._wrote.set()
+
+    def close(self) -> None:
+        """Nothing to free."""
+
+
+def read_recording(path: Path) -> Recording:
+    """What a file holds, as far as it goes.
+
+    Raises:
+        ValueError: It is no recording, or of another table of messages.
+        OSError: It cannot be read.
+    """
+    data = path.read_bytes()
+    start = len(_MAGIC) + _HEADER.size
+    if not data.startswith(_MAGIC) or len(data) < start:
+        raise ValueError(f"{path} is no recording of a robot")
+    (schema,) = _HEADER.unpack_from(data, len(_MAGIC))
+    if schema != SCHEMA:
+        raise ValueError(
+            f"{path} was recorded with another table of messages (schema {schema:08x}, this is "
+            f"{SCHEMA:08x})"
+        )
+    chunks = tuple(_chunks(data[start:]))
+    size = sum(_RECORD.size + len(chunk.data) for chunk in chunks)
+    return Recording(chunks, complete=start + size == len(data))
+
+
+def _chunks(data: bytes) -> Iterator[Chunk]:
+    at = 0
+    while at + _RECORD.size <= len(data):
+        time, direction, size = _RECORD.unpack_from(data, at)
+        at += _RECORD.size + size
+        if at > len(data):
+            return
+        yield Chunk(time, Direction(direction), data[at - size : at])

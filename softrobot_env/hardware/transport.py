@@ -1,0 +1,127 @@
+"""Ways that bytes go: a serial port, or memory."""
+
+import termios
+from queue import Empty, SimpleQueue
+from types import ModuleType
+from typing import Protocol
+
+from softrobot_env.hardware.errors import LinkError
+
+#: [s] after which a write that nobody reads is given up.
+WRITE_TIMEOUT = 0.2
+
+
+class Transport(Protocol):
+    """Carries bytes both ways; one thread may read while another one writes."""
+
+    def read(self, timeout: float) -> bytes:
+        """Bytes that have arrived; waits for the first one at most `timeout` [s].
+
+        Returns:
+            Nothing if none came.
+
+        Raises:
+            LinkError: The way is broken.
+        """
+
+    def write(self, data: bytes) -> None:
+        """Send bytes.
+
+        Raises:
+            LinkError: The way is broken, or nobody takes the bytes.
+        """
+
+    def close(self) -> None:
+        """Free the port; twice is harmless."""
+
+
+class SerialTransport:
+    """A serial port, which no other program can open meanwhile."""
+
+    def __init__(self, port: str, baud: int) -> None:
+        """Open a port.
+
+        Raises:
+            LinkError: There is no such port, or another program has it.
+            ImportError: pyserial is not installed.
+        """
+        self._name = port
+        serial = load_serial()
+        try:
+            self._port = serial.Serial(
+                port, baud, timeout=0.0, write_timeout=WRITE_TIMEOUT, exclusive=True
+            )
+        except (OSError, termios.error, ValueError) as error:
+            raise LinkError(f"cannot open {port}: {error}") from error
+
+    def read(self, timeout: float) -> bytes:
+        """See `Transport`."""
+        try:
+            if self._port.timeout != timeout:
+                self._port.timeout = timeout
+            first = self._port.read(1)
+            return first + self._port.read(self._port.in_waiting) if first else b""
+        except (OSError, termios.error) as error:
+            raise LinkError(f"{self._name} has gone: {error}") from error
+
+    def write(self, data: bytes) -> None:
+        """See `Transport`."""
+        try:
+            self._port.write(data)
+        except (OSError, termios.error) as error:
+            raise LinkError(f"cannot write to {self._name}: {error}") from error
+
+    def close(self) -> None:
+        """See `Transport`."""
+        try:
+            self._port.close()
+        except (OSError, termios.error) as error:
+            raise LinkError(f"cannot close {self._name}: {error}") from error
+
+
+class MemoryTransport:
+    """One end of a pair of queues."""
+
+    def __init__(self, incoming: SimpleQueue[bytes], outgoing: SimpleQueue[bytes]) -> None:
+        self._incoming, self._outgoing = incoming, outgoing
+        self._closed = False
+
+    @classmethod
+    def pair(cls) -> tuple["MemoryTransport", "MemoryTransport"]:
+        """Two ends; what is written to one can be read from the other."""
+        one, other = SimpleQueue(), SimpleQueue()
+        return cls(one, other), cls(other, one)
+
+    def read(self, timeout: float) -> bytes:
+        """See `Transport`."""
+        self._check_open()
+        try:
+            return self._incoming.get(timeout=timeout)
+        except Empty:
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """See `Transport`."""
+        self._check_open()
+        self._outgoing.put(data)
+
+    def close(self) -> None:
+        """See `Transport`."""
+        self._closed = True
+
+    def _check_open(self) -> None:
+        if self._closed:
+            raise LinkError("this end is closed")
+
+
+def load_serial() -> ModuleType:
+    """The package pyserial.
+
+    Raises:
+        ImportError: It is not installed; says how to.
+    """
+    try:
+        import serial
+    except ImportError as error:
+        raise ImportError("serial ports need pyserial: pip install softrobot_env[robot]") from error
+    return serial

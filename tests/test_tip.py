@@ -1,0 +1,95 @@
+"""Sources of the tip's place: a tracker's datagrams, and sensors."""
+
+import json
+import socket
+import time
+
+import numpy as np
+import pytest
+
+from softrobot_env.hardware.tip import TIP_SOURCES, SensorTip, UdpTip, make_tip_source
+
+
+@pytest.fixture
+def source():
+    source = UdpTip(0)
+    yield source
+    source.close()
+
+
+def send(source, *datagrams):
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for data in datagrams:
+            sender.sendto(data, ("127.0.0.1", source.port))
+
+
+def wait_until(happened):
+    end = time.monotonic() + 5.0
+    while not happened():
+        assert time.monotonic() < end
+        time.sleep(0.001)
+
+
+def test_no_picture_no_sight(source):
+    assert source.latest(None, 0.0) is None
+
+
+def test_a_picture_was_taken_before_it_came(source):
+    before = time.monotonic()
+    send(source, json.dumps({"x": 0.01, "y": -0.02, "age": 0.5, "tag": 7}).encode())
+    wait_until(lambda: source.latest(None, 0.0) is not None)
+    sight = source.latest(None, 0.0)
+    assert sight.position.tolist() == [0.01, -0.02]
+    assert before - 0.5 <= sight.time <= time.monotonic() - 0.5
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"\xff\x00",
+        b"[1, 2]",
+        b"3",
+        b'{"x": 0.1}',
+        b'{"x": 0.1, "y": "far"}',
+        b'{"x": NaN, "y": 0}',
+        b'{"x": 0, "y": Infinity}',
+        b'{"x": 0, "y": 0, "age": -1}',
+        b'{"x": 0, "y": 0, "age": 1e9}',
+        b'{"x": 0, "y": [0]}',
+    ],
+)
+def test_datagrams_that_say_nothing_are_counted(source, data):
+    send(source, data, b'{"x": 1, "y": 2}')
+    wait_until(lambda: source.latest(None, 0.0) is not None)
+    assert source.refused == 1
+    assert source.latest(None, 0.0).position.tolist() == [1.0, 2.0]
+
+
+def test_closing_frees_the_port_and_is_harmless_twice():
+    source = UdpTip(0)
+    port = source.port
+    source.close()
+    source.close()
+    again = UdpTip(port)
+    with pytest.raises(OSError):
+        UdpTip(port)
+    again.close()
+
+
+def test_sensors_are_a_linear_map():
+    source = SensorTip([0.01, 0.02], [[1e-3, 0, -1e-3], [0, 2e-3, 0]])
+    assert source.latest(None, 1.0) is None
+    sight = source.latest((5, 1, 2, 99), 7.0)
+    assert sight.time == 7.0
+    assert sight.position == pytest.approx([0.013, 0.022])
+
+
+def test_bad_sources_are_refused():
+    with pytest.raises(ValueError, match=r"unknown tip source 'radar'; choose from udp, sensors"):
+        make_tip_source("radar", {})
+    with pytest.raises(ValueError, match="tip source 'udp'"):
+        make_tip_source("udp", {"baud": 9600})
+    with pytest.raises(ValueError, match=r"offset \(2,\)"):
+        SensorTip(np.zeros(3), np.zeros((2, 4)))
+    assert set(TIP_SOURCES) == {"udp", "sensors"}
