@@ -51,7 +51,7 @@ def test_parts_may_be_left_out(tmp_path):
         ("ttl_ms = 50.0", 'ttl_ms = "50"', "ttl_ms must be a number"),
         ("ttl_ms = 50.0", "ttl_ms = nan", "ttl_ms must be a finite number"),
         ("watchdog_ms = 100.0", "watchdog_ms = 30", "twice control_period_ms"),
-        ("state_delay_ms = 15.0", "state_delay_ms = 20", "smaller than control_period_ms"),
+        ("state_delay_ms = 12.0", "state_delay_ms = 20", "smaller than control_period_ms"),
         ("baud = 500000", "baud = 9600", "baud must be one of 57600, 115200"),
         ("baud = 500000", "bauds = 500000", "unknown key 'bauds'; allowed are name, port"),
         ('name = "rig"', "", "name missing"),
@@ -82,7 +82,7 @@ def test_numbers_reach_the_wire_in_the_order_of_channels():
     config = replace(rig_file(), tendons=(first, second, third)).to_message()
     assert config.maximum == (3000, 3000, 2500)
     assert config.gain == (3183, -3183, 3183)
-    assert config.watchdog_ms == 100 and config.state_delay_us == 15000
+    assert config.watchdog_ms == 100 and config.state_delay_us == 12000
     assert config.ramp == 3000 and config.vbus_min == 4800
 
 

@@ -61,7 +61,7 @@ POLICIES: dict[str, PolicySpec] = {
         name: PolicySpec(
             "neural", "NeuralPolicy", {"weights": f"{name}.npz"}, environment="environment"
         )
-        for name in ("imitation", "ppo", "sac")
+        for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
     },
 }
 

@@ -52,7 +52,7 @@ class RobotFile:
     control_period: Annotated[float, Key("control_period_ms", 1e-3, 0.001, 1, 200)] = 0.02
     watchdog: Annotated[float, milliseconds("watchdog_ms", 20, 1000)] = 0.1
     ttl: Annotated[float, milliseconds("ttl_ms", 1, 1000)] = 0.05
-    state_delay: Annotated[float, Key("state_delay_ms", 1e-3, 0.001, 0, 65)] = 0.015
+    state_delay: Annotated[float, Key("state_delay_ms", 1e-3, 0.001, 0, 65)] = 0.012
     free_run: Annotated[float, milliseconds("free_run_ms", 5, 1000)] = 0.05
     slew: Annotated[float, millimetres("slew_mm_per_s", 0.01, 655.35)] = 0.1
     ramp: Annotated[float, millimetres("ramp_mm_per_s", 0.01, 655.35)] = 0.03
