@@ -16,7 +16,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 #: Colours of policies that have none in the figures of the thesis' controllers.
-_COLOURS = COLOURS | {"imitation": "#000000", "ppo": "#E41A1C", "sac": "#8C564B"}
+_COLOURS = COLOURS | {
+    "imitation": "#000000",
+    "ppo": "#E41A1C",
+    "sac": "#8C564B",
+    "ppo_randomized": "#FF9896",
+    "sac_randomized": "#C49C94",
+}
 
 #: Markers, one per policy in the order of their first rows.
 _MARKERS = "osD^v<>PX*hp"
