@@ -1,6 +1,7 @@
 """Curves of episodes, in the manner of thesis Figs. 6.14 to 6.22."""
 
 from dataclasses import dataclass
+from math import ceil
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -41,6 +42,8 @@ _REFERENCE = {
 #: Lower end [mm] of an axis of errors.
 _SMALLEST = 1e-3
 
+_MOST_COLUMNS = 9  # of a legend
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -79,8 +82,9 @@ def finish(figure: "Figure", axes: np.ndarray, title: str) -> "Figure":
     """Title, and one legend below all axes, where it covers nothing."""
     handles, labels = axes.flat[0].get_legend_handles_labels()
     figure.suptitle(title, fontsize=11)
+    columns = ceil(len(labels) / ceil(len(labels) / _MOST_COLUMNS))
     figure.legend(
-        handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9
+        handles, labels, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
     )
     return figure
 
