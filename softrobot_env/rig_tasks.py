@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from math import inf, pi
+from math import inf, isfinite, pi
 from typing import ClassVar
 
 import numpy as np
@@ -24,6 +24,9 @@ EQUIVALENT = 1.2
 #: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
 SERVO_SPEED = pi / 3 / 0.16 * 0.020
 
+#: Set points of a `reach` task.
+_POINTS = 10
+
 
 @dataclass(frozen=True)
 class RigTask:
@@ -35,7 +38,7 @@ class RigTask:
         trajectory: Reference.
         duration: [s] of an episode.
         start_length: (n_tendons,) [m], pulled-in lengths in whose equilibrium the episode starts at
-            rest.
+            rest; at most `LENGTH_SCALE` to either side.
         options: What the task was made with, (name, value) each.
     """
 
@@ -52,6 +55,11 @@ class RigTask:
             raise ValueError(
                 f"task {self.name!r}: robot {self.robot.name!r} has {tendons} tendons, "
                 f"start_length {len(self.start_length)}; a task needs as many, and at least one"
+            )
+        if not all(abs(length) <= LENGTH_SCALE for length in self.start_length):
+            raise ValueError(
+                f"task {self.name!r}: start_length must lie within +-{LENGTH_SCALE:g} m, got "
+                f"{self.start_length}"
             )
         if not 0 < self.duration <= LONGEST:
             raise ValueError(
@@ -85,6 +93,9 @@ class SetPoints:
                 f"set points need one point or more and a positive hold [s], got "
                 f"{len(self.points)} points and {self.hold} s"
             )
+        for point in self.points:
+            if len(point) != 3 or not all(isfinite(x) for x in point):
+                raise ValueError(f"a set point needs three finite coordinates [m], got {point}")
 
     def position(self, t: np.ndarray) -> np.ndarray:
         """Position (n, 3) [m] at times (n,) [s]; at a jump the new point."""
@@ -110,6 +121,7 @@ def _triangle(period: float = 5.0) -> RigTask:
 
 def _circle(radius: float = 0.12, speed: float = 0.05) -> RigTask:
     """From the straight pose out to a circle, one lap, and back."""
+    _check_radius(radius)
     run = LapCircle(radius=float(radius), speed=float(speed))
     return RigTask("rig_circle", RIG, run, run.end_time)
 
@@ -118,15 +130,17 @@ def _reach(seed: int = 0, radius: float = WORKSPACE, hold: float = 3.0) -> RigTa
     """Ten set points, uniform in a disc, held one after the other."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"seed must be a whole number >= 0, got {seed!r}")
-    if not 0 < radius <= WORKSPACE:
-        raise ValueError(f"radius must lie in (0, {WORKSPACE:g}] m, got {radius!r}")
+    _check_radius(radius)
     distance, turn = np.random.default_rng(int(seed)).uniform(size=(2, _POINTS))
     z = radius * np.sqrt(distance) * np.exp(2j * pi * turn)
     points = tuple((float(x.real), float(x.imag), 0.0) for x in z)
     return RigTask("reach", RIG, SetPoints(points, float(hold)), _POINTS * float(hold))
 
 
-_POINTS = 10
+def _check_radius(radius: float) -> None:
+    if not 0 < radius <= WORKSPACE:
+        raise ValueError(f"radius must lie in (0, {WORKSPACE:g}] m, got {radius!r}")
+
 
 RIG_TASKS: dict[str, Callable[..., RigTask]] = {
     "triangle": _triangle,
@@ -142,14 +156,14 @@ RIG_OPTIONS = {
 }
 
 
-def make_rig_task(name: str, **options: float) -> RigTask:
+def make_rig_task(name: str, /, **options: float) -> RigTask:
     """Build a task by name.
 
     Args:
         name: One of `RIG_TASKS`.
         **options: Of the triangle `period` [s] of a lap, 5 unless given. Of the circle `radius`
             [m], 0.12, and `speed` [m/s], 0.05. Of the set points `seed`, 0, `radius` [m] of the
-            disc they lie in, 0.121, and `hold` [s] at each, 3.
+            disc they lie in, 0.121, and `hold` [s] at each, 3. No radius is beyond `WORKSPACE`.
 
     Raises:
         ValueError: Unknown name, an option of another task, or one out of range.
@@ -165,3 +179,13 @@ def make_rig_task(name: str, **options: float) -> RigTask:
         if as_number(value) is None:
             raise ValueError(f"option {option!r} must be a number, got {value!r}")
     return replace(RIG_TASKS[name](**options), options=tuple(options.items()))
+
+
+def remake_rig_task(task: RigTask, /, **options: float) -> RigTask:
+    """The task with some options changed: trajectory and duration are new, robot and start stay.
+
+    Raises:
+        ValueError: As `make_rig_task`.
+    """
+    made = make_rig_task(task.name, **dict(task.options) | options)
+    return replace(made, robot=task.robot, start_length=task.start_length)

@@ -47,7 +47,8 @@ class Tendon:
         stiffness: [N/m] between drive and robot; it matters only to tendons driven by length,
             which need a finite one.
         pretension: [N], smallest tension kept in the tendon.
-        friction: [N], largest dry (Coulomb) friction between tendon and robot.
+        friction: [N], largest dry (Coulomb) friction between tendon and robot; of a slack tendon
+            as well.
     """
 
     name: str
@@ -82,6 +83,12 @@ class Tendon:
         """The tendon at `radius` [1] times its distance from the fibre, rubbing more [N]."""
         offset = tuple(radius * x for x in self.offset)
         return replace(self, offset=offset, friction=self.friction + friction)
+
+    def turned(self, angle: float, scale: float = 1.0) -> "Tendon":
+        """The tendon turned about the fibre by `angle` [rad], `scale` [1] times as far from it."""
+        x, y = self.offset
+        c, s = scale * cos(angle), scale * sin(angle)
+        return replace(self, offset=(x * c - y * s, x * s + y * c))
 
 
 @dataclass(frozen=True)

@@ -55,12 +55,11 @@ class Tripod:
         Raises:
             ValueError: The sum is too small to respect the pretension.
         """
-        least = np.asarray(reduced) @ self.spread.T
         if total is None:
+            least = np.asarray(reduced) @ self.spread.T
             shift = np.max((self.pretension - least) / self.null, axis=-1)
             return least + shift[..., None] * self.null
-        shift = (total - least.sum(axis=-1)) / self.null.sum()
-        tension = least + shift[..., None] * self.null
+        tension = self.with_total(reduced, total)
         missing = np.max(self.pretension - tension)
         if missing > 1e-12 * max(1.0, abs(total)):
             raise ValueError(
@@ -68,6 +67,15 @@ class Tripod:
                 f"give at least {self.least_total(reduced):.6g} N"
             )
         return tension
+
+    def with_total(self, reduced: np.ndarray, total: float) -> np.ndarray:
+        """Tensions (..., 3) [N] of a given sum [N], also where it leaves one little or none.
+
+        Linear in the reduced input (..., 2) [N], hence without the kinks of the least tensions.
+        """
+        least = np.asarray(reduced) @ self.spread.T
+        shift = (total - least.sum(axis=-1)) / self.null.sum()
+        return least + shift[..., None] * self.null
 
     def least_total(self, reduced: np.ndarray) -> float:
         """Smallest constant sum of tensions [N] for reduced inputs (..., 2) [N]."""
@@ -91,6 +99,11 @@ class Tripod:
     def geometric(self, curvature: np.ndarray) -> np.ndarray:
         """s_geo (..., 3) [m]: how much shorter the channels are than in the straight robot."""
         return np.asarray(curvature) @ self.arc.T
+
+
+def mean_curvature(q: np.ndarray) -> np.ndarray:
+    """Mean (..., 2) [1/m] towards x and y over equal pieces, of their curvatures (..., n)."""
+    return q.reshape(*q.shape[:-1], -1, 2).mean(axis=-2)
 
 
 def _check(robot: RobotParams, tendons: tuple[Tendon, ...]) -> None:

@@ -16,7 +16,7 @@ A twin stands for one built rig. What it is drawn from:
 """
 
 from dataclasses import dataclass, replace
-from math import cos, inf, pi, radians, sin
+from math import inf, pi, radians
 
 import numpy as np
 
@@ -140,16 +140,9 @@ def _laid(rng: np.random.Generator) -> tuple[Tendon, ...]:
     scale = _three(rng, 1 - RADIUS_SPREAD, 1 + RADIUS_SPREAD)
     friction = _three(rng, FRICTION * (1 - FRICTION_SPREAD), FRICTION * (1 + FRICTION_SPREAD))
     return tuple(
-        replace(tendon, offset=_moved(tendon.offset, float(a), r), friction=f)
+        replace(tendon.turned(float(a), r), friction=f)
         for tendon, a, r, f in zip(RIG.tendons, turn, scale, friction, strict=True)
     )
-
-
-def _moved(offset: tuple[float, float], turn: float, scale: float) -> tuple[float, float]:
-    """(2,) [m] turned about the axis and farther from it by a factor."""
-    x, y = offset
-    c, s = scale * cos(turn), scale * sin(turn)
-    return x * c - y * s, x * s + y * c
 
 
 def _three(rng: np.random.Generator, low: float, high: float) -> tuple[float, ...]:

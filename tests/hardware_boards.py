@@ -1,5 +1,6 @@
 """Boards without a robot: the firmware's core with servos that go where they are driven."""
 
+import errno
 import threading
 import time
 
@@ -88,6 +89,33 @@ class Bench:
         return seq
 
 
+class FullDisk:
+    """Path of a new file that takes so many bytes, and no more.
+
+    Attributes:
+        content: What it has taken.
+    """
+
+    def __init__(self, room):
+        self._room, self.content = room, b""
+
+    def open(self, *_, **__):
+        return self
+
+    def write(self, data):
+        part = data[: self._room - len(self.content)]
+        if not part:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        self.content += part
+        return len(part)
+
+    def close(self):
+        pass
+
+    def __str__(self):
+        return "full.link"
+
+
 class LiveBoard:
     """A board behind a `MemoryTransport`, in real time; a context manager.
 
@@ -111,6 +139,10 @@ class LiveBoard:
     def __exit__(self, *_):
         self._over.set()
         self._thread.join()
+
+    def inject(self, data):
+        """Bytes that the board does not mean to say."""
+        self._end.write(data)
 
     def _serve(self):
         while not self._over.is_set():

@@ -1,11 +1,21 @@
 """`softrobot evaluate --env virtual|real` and `softrobot robot soak`."""
 
 import json
+from argparse import Namespace
+from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
 from softrobot_env.cli import main
+from softrobot_env.commands import real_setup
+from softrobot_env.commands.cases import Case
+from softrobot_env.commands.robot_soak import answer_times
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.evaluation.labels import VIRTUAL
+from softrobot_env.hardware.config import rig_file
 from softrobot_env.hardware.recording import read_recording
+from softrobot_env.rig_tasks import make_rig_task
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
@@ -19,11 +29,50 @@ def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     )
     (row,) = json.loads((out / "report.json").read_text())["rows"]
     assert (row["source"], row["plant"], row["twin"]) == ("real", "virtual", 0)
-    assert status == int(row["failure"] is not None)
+    assert status == 0 and row["failure"] is None
     assert "virtual twin 0" in capsys.readouterr().out
     # The episode, and the short one before it that warms up.
     links = [read_recording(path) for path in sorted(record.iterdir())]
     assert links and all(link.complete for link in links)
+
+
+@pytest.fixture
+def ended(monkeypatch):
+    """A virtual robot's process that does nothing; says whether it has ended."""
+    ended = []
+
+    @contextmanager
+    def process(twin):
+        try:
+            yield Namespace(file=rig_file(), tip=None)
+        finally:
+            ended.append(twin)
+
+    monkeypatch.setattr(real_setup, "virtual_process", process)
+    return ended
+
+
+def virtual_env(task):
+    setup = real_setup.RealSetup(Namespace(env=VIRTUAL, record=None, twin=[3]))
+    return setup.environment(Case(task, {}, "hybrid", twin=3))
+
+
+def test_a_virtual_robot_ends_even_if_it_cannot_be_ramped_down(ended, monkeypatch):
+    def close(env):
+        raise KeyboardInterrupt
+
+    env = virtual_env(make_rig_task("reach"))
+    assert not ended
+    monkeypatch.setattr(RealRigEnv, "close", close)
+    with pytest.raises(KeyboardInterrupt):
+        env.close()
+    assert ended == [3]
+
+
+def test_a_virtual_robot_ends_if_its_environment_is_refused(ended):
+    with pytest.raises(ValueError, match="length zero"):
+        virtual_env(replace(make_rig_task("reach"), start_length=(0.001, 0.0, 0.0)))
+    assert ended == [3]
 
 
 @pytest.mark.parametrize(
@@ -49,8 +98,20 @@ def test_no_robot_at_the_port(tmp_path, capsys):
 
 
 def test_a_short_soak_says_what_it_measured(tmp_path):
-    status = main(["robot", "soak", "--seconds", "3", "--out", str(tmp_path)])
+    main(["robot", "soak", "--seconds", "3", "--out", str(tmp_path)])
     row, *promises = json.loads((tmp_path / "report.json").read_text())["rows"]
-    assert row["steps"] == 150 and row["ticks"] > 1000
-    assert row["unsafe_outputs"] == 0
-    assert status == int(not all(promise["met"] for promise in promises))
+    assert row["failure"] is None and row["steps"] == 150
+    assert row["ticks"] > 1000 and row["unsafe_outputs"] == 0
+    # The others need a machine with nothing else to do.
+    met = {promise["promise"]: promise["met"] for promise in promises}
+    assert met["failures"] and met["unsafe outputs"]
+
+
+def test_a_step_without_an_answer_waits_for_the_next_one():
+    assert answer_times([0.01, None, None, 0.015], 0.02) == pytest.approx(
+        [0.01, 0.055, 0.035, 0.015]
+    )
+
+
+def test_a_robot_that_never_answers_is_slower_than_a_period():
+    assert min(answer_times([None, None], 0.02)) > 0.02

@@ -3,11 +3,12 @@
 import shutil
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 from firmware_bench import running  # skips without a compiler
 
-from softrobot_env.hardware import core_library
+from softrobot_env.hardware import core, core_library
 from softrobot_env.hardware.core import CompilerMissingError, Core, Measured
 from softrobot_env.hardware.messages import Reset
 from softrobot_env.hardware.schema import header
@@ -100,6 +101,13 @@ def test_impossible_devices_are_refused(options):
         Core(**options)
     with pytest.raises(ValueError, match="9"):
         Core(reset_cause=Reset(9))
+
+
+def test_a_device_without_memory_is_refused(monkeypatch):
+    full = SimpleNamespace(softrobot_create=lambda *_: None)
+    monkeypatch.setattr(core, "library", lambda: full)
+    with pytest.raises(MemoryError, match="no memory for a device"):
+        Core()
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 from firmware_bench import (
+    AWAY,
     CONFIG,
     REST,
     SESSION,
@@ -215,6 +216,28 @@ def test_a_stop_may_name_its_ramp_but_not_exceed_the_slew(ramp, speed):
     bench.run(Stop(SESSION, ramp))
     bench.wait(10)
     assert bench.out.applied[0] == 250 - speed * 10
+
+
+@pytest.mark.parametrize("start", [0, 2**32 - 5_000_000])
+def test_a_ramp_ends_after_ten_seconds_however_slow_it_is(start):
+    bench = Bench(now=start).start()
+    bench.hold(50, *AWAY)
+    bench.run(Stop(SESSION, 1))
+    bench.wait(9999)
+    assert bench.out.powered
+    assert bench.out.applied == (241, 141, REST)
+    bench.run()
+    assert is_off(bench, DeviceState.DISARMED)
+
+
+def test_a_configured_ramp_after_a_fault_ends_after_ten_seconds_too():
+    bench = Bench().start(replace(CONFIG, ramp=1))
+    bench.hold(50, *AWAY)
+    bench.wait(100, state=DeviceState.RAMPING)
+    bench.wait(9999)
+    assert bench.out.powered
+    bench.run()
+    assert is_off(bench, DeviceState.LATCHED)
 
 
 @pytest.mark.parametrize("end", [Stop(SESSION + 1, 0), Disarm(SESSION + 1), Disarm(0)])

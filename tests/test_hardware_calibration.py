@@ -29,6 +29,21 @@ def test_jogging_is_slow():
     assert jog_file(robot).slew == robot.ramp < robot.slew
 
 
+def test_jogging_goes_no_farther_than_the_longest_ramp():
+    """A winch of 600 mm for all pulses, where the file allows 40 mm to one side."""
+    servos = tuple(replace(s, gain=3e-3, minimum=0.0, maximum=0.04) for s in rig_file().tendons)
+    robot = replace(rig_file(), tendons=servos, ramp=0.01)
+    for servo in jog_file(robot).tendons:
+        assert (servo.minimum, servo.maximum) == pytest.approx((-0.03, 0.07))
+
+
+def test_a_board_with_a_zero_of_its_own_keeps_it():
+    begun = Calibration.begin(rig_file(), np.zeros(3), keeps_zero=True).obey("+1")
+    with pytest.raises(ValueError, match="lengths from its own zero"):
+        begun.obey("zero")
+    assert begun.obey("max").result().tendons[0].maximum == pytest.approx(1e-3)
+
+
 def test_nothing_done_leaves_the_robot_as_it_was():
     assert obey([]).result() == rig_file()
 

@@ -10,13 +10,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hardware_boards import PASS, Board
+from hardware_boards import PASS, Board, FullDisk
 
 from softrobot_env.cli import main
 from softrobot_env.commands.robot import ROBOT_COMMANDS
+from softrobot_env.commands.robot_link import open_driver
 from softrobot_env.hardware.config import rig_file
 from softrobot_env.hardware.config_file import read_robot_file, write_robot_file
-from softrobot_env.hardware.messages import DeviceState
+from softrobot_env.hardware.messages import Capability, DeviceState
 
 
 class Terminal:
@@ -104,6 +105,7 @@ def test_estop_latches_until_it_is_cleared(robot, capsys):
 
 
 def test_calibrate_writes_what_was_found(robot, tmp_path, monkeypatch, capsys):
+    robot.board.core = Board(capabilities=Capability.SUPPLY).core
     lines = "t 2\n-1\nzero\nnonsense\n+2\nrest\nwrite\n"
     monkeypatch.setattr("sys.stdin", io.StringIO(lines))
     out = tmp_path / "found.toml"
@@ -114,6 +116,37 @@ def test_calibrate_writes_what_was_found(robot, tmp_path, monkeypatch, capsys):
     assert found.tendons[0] == before.tendons[0]
     assert "unknown command 'nonsense'; there are" in capsys.readouterr().out
     assert not robot.board.core.outputs.powered
+
+
+def test_calibrate_goes_on_after_marks_that_contradict(robot, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO("+2\nmin\nwrite\nrest\nwrite\n"))
+    out = tmp_path / "found.toml"
+    assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 0
+    assert "not written: minimum_mm <= rest_mm" in capsys.readouterr().out
+    assert read_robot_file(out).tendons[0].minimum == pytest.approx(2e-3, abs=1.1e-5)
+
+
+def test_calibrate_replaces_no_file_and_tells_so_before_it_opens_the_port(robot, capsys):
+    arguments = ["robot", "calibrate", "--robot-file", robot.file, "--out", robot.file]
+    assert main([*arguments, "--port", "/dev/no-robot"]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_calibrate_leaves_a_board_that_measures_lengths_its_zero(
+    robot, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr("sys.stdin", io.StringIO("+1\nzero\n"))
+    main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(tmp_path / "x.toml")])
+    assert "lengths from its own zero" in capsys.readouterr().out
+
+
+def test_a_recording_that_breaks_off_is_told_at_the_end(robot, capsys):
+    with open_driver(read_robot_file(Path(robot.file)), FullDisk(100)) as driver:
+        driver.connect()
+        driver.arm()
+        assert "breaks off" not in capsys.readouterr().out
+    assert not robot.board.core.outputs.powered
+    assert "breaks off: [Errno 28] No space left on device" in capsys.readouterr().out
 
 
 def test_calibrate_without_write_leaves_no_file(robot, tmp_path, monkeypatch):

@@ -52,6 +52,8 @@ def test_parts_may_be_left_out(tmp_path):
         ("ttl_ms = 50.0", "ttl_ms = nan", "ttl_ms must be a finite number"),
         ("watchdog_ms = 100.0", "watchdog_ms = 30", "twice control_period_ms"),
         ("state_delay_ms = 12.0", "state_delay_ms = 20", "smaller than control_period_ms"),
+        ("ramp_mm_per_s = 30.0", "ramp_mm_per_s = 5.99", "within 10 s: at least 6 mm/s"),
+        ("slew_mm_per_s = ", "slew_mm_per_s = 5 # ", "within 10 s: at least 6 mm/s"),
         ("baud = 500000", "baud = 9600", "baud must be one of 57600, 115200"),
         ("baud = 500000", "bauds = 500000", "unknown key 'bauds'; allowed are name, port"),
         ('name = "rig"', "", "name missing"),

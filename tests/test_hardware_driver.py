@@ -23,6 +23,7 @@ from softrobot_env.hardware.errors import (
     SessionLostError,
 )
 from softrobot_env.hardware.exit_guard import ExitGuard
+from softrobot_env.hardware.framing import encode
 
 HERE = [0.0, 0.0, 0.0]
 
@@ -196,6 +197,34 @@ def test_what_breaks_while_listening_is_raised_by_the_next_call(live):
             driver.command(HERE)
 
 
+def test_what_nobody_understands_is_told(live, driver):
+    numbers = {"applied": (0,) * 3, "length": (0,) * 3, "force": (0,) * 3, "adc": (0,) * 4}
+    counts = {"vbus": 6000, "crc_errors": 0, "frame_errors": 0, "faults": 0, "warnings": 0}
+    state = m.State(0, 0, 0, state=9, n=3, session=0, **numbers, **counts)
+    live.inject(encode(state, 1000))
+    with pytest.raises(RobotError, match="cannot understand the robot: 9 is not"):
+        driver.wait_for(1, time.monotonic() + 5)
+
+
+def test_a_pace_waits_for_a_robot_that_is_slow_to_answer(live, driver):
+    driver.arm()
+    live.alive.clear()
+    answers = [driver.pace(HERE, time.monotonic() + 0.005) for _ in range(6)]
+    assert answers == [None] * 6
+    live.alive.set()
+    end = time.monotonic() + 5
+    while driver.pace(HERE, time.monotonic() + 0.02) is None:
+        assert time.monotonic() < end
+
+
+def test_a_pace_does_not_wait_for_a_silent_robot(live, driver):
+    driver.arm()
+    live.alive.clear()
+    with pytest.raises(LinkError, match=r"said nothing for 0\.5 s"):
+        for _ in range(200):
+            driver.pace(HERE, time.monotonic() + 0.02)
+
+
 def test_closing_stops_the_robot_and_happens_once(live, driver):
     driver.arm()
     driver.close()
@@ -219,6 +248,65 @@ def test_closing_goes_on_when_a_stage_fails(live):
     transport.dumb = True
     driver.close()
     assert transport.closed
+
+
+class Unwritable(Breakable):
+    """A transport whose port fails in the way of the operating system."""
+
+    def write(self, data):
+        if self.dumb:
+            raise OSError("no such device")
+        super().write(data)
+
+
+def test_closing_goes_on_when_the_system_fails(live):
+    transport = Unwritable(live.transport)
+    driver = Driver(PATIENT, transport)
+    driver.connect()
+    driver.arm()
+    transport.dumb = True
+    driver.close()
+    assert transport.closed
+
+
+def test_a_forked_child_leaves_the_robot_to_its_parent():
+    program = """
+        import os, signal, sys
+        from softrobot_env.hardware.exit_guard import ExitGuard
+        ExitGuard(lambda: print("closed", flush=True)).install()
+        for end in (lambda: signal.raise_signal(signal.SIGTERM), lambda: sys.exit(3)):
+            child = os.fork()
+            if child == 0:
+                end()
+            os.waitpid(child, 0)
+        print("children are gone", flush=True)
+    """
+    assert run_program(program).stdout == "children are gone\nclosed\n"
+
+
+def test_the_guard_may_be_installed_again_by_another_thread():
+    program = """
+        import signal, threading
+        from softrobot_env.hardware.exit_guard import ExitGuard
+        guard = ExitGuard(lambda: print("closed", flush=True))
+        guard.install()
+        thread = threading.Thread(target=guard.install)
+        thread.start()
+        thread.join()
+        print("installed", flush=True)
+        signal.raise_signal(signal.SIGTERM)
+    """
+    ended = run_program(program)
+    assert (ended.stdout, ended.stderr) == ("installed\nclosed\n", "")
+
+
+def run_program(text):
+    return subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(text)],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+    )
 
 
 def test_the_guard_gives_its_signal_back():
@@ -252,11 +340,6 @@ def test_a_program_that_ends_stops_its_robot(how):
         driver.arm()
         {how}
     """
-    ended = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(program)],
-        cwd=Path(__file__).parent,
-        capture_output=True,
-        text=True,
-    )
+    ended = run_program(program)
     assert ended.stdout == "off\n", ended.stderr
     assert ended.returncode in (3, -signal.SIGTERM)

@@ -5,7 +5,10 @@ from dataclasses import replace
 import pytest
 from hardware_boards import Bench
 
+from softrobot_env.commands.robot_virtual import virtual_file
 from softrobot_env.hardware import messages as m
+from softrobot_env.hardware.config import rig_file
+from softrobot_env.hardware.config_parts import Supervision
 from softrobot_env.hardware.errors import ProtocolMismatchError, RobotError
 from softrobot_env.hardware.framing import encode
 from softrobot_env.hardware.link import LinkCounters
@@ -44,6 +47,30 @@ def test_another_table_of_messages_is_told_as_such():
 def test_another_number_of_servos_is_refused():
     with pytest.raises(RobotError, match="board drives 6 servos, robot 'rig' has 3"):
         hello_ack(Bench(), n=6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "what"),
+    [
+        ({"supervision": Supervision(stall=5e-3)}, "stall_mm", m.Capability.LENGTH),
+        ({"tendons": virtual_file().tendons}, "max_force_n", m.Capability.FORCE),
+        ({"supervision": Supervision(adc_channels=(1,))}, "adc_channels", m.Capability.ADC),
+        ({"supervision": Supervision(supply=4.8)}, "supply_v", m.Capability.SUPPLY),
+    ],
+)
+def test_a_board_that_cannot_watch_what_the_file_asks_for_is_refused(changes, key, what):
+    bench = Bench(replace(rig_file(), **changes))
+    hello_ack(bench, capabilities=15)
+    assert bench.session.phase == Phase.GREETED
+    bench = Bench(replace(rig_file(), **changes))
+    with pytest.raises(RobotError, match=f"asks for {key}.*not measure {what.name.lower()}"):
+        hello_ack(bench, capabilities=15 & ~what)
+
+
+def test_the_rig_before_its_calibration_needs_only_a_supply():
+    bench = Bench()
+    hello_ack(bench, capabilities=int(m.Capability.SUPPLY))
+    assert bench.session.phase == Phase.GREETED
 
 
 def test_an_answer_to_another_hello_is_ignored():

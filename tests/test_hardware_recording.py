@@ -2,7 +2,7 @@ import struct
 import time
 
 import pytest
-from hardware_boards import LiveBoard
+from hardware_boards import FullDisk, LiveBoard
 
 from softrobot_env.hardware import messages as m
 from softrobot_env.hardware.config import rig_file
@@ -78,6 +78,35 @@ def test_a_record_is_in_the_file_at_once(tmp_path, ticks):
     recorder.write(b"abc")
     assert read_recording(tmp_path / "a.link").chunks[0].data == b"abc"
     recorder.close()
+
+
+@pytest.mark.parametrize("room", [30, 40])  # no record, or a part of the first one
+def test_a_full_disk_ends_the_recording_and_not_the_link(room):
+    near, far = MemoryTransport.pair()
+    recorder = RecordingTransport(near, FullDisk(room))
+    for data in (b"set-point" * 4, b"stop"):
+        recorder.write(data)
+        assert far.read(0.0) == data
+    far.write(b"stopped")
+    assert recorder.read(0.0) == b"stopped"
+    assert "No space left" in str(recorder.failure)
+
+
+def test_what_is_sent_stands_before_its_answer(tmp_path):
+    """Although an answer may be written first: only its sending comes first."""
+    times = iter([1.0, 2.0])
+    near, far = MemoryTransport.pair()
+    recorder = RecordingTransport(near, tmp_path / "a.link", lambda: next(times))
+
+    def answer_first(data):
+        far.write(b"answer")
+        recorder.read(0.0)
+
+    near.write = answer_first
+    recorder.write(b"question")
+    recorder.close()
+    directions = [chunk.direction for chunk in read_recording(tmp_path / "a.link").chunks]
+    assert directions == [Direction.TO_ROBOT, Direction.FROM_ROBOT]
 
 
 def test_a_recording_never_replaces_a_file(recorded):

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hardware_boards import Bench, Board
+from hardware_boards import PASS, Bench, Board
 
+from softrobot_env.commands.robot_virtual import virtual_file
 from softrobot_env.hardware import messages as m
 from softrobot_env.hardware.config import rig_file
 from softrobot_env.hardware.errors import (
@@ -72,7 +73,7 @@ def test_a_set_point_is_followed_and_echoed(armed):
     assert reading.seq == seq and reading is armed.session.reading
     np.testing.assert_allclose(reading.applied, [1e-3, -2e-3, 0.0])
     # The board waits for the state's delay, the bench passes every millisecond.
-    assert 0.015 <= reading.round_trip <= 0.018
+    assert 0.012 <= reading.round_trip <= 0.015
 
 
 def test_a_later_echo_answers_an_earlier_set_point(armed):
@@ -174,7 +175,10 @@ def test_silence_latches_and_arming_waits_for_a_clear(armed):
     assert armed.session.phase == Phase.RUNNING
 
 
-def test_a_stall_names_tendon_and_distance(armed):
+def test_a_stall_names_tendon_and_distance():
+    armed = Bench(virtual_file())
+    armed.connect()
+    armed.arm()
     armed.board.stuck = (0, 0, 0)
     for _ in range(60):
         if armed.session.fault is None:
@@ -186,9 +190,9 @@ def test_a_stall_names_tendon_and_distance(armed):
 
 
 def test_a_fault_names_the_tendon_of_the_channel():
-    servos = rig_file().tendons
+    servos = virtual_file().tendons
     turned = tuple(replace(s, channel=c) for s, c in zip(servos, (2, 0, 1), strict=True))
-    bench = Bench(replace(rig_file(), tendons=turned))
+    bench = Bench(replace(virtual_file(), tendons=turned))
     bench.connect()
     bench.arm()
     bench.board.force = (4500, 0, 0)
@@ -226,10 +230,32 @@ def test_a_restart_in_a_session_is_told_and_never_armed_again(armed):
     assert not armed.board.core.outputs.powered
 
 
-def test_a_dropped_session_without_a_restart_is_told(bench):
-    bench.say(bench.session.arm(5), 0.06)
+def test_a_dropped_session_without_a_restart_is_told(armed):
+    armed.say(encode(m.Hello(78, m.PROTOCOL, m.PROTOCOL), 0))  # of another host
     with pytest.raises(SessionLostError, match="without starting again"):
-        bench.run(1.2)
+        armed.run(0.2)
+
+
+def test_an_arming_without_a_set_point_leaves_the_robot_configured(bench):
+    bench.say(bench.session.arm(5), 0.06)
+    assert bench.session.phase == Phase.ARMED
+    bench.run(1.2)
+    assert bench.session.phase == Phase.CONFIGURED
+    bench.arm(number=6)
+    assert bench.session.phase == Phase.RUNNING
+
+
+def test_what_waits_on_its_way_was_taken_before_it_arrived(armed):
+    for _ in range(60):  # longer than the board is silent without set-points
+        armed.now += PASS
+        armed.board.run(armed.now)
+    late = armed.now + 0.3
+    armed.session.receive(armed.board.core.transmit(), late)
+    reading, link = armed.session.reading, armed.session.link.as_dict()
+    assert reading.time == late and late - reading.device_time >= 0.3
+    # On the bench both sides have one clock.
+    assert reading.age(late) == pytest.approx(late - reading.device_time, abs=2e-3)
+    assert link["delay"] == link["longest_delay"] == pytest.approx(reading.age(late))
 
 
 def test_damage_is_counted_on_both_sides(armed):

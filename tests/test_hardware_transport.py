@@ -33,7 +33,7 @@ def test_bytes_go_both_ways_over_a_serial_port(terminal):
 
 def test_a_port_is_for_one_program(terminal):
     port = SerialTransport(terminal[1], 500000)
-    with pytest.raises(LinkError, match=f"cannot open {terminal[1]}"):
+    with pytest.raises(LinkError, match=f"cannot open {terminal[1]}: another program drives"):
         SerialTransport(terminal[1], 500000)
     port.close()
 

@@ -230,6 +230,13 @@ def test_bending_to_a_radius_takes_the_audits_moment(radius, moment, angle):
     assert y[0] < 0  # towards +y the rig turns about -x
 
 
+def test_the_straight_rig_is_found_from_any_guess():
+    piece = make_rig_piece(RIG)
+    limit, _ = rig_output.reach(piece)
+    for guess in np.linspace(0, limit, 400):
+        assert rig_output.bending_angle(piece, 0.0, guess, limit) == 0.0
+
+
 def test_uniform_backbone_with_head_at_rest():
     """Integrals over the backbone, whose section at s moves by s^2 / (2 L) and turns by s / L."""
     mass, stiffness = at_rest(make_rig_piece(RIG, "distributed"))
@@ -254,6 +261,8 @@ def test_subpieces_and_uniform_backbone_are_nearly_the_same():
         (replace(RIG, head=None), SUBPIECES, "needs a head"),
         (ARM, SUBPIECES, "needs a head"),
         (replace(ARM, head=RIG.head), SUBPIECES, "three tendons"),
+        (replace(RIG, anisotropy=0.1), SUBPIECES, "without anisotropy and precurvature"),
+        (replace(RIG, precurvature=(0.1, 0.0)), SUBPIECES, "without anisotropy and precurvature"),
         (RIG, "point", "choose 'distributed'"),
         (RIG, [(0.2, 1.0, (0, 0, 0))], "off the robot"),
         (RIG, [(0.1, -1.0, (0, 0, 0))], "zero or more"),

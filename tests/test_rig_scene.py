@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from rig_column import HEAD, LEVER, Column, G, L, posed, scene, tip_at
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
@@ -15,85 +16,9 @@ from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.beams.rig_piece import SUBPIECES
 from softrobot_env.robots import ARM, RIG
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.chain import joint_angles, mean_curvature, posture
+from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.config import SceneConfig, TipSensors
-from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import linearize
-
-L, HEAD, G = RIG.length, RIG.head, 9.81
-LEVER = 5.5e-3
-WEIGHTLESS = replace(RIG, gravity=(0.0, 0.0, 0.0))
-
-
-def scene(robot=RIG, *, pieces=4, actuation="length", **options):
-    config = SceneConfig(
-        robot, pieces=pieces, actuation=actuation, bending="spatial", control_period=0.02, **options
-    )
-    return build_scene(config)
-
-
-def posed(model, q):
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
-    return data
-
-
-def tip_at(built, controls, **options):
-    q = equilibrium(built.model, np.asarray(controls, float), **options)
-    return posed(built.model, q).site("tip").xpos.copy()
-
-
-# --- truth: a vertical column with a head, by Ritz' method ---------------------------------------
-
-
-class Column:
-    """Small bending theta(s) = sum of q_i (s / L)^i of the upright rig, tendons held or free."""
-
-    def __init__(self, terms, held):
-        nodes, weights = np.polynomial.legendre.leggauss(30)
-        s, weights = L * (nodes + 1) / 2, weights * L / 2
-        i = np.arange(1, terms + 1)
-        turn, bend = (s[:, None] / L) ** i, i * (s[:, None] / L) ** (i - 1) / L
-        aside, self.end = s[:, None] ** (i + 1) / ((i + 1) * L**i), np.ones(terms)
-
-        def integral(shape, weight):
-            return np.einsum("k,ki,kj->ij", weights * weight, shape, shape)
-
-        centre = L / (i + 1) + HEAD.centre * self.end
-        at_end = np.outer(self.end, self.end)
-        rho = RIG.mass_per_length
-        self.mass = (
-            integral(aside, rho)
-            + integral(turn, RIG.density * RIG.second_moment)
-            + HEAD.mass * np.outer(centre, centre)
-            + HEAD.inertia[0] * at_end
-        )
-        self.elastic = integral(bend, RIG.bending_stiffness)
-        self.gravity = G * (
-            integral(turn, rho * (L - s) + HEAD.mass) + HEAD.mass * HEAD.centre * at_end
-        )
-        tendons = 1.5 * RIG.tendons[0].stiffness * LEVER**2 * at_end
-        self.stiffness = self.elastic - self.gravity + tendons * held
-        self.output = L / (i + 1) + HEAD.output * self.end
-
-    def frequencies(self):
-        """[rad/s] without damping."""
-        squares = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness)).real
-        return np.sqrt(np.sort(squares))
-
-    def damping_ratio(self):
-        """Of the first mode."""
-        n = len(self.end)
-        damping = RIG.damping_time * self.elastic
-        lower = -np.linalg.solve(self.mass, np.hstack((self.stiffness, damping)))
-        roots = np.linalg.eigvals(np.vstack((np.eye(n, 2 * n, n), lower)))
-        first = roots[np.argmin(np.abs(roots))]
-        return -first.real / abs(first)
-
-    def tip_per_moment(self):
-        """[m/(N m)] of the output point, for a moment on the end."""
-        return self.output @ np.linalg.solve(self.stiffness, self.end)
 
 
 def test_the_column_with_one_shape_is_the_audits_rig():
@@ -240,97 +165,6 @@ def test_tension_ends_at_the_limit():
     data.ctrl[:] = [0.03, 0.0, 0.0]
     mujoco.mj_step(built.model, data, 500)
     np.testing.assert_allclose(data.actuator_force[0], 3.0, rtol=1e-12)
-
-
-# --- errors of manufacturing ---------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("azimuth", [0.0, 0.7, 2.5])
-def test_anisotropy_is_stiff_towards_its_azimuth(azimuth):
-    """Tendons pull in the principal directions; the rule is exact for pure bending."""
-    rough = replace(WEIGHTLESS, anisotropy=0.4, stiff_azimuth=azimuth)
-    for turn, factor in ((0.0, 1.2), (np.pi / 2, 0.8)):
-        c, s = LEVER * np.cos(azimuth + turn), LEVER * np.sin(azimuth + turn)
-        tendon = replace(RIG.tendons[0], offset=(c, s), pretension=0.0)
-        built = scene(replace(rough, tendons=(tendon,)), actuation="tension")
-        angles = joint_angles(built.model, equilibrium(built.model, np.array([3.0])))
-        bend = 3.0 * LEVER / (factor * RIG.bending_stiffness)
-        wanted = bend * np.array([np.cos(azimuth + turn), np.sin(azimuth + turn)])
-        curvature = mean_curvature(built.model, built.layout, 1) @ posture(built.model, angles)
-        np.testing.assert_allclose(curvature, wanted, rtol=1e-10, atol=1e-12)
-        np.testing.assert_allclose(angles.sum(axis=0), wanted * L, rtol=1e-10, atol=1e-12)
-        joints = linearize(built.model)
-        np.testing.assert_allclose(
-            np.diag(joints.damping), RIG.damping_time * np.diag(joints.stiffness), rtol=1e-12
-        )
-
-
-def test_turned_hinges_are_the_same_robot():
-    """Barely anisotropic: to second order the axes of the hinges do not matter."""
-    turned = replace(RIG, anisotropy=1e-9, stiff_azimuth=0.6)
-    errors = []
-    for pieces in (4, 8):
-        pull = [0.012, -0.004, 0.003]
-        a, b = (tip_at(scene(robot, pieces=pieces), pull) for robot in (RIG, turned))
-        errors.append(np.linalg.norm(a - b))
-    assert 1e-9 < errors[1] < 0.3e-3
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.3)
-
-
-def test_posture_and_joint_angles_are_inverse_with_turned_hinges():
-    model = scene(replace(RIG, anisotropy=0.3, stiff_azimuth=1.1)).model
-    angles = np.random.default_rng(0).uniform(-0.5, 0.5, (8, 2))
-    np.testing.assert_allclose(joint_angles(model, posture(model, angles)), angles, atol=1e-15)
-
-
-@pytest.mark.parametrize("azimuth", [0.0, 0.8])
-def test_precurvature_bends_the_unloaded_robot(azimuth):
-    bent = replace(
-        WEIGHTLESS,
-        precurvature=(3.0, -2.0),
-        anisotropy=0.2 if azimuth else 0.0,
-        stiff_azimuth=azimuth,
-        tendons=(),
-    )
-    built = build_scene(SceneConfig(bent, pieces=4, bending="spatial"))
-    q = equilibrium(built.model, np.zeros(0))
-    curvature = mean_curvature(built.model, built.layout, 2) @ q
-    np.testing.assert_allclose(curvature, [3.0, -2.0, 3.0, -2.0], rtol=1e-10)
-
-
-def test_precurvature_of_the_upright_rig_grows_as_the_columns():
-    """theta' = theta_0' + M / EI: the same as the moment EI kappa on the end of a straight one."""
-    kappa = 0.05
-    built = scene(replace(RIG, precurvature=(kappa, 0.0)), pieces=8)
-    truth = Column(8, True).tip_per_moment() * RIG.bending_stiffness * kappa
-    assert tip_at(built, np.zeros(3))[0] == pytest.approx(truth, rel=0.01)
-
-
-def loop_width(friction):
-    """Distance [m] of the tip on the way back from that on the way up at zero pull, slowly."""
-    taut = 5.0
-    rough = replace(
-        RIG, tendons=tuple(replace(t, friction=friction, pretension=taut) for t in RIG.tendons)
-    )
-    built = scene(rough)
-    data = mujoco.MjData(built.model)
-    middle = []
-    for leg in ((0.0, -4e-3), (-4e-3, 0.0), (0.0, 4e-3), (4e-3, 0.0)):
-        for pull in np.linspace(*leg, 200):
-            data.ctrl[0] = pull
-            mujoco.mj_step(built.model, data, 40)
-        middle.append(data.site("tip").xpos[0])
-    return middle[3] - middle[1]
-
-
-def test_friction_makes_the_columns_hysteresis():
-    """At the same lengths, up and down, the three rubbing tendons hold a moment of 2 r f each way.
-
-    Offsets towards the pull are r, -r / 2, -r / 2, and all rub the other way on the way back.
-    """
-    truth = 4 * LEVER * 0.3 * Column(8, True).tip_per_moment()
-    assert loop_width(0.3) == pytest.approx(truth, rel=0.05)
-    assert abs(loop_width(0.0)) < 0.04 * truth  # what damping and inertia add at this speed
 
 
 # --- who does not take the rig -------------------------------------------------------------------

@@ -7,6 +7,7 @@ from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.rig_piece import SUBPIECES
 from softrobot_env.beams.signals import held
 from softrobot_env.control.servo_constraints import ServoConstraints
+from softrobot_env.control.servo_dae import hold
 from softrobot_env.control.servo_flexible import FlexibleServoConstraints, InversionError
 from softrobot_env.rig_trajectories import LapCircle, RoundedTriangle
 from softrobot_env.robots import RIG
@@ -39,6 +40,15 @@ def test_dae_with_one_piece_has_the_algebraic_solution(one):
         gaps = [np.abs(getattr(p, name) - getattr(exact, name)).max() for p in plans]
         assert gaps[0] / gaps[1] == pytest.approx(4, rel=0.1)
     assert gaps[1] < 1e-5
+
+
+def test_a_plan_may_begin_in_motion(one):
+    """With the forces of the motion from the first instant on."""
+    times = np.linspace(3.9, 4.4, 26)
+    motion = (FAST.position(times), FAST.velocity(times), FAST.acceleration(times))
+    exact = ServoConstraints(RIG).plan(*motion).reduced
+    gaps = np.abs(one.plan(FAST, times, 4).reduced - exact).max(axis=1)
+    assert gaps[0] < gaps[1:].max() < 0.03
 
 
 def test_stabilisation_keeps_the_output_on_its_trajectory(one):
@@ -189,6 +199,24 @@ def test_out_of_reach_is_refused_with_the_time(three):
         three.statics(np.array([0.0, 0.2]))
 
 
+@pytest.mark.parametrize("rate", [1e100, np.inf, np.nan])
+def test_rates_that_no_rig_has_are_refused(three, rate):
+    """The matrix of Newton's method overflows."""
+    here = np.array([0.05, 0.0])
+    progress = three.start(here)
+    with pytest.raises(InversionError, match="Newton's iteration failed"):
+        three.step(progress._replace(v=progress.v + rate), 1 / RATE, here, np.zeros(2))
+    held = hold(three.data, here, three.model.rest() + rate, np.zeros(2))
+    assert not held
+
+
+def test_a_velocity_on_whose_way_the_matrix_is_singular_is_refused(one):
+    place = np.array([0.05793314649197409, -0.08145090489532386])
+    velocity = np.array([-31771.267735722904, -66865.51457666243])
+    with pytest.raises(InversionError, match="Newton's iteration failed"):
+        one.step(one.start(place), 0.02927777766172623, place, velocity)
+
+
 def test_bad_arguments_are_refused(one):
     with pytest.raises(ValueError, match="equally spaced"):
         one.plan(FAST, np.array([0.0, 0.1, 0.3]))
@@ -196,3 +224,6 @@ def test_bad_arguments_are_refused(one):
         one.plan(FAST, np.zeros(1))
     with pytest.raises(ValueError, match="needs a head"):
         FlexibleServoConstraints(replace(RIG, head=None), 2)
+    short = tuple(replace(tendon, end=0.12) for tendon in RIG.tendons)
+    with pytest.raises(ValueError, match=r"must end at its tip, at 0\.18 m, got ends 0\.12"):
+        FlexibleServoConstraints(replace(RIG, tendons=short), 2)

@@ -57,6 +57,7 @@ def test_a_picture_was_taken_before_it_came(source):
         b'{"x": 0, "y": 0, "age": -1}',
         b'{"x": 0, "y": 0, "age": 1e9}',
         b'{"x": 0, "y": [0]}',
+        b'{"x": 0, "y": 1' + b"0" * 400 + b"}",
     ],
 )
 def test_datagrams_that_say_nothing_are_counted(source, data):
@@ -90,6 +91,9 @@ def test_bad_sources_are_refused():
         make_tip_source("radar", {})
     with pytest.raises(ValueError, match="tip source 'udp'"):
         make_tip_source("udp", {"baud": 9600})
+    for port in (70000, -1, 4.5, True):
+        with pytest.raises(ValueError, match="port must be a whole number from 0 to 65535"):
+            make_tip_source("udp", {"port": port})
     with pytest.raises(ValueError, match=r"offset \(2,\)"):
         SensorTip(np.zeros(3), np.zeros((2, 4)))
     assert set(TIP_SOURCES) == {"udp", "sensors"}

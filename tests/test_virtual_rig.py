@@ -35,6 +35,16 @@ def test_it_moves_as_the_environment_does(rig):
     assert worst < 0.3e-3
 
 
+def test_its_potentiometers_are_those_of_the_environment(rig):
+    env = RigEnv("reach", twin=TWIN)
+    env.reset(seed=0)
+    for pull in (0.1, 0.2, 0.05):
+        action = np.array([pull, -pull, 0.0], np.float32)
+        observation, *_ = env.step(action)
+        hold(rig, env.length_scale * action.astype(float), env.control_period)
+        assert observation["tendon_length"] == pytest.approx(rig.length, abs=1e-12)
+
+
 def test_without_power_the_servos_stay(rig):
     hold(rig, np.array([0.01, 0.0, 0.0]), 0.3)
     assert rig.length == pytest.approx([0.01, 0.0, 0.0])

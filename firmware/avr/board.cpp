@@ -5,6 +5,7 @@
 #include <avr/interrupt.h>
 #include <avr/io.h>
 #include <avr/wdt.h>
+#include <util/atomic.h>
 
 #include "converter.h"
 #include "serial.h"
@@ -59,9 +60,12 @@ uint16_t supply_mv() {
   return static_cast<uint16_t>(counts * wiring::kSupplyFullMv / 4096);
 }
 
+// Without an interrupt in between: the timer's writes the servos' pins, which may be on this port.
 void set_supply(bool on) {
   const uint8_t bit = static_cast<uint8_t>(_BV(wiring::kSupplyPin));
-  SUPPLY_PORT = static_cast<uint8_t>(on ? SUPPLY_PORT | bit : SUPPLY_PORT & ~bit);
+  ATOMIC_BLOCK(ATOMIC_RESTORESTATE) {
+    SUPPLY_PORT = static_cast<uint8_t>(on ? SUPPLY_PORT | bit : SUPPLY_PORT & ~bit);
+  }
 }
 
 }  // namespace

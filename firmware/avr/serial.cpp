@@ -16,8 +16,10 @@ namespace softrobot {
 namespace {
 
 // One side writes, the other reads, one of them in an interrupt: indices of one byte need no lock.
-template <uint8_t kRoom>
+template <uint16_t kRoom>
 class Ring {
+  static_assert(kRoom <= 256, "the indices have one byte");
+
  public:
   bool empty() const { return first_ == end_; }
   bool full() const { return next(end_) == first_; }
@@ -38,7 +40,7 @@ class Ring {
   volatile uint8_t first_ = 0, end_ = 0;
 };
 
-Ring<128> received;
+Ring<256> received;  // lasts 5 ms at 500000 baud: longer than any pass
 Ring<64> waiting;
 
 }  // namespace

@@ -5,6 +5,7 @@ namespace {
 
 constexpr uint32_t kMillisecond = 1000;  // us
 constexpr uint32_t kArmedForUs = 1000000;
+constexpr uint32_t kLongestRampUs = 10000000;  // however slow the host wants it
 
 }  // namespace
 
@@ -61,7 +62,8 @@ void Device::expire() {
 
 void Device::move(uint32_t elapsed_us) {
   motion_.advance(info_.n, elapsed_us);
-  if (state_ == DeviceState::kRamping && motion_.arrived(info_.n)) {
+  const bool over = motion_.arrived(info_.n) || now_us_ - ramp_us_ >= kLongestRampUs;
+  if (state_ == DeviceState::kRamping && over) {
     end(faults_.any() ? DeviceState::kLatched : DeviceState::kDisarmed);
   }
 }
@@ -89,6 +91,7 @@ void Device::react() {
 
 void Device::ramp(uint16_t speed) {
   motion_.ramp(config_, speed);
+  ramp_us_ = now_us_;
   state_ = DeviceState::kRamping;
 }
 

@@ -82,7 +82,7 @@ class Device {
   bool ran_ = false;
   uint32_t config_crc_ = 0;
   uint32_t now_us_ = 0;
-  uint32_t armed_us_ = 0;
+  uint32_t armed_us_ = 0, ramp_us_ = 0;  // since when
   uint16_t seq_ = 0;        // of the next message
   uint16_t remarks_ = 0;    // warnings about set-points, until a state has told them
   bool echo_waits_ = false;  // a state is to be sent because of a set-point

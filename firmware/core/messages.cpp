@@ -7,6 +7,12 @@ constexpr uint16_t kShortestWatchdogMs = 20, kLongestWatchdogMs = 1000;
 constexpr int32_t kShortestPulseUs = 400, kLongestPulseUs = 2600;
 constexpr int32_t kGainScale = 10000;  // 0.01 us per mm, times 0.01 mm
 
+// Of whole numbers; halves away from zero.
+int32_t quotient(int32_t value, int32_t divisor) {
+  const int32_t half = (value < 0) == (divisor < 0) ? divisor / 2 : -divisor / 2;
+  return (value + half) / divisor;
+}
+
 bool inside(int32_t value, int32_t low, int32_t high) { return low <= value && value <= high; }
 
 bool possible(int32_t pulse) { return inside(pulse, kShortestPulseUs, kLongestPulseUs); }
@@ -55,9 +61,17 @@ Reason Config::check_tendon(uint8_t i) const {
 }
 
 int32_t Config::pulse(uint8_t tendon, int16_t length) const {
-  const int32_t scaled = static_cast<int32_t>(gain[tendon]) * length;
-  const int32_t half = scaled < 0 ? -kGainScale / 2 : kGainScale / 2;
-  return center_us[tendon] + (scaled + half) / kGainScale;
+  return center_us[tendon] + quotient(static_cast<int32_t>(gain[tendon]) * length, kGainScale);
+}
+
+// Any center, gain and length fit.
+int32_t Config::fine_pulse(uint8_t tendon, int16_t length) const {
+  return center_us[tendon] * kGainScale + static_cast<int32_t>(gain[tendon]) * length;
+}
+
+int16_t Config::length(uint8_t tendon, int32_t fine_pulse) const {
+  const int32_t way = quotient(fine_pulse - center_us[tendon] * kGainScale, gain[tendon]);
+  return static_cast<int16_t>(way < INT16_MIN ? INT16_MIN : way > INT16_MAX ? INT16_MAX : way);
 }
 
 Setpoint::Setpoint(Reader& in)

@@ -1,4 +1,4 @@
-// What arrives from the host, with the names and units of softrobot_env/hardware/messages.py.
+// What arrives from the host, with the names and units of softrobot_env/hardware/messages.
 // A constructor reads the fields of a body, after its header, which the decoder has checked.
 #pragma once
 
@@ -35,6 +35,10 @@ struct Config {
 
   // Pulse of a servo in microseconds when `length` is pulled in.
   int32_t pulse(uint8_t tendon, int16_t length) const;
+  int32_t fine_pulse(uint8_t tendon, int16_t length) const;  // 0.0001 us
+
+  // Length pulled in that stands for such a pulse, or the outermost number beyond.
+  int16_t length(uint8_t tendon, int32_t fine_pulse) const;
 
   uint8_t n;
   uint16_t watchdog_ms, state_delay_us, free_run_ms, ramp, arm_window, stall_error, stall_ms;

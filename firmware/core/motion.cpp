@@ -39,9 +39,11 @@ void Motion::ramp(const Config& config, uint16_t ramp) {
   }
 }
 
-void Motion::assume(const int16_t* position, uint8_t n) {
-  if (moved_) return;
-  for (uint8_t i = 0; i < n; ++i) applied_[i] = goal_[i] = position[i];
+void Motion::restate(const Config& before, const Config& after) {
+  for (uint8_t i = 0; i < after.n; ++i) {
+    const int32_t last = before.fine_pulse(i, applied_[i]);
+    applied_[i] = moved_ ? after.length(i, last) : after.rest[i];
+  }
 }
 
 void Motion::advance(uint8_t n, uint32_t elapsed_us) {

@@ -24,8 +24,9 @@ class Motion {
   // Outputs off at once.
   void cut() { powered_ = false; }
 
-  // Position after power-on, before anything has moved.
-  void assume(const int16_t* position, uint8_t n);
+  // With the outputs off, from now on lengths of the configuration `after`: those of the last
+  // pulses, which had been lengths of `before`; the rest position if nothing has moved yet.
+  void restate(const Config& before, const Config& after);
 
   // Moves on by this time.
   void advance(uint8_t n, uint32_t elapsed_us);

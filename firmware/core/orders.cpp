@@ -53,10 +53,10 @@ Reason Device::configure(const Config& config, uint32_t crc) {
   if (!at_rest) return Reason::kState;
   const Reason reason = config.check(info_.n);
   if (reason != kAccepted) return reason;
+  motion_.restate(config_, config);
   config_ = config;
   config_crc_ = crc;
   configured_ = true;
-  motion_.assume(config.rest, config.n);
   send_config_ack();
   return kAccepted;
 }

@@ -10,7 +10,7 @@ constexpr uint8_t kMostTendons = 6;
 constexpr uint8_t kAdcChannels = 4;
 constexpr uint8_t kModeLength = 0;
 constexpr uint8_t kLongestFrame = 160;  // between its zeros
-constexpr uint32_t kSchema = 0x22006cbd;
+constexpr uint32_t kSchema = 0x7f7dc78a;
 
 enum class Type : uint8_t {
   kHello = 1,

@@ -10,7 +10,7 @@ import numpy as np
 from softrobot_env.beams.compilation import kernel
 from softrobot_env.beams.rig_piece import RigPiece, place
 
-_ITERATIONS = 60  # Newton takes at most six; bisection is the safeguard
+_ITERATIONS = 60  # Newton takes up to seven between 1 and 140 mm; bisection is the safeguard
 _CONVERGED = 1e-15
 
 
@@ -70,6 +70,8 @@ def bending_angle(piece, distance, guess, limit):
         guess: [rad], start of Newton's iteration.
         limit: [rad], angle of the reach.
     """
+    if distance == 0:
+        return 0.0
     low, high = 0.0, limit
     angle = min(max(guess, low), high)
     for _ in range(_ITERATIONS):

@@ -65,7 +65,7 @@ class RigPiece(NamedTuple):
 
 
 def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIECES) -> RigPiece:
-    """Data of a robot, as a reference for kernels.
+    """Data of a robot, as a reference for kernels; friction of its tendons is ignored.
 
     Args:
         robot: A robot with three tendons in channels and a head; its number of pieces is ignored.
@@ -73,11 +73,16 @@ def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIE
             uniform backbone, integrated by Gauss quadrature, and the head.
 
     Raises:
-        ValueError: Other tendons, no head, an unknown inertia, or bodies off the backbone, of
-            negative inertia or unlike about x and y.
+        ValueError: Other tendons, no head, anisotropy or precurvature, an unknown inertia, or
+            bodies off the backbone, of negative inertia or unlike about x and y.
     """
     if robot.head is None:
         raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
+    if not robot.is_symmetric:
+        raise ValueError(
+            f"robot {robot.name!r}: the closed form needs a robot without anisotropy and "
+            "precurvature"
+        )
     tripod = Tripod(robot)
     towards_x, towards_y = tripod.arc.T / robot.length
     return reference(

@@ -19,6 +19,9 @@ _PULL, _AZIMUTH = 6e-3, 0.4
 #: [m], by which all tendons are let out until they hang slack; [s] between the commands.
 _SLACK, _HOLD = -15e-3, 0.4
 
+#: Way [m] of a servo in a control period.
+_REACH = SERVO_SPEED * PERIOD
+
 #: [s] simulated.
 DURATION = 1.6
 
@@ -81,8 +84,6 @@ def _toward(targets: np.ndarray) -> Callable[[float], np.ndarray]:
             path.append(lengths)
     return lambda time: path[min(int(time / PERIOD + 1e-6), len(path) - 1)]
 
-
-_REACH = SERVO_SPEED * PERIOD
 
 #: What the servos do: bend to one side, to the other and back; or let out all tendons until they
 #: are slack, and tighten them again in a bend.

@@ -1,19 +1,19 @@
 """The spatial test rig over a serial line: a real one, or a virtual one in its own process."""
 
 import argparse
+import sys
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from softrobot_env.commands.cases import Case
 from softrobot_env.commands.rig_setup import RigSetup
+from softrobot_env.commands.robot_link import robot_of
 from softrobot_env.commands.virtual_process import virtual_process
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
-from softrobot_env.hardware.config import RobotFile, rig_file
-from softrobot_env.hardware.config_file import read_robot_file
+from softrobot_env.hardware.config import RobotFile
 from softrobot_env.hardware.recording import RecordingTransport
 from softrobot_env.hardware.transport import SerialTransport, Transport
 
@@ -47,7 +47,7 @@ class RealSetup(RigSetup):
         """Environment for a case; its `close` ends a virtual robot's process."""
         if self.plant == VIRTUAL:
             return _VirtualRigEnv(case, self._line)
-        file = _robot_file(self._args)
+        file = robot_of(self._args)
         return RealRigEnv(case.task, robot_file=file, observe="all", line=self._line(file, case))
 
     def _line(self, file: RobotFile, case: Case) -> Callable[[], Transport]:
@@ -57,9 +57,19 @@ class RealSetup(RigSetup):
             transport = SerialTransport(file.port, file.baud)
             if self._args.record is None:
                 return transport
-            return RecordingTransport(transport, _free_name(self._args.record, case))
+            return _ToldRecording(transport, _free_name(self._args.record, case))
 
         return line
+
+
+class _ToldRecording(RecordingTransport):
+    """A recording that says at its end why it broke off."""
+
+    def close(self) -> None:
+        """See `Transport`."""
+        super().close()
+        if self.failure is not None:
+            print(f"The recording broke off: {self.failure}", file=sys.stderr)
 
 
 class _VirtualRigEnv(RealRigEnv):
@@ -68,25 +78,23 @@ class _VirtualRigEnv(RealRigEnv):
     def __init__(
         self, case: Case, line: Callable[[RobotFile, Case], Callable[[], Transport]]
     ) -> None:
-        self._process = ExitStack()
-        robot = self._process.enter_context(virtual_process(case.twin))
-        super().__init__(
-            case.task,
-            robot_file=robot.file,
-            tip=robot.tip,
-            observe="all",
-            line=line(robot.file, case),
-        )
+        with ExitStack() as started:
+            robot = started.enter_context(virtual_process(case.twin))
+            super().__init__(
+                case.task,
+                robot_file=robot.file,
+                tip=robot.tip,
+                observe="all",
+                line=line(robot.file, case),
+            )
+            self._process = started.pop_all()
 
     def close(self) -> None:
         """Ramp down, and end the process."""
-        super().close()
-        self._process.close()
-
-
-def _robot_file(args: argparse.Namespace) -> RobotFile:
-    file = rig_file() if args.robot_file is None else read_robot_file(args.robot_file)
-    return file if args.port is None else replace(file, port=args.port)
+        try:
+            super().close()
+        finally:
+            self._process.close()
 
 
 def _free_name(folder: Path, case: Case) -> Path:

@@ -14,7 +14,9 @@ from rich.console import Console
 from softrobot_env.commands.robot_link import add_robot, numbers, open_driver, robot_of
 from softrobot_env.hardware.calibration import HELP, Calibration, UnknownCommandError, jog_file
 from softrobot_env.hardware.config_file import write_robot_file
+from softrobot_env.hardware.config_keys import RobotFileError
 from softrobot_env.hardware.driver import Driver
+from softrobot_env.hardware.messages import Capability
 
 EXAMPLE = "softrobot robot calibrate --port /dev/ttyUSB0 --out rig.toml"
 
@@ -33,20 +35,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command; 1 if no file was written."""
+    """Run the command; 1 if no file was written.
+
+    Raises:
+        FileExistsError: The file to write is there; the robot has not moved.
+    """
     robot, console = robot_of(args), Console()
+    if args.out.exists():
+        raise FileExistsError(f"{args.out} exists already: choose another --out")
     with open_driver(jog_file(robot), args.record) as driver:
-        driver.connect()
+        info = driver.connect()
         console.print(_HELP, highlight=False)
         driver.arm()
-        begun = Calibration.begin(robot, driver.reading.applied)
-        found = jog(driver, begun, _Lines(sys.stdin), console)
-    if found is None:
-        console.print("Nothing written.")
-        return 1
-    write_robot_file(found.result(), args.out)
-    console.print(f"Wrote {args.out}")
-    return 0
+        keeps_zero = Capability.LENGTH in info.capabilities
+        begun = Calibration.begin(robot, driver.reading.applied, keeps_zero)
+        written = jog(driver, begun, _Lines(sys.stdin), args.out, console)
+    console.print(f"Wrote {args.out}" if written else "Nothing written.")
+    return int(not written)
 
 
 class _Lines:
@@ -70,14 +75,14 @@ class _Lines:
 
 
 def jog(
-    driver: Driver, calibration: Calibration, lines: _Lines, console: Console
-) -> Calibration | None:
-    """Move an armed robot as the lines say, until "write" or "quit".
+    driver: Driver, calibration: Calibration, lines: _Lines, out: Path, console: Console
+) -> bool:
+    """Move an armed robot as the lines say, until a file is written, or until "quit".
 
     A line is obeyed when the robot has come to where the one before sent it.
 
     Returns:
-        What was found; None after "quit".
+        Whether the file was written.
     """
     due = monotonic()
     while True:
@@ -87,11 +92,22 @@ def jog(
             continue
         line = lines.poll()
         if line == "quit":
-            return None
+            return False
         if line == "write":
-            return calibration
-        if line:
+            if _write(calibration, out, console):
+                return True
+        elif line:
             calibration = _obey(calibration, line, console)
+
+
+def _write(calibration: Calibration, out: Path, console: Console) -> bool:
+    """Write what was found; what is wrong with it is told, and can be mended."""
+    try:
+        write_robot_file(calibration.result(), out)
+    except (RobotFileError, OSError) as error:
+        console.print(f"not written: {error}", highlight=False)
+        return False
+    return True
 
 
 def _obey(calibration: Calibration, line: str, console: Console) -> Calibration:

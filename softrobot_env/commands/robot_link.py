@@ -1,10 +1,13 @@
 """Arguments that say which robot, the driver they mean, and what a robot says, for people."""
 
 import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.hardware.config import RobotFile, rig_file
@@ -34,14 +37,23 @@ def robot_of(args: argparse.Namespace) -> RobotFile:
     return robot if args.port is None else replace(robot, port=args.port)
 
 
-def open_driver(robot: RobotFile, record: Path | None) -> Driver:
-    """A driver at the robot's port; nothing is sent yet.
+@contextmanager
+def open_driver(robot: RobotFile, record: Path | None) -> Iterator[Driver]:
+    """A driver at the robot's port, closed with the context; nothing is sent yet.
+
+    At the end it is told if the recording has broken off.
 
     Raises:
         LinkError: The port cannot be opened.
         OSError: The file to record to exists or cannot be written.
     """
-    return Driver(robot, _recorded(SerialTransport(robot.port, robot.baud), record))
+    transport = _recorded(SerialTransport(robot.port, robot.baud), record)
+    try:
+        with Driver(robot, transport) as driver:
+            yield driver
+    finally:
+        if isinstance(transport, RecordingTransport) and transport.failure is not None:
+            Console().print(f"The recording {record} breaks off: {transport.failure}")
 
 
 def info_rows(info: DeviceInfo) -> dict[str, str]:

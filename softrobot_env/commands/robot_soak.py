@@ -23,6 +23,16 @@ _PERIOD = 2.0  # s, of a lap
 _POLICY = "hybrid"
 _MOST_MISSED = 1e-3  # share of the steps
 
+#: Of the link, see `hardware.link.LinkCounters`.
+_COUNTERS = (
+    "lost",
+    "crc_errors",
+    "frame_errors",
+    "device_crc_errors",
+    "device_frame_errors",
+    "longest_delay",
+)
+
 #: Over this time [s] the speed of outputs is judged: pulses are set at single ticks.
 _WINDOW = 0.05
 
@@ -88,7 +98,9 @@ def _soak(
 
     run = RoundedTriangle(period=_PERIOD, laps=max(0, int(seconds / _PERIOD)))
     task = RigTask("soak", RIG, run, seconds)
-    env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=round(seconds))
+    # Missed steps do not end the run: a promise judges them.
+    steps = round(seconds / file.control_period)
+    env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps)
     policy = make_policy(_POLICY, RIG, env.control_period)
     infos = []
     try:
@@ -105,7 +117,7 @@ def _soak(
 
 def _measured(infos: list[dict[str, Any]], period: float) -> dict[str, Any]:
     last = infos[-1]
-    trips = np.array([info["rtt_s"] for info in infos if info["rtt_s"] is not None])
+    trips = np.array(answer_times([info["rtt_s"] for info in infos], period))
     late = np.array([info["lateness_s"] for info in infos])
     row = {"what": "soak", "steps": round(last["time"] / period), "control_period": period}
     row |= {"missed_steps": last["missed_steps"], "failure": last.get("failure")}
@@ -113,8 +125,22 @@ def _measured(infos: list[dict[str, Any]], period: float) -> dict[str, Any]:
         quantiles = np.percentile(values, [50, 99, 100]).tolist()
         row |= dict(zip((f"{name}_median", f"{name}_p99", f"{name}_max"), quantiles, strict=True))
     row["e_mean"] = float(np.mean([info["error"] for info in infos]))
-    counters = ("lost", "crc_errors", "frame_errors", "device_crc_errors", "device_frame_errors")
-    return row | {name: last["link"][name] for name in counters}
+    return row | {name: last["link"][name] for name in _COUNTERS}
+
+
+def answer_times(trips: list[float | None], period: float) -> list[float]:
+    """How long [s] every step waited for an answer.
+
+    Args:
+        trips: Round trip [s] of every step, None without an answer in its period: such a step has
+            waited for the answer to a later one.
+        period: [s].
+    """
+    times, following = [], period
+    for trip in reversed(trips):
+        following = period + following if trip is None else trip
+        times.append(following)
+    return times[::-1]
 
 
 def unsafe_outputs(log: dict[str, np.ndarray], file: RobotFile) -> dict[str, Any]:

@@ -2,12 +2,15 @@
 
 import argparse
 import json
+import os
 import signal
 import socket
+import sys
 from array import array
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from threading import Event, Timer
+from threading import Event, Thread, Timer
 
 import numpy as np
 from rich.console import Console
@@ -19,7 +22,11 @@ from softrobot_env.hardware.virtual import Pulses, VirtualRobot, linked
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
 
+#: Private flag: end when whoever has started this no longer holds its standard input open.
+UNTIL_EOF = "--until-eof"
+
 _SUPPLY = 6.0  # V
+_MAX_FORCE, _STALL = 40.0, 5e-3  # N, m
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +52,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="npz with what really happened: time, tip, applied, powered, at every millisecond",
     )
+    parser.add_argument(UNTIL_EOF, action="store_true", help=argparse.SUPPRESS)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -57,6 +65,8 @@ def run(args: argparse.Namespace) -> int:
     robot = virtual_robot(args.twin, args.seed, camera.show, watch)
     timer = Timer(args.seconds or 0.0, stop.set)
     console = Console()
+    if args.until_eof:
+        Thread(target=_await_eof, args=(sys.stdin.fileno(), stop.set), daemon=True).start()
     try:
         with linked(robot.port, args.link) as port:
             console.print(
@@ -80,6 +90,13 @@ def run(args: argparse.Namespace) -> int:
     return int(robot.failure is not None)
 
 
+def virtual_file(port: str = "/dev/ttyUSB0") -> RobotFile:
+    """Robot file of a virtual robot: the rig's, with the checks of what only this one measures."""
+    file = rig_file(port)
+    servos = tuple(replace(servo, max_force=_MAX_FORCE) for servo in file.tendons)
+    return replace(file, tendons=servos, supervision=replace(file.supervision, stall=_STALL))
+
+
 def virtual_robot(
     twin: int,
     seed: int = 0,
@@ -93,14 +110,14 @@ def virtual_robot(
         twin: Seed of the twin.
         seed: Of the noise of camera and sensors.
         show, watch: See `VirtualRobot`.
-        robot_file: Whose calibration is the true one; that of `rig_file` unless given. Channels of
-            the board drive the twin's tendons in their order.
+        robot_file: Whose calibration is the true one; that of `virtual_file` unless given.
+            Channels of the board drive the twin's tendons in their order.
     """
     from softrobot_env.envs.virtual_rig import VirtualRig
     from softrobot_env.hardware.core import Core
     from softrobot_env.twin import rig3d_twin
 
-    servos = sorted((robot_file or rig_file()).tendons, key=lambda servo: servo.channel)
+    servos = sorted((robot_file or virtual_file()).tendons, key=lambda servo: servo.channel)
     pulses = Pulses(
         1e6 * np.array([servo.center for servo in servos]),
         1e6 * np.array([servo.gain for servo in servos]),
@@ -108,6 +125,13 @@ def virtual_robot(
     boot = int(np.random.default_rng().integers(1, 2**32))
     core = Core(n=len(servos), boot_id=boot)
     return VirtualRobot(core, VirtualRig(rig3d_twin(twin), seed=seed), pulses, _SUPPLY, show, watch)
+
+
+def _await_eof(stdin: int, then: Callable[[], None]) -> None:
+    """Call a function at the end of a file, by its descriptor."""
+    while os.read(stdin, 1):
+        pass
+    then()
 
 
 class UdpCamera:

@@ -131,6 +131,7 @@ def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
         ("rms error, outputs of lengths", errors["forward"]),
         ("bending stiffness over nominal", f"{lesson.learnt.stiffness:.3f}"),
         ("turn of the tendons", f"{degrees(lesson.learnt.turn):.2f} deg"),
+        ("play of the tendons", f"{1e3 * lesson.learnt.play:.3f} mm"),
     ]
 
 

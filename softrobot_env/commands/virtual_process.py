@@ -9,7 +9,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from softrobot_env.hardware.config import RobotFile, rig_file
+from softrobot_env.commands.robot_virtual import UNTIL_EOF, virtual_file
+from softrobot_env.hardware.config import RobotFile
 from softrobot_env.hardware.tip import UdpTip
 
 _START, _END = 60.0, 30.0  # s, a long log takes a while to write
@@ -27,6 +28,9 @@ class Running(NamedTuple):
 def virtual_process(twin: int, seed: int = 0, log: Path | None = None) -> Iterator[Running]:
     """Start `softrobot robot virtual` and stop it at the end of the context.
 
+    It also ends when this process is killed. Ctrl-C reaches this process alone, so that a robot
+    in motion is ramped down before it ends.
+
     Args:
         twin: Seed of the twin.
         seed: Of the noise of camera and sensors.
@@ -43,11 +47,16 @@ def virtual_process(twin: int, seed: int = 0, log: Path | None = None) -> Iterat
         command += ["--camera-port", str(tip.port)]
         command += [] if log is None else ["--log", str(log)]
         process = subprocess.Popen(
-            command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
+            [*command, UNTIL_EOF],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
         try:
             _wait_for(link, process)
-            yield Running(rig_file(str(link)), tip, process)
+            yield Running(virtual_file(str(link)), tip, process)
         finally:
             _end(process)
             tip.close()
@@ -70,4 +79,5 @@ def _end(process: subprocess.Popen) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+    process.stdin.close()
     process.stderr.close()

@@ -9,12 +9,13 @@ period lags by half of it; the model in several pieces; that model calibrated by
 network was trained with; and what is known of the servos, their speed and play.
 """
 
+from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.base import Controller
 from softrobot_env.control.rig_inverse import InverseModel, Motion, OnePiece, SeveralPieces
 from softrobot_env.control.rig_learnt import Learnt, turned
 from softrobot_env.control.servo_constraints import OutOfReachError
@@ -23,12 +24,9 @@ from softrobot_env.interfaces import Observation
 from softrobot_env.rig_tasks import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE
 from softrobot_env.robots import RobotParams
 
-#: Half of a servo's play [m] plus friction over a tendon's stiffness, of typical parts: 0.2 mm and
-#: 0.05 N.
-PLAY = 0.15e-3
-
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
 _TURNING = 2e-3  # m/s, below which it is not clear on which side of its play a servo is
+_BLIND = 0.1  # s without a finite reference, after which it is given up
 
 _MOTION = ("reference", "reference_velocity", "reference_acceleration")
 _LIMITED, _OUTSIDE = "length limit reached", "outside the trained workspace"
@@ -40,24 +38,29 @@ class RigState(NamedTuple):
 
     Attributes:
         memory: Of the inverse model; None to begin anew.
-        acceleration: (2,) [m/s2] of the reference, None at the start.
-        wanted: (3,) [m], lengths wanted of the horns; None at the start.
+        now: The reference of the last call, None to begin anew.
+        wanted: (3,) [m], lengths wanted of the horns; None to begin anew.
+        blind: [s] since the last reference that was finite.
+        action: (3,) [1], the last one; None at the start.
         status: Why the action is not the one wanted, or None.
     """
 
     memory: Any = None
-    acceleration: np.ndarray | None = None
+    now: Motion | None = None
     wanted: np.ndarray | None = None
+    blind: float = 0.0
+    action: np.ndarray | None = None
     status: str | None = None
 
 
 class RigFeedforward(Controller):
     """s = network(z_ref) + dynamic part of a model, or all of it by the model.
 
-    Decides from the reference, its velocity and acceleration alone. When an observation is not
-    finite, or the reference is out of the model's reach, the action in force is kept. Beyond the
-    points that the network was trained with, it is asked for the farthest place in that direction;
-    the state's `status` says so.
+    Decides from the reference, its velocity and acceleration alone. When these are not finite, the
+    reference goes on with the acceleration it had, for a tenth of a second; after that, and when
+    it is out of the model's reach, the action in force is kept. Beyond the points that the network
+    was trained with, it is asked for the farthest place in that direction. The state's `status`
+    says so.
     """
 
     requires = (*_MOTION, "previous_action")
@@ -79,11 +82,16 @@ class RigFeedforward(Controller):
             learnt: Statics of the rig; those of the model unless given.
             model: Dynamics; the controller is quasi-static unless given.
             ahead: Take the reference half a control period ahead.
-            play: [m], see `PLAY`; unless given, the servos are taken as ideal.
+            play: [m], see `Learnt`; unless given, the servos are taken as ideal.
 
         Raises:
-            ValueError: Neither statics nor a model are given.
+            ValueError: Neither statics nor a model are given, or the period is not positive and
+                finite.
         """
+        if not 0 < control_period < inf:
+            raise ValueError(
+                f"control_period must be positive and finite, got {control_period!r} s"
+            )
         if learnt is None and model is None:
             raise ValueError("a feedforward controller needs learnt statics, a model or both")
         self._network = None if learnt is None else learnt.statics
@@ -98,33 +106,36 @@ class RigFeedforward(Controller):
 
     def act(self, observation: Observation, state: RigState) -> tuple[np.ndarray, RigState]:
         """Lengths for the motion wanted."""
-        kept = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
-        if not all(np.isfinite(observation[name]).all() for name in self.requires):
-            return kept, RigState(status=_NOT_FINITE)
         now = Motion(*(np.array(observation[name]) for name in _MOTION))
+        blind = 0.0 if np.isfinite(now).all() else state.blind + self._period
+        if blind > _BLIND or (blind and state.now is None):
+            return _keep(observation, state, _NOT_FINITE)
+        if blind:
+            now = state.now.after(self._period, np.zeros(2))
         try:
             wanted, memory = self._lengths(now, state)
         except (OutOfReachError, InversionError):
-            return kept, RigState(status=_UNREACHABLE)
-        if not np.all(np.isfinite(wanted)):
-            return kept, RigState(status=_UNREACHABLE)
+            return _keep(observation, state, _UNREACHABLE)
         action = self._driven(wanted, state.wanted) / LENGTH_SCALE
         limited = np.clip(action, -1.0, 1.0)
         status = _LIMITED if np.any(limited != action) else self._trust(now)
-        return limited, RigState(memory, now.acceleration, wanted, status)
+        if blind or not np.isfinite(observation["previous_action"]).all():
+            status = _NOT_FINITE
+        return limited, RigState(memory, now, wanted, blind, limited.copy(), status)
 
     def _lengths(self, now: Motion, state: RigState) -> tuple[np.ndarray, Any]:
         """Lengths (3,) [m] wanted of the servos' horns, and what the model remembers."""
         then = now
         if self._lead:
-            before = now.acceleration if state.acceleration is None else state.acceleration
-            then = now.after(self._lead, (now.acceleration - before) / self._period)
+            before = now if state.now is None else state.now
+            jerk = (now.acceleration - before.acceleration) / self._period
+            then = now.after(self._lead, jerk)
         if self._model is None:
             return self._statics(then.position), None
         pull, memory = self._model.step(state.memory, now, then, self._period)
         if self._network is None:
-            return pull.total, memory
-        return self._statics(then.position) + pull.dynamic, memory
+            return _finite(pull.total), memory
+        return _finite(self._statics(then.position) + pull.dynamic), memory
 
     def _statics(self, place: np.ndarray) -> np.ndarray:
         """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
@@ -199,7 +210,24 @@ def make_calibrated(
     robot: RobotParams, control_period: float, learnt: Learnt | str | Path | None = None
 ) -> RigFeedforward:
     """The hybrid with all that goes beyond the thesis; arguments as `make_hybrid`."""
-    return make_hybrid(robot, control_period, learnt, "calibrated", ahead=True, play=PLAY)
+    known = _known(robot, learnt)
+    return make_hybrid(robot, control_period, known, "calibrated", ahead=True, play=known.play)
+
+
+def _finite(lengths: np.ndarray) -> np.ndarray:
+    """The lengths (3,) [m]; InversionError if the model's equations had no solution."""
+    if not np.isfinite(lengths).all():
+        raise InversionError("the model has no finite lengths for the reference", 0.0)
+    return lengths
+
+
+def _keep(observation: Observation, state: RigState, status: str) -> tuple[np.ndarray, RigState]:
+    """The action in force, and a state that begins anew."""
+    before = observation["previous_action"]
+    if not np.isfinite(before).all():
+        before = np.zeros_like(before) if state.action is None else state.action
+    kept = np.clip(before, -1.0, 1.0)
+    return kept, RigState(action=kept.copy(), status=status)
 
 
 def _known(robot: RobotParams, learnt: Learnt | str | Path | None) -> Learnt:

@@ -13,16 +13,16 @@ from softrobot_env.control.servo_constraints import ServoConstraints
 from softrobot_env.control.servo_dae import hold, hold_along
 from softrobot_env.control.servo_flexible import FlexibleServoConstraints, InversionError, Progress
 from softrobot_env.robots import RobotParams
-from softrobot_env.tripod import Tripod
+from softrobot_env.tripod import Tripod, mean_curvature
 
-#: Sum of the tensions [N]. The nominal rig needs 25.5 N to respect its pretension up to 121 mm.
+#: Sum of the tensions [N]. The nominal rig needs 25.7 N to respect its pretension up to 121 mm.
 TOTAL = 26.0
 
 #: Pieces of the model in several pieces.
 PIECES = 3
 
-#: [m], how far a reference may be from where its velocity says: farther is a jump.
-_JUMP = 5e-3
+#: [m], how far a reference may be from where its motion brings it: farther is a jump.
+_JUMP = 3e-3
 
 _WARM_UP = 0.02  # s
 
@@ -72,16 +72,12 @@ class OnePiece:
     """Servo constraints on one piece, in closed form (thesis sec. 5.2.2)."""
 
     def __init__(self, robot: RobotParams) -> None:
-        self._servo, self._tripod, self._length = (
-            ServoConstraints(robot),
-            Tripod(robot),
-            robot.length,
-        )
+        self._servo, self._tripod = ServoConstraints(robot), Tripod(robot)
 
     def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
         """See `InverseModel`; nothing but a guess is remembered."""
         found = self._servo.step(*then, guess=memory)
-        curvature = np.array([found.y[1], -found.y[0]]) / self._length
+        curvature = self._servo.curvature(found.y)
         total = pulled_with_total(self._tripod, curvature, found.reduced, TOTAL)
         dynamic = self._tripod.spread @ (found.reduced - found.static) / self._tripod.stiffness
         return Pull(total, dynamic), found.y
@@ -93,12 +89,12 @@ class _Past(NamedTuple):
     Attributes:
         progress: Of the inversion.
         rest: (n + 2,), curvatures and reduced input that hold the output where it is.
-        place: (2,) [m], reference of the last step.
+        now: Reference of the last step.
     """
 
     progress: Progress
     rest: np.ndarray
-    place: np.ndarray
+    now: Motion
 
 
 class SeveralPieces:
@@ -117,8 +113,8 @@ class SeveralPieces:
         self, memory: _Past | None, now: Motion, then: Motion, period: float
     ) -> tuple[Pull, Any]:
         """See `InverseModel`."""
-        start = memory is None or _jumped(memory.place, then, period)
-        past = self._begin(then) if start else self._go_on(memory, now, then, period)
+        start = memory is None or _jumped(memory.now, now, period)
+        past = self._begin(now, then) if start else self._go_on(memory, now, then, period)
         model, rest = self._model, past.rest
         moving = pulled_with_total(
             model.tripod, mean_curvature(past.progress.q[2]), past.progress.reduced, TOTAL
@@ -126,12 +122,12 @@ class SeveralPieces:
         held = pulled_with_total(model.tripod, mean_curvature(rest[:-2]), rest[-2:], TOTAL)
         return Pull(moving, moving - held), past
 
-    def _begin(self, then: Motion) -> _Past:
+    def _begin(self, now: Motion, then: Motion) -> _Past:
         if not np.hypot(*then.position) < self._model.robot.reach:
             raise InversionError(f"the output cannot be held at {then.position} m", 0.0)
         progress = self._model.start(then.position)
         rest = np.concatenate([progress.q[2], progress.reduced])
-        return _Past(progress, rest, then.position.copy())
+        return _Past(progress, rest, now)
 
     def _go_on(self, past: _Past, now: Motion, then: Motion, period: float) -> _Past:
         """Two steps of half a period; between them, the reference is halfway where they are."""
@@ -143,34 +139,31 @@ class SeveralPieces:
         q, reduced = past.rest[:-2].copy(), past.rest[-2:].copy()
         if not hold(self._model.data, np.ascontiguousarray(then.position), q, reduced):
             raise InversionError(f"the output cannot be held at {then.position} m", 0.0)
-        return _Past(progress, np.concatenate([q, reduced]), then.position.copy())
+        return _Past(progress, np.concatenate([q, reduced]), now)
 
 
-def _jumped(before: np.ndarray, then: Motion, period: float) -> bool:
-    """Whether a reference is not where its velocity brought it from (2,) [m]."""
-    way = then.position - before - period * (then.velocity - period / 2 * then.acceleration)
+def _jumped(before: Motion, now: Motion, period: float) -> bool:
+    """Whether a reference is not where its motion brought it since a period [s] ago.
+
+    By the trapezoidal rule with its correction at the ends, of fifth order in the period.
+    """
+    way = now.position - before.position - period / 2 * (before.velocity + now.velocity)
+    way += period**2 / 12 * (now.acceleration - before.acceleration)
     return float(np.hypot(*way)) > _JUMP
-
-
-def mean_curvature(q: np.ndarray) -> np.ndarray:
-    """Mean (..., 2) [1/m] over the pieces of curvatures (..., n)."""
-    return q.reshape(*q.shape[:-1], -1, 2).mean(axis=-2)
 
 
 def pulled_with_total(
     tripod: Tripod, curvature: np.ndarray, reduced: np.ndarray, total: float
 ) -> np.ndarray:
-    """Lengths (..., 3) [m] for a sum of tensions [N], also where it leaves one little or none.
+    """Lengths (..., 3) [m] for a sum of tensions, see `Tripod.with_total`.
 
     Args:
         tripod: The tendons.
         curvature: (..., 2) [1/m].
         reduced: (..., 2) [N].
-        total: The sum.
+        total: The sum [N].
     """
-    least = np.asarray(reduced) @ tripod.spread.T
-    shift = (total - least.sum(axis=-1)) / tripod.null.sum()
-    return tripod.pulled(least + shift[..., None] * tripod.null, curvature)
+    return tripod.pulled(tripod.with_total(reduced, total), curvature)
 
 
 def hold_outputs(

@@ -1,9 +1,10 @@
 """What is learnt of one rig from its quasi-static data, for its controllers.
 
-A network z -> s of the statics (thesis sec. 5.1), and two parameters of the rig in several pieces
-that describe the same data: the bending stiffness and how far the tendons are turned about the
-axis. A network knows the statics better than any model; inertia and damping cannot be learnt from
-statics, but a model turned and stiff as the rig is has them right.
+A network z -> s of the statics (thesis sec. 5.1); two parameters of the rig in several pieces that
+describe the same data: the bending stiffness and how far the tendons are turned about the axis; and
+the play between commands and tendons. A network knows the statics better than any model; inertia
+and damping cannot be learnt from statics, but a model turned and stiff as the rig is has them
+right.
 """
 
 from dataclasses import dataclass, replace
@@ -23,6 +24,9 @@ from softrobot_env.paths import models_dir
 from softrobot_env.rig_tasks import EQUIVALENT
 from softrobot_env.robots import RobotParams
 
+#: In the folder of models: what is learnt of twin 0.
+FILE = "rig_nn.npz"
+
 #: Rings [m] in which points are followed one after the other.
 _RING = 0.01
 _STEP = 1e-4
@@ -37,11 +41,14 @@ class Learnt:
         network: z (2,) [m] -> s (3,) [m], with a constant sum of tensions.
         stiffness: Bending stiffness over that of the nominal rig [1].
         turn: [rad], of the tendons about the axis.
+        play: [m], by which a tendon lags behind its command whichever way that moves: half of the
+            servo's play, and friction over the tendon's stiffness; mean of the tendons.
     """
 
     network: Network
     stiffness: float
     turn: float
+    play: float
 
     @cached_property
     def statics(self) -> CompiledInference:
@@ -54,8 +61,8 @@ class Learnt:
 
     def save(self, path: Path, robot: RobotParams, about: dict[str, object]) -> None:
         """Write an npz file, for the nominal robot, with more `about` it."""
-        numbers = {"stiffness": self.stiffness, "turn": self.turn}
-        self.network.save(path, describe(robot) | numbers | about)
+        numbers = {"stiffness": self.stiffness, "turn": self.turn, "play": self.play}
+        self.network.save(path, describe_rig(robot) | numbers | about)
 
     @classmethod
     def load(cls, robot: RobotParams, path: str | Path | None = None) -> "Learnt":
@@ -70,24 +77,30 @@ class Learnt:
             ValueError: It belongs to another robot.
         """
         path = models_dir() / FILE if path is None else Path(path)
-        network, about = load_for(path, robot, "softrobot train rig_nn")
-        return cls(network, float(about["stiffness"]), float(about["turn"]))
+        network, about = load_for(path, robot, "softrobot train rig_nn", describe_rig)
+        return cls(network, *(float(about[name]) for name in ("stiffness", "turn", "play")))
 
 
-#: In the folder of models: what is learnt of twin 0.
-FILE = "rig_nn.npz"
+def describe_rig(robot: RobotParams) -> dict[str, np.ndarray]:
+    """What the statics of a rig depend on, by name; without friction, a matter of the rig as built.
+
+    Of a robot without a head, which has no such statics, the head is empty.
+    """
+    head, azimuth = robot.head, 2 * robot.stiff_azimuth
+    return describe(robot) | {
+        "gravity": np.array(robot.gravity),
+        "tendon_stiffness": np.array([t.stiffness for t in robot.tendons]),
+        "tendon_pretension": np.array([t.pretension for t in robot.tendons]),
+        "head": np.array([] if head is None else [head.mass, head.centre, head.output]),
+        "anisotropy": robot.anisotropy * np.array([cos(azimuth), sin(azimuth)]),
+        "precurvature": np.array(robot.precurvature),
+    }
 
 
 def turned(robot: RobotParams, stiffness: float, turn: float) -> RobotParams:
     """A rig with another stiffness [1], and its tendons turned about the axis by `turn` [rad]."""
-    c, s = cos(turn), sin(turn)
-    offsets = [(c * x - s * y, s * x + c * y) for x, y in (t.offset for t in robot.tendons)]
-    tendons = tuple(
-        replace(tendon, offset=offset)
-        for tendon, offset in zip(robot.tendons, offsets, strict=True)
-    )
-    modulus = stiffness * robot.youngs_modulus
-    return replace(robot, youngs_modulus=modulus, tendons=tendons)
+    tendons = tuple(tendon.turned(turn) for tendon in robot.tendons)
+    return replace(robot, youngs_modulus=stiffness * robot.youngs_modulus, tendons=tendons)
 
 
 def calibrate(robot: RobotParams, lengths: np.ndarray, outputs: np.ndarray) -> tuple[float, float]:

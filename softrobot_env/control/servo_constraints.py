@@ -172,6 +172,10 @@ class ServoConstraints:
             self._check(0, z[None])
         return Inverse(*motion, *inputs)
 
+    def curvature(self, y: np.ndarray) -> np.ndarray:
+        """Curvatures (..., 2) [1/m] towards x and y of coordinates (..., 2) [rad]."""
+        return np.stack([y[..., 1], -y[..., 0]], axis=-1) / self.robot.length
+
     def _check(self, done: int, z: np.ndarray) -> None:
         """Raise an error unless all of the references (n, 2) were done."""
         if done == len(z):

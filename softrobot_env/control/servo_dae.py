@@ -132,6 +132,8 @@ def hold(rig: FlexibleRig, z: np.ndarray, q: np.ndarray, reduced: np.ndarray) ->
         place_output(rig, q, place)
         missing[n:] = place - z
         _newton_matrix(rig, q, zero, zero, 1.0, 0.0, 0.0, 1.0, matrix)
+        if not np.all(np.isfinite(matrix)):
+            return False
         change = np.linalg.inv(matrix) @ missing
         q -= change[:n]
         reduced -= change[n:]
@@ -202,12 +204,14 @@ def _solve_step(
             missing[n + i] = slip + gain * (place[i].real - z[i])
         if iteration % _RENEWAL == 0:
             _newton_matrix(rig, q, v, rate, share, 1.0, 1 / share, 1 + gain * share, matrix)
+            if not np.all(np.isfinite(matrix)):
+                return False
             inverse = np.linalg.inv(matrix)
         change = inverse @ missing
         v -= change[:n]
         reduced -= change[n:]
         size = length * np.max(np.abs(change[:n]))
-        if not np.isfinite(size):
+        if not share * size < np.pi:
             return False
         if size < _CONVERGED * (1 + length * np.max(np.abs(v))):
             q[:] = base_q + share * v

@@ -27,9 +27,10 @@ from softrobot_env.control.servo_dae import (
 )
 from softrobot_env.robots import RobotParams
 from softrobot_env.trajectories import Trajectory
-from softrobot_env.tripod import Tripod
+from softrobot_env.tripod import Tripod, mean_curvature
 
 _STATIC_STEP = 0.01  # m, of the output when its statics are followed
+_LEAD = 4  # steps in which errors of the first one, by the implicit Euler method, fade
 #: Rate [1/s] at which an error of the output decays (Baumgarte): without it z drifts.
 STABILISATION = 50.0
 
@@ -105,15 +106,16 @@ class FlexibleServoConstraints:
         """Build the model.
 
         Args:
-            robot: A robot with three tendons in channels and a head, whose mass `inertia` holds.
+            robot: With three tendons in channels up to its tip, and a head in `inertia`.
             pieces: Number of equal pieces.
             inertia: As in `PCC`.
 
         Raises:
-            ValueError: Other tendons, no head, or an inertia that `PCC` refuses.
+            ValueError: Other tendons, no head, or what `PCC` refuses.
         """
         if robot.head is None:
             raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
+        _check_ends(robot)
         self.robot, self.tripod = robot, Tripod(robot)
         self.model = PCC(robot, pieces, axes="spatial", inertia=inertia)
         # Each piece of length l bends under the whole moment, lever * F_red.
@@ -179,8 +181,9 @@ class FlexibleServoConstraints:
     ) -> FlexibleInverse:
         """The inverse along a trajectory, by the two-step BDF method.
 
-        It begins at rest, or with the motion of least curvature rates that has the velocity
-        wanted. Its error is of second order in the step.
+        It begins four steps before the first instant, at rest or with the motion of least curvature
+        rates that has the velocity wanted. Its error is of second order in the step; begun in
+        motion, of first order at first.
 
         Args:
             trajectory: Where the output should be; the height is ignored.
@@ -190,11 +193,10 @@ class FlexibleServoConstraints:
 
         Raises:
             InversionError: The iteration failed; the message says when.
+            ValueError: Other times.
         """
         times = np.asarray(times, dtype=float)
-        fine = np.linspace(times[0], times[-1], (len(times) - 1) * substeps + 1)
-        if len(times) < 2 or not np.allclose(fine[::substeps], times):
-            raise ValueError("times must be two or more equally spaced instants")
+        fine = _fine(times, substeps)
         z, dz = (
             np.ascontiguousarray(f(fine)[:, :2]) for f in (trajectory.position, trajectory.velocity)
         )
@@ -204,9 +206,9 @@ class FlexibleServoConstraints:
         done = integrate(self.data, fine[1] - fine[0], stabilisation, z, dz, q, v, reduced)
         if done < len(fine):
             raise _failure(float(fine[done]), z[done])
-        q, v, reduced = (x[::substeps] for x in (q, v, reduced))
+        q, v, reduced = (x[_LEAD::substeps] for x in (q, v, reduced))
         tension, pulled = self._inputs(q, reduced)
-        dynamic = pulled - self._pulled_at_rest(times, z[::substeps], q[0], reduced[0])
+        dynamic = pulled - self._pulled_at_rest(times, z[_LEAD::substeps], q[0], reduced[0])
         return FlexibleInverse(times, q, v, reduced, tension, pulled, dynamic)
 
     def start(self, position: np.ndarray) -> Progress:
@@ -256,8 +258,7 @@ class FlexibleServoConstraints:
     def _inputs(self, q: np.ndarray, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tensions and lengths pulled in (..., 3) for q (..., n) and reduced inputs (..., 2)."""
         tension = self.tripod.tension(reduced)
-        mean = q.reshape(*q.shape[:-1], -1, 2).mean(axis=-2)
-        return tension, self.tripod.pulled(tension, mean)
+        return tension, self.tripod.pulled(tension, mean_curvature(q))
 
     def _pulled_at_rest(
         self, times: np.ndarray, z: np.ndarray, q: np.ndarray, reduced: np.ndarray
@@ -270,12 +271,28 @@ class FlexibleServoConstraints:
         return self._inputs(out[:, :-2], out[:, -2:])[1]
 
 
+def _fine(times: np.ndarray, substeps: int) -> np.ndarray:
+    """The instants [s] of all steps, `_LEAD` of them before the first of `times` (k,) [s]."""
+    if len(times) < 2 or not np.allclose(np.linspace(times[0], times[-1], len(times)), times):
+        raise ValueError("times must be two or more equally spaced instants")
+    h = (times[1] - times[0]) / substeps
+    return times[0] + h * np.arange(-_LEAD, (len(times) - 1) * substeps + 1)
+
+
+def _check_ends(robot: RobotParams) -> None:
+    """Raise ValueError unless each piece bends under the moment of all tendons."""
+    ends = [tendon.end for tendon in robot.tendons]
+    if not np.allclose(ends, robot.length, rtol=1e-12, atol=0):
+        raise ValueError(
+            f"robot {robot.name!r}: tendons must end at its tip, at {robot.length} m, got ends "
+            f"{', '.join(f'{end:g}' for end in ends)} m"
+        )
+
+
 def _failure(time: float, z: np.ndarray) -> InversionError:
-    return InversionError(
-        f"Newton's iteration failed at t = {time:.4g} s, with the output at "
-        f"{1e3 * np.hypot(*z):.1f} mm from the axis; take smaller steps or a reference in reach",
-        time,
-    )
+    place = f"with the output at {1e3 * np.hypot(*z):.1f} mm from the axis"
+    advice = "take smaller steps or a reference in reach"
+    return InversionError(f"Newton's iteration failed at t = {time:.4g} s, {place}; {advice}", time)
 
 
 def _null_space(matrix: np.ndarray) -> np.ndarray:

@@ -98,16 +98,18 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         return last, sum(terms.values()), True, False, self._info(terms) | {"failure": failure}
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        info = {
+        return {
             "time": self._index * self.control_period,
             "error": self._error,
             "tendon_tension": self._readout.tendon_tension(),
             "tendon_length": self._readout.tendon_length(),
             "reward_terms": terms,
+            **self._truth(),
         }
-        if self._noise is not None:
-            info |= self._readout.truth()
-        return info
+
+    def _truth(self) -> dict[str, np.ndarray]:
+        """What sensors with errors are to measure, for `info`; empty where they have none."""
+        return {}
 
     # ------------------------------------------------------------------ pictures
 

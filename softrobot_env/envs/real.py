@@ -1,45 +1,39 @@
 """Tip tracking with the real test rig over a serial line; the contract of `RigEnv`."""
 
 from collections.abc import Callable
-from math import dist, nan
+from math import nan
 from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
-from gymnasium import spaces
 
-from softrobot_env.envs.observables import observation_space
 from softrobot_env.envs.options import action_values, check_arguments, known_options
 from softrobot_env.envs.real_options import (
     OPTIONS,
-    check_watchdog,
+    check_limits,
+    check_timing,
     choose_robot_file,
     choose_task,
     task_for,
+    wants_clear,
 )
-from softrobot_env.envs.real_session import RealSession, StaleError, TooLateError
-from softrobot_env.envs.reference import TOP, sample_reference
+from softrobot_env.envs.real_session import RealSession, TooLateError
+from softrobot_env.envs.real_spaces import TENSION, real_spaces
+from softrobot_env.envs.reference import TOP, ReferenceTable, sample_reference
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.rig_observables import DEFAULT_RIG_OBSERVABLES, RIG_OBSERVABLES, RigSizes
-from softrobot_env.envs.sights import Sights, reference_at
+from softrobot_env.envs.rig_observables import DEFAULT_RIG_OBSERVABLES
+from softrobot_env.envs.sights import Sights, check_ages
 from softrobot_env.envs.step_clock import StepClock
 from softrobot_env.hardware.config import RobotFile
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.messages import Capability, Fault
 from softrobot_env.hardware.readings import FaultInfo
-from softrobot_env.hardware.tip import Sight, TipSource
+from softrobot_env.hardware.tip import TipSource
 from softrobot_env.hardware.transport import SerialTransport, Transport
 from softrobot_env.interfaces import Observation
 from softrobot_env.rig_tasks import LENGTH_SCALE, RigTask
-from softrobot_env.scene.quadrature import place_hinges
-from softrobot_env.scene.registry import RIG_PIECES
-
-#: What the rig cannot measure.
-_UNSEEN = ("curvature", "curvature_rate")
-
-_TENSION = "tendon_tension"  # needs a board that measures forces
 
 
 class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
@@ -60,12 +54,14 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
       `info["missed_steps"]` counts them, nothing is sent twice or in a burst.
     * Actions beyond the calibrated range go as far as it allows: `info["limited"]` says so, and
       `info["applied_action"]` what the servos were driven to.
-    * `info` also holds `lateness_s` of the call, `rtt_s` of the set-point, `obs_age_s` of what the
-      microcontroller measured, `device_state`, `link` (counters) and `fault` (text or None).
+    * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (None if
+      there was none in its period), `obs_age_s` of what the microcontroller measured,
+      `device_state`, `link` (counters) and `fault` (text or None).
     * A fault ends the episode, with its text in `info["failure"]` and the last valid observation:
       `terminated` where a tendon pulled too hard (a limit that simulations have too), else
       `truncated`. The microcontroller ramps down by itself. After it `step` and `reset` raise
-      `RobotFaultError`, until `reset(options={"clear_fault": True})`.
+      `RobotFaultError`, until `reset(options={"clear_fault": True})`, which also opens a lost line
+      anew and configures a microcontroller that started again.
     * At the end of an episode, in `close` and at the program's exit the rig is ramped down.
       Any exception in the middle of a step is an emergency stop.
 
@@ -104,7 +100,8 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
                 the rig unless given.
             line: Opens the way to the microcontroller, instead of the serial port.
             tip: Measures the tip, instead of what the robot file names.
-            control_period: [s], instead of the robot file's; less than half of its watchdog.
+            control_period: [s], instead of the robot file's; longer than its `state_delay`, and at
+                most half of its watchdog.
             observe: Names of the observables in an observation, or "all", which are those that
                 every rig has; "tendon_tension" needs a board that measures forces.
             preview: Times [s] ahead of now of `reference_preview`.
@@ -121,29 +118,18 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         file = choose_robot_file(robot_file, port, self.task)
         self.control_period = file.control_period if control_period is None else control_period
         check_arguments(self.control_period, preview, (1, 1))
-        check_watchdog(file, self.control_period)
+        check_timing(file, self.control_period)
+        check_limits(max_missed, oldest)
         self._max_missed, self._oldest = max_missed, oldest
         self._preview = np.array(preview, dtype=float)
         self._reward = TrackingReward() if reward is None else reward
         self._session = RealSession(
             file, line or (lambda: SerialTransport(file.port, file.baud)), tip
         )
-        self._make_spaces(observe)
+        made = real_spaces(observe, self.task.robot, len(self._preview))
+        self.observation_space, self.action_space, self._reach = made
         self._clock = StepClock(self.control_period)
         self._running, self._fault = False, None
-
-    def _make_spaces(self, observe: tuple[str, ...] | str) -> None:
-        robot = self.task.robot
-        known = {name: make for name, make in RIG_OBSERVABLES.items() if name not in _UNSEEN}
-        names = (observe,) if isinstance(observe, str) else observe
-        if observe == "all":
-            names = [name for name in known if name != _TENSION]
-        layout = place_hinges(robot.length, RIG_PIECES, "balanced2")
-        sizes = RigSizes(robot, layout, len(self._preview), self.length_scale)
-        self.observation_space = observation_space(tuple(names), sizes, known)
-        self._tip_space = known["tip_position"](sizes)
-        self._action_shape = (sizes.n_tendons,)
-        self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, dtype=np.float32)
 
     # ------------------------------------------------------------------ episodes
 
@@ -164,22 +150,25 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         """
         super().reset(seed=seed)
         given = known_options(options, OPTIONS)
+        clear = wants_clear(given)
         task = task_for(self.task, given)
         reference = sample_reference(task, self.control_period, self._preview, self.axes)
         self._running = False
-        if self._fault is not None and given.get("clear_fault") is not True:
+        if self._fault is not None and not clear:
             raise RobotFaultError(self._fault)
-        self._session.prepare(clear=given.get("clear_fault") is True)
-        self._fault, self._started, self._limited = None, False, False
+        self._session.prepare(clear)
         self._check_forces()
+        self._begin(reference)
+        return self._observe(), self._info({}, monotonic())
+
+    def _begin(self, reference: ReferenceTable) -> None:
         self._reference, self._rows = reference, reference.rows()
         self._index = self._missed = 0
-        self._action = [0.0] * self._action_shape[0]
-        sight = self._session.sight()
-        self._sights = Sights(sight)
-        self._check_tip(sight)
+        self._action = [0.0] * self.action_space.shape[0]
+        self._fault, self._started, self._limited = None, False, False
+        self._lateness, self._round_trip = 0.0, None
+        self._sights = Sights(self._session.sight(), self._reach)
         self._running = True
-        return self._observe(), self._info({}, 0.0, monotonic())
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply an action (n_tendons,) in [-1, 1] for one control period, by the clock.
@@ -193,16 +182,16 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             raise RobotFaultError(self._fault)
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        values = action_values(action, self._action_shape)
+        values = action_values(action, self.action_space.shape)
         try:
             return self._step(values)
         except RobotError as error:
             return self._fail(error)
         except BaseException as error:
             self._running = False
-            self._session.emergency_stop()
             text = f"emergency stop after {type(error).__name__}: {error}"
             self._fault = FaultInfo(Fault.ESTOP, None, None, text)
+            self._session.emergency_stop()
             raise
 
     def _step(self, values: list[float]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -210,7 +199,8 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             self._session.arm()
             self._clock.start()
             self._started = True
-        lateness, missed = self._clock.begin()
+        self._round_trip = None
+        self._lateness, missed = self._clock.begin()
         self._missed += missed
         self._index = min(self._index + missed + 1, self._reference.last_index)
         if self._missed > self._max_missed:
@@ -219,13 +209,13 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
                 f"{self._max_missed}"
             )
         wanted = self.length_scale * np.array(values)
-        self._limited = self._session.command(wanted, self._clock.deadline)
+        self._limited, self._round_trip = self._session.command(wanted, self._clock.deadline)
         self._clock.finish()
         now = monotonic()
         self._look(now)
         previous, self._action = self._action, values
         terms = self._reward.terms(self._error(now), values, previous)
-        observation, info = self._observe(), self._info(terms, lateness, now)
+        observation, info = self._observe(), self._info(terms, now)
         self._running = self._index < self._reference.last_index
         if not self._running:
             self._session.end()
@@ -240,24 +230,13 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             StaleError: One is older than allowed, or the tip is out of reach.
         """
         sight, reading = self._session.sight(), self._session.reading
-        ages = {"the tip source": now - sight.time, "the microcontroller": now - reading.time}
-        for name, age in ages.items():
-            if age > self._oldest:
-                raise StaleError(
-                    f"the last measurement of {name} is {1e3 * age:.0f} ms old, allowed are "
-                    f"{1e3 * self._oldest:.0f} ms"
-                )
-        self._check_tip(sight)
+        ages = {"the tip source": now - sight.time, "the microcontroller": reading.age(now)}
+        check_ages(ages, self._oldest)
         self._sights.add(sight)
-
-    def _check_tip(self, sight: Sight) -> None:
-        if not self._tip_space.contains(sight.position):
-            x, y = 1e3 * sight.position
-            raise StaleError(f"the tip source says ({x:.0f}, {y:.0f}) mm, which is out of reach")
 
     def _check_forces(self) -> None:
         able = Capability.FORCE in self._session.capabilities
-        if _TENSION in self.observation_space.spaces and not able:
+        if TENSION in self.observation_space.spaces and not able:
             raise RobotError(
                 "the board measures no forces: leave out the observable tendon_tension"
             )
@@ -278,42 +257,38 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
     def _error(self, now: float) -> float:
         """Distance [m] of the newest measurement to the reference of its own time."""
         age = (now - self._sights.time) / self.control_period
-        return dist(
-            self._sights.position, reference_at(self._reference.position, self._index - age)
-        )
+        return self._sights.error(self._reference.position, self._index - age)
 
-    def _info(self, terms: dict[str, float], lateness: float, now: float) -> dict[str, Any]:
+    def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
         reading = self._session.reading
-        able, link = Capability.FORCE in self._session.capabilities, self._session.link()
+        able = Capability.FORCE in self._session.capabilities
         return {
             "time": self._index * self.control_period,
             "error": self._error(now),
             "tip_age": now - self._sights.time,
-            "tendon_tension": reading.force.copy() if able else np.full(self._action_shape, nan),
+            "tendon_tension": reading.force.copy() if able else np.full_like(reading.force, nan),
             "tendon_length": reading.length.copy(),
             "reward_terms": terms,
             "applied_action": reading.applied / self.length_scale,
             "limited": self._limited,
-            "lateness_s": lateness,
-            "rtt_s": link["round_trip"],
-            "obs_age_s": now - reading.time,
+            "lateness_s": self._lateness,
+            "rtt_s": self._round_trip,
+            "obs_age_s": reading.age(now),
             "missed_steps": self._missed,
             "device_state": reading.state.name.lower(),
-            "link": link,
+            "link": self._session.link(),
             "fault": None if self._fault is None else self._fault.text,
         }
 
     # ------------------------------------------------------------------ ends
 
-    def _fail(
-        self, error: RobotError, lateness: float = 0.0
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def _fail(self, error: RobotError) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         self._running = False
         self._session.end()
         told = error.fault if isinstance(error, RobotFaultError) else None
         self._fault = told or FaultInfo(Fault.NONE, None, None, str(error))
         terms = self._reward.failed_terms()
-        info = self._info(terms, lateness, monotonic()) | {"failure": self._fault.text}
+        info = self._info(terms, monotonic()) | {"failure": self._fault.text}
         last = {name: value.copy() for name, value in self._last.items()}
         terminated = self._fault.code == Fault.FORCE
         return last, sum(terms.values()), terminated, not terminated, info

@@ -7,7 +7,7 @@ from typing import Any
 from softrobot_env.envs.options import positive
 from softrobot_env.hardware.config import RobotFile, rig_file
 from softrobot_env.hardware.config_file import read_robot_file
-from softrobot_env.rig_tasks import RigTask, make_rig_task
+from softrobot_env.rig_tasks import RigTask, make_rig_task, remake_rig_task
 
 #: Options of `reset`; also the list in error messages.
 OPTIONS = {
@@ -38,7 +38,7 @@ def task_for(task: RigTask, given: dict[str, Any]) -> RigTask:
     if not isinstance(changes, dict):
         raise ValueError(f"option 'task' must be a dict, got {changes!r}")
     if changes:
-        task = choose_task(task.name, dict(task.options) | changes)
+        task = remake_rig_task(task, **changes)
     return replace(task, duration=positive("duration", given.get("duration", task.duration)))
 
 
@@ -63,8 +63,35 @@ def choose_robot_file(
     return file if port is None else replace(file, port=port)
 
 
-def check_watchdog(file: RobotFile, control_period: float) -> None:
-    """Raise ValueError for a control period [s] that the watchdog would not survive."""
+def wants_clear(given: dict[str, Any]) -> bool:
+    """Whether the options of a `reset` ask to clear a fault.
+
+    Raises:
+        ValueError: They say neither True nor False.
+    """
+    clear = given.get("clear_fault", False)
+    if not isinstance(clear, bool):
+        raise ValueError(f"option 'clear_fault' must be True or False, got {clear!r}")
+    return clear
+
+
+def check_limits(max_missed: int, oldest: float) -> None:
+    """Raise ValueError for a number of missed periods or an age [s] that cannot be meant."""
+    if isinstance(max_missed, bool) or not isinstance(max_missed, int) or max_missed < 0:
+        raise ValueError(f"max_missed must be a whole number from 0, got {max_missed!r}")
+    positive("oldest", oldest)
+
+
+def check_timing(file: RobotFile, control_period: float) -> None:
+    """Raise ValueError for a control period [s] that does not fit to a robot file.
+
+    It must be longer than what the board waits to answer, and leave the watchdog some patience.
+    """
+    if control_period <= file.state_delay:
+        raise ValueError(
+            f"control_period must be longer than the state delay of {file.state_delay:g} s, got "
+            f"{control_period:g} s"
+        )
     if control_period > file.watchdog / 2:
         raise ValueError(
             f"control_period must be at most half of the watchdog of {file.watchdog:g} s, got "

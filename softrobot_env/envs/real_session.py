@@ -1,44 +1,77 @@
 """The real rig as an environment uses it: microcontroller, tip source, and waiting for rest."""
 
+import os
+import weakref
 from collections.abc import Callable
 from contextlib import suppress
-from math import dist
+from threading import Thread, current_thread, main_thread
 from time import monotonic, sleep
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from softrobot_env.envs.stillness import wait_for_rest
 from softrobot_env.hardware.config import RobotFile
+from softrobot_env.hardware.config_parts import Tip
 from softrobot_env.hardware.driver import Driver
-from softrobot_env.hardware.errors import LinkError, RobotError, RobotFaultError, UnansweredError
+from softrobot_env.hardware.errors import (
+    LinkError,
+    RefusedError,
+    RobotError,
+    RobotFaultError,
+    UnansweredError,
+)
 from softrobot_env.hardware.messages import Capability
 from softrobot_env.hardware.readings import Reading
 from softrobot_env.hardware.tip import Sight, TipSource, make_tip_source
 from softrobot_env.hardware.transport import Transport
 
-#: The tip stands still where it moves by less than this [m] in this time [s].
-STILL, STILL_TIME = 1.5e-3, 0.4
-
-_LONGEST_REST = 10.0  # s, that a rig may swing
-_FIRST_SIGHT = 2.0  # s
 _ESTOP_ECHO = 0.3  # s
 _POLL = 0.005  # s
-
-
-class StaleError(RobotError):
-    """Measurements are too old to be used."""
 
 
 class TooLateError(RobotError):
     """The policy missed too many control periods."""
 
 
-class NotStillError(RobotError):
-    """The tip does not come to rest."""
+class Answer(NamedTuple):
+    """What became of a set-point.
+
+    Attributes:
+        limited: Whether the robot file's range limited it.
+        round_trip: [s] until the robot answered; None if it has not in time.
+    """
+
+    limited: bool
+    round_trip: float | None
+
+
+class _Opened:
+    """What a session has opened, and will close."""
+
+    def __init__(self) -> None:
+        self.driver: Driver | None = None
+        self.tip: TipSource | None = None
+
+    def close_driver(self) -> None:
+        driver, self.driver = self.driver, None
+        if driver is not None:
+            driver.close()
+
+    def close(self) -> None:
+        tip, self.tip = self.tip, None
+        try:
+            self.close_driver()
+        finally:
+            if tip is not None:
+                tip.close()
 
 
 class RealSession:
-    """A robot, driven set-point by set-point, and its tip."""
+    """A robot, driven set-point by set-point, and its tip.
+
+    A session that nobody refers to any more is closed.
+    """
 
     def __init__(
         self, file: RobotFile, line: Callable[[], Transport], tip: TipSource | None
@@ -52,9 +85,17 @@ class RealSession:
         """
         self.file, self._line = file, line
         self._range = np.array([[s.minimum, s.maximum] for s in file.tendons]).T
-        self._given_tip, self._tip = tip, None
-        self._driver: Driver | None = None
+        self._given_tip, self._opened = tip, _Opened()
+        weakref.finalize(self, _abandon, self._opened, os.getpid()).atexit = False
         self.capabilities = Capability(0)
+
+    @property
+    def _driver(self) -> Driver | None:
+        return self._opened.driver
+
+    @property
+    def _tip(self) -> TipSource | None:
+        return self._opened.tip if self._given_tip is None else self._given_tip
 
     # ------------------------------------------------------------------ between episodes
 
@@ -68,73 +109,49 @@ class RealSession:
             RobotFaultError: A fault is latched and not to be cleared, or cannot be.
             RobotError: No answer, no tip, or no rest.
         """
-        if clear and self._driver is not None and self._driver.fault is not None:
-            self._clear()
+        if clear and self._driver is not None:
+            self._revive()
         if self._driver is None:
-            self._connect(clear)
+            self._open(clear)
         if self._driver.fault is not None:
             raise RobotFaultError(self._driver.fault)
         self._driver.stop()
-        self._wait_for_rest()
+        named = self.file.tip
+        wait_for_rest(self.sight, f"{named.kind!r} with {dict(named.options)}")
 
-    def _connect(self, clear: bool) -> None:
-        driver = Driver(self.file, self._line())
-        try:
-            self.capabilities = driver.connect().capabilities
-            if clear and driver.fault is not None:
-                driver.clear()
-        except BaseException:
-            driver.close()
-            raise
-        self._driver = driver
+    def _open(self, clear: bool) -> None:
         if self._tip is None:
-            named = self.file.tip
-            self._tip = self._given_tip or make_tip_source(named.kind, named.options)
-
-    def _clear(self) -> None:
-        """Clear a fault; a line that is lost is opened anew."""
+            self._opened.tip = _open_tip(self.file.tip)
+        self._opened.driver = Driver(self.file, self._line())
         try:
+            self._greet()
+            if clear and self._driver.fault is not None:
+                self._driver.clear()
+        except BaseException:
+            self._opened.close_driver()
+            raise
+
+    def _greet(self) -> None:
+        self.capabilities = self._driver.connect().capabilities
+
+    def _revive(self) -> None:
+        """Clear a fault and begin a new connection; one that is broken is closed instead.
+
+        Raises:
+            RefusedError: The fault's cause is still there.
+        """
+        try:
+            self._driver.stop()
             self._driver.clear()
-        except LinkError:
-            self._driver.close()
-            self._driver = None
-
-    def _wait_for_rest(self) -> None:
-        begin = monotonic()
-        since, place = begin, self._first_sight().position
-        while monotonic() - since < STILL_TIME:
-            if monotonic() - begin > _LONGEST_REST:
-                raise NotStillError(
-                    f"the tip still moves {_LONGEST_REST:g} s after a stop: more than "
-                    f"{1e3 * STILL:g} mm in {STILL_TIME:g} s"
-                )
-            sleep(_POLL)
-            sight = self.sight()
-            if sight is not None and dist(sight.position, place) > STILL:
-                since, place = monotonic(), sight.position
-
-    def _first_sight(self) -> Sight:
-        end = monotonic() + _FIRST_SIGHT
-        while monotonic() < end:
-            sight = self.sight()
-            if sight is not None and monotonic() - sight.time < STILL_TIME:
-                return sight
-            sleep(_POLL)
-        raise LinkError(
-            f"no measurement of the tip in {_FIRST_SIGHT:g} s; the robot file's source is "
-            f"{self.file.tip.kind!r} with {dict(self.file.tip.options)}"
-        )
+            self._greet()
+        except RefusedError:
+            raise
+        except RobotError:
+            self._opened.close_driver()
 
     def close(self) -> None:
         """Ramp down and close everything; twice is harmless."""
-        driver, self._driver = self._driver, None
-        tip, self._tip = self._tip, None
-        try:
-            if driver is not None:
-                driver.close()
-        finally:
-            if tip is not None and tip is not self._given_tip:
-                tip.close()
+        self._opened.close()
 
     # ------------------------------------------------------------------ in an episode
 
@@ -142,7 +159,7 @@ class RealSession:
         """Begin to follow set-points."""
         self._driver.arm()
 
-    def command(self, length: np.ndarray, deadline: float) -> bool:
+    def command(self, length: np.ndarray, deadline: float) -> Answer:
         """Send lengths (n,) [m], as far as the robot file's range allows, and await the answer.
 
         Nothing is sent while the robot is slow to answer what was sent before; measurements that
@@ -152,18 +169,16 @@ class RealSession:
             length: (n,) [m].
             deadline: [s] of waiting.
 
-        Returns:
-            Whether the range limited it.
-
         Raises:
             RobotFaultError: The robot has stopped.
         """
-        allowed = np.clip(length, *self._range)
+        allowed, answer = np.clip(length, *self._range), None
         with suppress(UnansweredError):
-            self._driver.wait_for(self._driver.command(allowed), deadline)
+            answer = self._driver.wait_for(self._driver.command(allowed), deadline)
         if self._driver.fault is not None:
             raise RobotFaultError(self._driver.fault)
-        return bool(np.any(allowed != length))
+        limited = bool(np.any(allowed != length))
+        return Answer(limited, None if answer is None else answer.round_trip)
 
     @property
     def reading(self) -> Reading:
@@ -175,7 +190,7 @@ class RealSession:
         reading = self._driver.reading
         if reading is None:
             return self._tip.latest(None, monotonic())
-        return self._tip.latest(tuple(reading.adc.tolist()), reading.time)
+        return self._tip.latest(tuple(reading.adc.tolist()), reading.taken)
 
     def link(self) -> dict[str, Any]:
         """Counters of the line."""
@@ -198,3 +213,24 @@ class RealSession:
             self._driver.estop()
             while self._driver.fault is None and monotonic() < end:
                 sleep(_POLL)
+
+
+def _open_tip(named: Tip) -> TipSource:
+    try:
+        return make_tip_source(named.kind, named.options)
+    except OSError as error:
+        raise LinkError(f"the tip source does not open: {error}") from error
+
+
+def _abandon(opened: _Opened, owner: int) -> None:
+    """Close what a lost session has left open, in the process that opened it.
+
+    Garbage is collected by any thread, also by the one that listens to the robot, whose help
+    closing needs.
+    """
+    if os.getpid() != owner:
+        return
+    if current_thread() is main_thread():
+        opened.close()
+    else:
+        Thread(target=opened.close, name="close robot").start()

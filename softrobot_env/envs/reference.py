@@ -63,7 +63,8 @@ def sample_reference(
         axes: The two coordinates that are references, `PLANE` or `TOP`.
 
     Raises:
-        ValueError: The reference leaves the robot's reach or is faster than `REFERENCE_SPEED`.
+        ValueError: The reference is not finite, leaves the robot's reach or is faster than
+            `REFERENCE_SPEED`.
     """
     steps = instants(task.duration, control_period)
     now = np.arange(steps + 1) * control_period
@@ -74,10 +75,11 @@ def sample_reference(
     velocity = task.trajectory.velocity(times[:, 0])[:, axes]
     acceleration = task.trajectory.acceleration(times[:, 0])[:, axes]
     length = task.robot.reach
-    if np.abs(position).max() > length or np.abs(velocity).max() > REFERENCE_SPEED * length:
+    fastest = REFERENCE_SPEED * length
+    if not (np.abs(position).max() <= length and np.abs(velocity).max() <= fastest):
         raise ValueError(
-            f"the reference of task {task.name!r} must stay within {length} m of the base in "
-            f"{' and '.join('xyz'[axes])}, and below {REFERENCE_SPEED * length} m/s"
+            f"the reference of task {task.name!r} must be finite, stay within {length} m of the "
+            f"base in {' and '.join('xyz'[axes])}, and below {fastest} m/s"
         )
     here = position[:, :2]
     return ReferenceTable(here.tolist(), here, velocity, acceleration, position[:, 2:])

@@ -25,7 +25,8 @@ from softrobot_env.envs.rig_readout import Camera, CameraReadout, RigReadout
 from softrobot_env.envs.servos import Servos
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.interfaces import Observation
-from softrobot_env.rig_tasks import LENGTH_SCALE, RigTask, make_rig_task
+from softrobot_env.rig_tasks import LENGTH_SCALE, RigTask, make_rig_task, remake_rig_task
+from softrobot_env.robots import RIG
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.twin import Twin, nominal_twin, rig3d_twin
 
@@ -36,7 +37,8 @@ class RigEnv(EpisodeEnv):
     The action is a vector in [-1, 1], one entry per tendon. Times `length_scale` [m] it is the
     length that a servo is to pull in, from the straight pose on, held for one `control_period`.
     Servos have a limited speed and what else the twin says (`envs.servos`); a tendon that
-    slackens pulls no more, and none pulls more than its limit.
+    slackens pulls no more, and none pulls more than its limit. The dry friction of a twin's tendons
+    is not part of the tension and acts on slack tendons too: there it can push.
 
     Observations are a dict of float64 vectors in SI units; positions are (x, y) of the head's
     output point. The bounds of the space leave room for the errors of any twin:
@@ -45,20 +47,22 @@ class RigEnv(EpisodeEnv):
     |---|---|---|---|
     | tip_position, tip_velocity | 2 | tip, as the camera sees it | m, m/s |
     | curvature, curvature_rate | 2 x pieces | (beta, gamma), mean over each piece | 1/m, 1/(m s) |
-    | tendon_length | tendons | pulled in by the servos' horns | m |
+    | tendon_length | tendons | pulled in, as the servos' potentiometers read | m |
     | tendon_tension | tendons | applied tension | N |
     | reference, reference_velocity, reference_acceleration | 2 | reference now | m, m/s, m/s2 |
     | reference_preview | 2 x preview | reference after each of the `preview` times | m |
     | previous_action | tendons | action of the step before | 1 |
 
-    A camera without noise and delay sees the true position and velocity. Otherwise the velocity is
-    the difference of its last two pictures over the control period, and `info` holds the true
-    tip_position. Curvature and tension have no sensor on the rig; they are exact.
+    A camera without noise and delay sees the true position and velocity. Otherwise it takes
+    pictures at control instants, a `twin.FRAME` or more apart (90 a second at most), the velocity
+    is the difference of its last two over the time between them, and `info` holds the true
+    tip_position. Potentiometers know neither offset nor play of a servo. Curvature and tension have
+    no sensor on the rig; they are exact.
 
     Rewards and their terms, `truncated`, `terminated` and `info["failure"]` are those of
     `TrackingEnv`: an episode fails when the simulation diverged or a piece of the chain bent
     sharper than 1 / outer radius. `info` holds the true error [m], time [s], tendon tension [N],
-    tendon length [m] and reward terms.
+    tendon length [m] pulled in by the servos' horns, and reward terms.
 
     Attributes:
         task: The task, `task.robot` its nominal robot.
@@ -94,8 +98,8 @@ class RigEnv(EpisodeEnv):
 
         Args:
             task: Task or its name.
-            twin: The rig that is simulated, or the seed of one (`twin.rig3d_twin`); the task's
-                robot without errors unless given.
+            twin: The rig that is simulated, or the seed of one (`twin.rig3d_twin`) where the task's
+                robot is `RIG`; the task's robot without errors unless given.
             control_period: [s], between 1 ms and 200 ms.
             observe: Names of the observables in an observation, or "all".
             preview: Times [s] ahead of now of `reference_preview`.
@@ -120,20 +124,10 @@ class RigEnv(EpisodeEnv):
         self._reward = TrackingReward() if reward is None else reward
         self._preview = np.array(preview, dtype=float)
         self._frame_size, self._renderer = (width, height), None
-        self._plant = MujocoPlant(
-            self.twin.robot,
-            control_period,
-            pieces=pieces,
-            rule=rule,
-            timestep=timestep,
-            integrator=integrator,
-            bending="spatial",
-            actuation="length",
-        )
+        chain = {"pieces": pieces, "rule": rule, "timestep": timestep, "integrator": integrator}
+        self._plant, self._servos = _make_plant(self.twin, control_period, chain)
         self._make_spaces(tuple(RIG_OBSERVABLES) if observe == "all" else tuple(observe))
-        twin = self.twin
-        self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)
-        self._noise: Camera | None = None
+        self._camera: Camera | None = None
         self._current: RigTask | None = None
         self._install(self._plant.simulation({}))
         self._follow(self.task)
@@ -157,7 +151,7 @@ class RigEnv(EpisodeEnv):
         self.model, self.data = simulation.model, simulation.data
         self._ctrl, self._times = simulation.ctrl, simulation.step_times
         readout = RigReadout(simulation, self.twin.robot, self._servos)
-        self._readout = readout if self._noise is None else CameraReadout(readout, self._noise)
+        self._readout = readout if self._camera is None else CameraReadout(readout, self._camera)
 
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
@@ -173,9 +167,9 @@ class RigEnv(EpisodeEnv):
             return
         reference = sample_reference(task, self.control_period, self._preview, self.axes)
         fastest = REFERENCE_ACCELERATION * task.robot.reach
-        if np.abs(reference.acceleration).max() > fastest:
+        if not np.abs(reference.acceleration).max() <= fastest:
             raise ValueError(
-                f"the reference of task {task.label!r} must accelerate by less than {fastest} m/s2"
+                f"the acceleration of task {task.label!r} must be finite and below {fastest} m/s2"
             )
         self._reference = reference
         self._points, self._last_index = reference.points, reference.last_index
@@ -218,16 +212,16 @@ class RigEnv(EpisodeEnv):
     def _task_for(self, options: RigResetOptions) -> RigTask:
         task = self.task
         if options.task:
-            task = make_rig_task(task.name, **dict(task.options) | options.task)
+            task = remake_rig_task(task, **options.task)
         return task if options.duration is None else replace(task, duration=options.duration)
 
     def _begin(self, start: np.ndarray, posture: np.ndarray) -> None:
         self._servos.start(start)
         self._simulation.reset(posture, self._servos.horn)
-        self._noise = self._camera()
+        self._camera = self._make_camera()
         self._install(self._simulation)
-        if self._noise is not None:
-            self._noise.start(np.array(self._readout.tip))
+        if self._camera is not None:
+            self._camera.start(np.array(self._readout.tip))
         self._action_array = start / self.length_scale
         self._action = self._action_array.tolist()
         self._rows = self._reference.rows()
@@ -238,7 +232,7 @@ class RigEnv(EpisodeEnv):
         self._measure()
         self._last_observation = {name: read() for name, read in self._readers}
 
-    def _camera(self) -> Camera | None:
+    def _make_camera(self) -> Camera | None:
         """The camera of an episode; None without errors, and then nothing is drawn."""
         twin = self.twin
         delay = round(twin.camera_delay / self.control_period)
@@ -246,6 +240,9 @@ class RigEnv(EpisodeEnv):
             return None
         seed = noise_seed(self.np_random) if twin.camera_noise else 0
         return Camera(twin.camera_noise, delay, self.control_period, seed)
+
+    def _truth(self) -> dict[str, np.ndarray]:
+        return {} if self._camera is None else self._readout.truth()
 
     # ------------------------------------------------------------------ pictures
 
@@ -267,6 +264,11 @@ def _make_task(task: str | RigTask, options: dict[str, float]) -> RigTask:
 def _make_twin(twin: Twin | int | None, task: RigTask) -> Twin:
     if twin is None:
         return nominal_twin(task.robot)
+    if not isinstance(twin, Twin) and task.robot != RIG:
+        raise ValueError(
+            f"the seed of a twin stands for a {RIG.name!r} with its errors, and task "
+            f"{task.label!r} has another robot, {task.robot.name!r}: give a `Twin` of it"
+        )
     made = twin if isinstance(twin, Twin) else rig3d_twin(twin)
     if len(made.robot.tendons) != len(task.robot.tendons):
         raise ValueError(
@@ -274,3 +276,11 @@ def _make_twin(twin: Twin | int | None, task: RigTask) -> Twin:
             f"{len(task.robot.tendons)}"
         )
     return made
+
+
+def _make_plant(
+    twin: Twin, control_period: float, chain: dict[str, Any]
+) -> tuple[MujocoPlant, Servos]:
+    """The chain that is simulated, and the servos that drive it."""
+    plant = MujocoPlant(twin.robot, control_period, bending="spatial", actuation="length", **chain)
+    return plant, Servos(twin.servo_speed, twin.servo_offset, twin.backlash)

@@ -1,7 +1,8 @@
 """What can be measured of the running test rig: exactly, and by its camera."""
 
+from collections import deque
 from collections.abc import Callable
-from math import hypot
+from math import ceil, hypot
 
 import mujoco
 import numpy as np
@@ -12,6 +13,7 @@ from softrobot_env.envs.servos import Servos
 from softrobot_env.envs.simulation import Simulation
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.chain import mean_curvature
+from softrobot_env.twin import FRAME
 
 
 class RigReadout:
@@ -45,7 +47,7 @@ class RigReadout:
             "curvature": lambda: self.curvature,
             "curvature_rate": lambda: self._per_angle.dot(self._data.qvel),
             "tendon_tension": self.tendon_tension,
-            "tendon_length": self.tendon_length,
+            "tendon_length": lambda: self._servos.reading,
         }
 
     def tendon_length(self) -> np.ndarray:
@@ -76,42 +78,51 @@ class RigReadout:
 
 
 class Camera:
-    """A camera that sees late and not exactly; it takes one picture in each control period.
+    """A camera that sees late and not exactly, at control instants a `FRAME` or more apart.
 
     Attributes:
-        position: (2,) [m], what the picture at hand says.
-        velocity: (2,) [m/s], by difference to the picture before.
+        position: (2,) [m], what the newest picture at hand says.
+        velocity: (2,) [m/s], by difference to the picture before, over the time between them.
     """
 
     def __init__(self, noise: float, delay: int, control_period: float, seed: int) -> None:
         """A camera with noise of standard deviation `noise` [m], `delay` control periods late."""
-        self._noise, self._period = noise, control_period
+        self._noise, self._delay, self._period = noise, delay, control_period
+        self._frame = FRAME / control_period
         self._generator = np.random.default_rng(seed)
-        self._pictures = np.zeros((delay + 2, 2))
-        self._read()
+        self._instant, self._due = -1, 0.0
+        self._undeveloped: deque[tuple[int, np.ndarray]] = deque()
+        self._taken, self.position, self.velocity = -1, np.zeros(2), np.zeros(2)
 
     def start(self, tip: np.ndarray) -> None:
-        """Begin with pictures of a tip at rest at (2,) [m]."""
-        for _ in self._pictures:
+        """Look at a tip at rest at (2,) [m] until there are two pictures."""
+        for _ in range(self._delay + 2 * ceil(self._frame)):
             self.see(tip)
 
     def see(self, tip: np.ndarray) -> None:
-        """Take the next picture, of the tip at (2,) [m]."""
-        normal = self._generator.standard_normal(2)
-        seen = tip + self._noise * np.clip(normal, -FARTHEST, FARTHEST)
-        self._pictures = np.concatenate((self._pictures[1:], seen[None]))
-        self._read()
+        """Come to the next control instant, with the tip at (2,) [m]."""
+        self._instant += 1
+        if self._instant >= self._due:
+            self._due += self._frame
+            self._undeveloped.append((self._instant, self._photograph(tip)))
+        if self._undeveloped and self._undeveloped[0][0] <= self._instant - self._delay:
+            self._develop(*self._undeveloped.popleft())
 
-    def _read(self) -> None:
-        before, now = self._pictures[:2]
-        self.position, self.velocity = now.copy(), (now - before) / self._period
+    def _photograph(self, tip: np.ndarray) -> np.ndarray:
+        normal = self._generator.standard_normal(2)
+        return tip + self._noise * np.clip(normal, -FARTHEST, FARTHEST)
+
+    def _develop(self, taken: int, seen: np.ndarray) -> None:
+        passed = (taken - self._taken) * self._period
+        self.velocity = (seen - self.position) / passed
+        self.position, self._taken = seen, taken
 
 
 class CameraReadout:
     """Measurements with the tip as a camera sees it; the attributes stay what they are without."""
 
     def __init__(self, readout: RigReadout, camera: Camera) -> None:
-        """Look through a camera; every `update` takes a picture."""
+        """Look through a camera; every `update` is its next control instant."""
         self._readout, self._camera = readout, camera
         self.tendon_tension, self.tendon_length = readout.tendon_tension, readout.tendon_length
         self.tip, self.curvature = readout.tip, readout.curvature
@@ -119,8 +130,8 @@ class CameraReadout:
     def sources(self) -> dict[str, Callable[[], np.ndarray]]:
         """Function by observable; no array is given out for two control instants."""
         return self._readout.sources() | {
-            "tip_position": lambda: self._camera.position,
-            "tip_velocity": lambda: self._camera.velocity,
+            "tip_position": lambda: self._camera.position.copy(),
+            "tip_velocity": lambda: self._camera.velocity.copy(),
         }
 
     def truth(self) -> dict[str, np.ndarray]:

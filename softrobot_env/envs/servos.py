@@ -33,6 +33,11 @@ class Servos:
         self.motor = self._offset + command
         self.horn = self.motor.copy()
 
+    @property
+    def reading(self) -> np.ndarray:
+        """(n,) [m], as read by potentiometers on the motors: they miss offset and play."""
+        return self.motor - self._offset
+
     def move(self, command: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Follow a command (n,) [m] until the last of some times.
 

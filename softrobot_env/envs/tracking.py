@@ -314,6 +314,9 @@ class TrackingEnv(EpisodeEnv):
     def _pull_through_drives(self, action: np.ndarray, out: np.ndarray) -> None:
         out[:] = self._drives.apply(self._commanded(action))[0]
 
+    def _truth(self) -> dict[str, np.ndarray]:
+        return {} if self._noise is None else self._readout.truth()
+
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
         info = super()._info(terms)
         if self._randomization is not None:

@@ -60,8 +60,7 @@ class VirtualRig:
         Returns:
             What went wrong, or None.
         """
-        offset = np.array(self.twin.servo_offset)
-        stay = self._servos.motor - offset
+        stay = self._servos.reading
         wanted = stay if command is None else np.array(command, float)
         for channel in self.stuck:
             wanted[channel] = stay[channel]
@@ -94,7 +93,7 @@ class VirtualRig:
     @property
     def length(self) -> np.ndarray:
         """Positions (n,) [m] of the servos, as their potentiometers tell."""
-        return self._servos.motor - np.array(self.twin.servo_offset)
+        return self._servos.reading
 
     @property
     def tension(self) -> np.ndarray:

@@ -1,12 +1,12 @@
 """Finding a robot's zero, range and rest by jogging its servos."""
 
 from dataclasses import dataclass, replace
-from math import floor, isfinite, nan
+from math import ceil, floor, isfinite, nan
 from typing import Self
 
 import numpy as np
 
-from softrobot_env.hardware.config import RobotFile
+from softrobot_env.hardware.config import LONGEST_RAMP, RobotFile
 from softrobot_env.hardware.config_parts import LONGEST_PULSE, SHORTEST_PULSE, Servo
 
 _STEP, _DIGITS = 1e-5, 5  # m, of lengths in a robot file
@@ -29,10 +29,13 @@ class UnknownCommandError(ValueError):
 
 
 def jog_file(robot: RobotFile) -> RobotFile:
-    """The robot with ranges as wide as its servos' pulses, as slow as its ramp, and patient."""
+    """The robot with ranges as wide as its servos' pulses, as slow as its ramp, and patient.
+
+    Where the way from end to end would take more than the longest ramp, they are narrower.
+    """
     return replace(
         robot,
-        tendons=tuple(_widest(servo) for servo in robot.tendons),
+        tendons=tuple(_widest(servo, robot) for servo in robot.tendons),
         slew=min(robot.slew, robot.ramp),
         watchdog=max(robot.watchdog, _WATCHDOG),
     )
@@ -47,31 +50,34 @@ class Calibration:
         target: (n,) [m], where the servos are to go.
         tendon: Index of the tendon that is jogged.
         marks: (n, 4) [m]: zero, minimum, maximum, rest.
+        keeps_zero: Whether the board measures lengths, and so has a zero of its own.
     """
 
     robot: RobotFile
     target: tuple[float, ...]
     tendon: int
     marks: tuple[tuple[float, float, float, float], ...]
+    keeps_zero: bool = False
 
     @classmethod
-    def begin(cls, robot: RobotFile, present: np.ndarray) -> Self:
+    def begin(cls, robot: RobotFile, present: np.ndarray, keeps_zero: bool = False) -> Self:
         """Nothing found, at the present lengths (n,) [m]."""
         marks = tuple((0.0, s.minimum, s.maximum, s.rest) for s in robot.tendons)
-        return cls(robot, tuple(np.asarray(present).tolist()), 0, marks)
+        return cls(robot, tuple(np.asarray(present).tolist()), 0, marks, keeps_zero)
 
     def obey(self, line: str) -> Self:
         """The calibration after a command, see `HELP`.
 
         Raises:
             UnknownCommandError: No such command.
-            ValueError: No such tendon, or a way that leads beyond the servo's pulses.
+            ValueError: No such tendon, a way that leads beyond the servo's pulses, or another zero
+                than that of a board that measures lengths.
         """
         word, _, rest = line.strip().partition(" ")
         if word == "t":
             return self._choose(rest)
         if word in _MARKS:
-            return self._mark(_MARKS.index(word))
+            return self._mark(word)
         if word[:1] in ("+", "-"):
             return self._jog(word)
         raise UnknownCommandError(f"unknown command {line.strip()!r}")
@@ -91,9 +97,14 @@ class Calibration:
             raise ValueError(f"the tendons are 1 to {count}, got {text!r}")
         return replace(self, tendon=int(text) - 1)
 
-    def _mark(self, which: int) -> Self:
+    def _mark(self, name: str) -> Self:
+        if name == "zero" and self.keeps_zero:
+            raise ValueError(
+                "this board measures lengths from its own zero: set it there, see the firmware's "
+                "README; the other marks can be set here"
+            )
         marks = list(self.marks[self.tendon])
-        marks[which] = self.target[self.tendon]
+        marks[_MARKS.index(name)] = self.target[self.tendon]
         return replace(self, marks=_with(self.marks, self.tendon, tuple(marks)))
 
     def _jog(self, text: str) -> Self:
@@ -103,7 +114,8 @@ class Calibration:
             way = nan
         if not isfinite(way):
             raise ValueError(f"{text!r} is no way in mm")
-        servo, length = _widest(self.robot.tendons[self.tendon]), self.target[self.tendon] + way
+        servo = _widest(self.robot.tendons[self.tendon], self.robot)
+        length = self.target[self.tendon] + way
         if not servo.minimum <= length <= servo.maximum:
             raise ValueError(
                 f"the servo reaches {1e3 * servo.minimum:.2f} to {1e3 * servo.maximum:.2f} mm"
@@ -111,11 +123,15 @@ class Calibration:
         return replace(self, target=_with(self.target, self.tendon, length))
 
 
-def _widest(servo: Servo) -> Servo:
-    ends = sorted((pulse - servo.center) / servo.gain for pulse in (SHORTEST_PULSE, LONGEST_PULSE))
+def _widest(servo: Servo, robot: RobotFile) -> Servo:
+    low, high = sorted((p - servo.center) / servo.gain for p in (SHORTEST_PULSE, LONGEST_PULSE))
+    reach = LONGEST_RAMP * min(robot.ramp, robot.slew)
+    room = (reach - (servo.maximum - servo.minimum)) / 2
+    low = max(low, servo.minimum - room, -_LARGEST)
+    high = min(high, servo.maximum + room, _LARGEST)
     # Inwards to whole steps, so that rounding leads to no longer pulse.
-    reach = [min(floor(abs(end) / _STEP + _EXACT) * _STEP, _LARGEST) for end in ends]
-    return replace(servo, minimum=-_rounded(reach[0]), maximum=_rounded(reach[1]))
+    low, high = ceil(low / _STEP - _EXACT), floor(high / _STEP + _EXACT)
+    return replace(servo, minimum=_rounded(low * _STEP), maximum=_rounded(high * _STEP))
 
 
 def _calibrated(servo: Servo, marks: tuple[float, float, float, float]) -> Servo:

@@ -14,11 +14,16 @@ from softrobot_env.hardware.config_keys import (
     milliseconds,
 )
 from softrobot_env.hardware.config_parts import Servo, Supervision, Tip
-from softrobot_env.hardware.messages import MOST_TENDONS, Config
+from softrobot_env.hardware.messages import MOST_TENDONS, Capability, Config
 from softrobot_env.rig_tasks import LENGTH_SCALE, SERVO_SPEED
 
 #: Baud rates that a 16 MHz microcontroller meets.
 BAUDS = (57600, 115200, 250000, 500000, 1000000)
+
+#: [s], longest ramp: from one end of a range to the other. A board cuts the power after it.
+LONGEST_RAMP = 10.0
+
+_EXACT = 1e-9  # m
 
 #: UDP port at which a tracker's datagrams arrive unless a robot file says otherwise.
 TRACKER_PORT = 47810
@@ -67,6 +72,7 @@ class RobotFile:
         if isinstance(self.baud, bool) or self.baud not in BAUDS:
             raise RobotFileError(f"baud must be one of {', '.join(map(str, BAUDS))}")
         self._check_timing()
+        self._check_ramp()
         channels = [servo.channel for servo in self.tendons]
         if not 1 <= len(channels) <= MOST_TENDONS:
             raise RobotFileError(f"a robot has 1 to {MOST_TENDONS} tendons, got {len(channels)}")
@@ -82,6 +88,25 @@ class RobotFile:
             raise RobotFileError("watchdog_ms must be at least twice control_period_ms")
         if self.ttl > self.watchdog:
             raise RobotFileError("ttl_ms must not be larger than watchdog_ms")
+
+    def _check_ramp(self) -> None:
+        longest = max((s.maximum - s.minimum for s in self.tendons), default=0.0)
+        if longest > LONGEST_RAMP * min(self.ramp, self.slew) + _EXACT:
+            raise RobotFileError(
+                f"ramp_mm_per_s and slew_mm_per_s must cross every range within {LONGEST_RAMP:g} "
+                f"s: at least {1e3 * longest / LONGEST_RAMP:g} mm/s"
+            )
+
+    def needs(self) -> dict[Capability, str]:
+        """What a board must measure, and the key that asks for it."""
+        forces = any(servo.max_force or servo.min_force for servo in self.tendons)
+        asked = {
+            Capability.LENGTH: ("stall_mm", self.supervision.stall),
+            Capability.FORCE: ("max_force_n, min_force_n", forces),
+            Capability.ADC: ("adc_channels", self.supervision.adc_channels),
+            Capability.SUPPLY: ("supply_v", self.supervision.supply),
+        }
+        return {what: key for what, (key, value) in asked.items() if value}
 
     def to_message(self) -> Config:
         """The configuration as it goes to the microcontroller."""
@@ -121,15 +146,13 @@ class RobotFile:
 def rig_file(port: str = "/dev/ttyUSB0") -> RobotFile:
     """The spatial test rig before its calibration: three tendons of 30 mm either way.
 
-    A servo turns half a turn in 2000 us and winds with a horn of 20 mm.
+    A servo turns half a turn in 2000 us and winds with a horn of 20 mm. Only the supply is watched,
+    as on a board that measures neither lengths nor forces.
     """
     return RobotFile(
         name="rig",
         port=port,
-        tendons=tuple(
-            Servo(k, 1500e-6, 31.83e-3, -LENGTH_SCALE, LENGTH_SCALE, max_force=40.0)
-            for k in range(3)
-        ),
+        tendons=tuple(Servo(k, 1500e-6, 31.83e-3, -LENGTH_SCALE, LENGTH_SCALE) for k in range(3)),
         slew=floor(1e5 * SERVO_SPEED) / 1e5,
     )
 

@@ -82,7 +82,7 @@ class Supervision:
         supply: Lowest voltage [V].
     """
 
-    stall: Annotated[float, millimetres("stall_mm", 0, 100)] = 5e-3
+    stall: Annotated[float, millimetres("stall_mm", 0, 100)] = 0.0
     time: Annotated[float, milliseconds("time_ms", 10, 10000)] = 0.3
     adc_channels: tuple[int, ...] = ()
     adc_low: int = 8

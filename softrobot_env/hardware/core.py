@@ -57,6 +57,7 @@ class Core:
     Raises:
         CompilerMissingError: There is no C++ compiler.
         ValueError: A number does not fit.
+        MemoryError: There is no memory for it.
     """
 
     def __init__(
@@ -77,6 +78,8 @@ class Core:
         self._device = self._library.softrobot_create(
             n, boot_id, Reset(reset_cause), Capability(capabilities)
         )
+        if self._device is None:
+            raise MemoryError("no memory for a device")
         weakref.finalize(self, self._library.softrobot_destroy, self._device)
         self._waiting = bytearray()
 

@@ -10,8 +10,8 @@ from typing import Any, Self
 import numpy as np
 
 from softrobot_env.hardware import messages as m
-from softrobot_env.hardware.config import RobotFile
-from softrobot_env.hardware.errors import LinkError, RobotError
+from softrobot_env.hardware.config import LONGEST_RAMP, RobotFile
+from softrobot_env.hardware.errors import LinkError, RobotError, UnansweredError
 from softrobot_env.hardware.exchange import Exchange
 from softrobot_env.hardware.exit_guard import ExitGuard
 from softrobot_env.hardware.readings import DeviceInfo, FaultInfo, Reading
@@ -83,6 +83,8 @@ class Driver:
         Raises:
             LinkError: No answer within `timeout` [s].
             ProtocolMismatchError: The firmware does not fit.
+            RobotError: The board has another number of servos, or does not measure what the robot
+                file wants to be watched.
             RefusedError: It does not take the configuration.
         """
         if self._closed:
@@ -183,10 +185,17 @@ class Driver:
     def pace(self, length: np.ndarray, due: float) -> Reading | None:
         """Command a set-point and wait until `due` [s]; its answer, None if there was none.
 
+        Nothing is sent while three set-points are under way.
+
         Raises:
+            LinkError: The robot is silent.
             RobotError: See `command` and `wait_for`.
         """
-        reading = self.wait_for(self.command(length), due)
+        reading = None
+        try:
+            reading = self.wait_for(self.command(length), due)
+        except UnansweredError:
+            self._check_alive()
         self._exchange.pause(due)
         return reading
 
@@ -230,7 +239,7 @@ class Driver:
         self._exchange.ask(m.Clear, session.clear, lambda: session.fault is None, end)
 
     def close(self) -> None:
-        """Stop, disarm and free the port; never raises a `RobotError`, twice is harmless."""
+        """Stop, disarm and free the port, as far as possible; twice is harmless."""
         if self._closed:
             return
         self._closed = True
@@ -249,9 +258,15 @@ class Driver:
         """Wait for the report of a fault that is known only by its kind, or until `end` [s]."""
         self._exchange.wait(lambda: session.fault is None or session.fault_told, end)
 
+    def _check_alive(self) -> None:
+        if not self._is_alive():
+            raise LinkError(f"the robot has said nothing for {_FRESH:g} s")
+
+    def _is_alive(self) -> bool:
+        return self.reading is not None and self._clock() - self.reading.time < _FRESH
+
     def _park(self) -> None:
-        reading = self.reading
-        if reading is not None and self._clock() - reading.time < _FRESH:
+        if self._is_alive():
             self.stop()
 
     def _disarm(self) -> None:
@@ -259,14 +274,14 @@ class Driver:
             self._exchange.write(self._session.disarm())
 
     def _ramp_duration(self) -> float:
-        """Longest time [s] to rest from where the outputs are."""
+        """Longest time [s] to rest from where the outputs are; the board takes no longer."""
         if self.reading is None:
             return 0.0
         rest = np.array([servo.rest for servo in self.robot.tendons])
         speed = min(self.robot.ramp, self.robot.slew)
-        return float(np.abs(self.reading.applied - rest).max() / speed)
+        return min(LONGEST_RAMP, float(np.abs(self.reading.applied - rest).max() / speed))
 
 
 def _quietly(stage: Callable[[], None]) -> None:
-    with suppress(RobotError):
+    with suppress(RobotError, OSError):
         stage()

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Condition, Event, RLock, Thread
 
-from softrobot_env.hardware.errors import LinkError, RefusedError
+from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError
 from softrobot_env.hardware.messages import Message, Reason
 from softrobot_env.hardware.session import Session
 from softrobot_env.hardware.transport import Transport
@@ -29,7 +29,7 @@ class Exchange:
         self._changed, self._writing, self._closing = Condition(), RLock(), Event()
         self._thread: Thread | None = None
         self._session: Session | None = None
-        self._error: Exception | None = None
+        self._error: RobotError | None = None
 
     def listen(self, session: Session) -> None:
         """Give what arrives to a session from now on."""
@@ -53,7 +53,7 @@ class Exchange:
         """While nothing is taken in.
 
         Raises:
-            Exception: What went wrong while listening.
+            RobotError: What went wrong while listening.
         """
         with self._changed:
             self._raise_error()
@@ -63,7 +63,7 @@ class Exchange:
         """Wait until something is so, at the longest until `end` [s]; whether it is.
 
         Raises:
-            Exception: What went wrong while listening.
+            RobotError: What went wrong while listening.
         """
         with self._changed:
             left = max(0.0, end - self._clock())
@@ -85,7 +85,7 @@ class Exchange:
         Raises:
             RefusedError: It was refused; at once if asking again is of no use.
             LinkError: It has not happened in time.
-            Exception: What went wrong while listening, or while making the frame.
+            RobotError: What went wrong while listening, or while making the frame.
         """
         session, reason = self._session, None
         while not self.wait(done, self._clock()):
@@ -118,10 +118,15 @@ class Exchange:
                 data = self._transport.read(_POLL)
                 if data:
                     self._take(data)
+        except RobotError as error:
+            self._fail(error)
         except Exception as error:
-            with self._changed:
-                self._error = error
-                self._changed.notify_all()
+            self._fail(RobotError(f"cannot understand the robot: {error}"))
+
+    def _fail(self, error: RobotError) -> None:
+        with self._changed:
+            self._error = error
+            self._changed.notify_all()
 
     def _take(self, data: bytes) -> None:
         with self._changed:

@@ -3,7 +3,8 @@
 from secrets import randbits
 from time import monotonic
 
-from softrobot_env.hardware.errors import LinkError, ProtocolMismatchError
+from softrobot_env.hardware.config import RobotFile
+from softrobot_env.hardware.errors import LinkError, ProtocolMismatchError, RobotError
 from softrobot_env.hardware.framing import Decoder, encode
 from softrobot_env.hardware.messages import PROTOCOL, SCHEMA, Capability, Hello, HelloAck, Reset
 from softrobot_env.hardware.readings import DeviceInfo
@@ -30,6 +31,25 @@ def introduced(ack: HelloAck) -> DeviceInfo:
         capabilities=Capability(ack.capabilities),
         reset_cause=Reset(ack.reset_cause),
     )
+
+
+def check_needs(robot: RobotFile, info: DeviceInfo) -> None:
+    """Refuse a board that does not fit to a robot file.
+
+    Raises:
+        RobotError: Another number of servos, or it does not measure what is to be watched.
+    """
+    if info.tendons != len(robot.tendons):
+        raise RobotError(
+            f"the board drives {info.tendons} servos, robot {robot.name!r} has "
+            f"{len(robot.tendons)} tendons"
+        )
+    for what, key in robot.needs().items():
+        if what not in info.capabilities:
+            raise RobotError(
+                f"robot {robot.name!r} asks for {key}, but the board does not measure "
+                f"{what.name.lower()}: set it to nothing in the robot file, or use another board"
+            )
 
 
 def identify(transport: Transport, timeout: float = 2.0) -> DeviceInfo:

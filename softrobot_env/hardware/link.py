@@ -30,6 +30,8 @@ class LinkCounters:
         nacks: Refusals by reason.
         round_trip, longest_round_trip: [s] from a set-point to its echo, which the board delays by
             the robot file's `state_delay`.
+        delay, longest_delay: [s] that the last state arrived later than the quickest, and the
+            longest of these: what waits in buffers on its way.
     """
 
     sent: int = 0
@@ -43,6 +45,8 @@ class LinkCounters:
     nacks: Counter = field(default_factory=Counter)
     round_trip: float | None = None
     longest_round_trip: float = 0.0
+    delay: float = 0.0
+    longest_delay: float = 0.0
     _last: int | None = field(default=None, repr=False)
 
     def note_arrival(self, seq: int) -> bool:
@@ -65,6 +69,11 @@ class LinkCounters:
         """Note how long [s] an echo took."""
         self.round_trip = duration
         self.longest_round_trip = max(self.longest_round_trip, duration)
+
+    def note_delay(self, duration: float) -> None:
+        """Note how long [s] a state message was under way beyond the quickest."""
+        self.delay = duration
+        self.longest_delay = max(self.longest_delay, duration)
 
     def as_dict(self) -> dict[str, Any]:
         """The counters by name."""

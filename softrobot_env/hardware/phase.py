@@ -32,6 +32,8 @@ def next_phase(phase: Phase, state: DeviceState, ours: bool) -> Phase:
     if phase == Phase.STOPPING:
         over = state in (DeviceState.DISARMED, DeviceState.LATCHED)
         return Phase.CONFIGURED if over else phase
+    if phase == Phase.ARMED and state == DeviceState.DISARMED:
+        return Phase.CONFIGURED  # no first set-point came in time, or none was accepted
     if phase >= Phase.ARMING and ours:
         return _FOLLOWING.get(state, phase)
     return Phase.LOST if phase >= Phase.ARMED else phase

@@ -45,6 +45,8 @@ class Reading:
 
     Attributes:
         time: [s], when it arrived on the host's clock.
+        taken: [s], when it was sent by the host's clock, up to the delay of the quickest message
+            of the connection. A message that waited somewhere has been taken before it arrived.
         device_time: [s] of the microcontroller's clock, which wraps after 4295 s.
         seq: Last set-point of this session that it had accepted; None before the first.
         round_trip: [s] from sending that set-point; None unless this reading was its first echo.
@@ -59,6 +61,7 @@ class Reading:
     """
 
     time: float
+    taken: float
     device_time: float
     seq: int | None
     round_trip: float | None
@@ -70,6 +73,10 @@ class Reading:
     state: DeviceState
     warnings: Warning
     faults: tuple[Fault, ...]
+
+    def age(self, now: float) -> float:
+        """How old it is [s] at `now` [s] on the host's clock."""
+        return now - self.taken
 
     def is_at(self, length: np.ndarray) -> bool:
         """Whether the outputs have come to lengths (n,) [m], to the last step of the wire."""

@@ -1,7 +1,8 @@
 """Every byte between host and robot, with its time, in a file.
 
 A file is a header and records `t f64 | direction u8 | size u16 | bytes`, little-endian, appended
-as they happen: whatever ends the program, all records but the last one can be read.
+as they happen: whatever ends the program, all records but the last one can be read. Records of
+bytes to the robot have the time before they were sent, and are written afterwards.
 """
 
 import struct
@@ -9,6 +10,8 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
+from errno import ENOSPC
+from os import strerror
 from pathlib import Path
 from threading import Event
 from time import monotonic
@@ -51,7 +54,7 @@ class Recording:
     """What a file holds.
 
     Attributes:
-        chunks: In the order in which they happened.
+        chunks: In the order of their times.
         complete: Whether the file ends with a whole record.
     """
 
@@ -67,7 +70,14 @@ class Recording:
 
 
 class RecordingTransport:
-    """Passes bytes on and writes them to a file."""
+    """Passes bytes on and writes them to a file.
+
+    Bytes to the robot are sent first. A file that can no longer be written, for instance because
+    the disk is full, ends the recording and not the link.
+
+    Attributes:
+        failure: Why the recording has ended too early, or None.
+    """
 
     def __init__(
         self, transport: Transport, path: Path, clock: Callable[[], float] = monotonic
@@ -78,6 +88,7 @@ class RecordingTransport:
             OSError: The file exists or cannot be written.
         """
         self._transport, self._clock = transport, clock
+        self.failure: OSError | None = None
         # Unbuffered: a record is one write, so that records of two threads do not mix.
         self._file = path.open("xb", buffering=0)
         self._file.write(_MAGIC + _HEADER.pack(SCHEMA))
@@ -86,13 +97,14 @@ class RecordingTransport:
         """See `Transport`."""
         data = self._transport.read(timeout)
         if data:
-            self._note(Direction.FROM_ROBOT, data)
+            self._note(Direction.FROM_ROBOT, self._clock(), data)
         return data
 
     def write(self, data: bytes) -> None:
         """See `Transport`."""
-        self._note(Direction.TO_ROBOT, data)
+        time = self._clock()
         self._transport.write(data)
+        self._note(Direction.TO_ROBOT, time, data)
 
     def close(self) -> None:
         """Close the transport and the file."""
@@ -101,10 +113,18 @@ class RecordingTransport:
         finally:
             self._file.close()
 
-    def _note(self, direction: Direction, data: bytes) -> None:
+    def _note(self, direction: Direction, time: float, data: bytes) -> None:
         for start in range(0, len(data), _LARGEST):
             part = data[start : start + _LARGEST]
-            self._file.write(_RECORD.pack(self._clock(), direction, len(part)) + part)
+            if self.failure is None:
+                self._append(_RECORD.pack(time, direction, len(part)) + part)
+
+    def _append(self, record: bytes) -> None:
+        try:
+            if self._file.write(record) < len(record):
+                raise OSError(ENOSPC, strerror(ENOSPC))
+        except OSError as error:
+            self.failure = error
 
 
 class ReplayTransport:
@@ -182,9 +202,9 @@ def read_recording(path: Path) -> Recording:
             f"{path} was recorded with another table of messages (schema {schema:08x}, this is "
             f"{SCHEMA:08x})"
         )
-    chunks = tuple(_chunks(data[start:]))
+    chunks = sorted(_chunks(data[start:]), key=lambda chunk: chunk.time)
     size = sum(_RECORD.size + len(chunk.data) for chunk in chunks)
-    return Recording(chunks, complete=start + size == len(data))
+    return Recording(tuple(chunks), complete=start + size == len(data))
 
 
 def _chunks(data: bytes) -> Iterator[Chunk]:

@@ -1,24 +1,19 @@
-"""The tables of `messages.py` as a C++ header, so that both sides speak of the same numbers.
+"""The tables of `messages` as a C++ header, so that both sides speak of the same numbers.
 
 `python -m softrobot_env.hardware.schema > firmware/core/schema.h`
 """
 
-import re
 import struct
 from enum import IntEnum, IntFlag
 
 from softrobot_env.hardware import framing, messages
 
-_HEADER_SIZE = 4  # protocol, type, sequence
-_ENUMERATIONS = (messages.DeviceState, messages.Fault, messages.Reset, messages.Reason)
-_FLAGS = (messages.Capability, messages.Warning)
-
 
 def header() -> str:
     """Text of `firmware/core/schema.h`."""
     parts = [_TOP, _constants(), _enumeration("Type", _types())]
-    parts += [_enumeration(kind.__name__, _members(kind)) for kind in _ENUMERATIONS]
-    parts += [_flags(kind) for kind in _FLAGS]
+    parts += [_enumeration(kind.__name__, _members(kind)) for kind in messages.ENUMERATIONS]
+    parts += [_flags(kind) for kind in messages.FLAGS]
     return "\n".join([*parts, _layouts(), _BOTTOM])
 
 
@@ -67,7 +62,7 @@ def _flags(kind: type[IntFlag]) -> str:
 
 def _layouts() -> str:
     """C++ function that tells the sizes of a message type."""
-    cases = "".join(_case(line) for line in messages.schema_text().splitlines()[1:])
+    cases = "".join(_case(number) for number in messages.TYPES)
     return f"""\
 // Size of a body: `fixed + n * per_tendon` bytes, header included. Where the type tells its
 // number of tendons, n stands at index `n_at`, which is 0 for the other types.
@@ -85,18 +80,18 @@ inline bool layout_of(uint8_t type, Layout& layout) {{
 """
 
 
-def _case(line: str) -> str:
-    """Line of one message: its number, name, and fields like `target:hn` or `adc:H4`."""
-    number, name, *fields = line.split()
-    fixed, per_tendon, n_at = _HEADER_SIZE, 0, 0
-    for field, code, count in (re.fullmatch(r"(\w+):(\w)(\w+)", f).groups() for f in fields):
+def _case(number: int) -> str:
+    """Line of one type of message."""
+    fixed, per_tendon, n_at = messages.HEADER_SIZE, 0, 0
+    for name, code, count in messages.LAYOUTS[number]:
         size = struct.calcsize(f"<{code}")
-        if field == "n":
+        if name == "n":
             n_at = fixed
         if count == "n":
             per_tendon += size
         else:
-            fixed += size * int(count)
+            fixed += size * count
+    name = messages.TYPES[number].__name__
     return f"    case {number}: layout = {{{fixed}, {per_tendon}, {n_at}}}; break;  // {name}\n"
 
 

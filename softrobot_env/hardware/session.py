@@ -7,6 +7,7 @@ import numpy as np
 
 from softrobot_env.hardware import messages as m
 from softrobot_env.hardware.config import RobotFile
+from softrobot_env.hardware.device_clock import DeviceClock
 from softrobot_env.hardware.errors import (
     LinkError,
     RobotError,
@@ -15,13 +16,12 @@ from softrobot_env.hardware.errors import (
 )
 from softrobot_env.hardware.flight import Flight
 from softrobot_env.hardware.framing import Decoder, encode
-from softrobot_env.hardware.greeting import introduced, told_loss
+from softrobot_env.hardware.greeting import check_needs, introduced, told_loss
 from softrobot_env.hardware.link import LinkCounters, newer
 from softrobot_env.hardware.phase import Phase, next_phase
 from softrobot_env.hardware.readings import DeviceInfo, FaultInfo, Reading
-from softrobot_env.hardware.wire import Wire, faults, kind_of_fault
+from softrobot_env.hardware.wire import Arrival, Wire, faults, kind_of_fault
 
-_HEADER = 4  # bytes of a body before its fields
 _KEPT = 16  # readings
 _CLOCK, _SEQ = 1 << 32, 1 << 16
 
@@ -52,9 +52,9 @@ class Session:
         self.link = LinkCounters()
         self._wire, self._decoder = Wire(robot), Decoder()
         self._config = robot.to_message()
-        self._config_crc = crc32(m.pack(self._config, 0)[_HEADER:])
+        self._config_crc = crc32(m.pack(self._config, 0)[m.HEADER_SIZE :])
         self._nonce, self._number, self._seq = nonce, 0, 0
-        self._flight = Flight()
+        self._flight, self._clock = Flight(), DeviceClock()
         self._refusals: dict[int, int] = {}  # type of message -> why it was refused
 
     # What the host says.
@@ -178,7 +178,7 @@ class Session:
         Raises:
             ProtocolMismatchError: The firmware does not fit to this package.
             SessionLostError: The microcontroller started again.
-            RobotError: It drives another number of servos, or got another configuration.
+            RobotError: See `check_needs`; or it got another configuration.
         """
         replies = [
             self._take(message, now)
@@ -207,11 +207,7 @@ class Session:
         if ack.nonce != self._nonce:
             return
         info, before = introduced(ack), self.info
-        if info.tendons != len(self.robot.tendons):
-            raise RobotError(
-                f"the board drives {info.tendons} servos, robot {self.robot.name!r} has "
-                f"{len(self.robot.tendons)} tendons"
-            )
+        check_needs(self.robot, info)
         if self.phase == Phase.LOST or (before is not None and before.boot_id != info.boot_id):
             raise SessionLostError(told_loss(before, info))
         self.info = info
@@ -229,7 +225,9 @@ class Session:
         self.link.device_frame_errors = state.frame_errors
         ours = self._number != 0 and state.session == self._number
         round_trip = self._echo(state.last_seq, now) if ours else None
-        self.readings.append(self._wire.reading(state, now, self._flight.echoed, round_trip))
+        arrival = Arrival(now, self._clock.taken(state.t_dev, now))
+        self.link.note_delay(arrival.time - arrival.taken)
+        self.readings.append(self._wire.reading(state, arrival, self._flight.echoed, round_trip))
         found = faults(state)
         if not found:
             self.fault = None

@@ -13,6 +13,8 @@ import numpy as np
 #: Most bytes of a tracker's datagram.
 _DATAGRAM = 512
 
+_LAST_PORT = 65535
+
 _OLDEST = 10.0  # s, an age beyond it is a mistake
 _POLL = 0.1  # s, in which a closed source's thread ends
 
@@ -50,8 +52,11 @@ class UdpTip:
         """Listen at a UDP port, 0 for any free one.
 
         Raises:
+            ValueError: No number of a port.
             OSError: The port is taken.
         """
+        if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= _LAST_PORT:
+            raise ValueError(f"port must be a whole number from 0 to {_LAST_PORT}, got {port!r}")
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
@@ -98,7 +103,7 @@ def _read(data: bytes, now: float) -> Sight | None:
     try:
         message = json.loads(data)
         x, y, age = float(message["x"]), float(message["y"]), float(message.get("age", 0.0))
-    except (ValueError, TypeError, KeyError, AttributeError):
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
         return None
     if not (isfinite(x) and isfinite(y) and 0 <= age < _OLDEST):
         return None

@@ -1,6 +1,7 @@
 """Ways that bytes go: a serial port, or memory."""
 
 import termios
+from errno import EAGAIN
 from queue import Empty, SimpleQueue
 from types import ModuleType
 from typing import Protocol
@@ -36,7 +37,7 @@ class Transport(Protocol):
 
 
 class SerialTransport:
-    """A serial port, which no other program can open meanwhile."""
+    """A serial port, locked so that no other program of this package opens it meanwhile."""
 
     def __init__(self, port: str, baud: int) -> None:
         """Open a port.
@@ -52,7 +53,7 @@ class SerialTransport:
                 port, baud, timeout=0.0, write_timeout=WRITE_TIMEOUT, exclusive=True
             )
         except (OSError, termios.error, ValueError) as error:
-            raise LinkError(f"cannot open {port}: {error}") from error
+            raise LinkError(f"cannot open {port}: {_told(error)}") from error
 
     def read(self, timeout: float) -> bytes:
         """See `Transport`."""
@@ -77,6 +78,16 @@ class SerialTransport:
             self._port.close()
         except (OSError, termios.error) as error:
             raise LinkError(f"cannot close {self._name}: {error}") from error
+
+
+def _told(error: Exception) -> str:
+    """Why a port does not open; the system says of a lock only that it was refused."""
+    if isinstance(error, OSError) and error.errno == EAGAIN:
+        return (
+            "another program drives the robot: end it with Ctrl-C, which ramps the robot down, or "
+            "press the emergency switch"
+        )
+    return str(error)
 
 
 class MemoryTransport:

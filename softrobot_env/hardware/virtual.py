@@ -177,17 +177,30 @@ class VirtualRobot:
 def linked(port: str, link: Path | None) -> Iterator[str]:
     """A symbolic link to a port, for as long as the context lasts; none if `link` is None.
 
+    A link that leads nowhere, as a virtual robot leaves it that was killed, is replaced.
+
     Raises:
-        OSError: There is a file of that name that is no link.
+        OSError: There is a file of that name, or a link to something that exists.
     """
     if link is None:
         yield port
         return
     link.parent.mkdir(parents=True, exist_ok=True)
-    if link.is_symlink():  # of a virtual robot that was killed
-        link.unlink()
+    _remove_dead(link)
     link.symlink_to(port)
     try:
         yield str(link)
     finally:
-        link.unlink(missing_ok=True)
+        if link.is_symlink() and str(link.readlink()) == port:
+            link.unlink()
+
+
+def _remove_dead(link: Path) -> None:
+    if not link.is_symlink():
+        return
+    if link.exists():
+        raise FileExistsError(
+            f"{link} leads to {link.readlink()}: another virtual robot is there; end it, choose "
+            f"another name, or remove the link if that is something else"
+        )
+    link.unlink()

@@ -1,5 +1,7 @@
 """Between SI units by tendon, and whole numbers by channel of the board."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from softrobot_env.hardware.config import RobotFile
@@ -41,6 +43,13 @@ _KINDS = {
 _OF_TENDONS = (Fault.FORCE, Fault.SLACK, Fault.STALL)
 
 
+class Arrival(NamedTuple):
+    """When a message arrived and when it was sent [s], see `Reading`."""
+
+    time: float
+    taken: float
+
+
 class Wire:
     """Translates for one robot."""
 
@@ -74,11 +83,12 @@ class Wire:
         return np.clip(length, least * LENGTH_UNIT, most * LENGTH_UNIT)
 
     def reading(
-        self, state: State, time: float, seq: int | None, round_trip: float | None
+        self, state: State, arrival: Arrival, seq: int | None, round_trip: float | None
     ) -> Reading:
-        """A state message that arrived at a time [s] of the host's clock."""
+        """What a state message says; `seq` and `round_trip` as in `Reading`."""
         return Reading(
-            time=time,
+            time=arrival.time,
+            taken=arrival.taken,
             device_time=state.t_dev * CLOCK_UNIT,
             seq=seq,
             round_trip=round_trip,

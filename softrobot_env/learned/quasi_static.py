@@ -20,6 +20,9 @@ HIDDEN = (30,)
 #: Sectors, as seen from the clamp, in which the workspace has a range of distances each.
 _SECTORS = 72
 
+#: What the statics of a robot depend on, by name.
+Describe = Callable[[RobotParams], dict[str, np.ndarray]]
+
 #: Static tip (2,) [m] under reduced inputs (n_inputs,) [N].
 Statics = Callable[[np.ndarray], np.ndarray]
 
@@ -125,14 +128,22 @@ def describe(robot: RobotParams) -> dict[str, np.ndarray]:
     }
 
 
-def suits(about: dict[str, np.ndarray], robot: RobotParams) -> bool:
-    """Whether a network was trained for this robot."""
-    wanted = describe(robot)
+def suits(about: dict[str, np.ndarray], robot: RobotParams, described: Describe = describe) -> bool:
+    """Whether a network was trained for this robot, by the description that its file has."""
+    wanted = described(robot)
     return all(name in about and _same(about[name], value) for name, value in wanted.items())
 
 
-def load_for(path: Path, robot: RobotParams, command: str) -> tuple[Network, dict]:
-    """Network and description from a file that belongs to a robot; `command` makes the file.
+def load_for(
+    path: Path, robot: RobotParams, command: str, described: Describe = describe
+) -> tuple[Network, dict]:
+    """Network and description from a file that belongs to a robot.
+
+    Args:
+        path: The file.
+        robot: The robot.
+        command: Makes the file.
+        described: What the file tells of its robot.
 
     Raises:
         FileNotFoundError: No such file.
@@ -141,7 +152,7 @@ def load_for(path: Path, robot: RobotParams, command: str) -> tuple[Network, dic
     if not path.is_file():
         raise FileNotFoundError(f"no network at {path}; make it with `{command}`")
     network, about = Network.load(path)
-    if not suits(about, robot):
+    if not suits(about, robot, described):
         raise ValueError(
             f"{path} was trained for robot {str(about.get('robot'))!r} as it was then, not for "
             f"this {robot.name!r}; train it anew with `{command}`"

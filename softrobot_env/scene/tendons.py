@@ -39,7 +39,10 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str) -> None:
 
 
 def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
-    """Dry friction [N] against changes of the tendon's length."""
+    """Dry friction [N] against changes of the tendon's length, whatever its tension.
+
+    It acts on slack tendons too, and can push there.
+    """
     routed.frictionloss = friction
     routed.solimp_friction = FRICTION_IMPEDANCE
     routed.solref_friction = FRICTION_REFERENCE

@@ -102,12 +102,12 @@ def nominal_lengths(
         ValueError: The robot is no rig with three elastic tendons, or the sum is too small.
     """
     still = np.zeros_like(points)
-    inverse = ServoConstraints(robot).plan(points, still, still)
+    servo = ServoConstraints(robot)
+    inverse = servo.plan(points, still, still)
     if total is None:
         return inverse.pulled
     tripod = Tripod(robot)
-    curvature = np.column_stack([inverse.y[:, 1], -inverse.y[:, 0]]) / robot.length
-    return tripod.pulled(tripod.tension(inverse.reduced, total), curvature)
+    return tripod.pulled(tripod.tension(inverse.reduced, total), servo.curvature(inverse.y))
 
 
 def collect(

@@ -18,6 +18,10 @@ from softrobot_env.robots import RIG
 from softrobot_env.tasks import LONGEST
 from softrobot_env.twin import Twin
 
+_PERIOD = 0.02  # s, of the servos
+_DITHER_FREQUENCY = 5.0  # Hz
+_DITHERED = 0.8  # of the rest
+
 
 @dataclass(frozen=True)
 class Visit:
@@ -148,8 +152,3 @@ def _step(env: RigEnv, action: np.ndarray) -> np.ndarray:
     if failed:
         raise RuntimeError(info["failure"])
     return observation["tip_position"]
-
-
-_PERIOD = 0.02  # s, of the servos
-_DITHER_FREQUENCY = 5.0  # Hz
-_DITHERED = 0.8  # of the rest

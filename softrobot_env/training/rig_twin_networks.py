@@ -18,6 +18,7 @@ from softrobot_env.training.rig_networks import (
     fit,
     rms,
 )
+from softrobot_env.training.rig_play import play_of, visit_sides
 from softrobot_env.training.rig_twin_data import measure
 from softrobot_env.twin import Twin
 
@@ -26,6 +27,19 @@ NEEDED = 215
 
 #: Points measured between two reports of the progress.
 _PORTION = 20
+
+
+@dataclass(frozen=True)
+class Visited:
+    """What a visit found.
+
+    Attributes:
+        data: Of the points all over the workspace.
+        sides: (3 k, 2, 2) [m], see `rig_play.visit_sides`.
+    """
+
+    data: RigData
+    sides: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -47,8 +61,8 @@ class Lesson:
 
 def visit(
     twin: Twin | int | None, seed: int = 0, count: int = NEEDED, show: Show | None = None
-) -> RigData:
-    """Measure a twin at points all over its workspace, with a constant sum of tensions.
+) -> Visited:
+    """Measure a twin all over its workspace, with a constant sum of tensions, and then its play.
 
     Networks of these data err by half as much as with the least tensions, whose kinks they round
     off: 0.14 instead of 0.25 mm in the lengths, without dither (twin 0, 926 points, 5 trainings).
@@ -68,19 +82,21 @@ def visit(
             show("visiting points", done, count)
 
     points = disk_points(count)
-    return collect(RIG, measured, np.random.default_rng(seed), points, TOTAL)
+    data = collect(RIG, measured, np.random.default_rng(seed), points, TOTAL)
+    return Visited(data, visit_sides(twin, seed))
 
 
-def learn(data: RigData, seed: int = 0) -> Lesson:
-    """Train both networks with 150 samples and calibrate the model with the same.
+def learn(visited: Visited, seed: int = 0) -> Lesson:
+    """Train both networks with 150 samples, calibrate the model with the same, tell the play.
 
     Args:
-        data: See `visit`; 215 points or more.
+        visited: See `visit`; 215 points or more.
         seed: Of split and initial parameters.
 
     Raises:
         ValueError: Too few points.
     """
+    data = visited.data
     if len(data.lengths) < NEEDED:
         raise ValueError(f"need {NEEDED} points or more, got {len(data.lengths)}")
     rng = np.random.default_rng(seed)
@@ -94,9 +110,9 @@ def learn(data: RigData, seed: int = 0) -> Lesson:
         largest[name] = float(distances(network, test).max())
     known = parts.training
     stiffness, turn = calibrate(RIG, data.lengths[known], data.measured[known])
-    return Lesson(
-        Learnt(networks["inverse"], stiffness, turn), networks["forward"], errors, largest
-    )
+    play = play_of(visited.sides, networks["inverse"])
+    learnt = Learnt(networks["inverse"], stiffness, turn, play)
+    return Lesson(learnt, networks["forward"], errors, largest)
 
 
 def _enough(parts: Split) -> Split:
