@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from gymnasium import spaces
 
 from softrobot_env.envs.sights import Sights, reference_at
 from softrobot_env.envs.step_clock import StepClock
@@ -68,7 +69,7 @@ def test_later_skips_whole_periods(clock, time, work, missed):
 
 
 def test_velocity_is_by_difference_of_different_pictures():
-    sights = Sights(Sight(1.0, np.zeros(2)))
+    sights = Sights(Sight(1.0, np.zeros(2)), spaces.Box(-1.0, 1.0, (2,), np.float64))
     assert sights.velocity.tolist() == [0.0, 0.0]
     sights.add(Sight(1.01, np.array([0.002, -0.001])))
     assert sights.velocity == pytest.approx([0.2, -0.1])
