@@ -22,6 +22,7 @@ EXAMPLE = "softrobot robot soak --seconds 60"
 _PERIOD = 2.0  # s, of a lap
 _POLICY = "hybrid"
 _MOST_MISSED = 1e-3  # share of the steps
+_OLDEST = 1.0  # s
 
 #: Of the link, see `hardware.link.LinkCounters`.
 _COUNTERS = (
@@ -100,7 +101,8 @@ def _soak(
     task = RigTask("soak", RIG, run, seconds)
     # Missed steps do not end the run: a promise judges them.
     steps = round(seconds / file.control_period)
-    env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps)
+    # A stall shall count as missed steps and late answers, and not end the run.
+    env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(_POLICY, RIG, env.control_period)
     infos = []
     try:
@@ -124,6 +126,7 @@ def _measured(infos: list[dict[str, Any]], period: float) -> dict[str, Any]:
     for name, values in (("round_trip", trips), ("lateness", late)):
         quantiles = np.percentile(values, [50, 99, 100]).tolist()
         row |= dict(zip((f"{name}_median", f"{name}_p99", f"{name}_max"), quantiles, strict=True))
+    row["tip_age_max"] = max(info["tip_age"] for info in infos)
     row["e_mean"] = float(np.mean([info["error"] for info in infos]))
     return row | {name: last["link"][name] for name in _COUNTERS}
 
