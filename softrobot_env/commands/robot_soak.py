@@ -1,8 +1,10 @@
 """`softrobot robot soak`: a long run at full rate, and whether it kept its promises."""
 
 import argparse
+from array import array
 from collections.abc import Iterator
 from contextlib import contextmanager
+from math import isnan, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -23,6 +25,9 @@ _PERIOD = 2.0  # s, of a lap
 _POLICY = "hybrid"
 _MOST_MISSED = 1e-3  # share of the steps
 _OLDEST = 1.0  # s
+
+#: Of `info`, in every step.
+_SAMPLED = ("rtt_s", "lateness_s", "tip_age", "error")
 
 #: Of the link, see `hardware.link.LinkCounters`.
 _COUNTERS = (
@@ -104,30 +109,37 @@ def _soak(
     # A stall shall count as missed steps and late answers, and not end the run.
     env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(_POLICY, RIG, env.control_period)
-    infos = []
+    samples, last = {name: array("d") for name in _SAMPLED}, {}
     try:
         with Progress(console=console, transient=True) as progress:
             bar = progress.add_task("soak", total=seconds)
-            for moment in play(env, policy):
-                infos.append(moment.info)
-                if len(infos) % 50 == 0:
-                    progress.update(bar, completed=moment.info["time"])
+            for count, moment in enumerate(play(env, policy)):
+                last = moment.info
+                if count > 0:
+                    _add(samples, last)
+                if count % 50 == 0:
+                    progress.update(bar, completed=last["time"])
     finally:
         env.close()
-    return _measured(infos[1:], env.control_period)
+    return _measured(samples, last, env.control_period)
 
 
-def _measured(infos: list[dict[str, Any]], period: float) -> dict[str, Any]:
-    last = infos[-1]
-    trips = np.array(answer_times([info["rtt_s"] for info in infos], period))
-    late = np.array([info["lateness_s"] for info in infos])
+def _add(samples: dict[str, array], info: dict[str, Any]) -> None:
+    """Note a step; kept as `info`, its objects would hold up the steps to come (garbage)."""
+    for name, column in samples.items():
+        column.append(nan if info[name] is None else info[name])
+
+
+def _measured(samples: dict[str, array], last: dict[str, Any], period: float) -> dict[str, Any]:
+    trips = [None if isnan(trip) else trip for trip in samples["rtt_s"]]
     row = {"what": "soak", "steps": round(last["time"] / period), "control_period": period}
     row |= {"missed_steps": last["missed_steps"], "failure": last.get("failure")}
-    for name, values in (("round_trip", trips), ("lateness", late)):
+    columns = {"round_trip": answer_times(trips, period), "lateness": samples["lateness_s"]}
+    for name, values in columns.items():
         quantiles = np.percentile(values, [50, 99, 100]).tolist()
         row |= dict(zip((f"{name}_median", f"{name}_p99", f"{name}_max"), quantiles, strict=True))
-    row["tip_age_max"] = max(info["tip_age"] for info in infos)
-    row["e_mean"] = float(np.mean([info["error"] for info in infos]))
+    row["tip_age_max"] = max(samples["tip_age"])
+    row["e_mean"] = float(np.mean(samples["error"]))
     return row | {name: last["link"][name] for name in _COUNTERS}
 
 
