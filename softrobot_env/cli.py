@@ -1,9 +1,10 @@
 """`softrobot`: the command line."""
 
 import argparse
-import importlib
 import shlex
 import sys
+
+from softrobot_env.commands.subcommands import add_commands
 
 #: Command (a module of that name in `softrobot_env.commands`) -> what it does.
 COMMANDS = {
@@ -22,18 +23,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="softrobot", description="MuJoCo environments for tendon-driven soft robots."
     )
-    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for name, text in COMMANDS.items():
-        module = importlib.import_module(f"softrobot_env.commands.{name}")
-        command = commands.add_parser(
-            name,
-            help=text,
-            description=text,
-            epilog=f"example:\n  {module.EXAMPLE}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.add_arguments(command)
-        command.set_defaults(run=module.run)
+    add_commands(parser, COMMANDS, "", "command")
     return parser
 
 
@@ -46,7 +36,7 @@ def main(argv: list[str] | None = None) -> int:
     args = build_parser().parse_args(argv)
     args.command_line = shlex.join(["softrobot", *argv])
     try:
-        return args.run(args)
+        return args.command_run(args)
     except (ValueError, ImportError, RuntimeError, OSError) as error:
         print(f"softrobot {args.command}: {error}", file=sys.stderr)
         return 2

@@ -118,6 +118,11 @@ def rig3d_twin(seed: int) -> Twin:
     )
 
 
+def twin_or_ideal(seed: int | None) -> Twin:
+    """The twin of a seed; without one the ideal rig, which the one-piece model describes."""
+    return nominal_twin(EQUIVALENT_RIG) if seed is None else rig3d_twin(seed)
+
+
 def _built(rng: np.random.Generator) -> RobotParams:
     """The rig with its errors of manufacturing."""
     modulus = EQUIVALENT * MODULUS * float(np.exp(MODULUS_SPREAD * rng.standard_normal()))

@@ -5,12 +5,13 @@ from functools import cache
 
 from softrobot_env.benchmarks import rig_goals
 from softrobot_env.benchmarks.jobs import Job, Progress, Row, run_jobs
-from softrobot_env.benchmarks.rig_cases import FAST, SLOW, Case, make_twin, rig_name, run_case
+from softrobot_env.benchmarks.rig_cases import FAST, SLOW, Case, rig_name, run_case
 from softrobot_env.benchmarks.rig_forces import force_rows
 from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.control.rig_learnt import Learnt
 from softrobot_env.robots import RIG
 from softrobot_env.training.rig_twin_networks import learn, visit
+from softrobot_env.twin import twin_or_ideal
 
 #: Twins of the tables; their medians are judged.
 TWINS = (0, 1, 2, 3, 4)
@@ -50,7 +51,7 @@ def _jobs(twin: int | None, shipped: bool) -> list[Job]:
 
     @cache
     def learnt() -> Learnt:
-        return Learnt.load(RIG) if shipped else learn(visit(make_twin(twin))).learnt
+        return Learnt.load(RIG) if shipped else learn(visit(twin_or_ideal(twin))).learnt
 
     def taught() -> list[Row]:
         learnt()

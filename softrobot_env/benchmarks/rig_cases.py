@@ -10,7 +10,7 @@ from softrobot_env.control.rig_learnt import Learnt
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.run import run_episode, warm_up
 from softrobot_env.rollout import Rollout
-from softrobot_env.twin import EQUIVALENT_RIG, Twin, nominal_twin
+from softrobot_env.twin import twin_or_ideal
 
 #: Periods [s] of a lap, Tabs. 5.2 and 5.3.
 SLOW, FAST = 5.0, 1.0
@@ -44,11 +44,6 @@ def rig_name(twin: int | None) -> str:
     return "without errors" if twin is None else f"twin {twin}"
 
 
-def make_twin(twin: int | None) -> Twin | int:
-    """What a `RigEnv` simulates."""
-    return nominal_twin(EQUIVALENT_RIG) if twin is None else twin
-
-
 def run_case(case: Case, learnt: Learnt, traced: bool) -> Row:
     """Run an episode; see `rig.run` for the row.
 
@@ -57,7 +52,7 @@ def run_case(case: Case, learnt: Learnt, traced: bool) -> Row:
         learnt: What is known of this rig.
         traced: Whether the row has a trace for the figures.
     """
-    env = RigEnv("triangle", period=case.period, twin=make_twin(case.twin), observe="all")
+    env = RigEnv("triangle", period=case.period, twin=twin_or_ideal(case.twin), observe="all")
     known = {} if case.policy in BLIND else {"learnt": learnt}
     policy = make_policy(case.policy, env.task.robot, env.control_period, **known)
     warm_up(env, policy)

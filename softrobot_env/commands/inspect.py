@@ -11,7 +11,7 @@ from rich.table import Table
 from softrobot_env.benchmarks.timing import step_cost
 from softrobot_env.commands.arguments import add_scene, add_twin, scene_options
 from softrobot_env.commands.inspect_rig import errors_left_out, rig_rows
-from softrobot_env.commands.rig_setup import RigSetup, rig
+from softrobot_env.commands.rig_setup import RigSetup
 from softrobot_env.commands.task_arguments import add_task, one_task
 from softrobot_env.envs.episodes import EpisodeEnv
 from softrobot_env.envs.rig import RigEnv
@@ -20,6 +20,7 @@ from softrobot_env.evaluation.labels import option_columns, task_label
 from softrobot_env.rig_tasks import RigTask
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.scene.build import Scene
+from softrobot_env.twin import twin_or_ideal
 
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0"""
@@ -53,7 +54,7 @@ def run(args: argparse.Namespace) -> int:
     setup = RigSetup(args)
     console = Console()
     if isinstance(task, RigTask):
-        env = RigEnv(task, twin=rig(setup.twins()[0]), **scene_options(args))
+        env = RigEnv(task, twin=twin_or_ideal(setup.twins()[0]), **scene_options(args))
         console.print(_overview(env, label, errors_left_out(env.twin), rig_rows(env)))
         console.print(_tendons(env.twin.robot))
         return 0

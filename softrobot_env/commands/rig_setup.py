@@ -12,7 +12,7 @@ from softrobot_env.envs.rig import RigEnv
 from softrobot_env.interfaces import Policy
 from softrobot_env.rig_tasks import RIG_TASKS
 from softrobot_env.tasks import ALL_TASKS
-from softrobot_env.twin import EQUIVALENT_RIG, Twin, nominal_twin
+from softrobot_env.twin import twin_or_ideal
 
 #: The twin whose networks are shipped.
 _SHIPPED = 0
@@ -55,7 +55,7 @@ class RigSetup:
     def environment(self, case: Case, **drawing: Any) -> RigEnv:
         """Environment for a case."""
         options = policy_environment(case.policy) | scene_options(self._args) | drawing
-        return RigEnv(case.task, twin=rig(case.twin), observe="all", **options)
+        return RigEnv(case.task, twin=twin_or_ideal(case.twin), observe="all", **options)
 
     def policy(self, case: Case, control_period: float) -> Policy:
         """The policy of a case, which knows the nominal rig and what is shipped."""
@@ -64,8 +64,3 @@ class RigSetup:
     def reset_options(self, case: Case) -> dict[str, Any]:
         """None."""
         return {}
-
-
-def rig(twin: int | None) -> Twin | int:
-    """What a `RigEnv` simulates: a twin by its seed, or an ideal rig."""
-    return nominal_twin(EQUIVALENT_RIG) if twin is None else twin

@@ -1,7 +1,8 @@
 """`softrobot robot`: a real robot over serial; a module `robot_NAME` for each of its commands."""
 
 import argparse
-import importlib
+
+from softrobot_env.commands.subcommands import add_commands
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 
@@ -21,20 +22,9 @@ ROBOT_COMMANDS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command: its commands with theirs."""
-    commands = parser.add_subparsers(dest="robot_command", required=True, metavar="COMMAND")
-    for name, text in ROBOT_COMMANDS.items():
-        module = importlib.import_module(f"softrobot_env.commands.robot_{name}")
-        command = commands.add_parser(
-            name,
-            help=text,
-            description=text,
-            epilog=f"example:\n  {module.EXAMPLE}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
-        module.add_arguments(command)
-        command.set_defaults(run_robot=module.run)
+    add_commands(parser, ROBOT_COMMANDS, "robot_", "robot_command")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    return args.run_robot(args)
+    return args.robot_command_run(args)
