@@ -53,6 +53,7 @@ class CompiledInference:
         layers = absorbed(network)
         self._parameters = np.concatenate([part.ravel() for pair in layers for part in pair])
         self._sizes = np.array(network.sizes, dtype=np.int64)
+        self._outputs = network.sizes[-1]
         _compile()
 
     def __call__(self, inputs: np.ndarray) -> np.ndarray:
@@ -61,10 +62,12 @@ class CompiledInference:
         Raises:
             ValueError: Inputs of another shape.
         """
+        out = np.empty(self._outputs)
         try:
-            return _one(inputs, self._parameters, self._sizes)
+            _one(inputs, self._parameters, self._sizes, out)
         except (TypeError, ValueError):  # another type of array, or another shape
-            return _one(self._doubles(inputs, 1), self._parameters, self._sizes)
+            _one(self._doubles(inputs, 1), self._parameters, self._sizes, out)
+        return out
 
     def batch(self, inputs: np.ndarray) -> np.ndarray:
         """Outputs (k, n_out) for inputs (k, n_in), one by one.
@@ -72,7 +75,10 @@ class CompiledInference:
         Raises:
             ValueError: Inputs of another shape.
         """
-        return _many(self._doubles(inputs, 2), self._parameters, self._sizes)
+        inputs = self._doubles(inputs, 2)
+        out = np.empty((len(inputs), self._outputs))
+        _many(inputs, self._parameters, self._sizes, out)
+        return out
 
     def _doubles(self, inputs: np.ndarray, dimensions: int) -> np.ndarray:
         """A copy as the kernels take it."""
@@ -90,36 +96,38 @@ _kernel = numba.njit(cache=True, error_model="numpy", fastmath={"contract", "nsz
 
 
 @_kernel
-def _one(inputs: np.ndarray, parameters: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Outputs; parameters are the weights by rows and the biases of each layer."""
+def _one(inputs: np.ndarray, parameters: np.ndarray, sizes: np.ndarray, out: np.ndarray) -> None:
+    """Write outputs into `out`; parameters are the weights by rows and the biases of each layer.
+
+    An array made here and returned would cost more than all the layers.
+    """
     if len(inputs) != sizes[0]:
         raise ValueError
-    values, at, last = inputs, 0, len(sizes) - 2
+    width, last = sizes[1:].max(), len(sizes) - 2
+    scratch = np.empty((2, width))
+    values, at = inputs, 0
     for layer in range(last + 1):
         below, here = sizes[layer], sizes[layer + 1]
         bias = at + below * here
-        out = np.empty(here)
+        result = out if layer == last else scratch[layer % 2]
         for i in range(here):
             total = parameters[bias + i]
             for j in range(below):
                 total += parameters[at + i * below + j] * values[j]
-            out[i] = tanh(total) if layer < last else total
-        values, at = out, bias + here
-    return values
+            result[i] = tanh(total) if layer < last else total
+        values, at = result, bias + here
 
 
 @_kernel
-def _many(inputs: np.ndarray, parameters: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Outputs of every row."""
-    out = np.empty((len(inputs), sizes[-1]))
+def _many(inputs: np.ndarray, parameters: np.ndarray, sizes: np.ndarray, out: np.ndarray) -> None:
+    """Write the outputs of every row."""
     for i in range(len(inputs)):
-        out[i] = _one(inputs[i], parameters, sizes)
-    return out
+        _one(inputs[i], parameters, sizes, out[i])
 
 
 @cache
 def _compile() -> None:
     """Compile for contiguous doubles and nothing else, so that no call waits for the compiler."""
-    for kernel, inputs in ((_one, "f8[::1]"), (_many, "f8[:, ::1]")):
-        kernel.compile(f"({inputs}, f8[::1], i8[::1])")
+    for kernel, values in ((_one, "f8[::1]"), (_many, "f8[:, ::1]")):
+        kernel.compile(f"({values}, f8[::1], i8[::1], {values})")
         kernel.disable_compile()
