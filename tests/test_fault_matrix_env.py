@@ -7,7 +7,7 @@ from time import sleep
 import pytest
 from hardware_boards import Board, LiveBoard
 from output_witness import WatchedCore
-from test_fault_matrix_live import (
+from real_episodes import (
     FILE,
     PERIOD,
     Still,

@@ -30,6 +30,7 @@ from softrobot_env.benchmarks.accuracy_rows import (
     distance,
     least_time,
     make_row,
+    motion_row,
 )
 from softrobot_env.benchmarks.beam_models import Contestant, contestants
 from softrobot_env.benchmarks.frequency_cases import ScalarCase, beam_row, chain_row, scalar_cases
@@ -294,7 +295,7 @@ def _beam_rows(case: str, contestant: Contestant, truth: Limit, quick: bool) -> 
                 text = f"left out: {error}"
                 found.append(make_row("note", case, contestant.name, n, reference=text))
                 continue
-            row = _motion_row(case, contestant.name, n, contestant.physics, truth, tips)
+            row = motion_row(case, contestant.name, n, contestant.physics, truth, tips)
             found.append(
                 row
                 | {
@@ -343,7 +344,7 @@ def _chain_spirals(rule: str, truth: Limit, quick: bool) -> list[Row]:
             for substeps in SUBSTEPS[:3] if quick else SUBSTEPS:
                 simulate = spiral.ChainSpiral(rule, n, substeps, integrator)
                 wall_time, tips = least_time(simulate, 5 if quick else 20)
-                row = _motion_row(spiral.CASE, f"mujoco_chain/{rule}", n, BENDING, truth, tips)
+                row = motion_row(spiral.CASE, f"mujoco_chain/{rule}", n, BENDING, truth, tips)
                 timestep = spiral.PERIOD / substeps
                 found.append(
                     row
@@ -363,7 +364,7 @@ def dynamic_row(
     """Simulate the tension step on a chain and compare it; the time is the best of `repeats`."""
     scene = build_scene(_config(ARM, rule, n, timestep=timestep, integrator=integrator))
     tips = tension_step.tip_motion(scene)
-    row = _motion_row(tension_step.CASE, f"mujoco_chain/{rule}", n, BENDING, truth, tips)
+    row = motion_row(tension_step.CASE, f"mujoco_chain/{rule}", n, BENDING, truth, tips)
     wall_time = min(_stepping_time(scene) for _ in range(repeats))
     return row | {
         "timestep": scene.timestep.timestep,
@@ -382,19 +383,3 @@ def _stepping_time(scene: Scene) -> float:
 
 def _config(robot: RobotParams, rule: str, n: int, **options: Any) -> SceneConfig:
     return SceneConfig(robot, pieces=n // len(RULES[rule]), rule=rule, **options)
-
-
-def _motion_row(
-    case: str, model: str, n: int, physics: Physics, truth: Limit, tips: np.ndarray
-) -> Row:
-    error = np.linalg.norm(tips - truth.tips, axis=1)
-    return make_row(
-        "dynamic",
-        case,
-        model,
-        n,
-        e_mean=float(error.mean()),
-        e_max=float(error.max()),
-        physics=physics.name,
-        reference=truth.text,
-    )

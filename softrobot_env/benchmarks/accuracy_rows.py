@@ -82,6 +82,23 @@ def make_row(kind: str, case: str, model: str, n: int | None = None, **values: A
     return dict.fromkeys(FIELDS) | {"kind": kind, "case": case, "model": model, "n": n} | values
 
 
+def motion_row(
+    case: str, model: str, n: int, physics: Physics, truth: Limit, tips: np.ndarray
+) -> Row:
+    """Mean and largest error of tips (k, d) [m] in motion."""
+    error = np.linalg.norm(tips - truth.tips, axis=1)
+    return make_row(
+        "dynamic",
+        case,
+        model,
+        n,
+        e_mean=float(error.mean()),
+        e_max=float(error.max()),
+        physics=physics.name,
+        reference=truth.text,
+    )
+
+
 def distance(a: np.ndarray, b: np.ndarray) -> float:
     """Largest distance [m] of points (..., d)."""
     return float(np.max(np.linalg.norm(a - b, axis=-1)))

@@ -9,8 +9,6 @@ bodies in its place, and the Cosserat rod has none.
 from collections.abc import Callable, Iterator
 from functools import partial
 
-import numpy as np
-
 from softrobot_env.benchmarks import rig_accuracy_motions, rig_accuracy_statics
 from softrobot_env.benchmarks.accuracy_rows import (
     BENDING,
@@ -19,6 +17,7 @@ from softrobot_env.benchmarks.accuracy_rows import (
     distance,
     least_time,
     make_row,
+    motion_row,
 )
 from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.rig_accuracy_cases import DURATION, MOTIONS, PERIOD, STEP
@@ -102,7 +101,7 @@ def chain_row(motion: ChainMotion, exact: Limit, repeats: int = 1) -> Row:
     """Simulate and compare one run."""
     wall_time, tips = least_time(motion, repeats)
     timestep = PERIOD / motion.substeps
-    row = _motion_row(motion.case, f"mujoco_chain/{motion.rule}", motion.n, exact, tips)
+    row = motion_row(motion.case, f"mujoco_chain/{motion.rule}", motion.n, BENDING, exact, tips)
     return row | {
         "timestep": timestep,
         "integrator": motion.integrator,
@@ -134,7 +133,7 @@ def _adaptive_rows(
     for tolerance in TOLERANCES[1:3] if quick else TOLERANCES:
         simulate, steps = motion(tolerance)
         wall_time, tips = least_time(simulate, 1 if quick else 5)
-        row = _motion_row(case, model, n, exact, tips) | {
+        row = motion_row(case, model, n, BENDING, exact, tips) | {
             "timestep": DURATION / steps(),
             "integrator": integrator,
             "tolerance": tolerance,
@@ -144,17 +143,3 @@ def _adaptive_rows(
         }
         found.append(row)
     return found
-
-
-def _motion_row(case: str, model: str, n: int, exact: Limit, tips: np.ndarray) -> Row:
-    error = np.linalg.norm(tips - exact.tips, axis=1)
-    return make_row(
-        "dynamic",
-        case,
-        model,
-        n,
-        e_mean=float(error.mean()),
-        e_max=float(error.max()),
-        physics=BENDING.name,
-        reference=exact.text,
-    )

@@ -1,11 +1,13 @@
 """Plots of recorded episodes, in the manner of thesis Figs. 6.14 to 6.22."""
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.rendering.figures import SMALLEST_ERROR, add_legend, new_figure, save, styles
+from softrobot_env.rendering.curves import stacked_curves, tip_curves
+from softrobot_env.rendering.figures import add_legend, new_figure, save, styles
 from softrobot_env.robots import centerline
 from softrobot_env.rollout import Rollout
 from softrobot_env.tasks import Task
@@ -31,63 +33,27 @@ def plot_task(rollouts: dict[str, Rollout], task: Task, out: Path, stem: str) ->
         Paths of `<stem>_tip.png` (tip and error over time), `<stem>_inputs.png` (reduced tendon
         inputs over time) and `<stem>_shapes.png` (path of the tip and final shapes).
     """
+    shown = partial(_shown, task)
+    tendon_map = TendonMap(task.robot)
     figures = {
-        "tip": _plot_tip(rollouts, task),
-        "inputs": _plot_inputs(rollouts, task),
+        "tip": tip_curves(rollouts, "xz", shown, task.label),
+        "inputs": stacked_curves(
+            rollouts,
+            lambda rollout: tendon_map.reduced(rollout.tendon_tension),
+            [f"pair {i} in N" for i in range(1, tendon_map.n_inputs + 1)],
+            shown,
+            f"{task.label}: tendon tension (positive: upper tendon)",
+        ),
         "shapes": _plot_shapes(rollouts, task),
     }
     return save(figures, out, stem)
 
 
-def _shown(rollout: Rollout, task: Task) -> slice:
+def _shown(task: Task, rollout: Rollout) -> slice:
     """Samples to show over time."""
     if task.step_width is None:
         return slice(None)
     return slice(0, int(np.searchsorted(rollout.time, _STEP_WINDOW)))
-
-
-def _plot_tip(rollouts: dict[str, Rollout], task: Task) -> "Figure":
-    figure, axes = new_figure(3, 1, (7.0, 7.0))
-    longest = max(rollouts.values(), key=lambda r: r.time[-1])
-    shown = _shown(longest, task)
-    for axis, index in zip(axes, (0, 2), strict=False):
-        axis.plot(
-            longest.time[shown],
-            1e3 * longest.reference[shown, index],
-            "k--",
-            zorder=3,
-            label="reference",
-        )
-    for label, rollout, colour in styles(rollouts):
-        shown = _shown(rollout, task)
-        series = (rollout.tip[:, 0], rollout.tip[:, 2], rollout.error)
-        for axis, values in zip(axes, series, strict=True):
-            axis.plot(rollout.time[shown], 1e3 * values[shown], color=colour, label=label)
-    for axis, text in zip(axes, ("tip x in mm", "tip z in mm", "error in mm"), strict=True):
-        axis.set_ylabel(text)
-    axes[-1].set_yscale("log")
-    axes[-1].set_ylim(bottom=SMALLEST_ERROR)
-    axes[-1].set_xlabel("time in s")
-    add_legend(figure, axes[0])
-    figure.suptitle(task.label)
-    return figure
-
-
-def _plot_inputs(rollouts: dict[str, Rollout], task: Task) -> "Figure":
-    tendon_map = TendonMap(task.robot)
-    count = tendon_map.n_inputs
-    figure, axes = new_figure(count, 1, (7.0, 1.5 + 1.8 * count))
-    for label, rollout, colour in styles(rollouts):
-        shown = _shown(rollout, task)
-        reduced = tendon_map.reduced(rollout.tendon_tension)
-        for axis, values in zip(axes, reduced.T, strict=True):
-            axis.plot(rollout.time[shown], values[shown], color=colour, label=label)
-    for number, axis in enumerate(axes, 1):
-        axis.set_ylabel(f"pair {number} in N")
-    axes[-1].set_xlabel("time in s")
-    add_legend(figure, axes[0])
-    figure.suptitle(f"{task.label}: tendon tension (positive: upper tendon)")
-    return figure
 
 
 def _plot_shapes(rollouts: dict[str, Rollout], task: Task) -> "Figure":

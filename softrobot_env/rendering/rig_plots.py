@@ -1,10 +1,12 @@
 """Plots of recorded episodes of the spatial test rig, as thesis Figs. 5.10 to 5.13 have them."""
 
+from functools import partial
 from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softrobot_env.rendering.figures import SMALLEST_ERROR, add_legend, new_figure, save, styles
+from softrobot_env.rendering.curves import stacked_curves, tip_curves
+from softrobot_env.rendering.figures import new_figure, save, styles
 from softrobot_env.rig_tasks import RigTask
 from softrobot_env.rollout import Rollout
 
@@ -33,54 +35,24 @@ def plot_rig_task(
         servos pulled in over time) and `<stem>_path.png` (path of the tip from above); where the
         trajectory has an approach, they begin after it.
     """
+    shown = partial(_shown, task)
     figures = {
-        "tip": _plot_tip(rollouts, task, title),
-        "lengths": _plot_lengths(rollouts, task, title),
+        "tip": tip_curves(rollouts, "xy", shown, title),
+        "lengths": stacked_curves(
+            rollouts,
+            lambda rollout: 1e3 * rollout.tendon_length,
+            [f"tendon {i} in mm" for i in range(1, len(task.robot.tendons) + 1)],
+            shown,
+            f"{title}: length pulled in by the servos",
+        ),
         "path": _plot_path(rollouts, task, title),
     }
     return save(figures, out, stem)
 
 
-def _shown(rollout: Rollout, task: RigTask) -> slice:
+def _shown(task: RigTask, rollout: Rollout) -> slice:
     """Samples to show."""
     return slice(int(rollout.time.searchsorted(getattr(task.trajectory, "approach", 0.0))), None)
-
-
-def _plot_tip(rollouts: dict[str, Rollout], task: RigTask, title: str) -> "Figure":
-    figure, axes = new_figure(3, 1, (7.0, 7.0))
-    longest = max(rollouts.values(), key=lambda r: r.time[-1])
-    shown = _shown(longest, task)
-    for index, axis in enumerate(axes[:2]):
-        wanted = 1e3 * longest.reference[shown, index]
-        axis.plot(longest.time[shown], wanted, "k--", linewidth=1, zorder=3, label="reference")
-    for label, rollout, colour in styles(rollouts):
-        shown = _shown(rollout, task)
-        series = (rollout.tip[:, 0], rollout.tip[:, 1], rollout.error)
-        for axis, values in zip(axes, series, strict=True):
-            axis.plot(rollout.time[shown], 1e3 * values[shown], color=colour, label=label)
-    for axis, text in zip(axes, ("tip x in mm", "tip y in mm", "error in mm"), strict=True):
-        axis.set_ylabel(text)
-    axes[-1].set_yscale("log")
-    axes[-1].set_ylim(bottom=SMALLEST_ERROR)
-    axes[-1].set_xlabel("time in s")
-    add_legend(figure, axes[0])
-    figure.suptitle(title)
-    return figure
-
-
-def _plot_lengths(rollouts: dict[str, Rollout], task: RigTask, title: str) -> "Figure":
-    count = len(task.robot.tendons)
-    figure, axes = new_figure(count, 1, (7.0, 1.5 + 1.8 * count))
-    for label, rollout, colour in styles(rollouts):
-        shown = _shown(rollout, task)
-        for axis, values in zip(axes, 1e3 * rollout.tendon_length.T, strict=True):
-            axis.plot(rollout.time[shown], values[shown], color=colour, label=label)
-    for number, axis in enumerate(axes, 1):
-        axis.set_ylabel(f"tendon {number} in mm")
-    axes[-1].set_xlabel("time in s")
-    add_legend(figure, axes[0])
-    figure.suptitle(f"{title}: length pulled in by the servos")
-    return figure
 
 
 def _plot_path(rollouts: dict[str, Rollout], task: RigTask, title: str) -> "Figure":
@@ -91,7 +63,7 @@ def _plot_path(rollouts: dict[str, Rollout], task: RigTask, title: str) -> "Figu
     figure, axes = new_figure(rows, columns, size, share=True)
     figure.get_layout_engine().set(h_pad=0.1)  # inches, between ticks and titles
     for axis, (label, rollout, colour) in zip(axes, styles(rollouts), strict=False):
-        shown = _shown(rollout, task)
+        shown = _shown(task, rollout)
         axis.plot(*1e3 * rollout.tip[shown, :2].T, color=colour, linewidth=1)
         _draw_reference(axis, task)
         axis.set_title(label, fontsize="medium")

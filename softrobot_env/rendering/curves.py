@@ -1,0 +1,64 @@
+"""Curves of recorded episodes over time, for robots of any kind."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softrobot_env.rendering.figures import SMALLEST_ERROR, add_legend, new_figure, styles
+from softrobot_env.rollout import Rollout
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+#: Samples of an episode to show.
+Shown = Callable[[Rollout], slice]
+
+_AXES = "xyz"
+
+
+def tip_curves(rollouts: dict[str, Rollout], axes: str, shown: Shown, title: str) -> "Figure":
+    """Two coordinates of the tip, "xz" for instance, with their reference, and the error."""
+    figure, panels = new_figure(3, 1, (7.0, 7.0))
+    longest = max(rollouts.values(), key=lambda r: r.time[-1])
+    indices = [_AXES.index(name) for name in axes]
+    part = shown(longest)
+    for panel, index in zip(panels, indices, strict=False):
+        wanted = 1e3 * longest.reference[part, index]
+        panel.plot(longest.time[part], wanted, "k--", zorder=3, label="reference")
+    for label, rollout, colour in styles(rollouts):
+        part = shown(rollout)
+        series = (*(rollout.tip[:, index] for index in indices), rollout.error)
+        for panel, values in zip(panels, series, strict=True):
+            panel.plot(rollout.time[part], 1e3 * values[part], color=colour, label=label)
+    names = (*(f"tip {name} in mm" for name in axes), "error in mm")
+    for panel, name in zip(panels, names, strict=True):
+        panel.set_ylabel(name)
+    panels[-1].set_yscale("log")
+    panels[-1].set_ylim(bottom=SMALLEST_ERROR)
+    return _finish(figure, panels, title)
+
+
+def stacked_curves(
+    rollouts: dict[str, Rollout],
+    values: Callable[[Rollout], np.ndarray],
+    names: list[str],
+    shown: Shown,
+    title: str,
+) -> "Figure":
+    """The columns of `values` (samples, k), one below the other, with their k names."""
+    figure, panels = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
+    for label, rollout, colour in styles(rollouts):
+        part = shown(rollout)
+        for panel, column in zip(panels, values(rollout).T, strict=True):
+            panel.plot(rollout.time[part], column[part], color=colour, label=label)
+    for panel, name in zip(panels, names, strict=True):
+        panel.set_ylabel(name)
+    return _finish(figure, panels, title)
+
+
+def _finish(figure: "Figure", panels: np.ndarray, title: str) -> "Figure":
+    panels[-1].set_xlabel("time in s")
+    add_legend(figure, panels[0])
+    figure.suptitle(title)
+    return figure
