@@ -18,9 +18,6 @@ WORKSPACE = 0.121
 #: [m], pulled in by a full-scale action.
 LENGTH_SCALE = 0.03
 
-#: Young's modulus of a beam over that of the one-piece model of the same rig [1].
-EQUIVALENT = 1.2
-
 #: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
 SERVO_SPEED = pi / 3 / 0.16 * 0.020
 

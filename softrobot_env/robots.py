@@ -359,7 +359,15 @@ RIG = RobotParams(
     head=Head(mass=0.055, centre=0.018, inertia=(6.2e-6, 6.2e-6, 6.2e-6), output=0.022),
 )
 
-ROBOTS = {robot.name: robot for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG)}
+#: Young's modulus of a beam over that of the one-piece model of the same rig [1], see `twin`.
+EQUIVALENT = 1.2
+
+#: A rig that, as a beam, stands and calms down as the one-piece model of `RIG` does.
+EQUIVALENT_RIG = replace(RIG, name="rig_equivalent", youngs_modulus=EQUIVALENT * RIG.youngs_modulus)
+
+ROBOTS = {
+    robot.name: robot for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG, EQUIVALENT_RIG)
+}
 
 
 def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 import json
 from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -153,12 +154,33 @@ def test_a_quick_run_takes_what_is_shipped(monkeypatch):
     assert any(row.get("figure") == "5.14a" for row in found) and "goal" in found[-1]
 
 
+def test_every_twin_has_what_was_learnt_of_it(monkeypatch):
+    """Its own visit, and networks trained with its own seed."""
+    ran, taught = [], []
+
+    def learn(visited, seed):
+        taught.append((visited, seed))
+        return SimpleNamespace(learnt=("learnt of", visited, seed))
+
+    shipped = SimpleNamespace(load=lambda robot: ("learnt of", 0, 0))
+    monkeypatch.setattr(rig, "Learnt", shipped)
+    monkeypatch.setattr(rig, "visit", lambda twin: twin.seed)
+    monkeypatch.setattr(rig, "learn", learn)
+    monkeypatch.setattr(rig, "run_case", lambda case, learnt, traced: ran.append((case, learnt)))
+    for twin in (None, *rig.TWINS):
+        for _, work in rig._jobs(twin, shipped=False):
+            work()
+    assert taught == [(None, 0), *((twin, twin) for twin in rig.TWINS)]
+    assert len(ran) == 2 * len(RIG_POLICIES) * (1 + len(rig.TWINS))
+    assert all(learnt == ("learnt of", case.twin, case.twin or 0) for case, learnt in ran)
+
+
 def test_networks_are_studied_on_a_twin(monkeypatch):
-    asked = {}
-    monkeypatch.setattr(rig_networks, "run", lambda *args, **kw: asked.update(kw, args=args) or [])
-    seen = []
+    asked, seen = [], []
+    monkeypatch.setattr(rig_networks, "run", lambda *args: asked.append(args) or ["of the twin"])
+    monkeypatch.setattr(rig_networks, "friction_rows", lambda points, n, _: [len(points), n])
     monkeypatch.setattr(rig_networks, "measure_twin", lambda twin, lengths: seen.append(twin))
-    rig_networks.run_on_twin(quick=True)
-    assert asked["total"] == 26 and asked["args"][0] is True
-    asked["args"][2](np.zeros((1, 3)))
-    assert seen == [0]
+    assert rig_networks.run_on_twin(quick=True) == ["of the twin", 215, 3]
+    measure, quick, _ = asked[0]
+    measure(np.zeros((1, 3)))
+    assert quick is True and seen == [0]

@@ -2,13 +2,14 @@
 
 import json
 import os
+from dataclasses import replace
 from io import StringIO
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks import rig_networks
+from softrobot_env.benchmarks import rig_networks, rig_networks_friction
 from softrobot_env.benchmarks.rig_networks_cases import (
     LAYERS,
     NEURONS,
@@ -57,13 +58,19 @@ def make_row(case):
     }
 
 
+def made_up_friction():
+    case = Case("friction", "forward", 2, 10, 150, 3)
+    told = ({"friction": f, "total": total} for total in (26.0, None) for f in (0.0, 0.05))
+    return [make_row(replace(case, direction=d)) | t for t in told for d in ("forward", "inverse")]
+
+
 def made_up(quick):
     times = [
         {"study": "inference", "direction": d, "variant": v, "time": 1.5e-6}
         for d in ("forward", "inverse")
         for v in ("compiled", "plain", "batch")
     ]
-    return [make_row(case) for case in cases(quick)] + times
+    return [make_row(case) for case in cases(quick)] + made_up_friction() + times
 
 
 def shown(rows):
@@ -145,12 +152,25 @@ def test_a_run_measures_trains_and_times(monkeypatch):
 
     small = [Case("size", "forward", 1, 3, None, 1), Case("samples", "inverse", 1, 3, 20, 1)]
     monkeypatch.setattr(rig_networks, "cases", lambda quick: small)
-    rows = rig_networks.run(quick=True, measure=measure, processes=1)
+    rows = rig_networks.run(measure, quick=True, processes=1)
     assert seen == [215]
     assert [row["study"] for row in rows] == ["size", "samples"] + 6 * ["inference"]
     assert rows[0]["samples"] == 151
     times = {(row["direction"], row["variant"]): row["time"] for row in rows[2:]}
     assert len(times) == 6 and all(0 < time < 1e-3 for time in times.values())
+    json.dumps(rows, allow_nan=False)
+
+
+def test_friction_sets_the_errors(monkeypatch):
+    """0.3 N err by several times what 0.05 N do, and without any there is the camera's noise."""
+    monkeypatch.setattr(rig_networks_friction, "FRICTIONS", (0.0, 0.3))
+    rows = rig_networks_friction.friction_rows(disk_points(215), 1, lambda *args: None, 1)
+    assert [row["friction"] for row in rows] == 2 * [0.0, 0.0, 0.3, 0.3]
+    assert [row["total"] for row in rows] == 4 * [26] + 4 * [None]
+    assert {(row["study"], row["samples"]) for row in rows} == {("friction", 150)}
+    for direction in ("forward", "inverse"):
+        free, rubbing = (row["e_rms"] for row in select(rows, direction=direction, total=26))
+        assert rubbing > 2.5 * free
     json.dumps(rows, allow_nan=False)
 
 
@@ -162,6 +182,9 @@ def test_tables_show_every_cell(quick):
     assert "150 152.000 (76.000 to 304.000) 152.000 (76.000 to 304.000)" in lines
     assert "forward, s -> z 152.000 0.77 760.00 20 0.25" in lines
     assert "inverse, z -> s 152.000 0.11 760.00 20 0.25" in lines
+    assert "0.05 26 N 152.000 (76.000 to 304.000) 152.000 (76.000 to 304.000)" in lines
+    assert any(line.startswith("0 least 152.000") for line in lines)
+    assert "thesis 0.77 0.11" in lines
     assert "forward compiled 1.50 2.0" in lines and "inverse batch 1.50 -" in lines
     assert all("\u2026" not in line for line in lines)
 

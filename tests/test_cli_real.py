@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
+from rig_learnt_file import learnt_file
 
 from softrobot_env.cli import main
 from softrobot_env.commands import real_setup
@@ -23,14 +24,15 @@ pytest.importorskip("cobs", reason="needs the robot extra")
 
 def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     out, record = tmp_path / "out", tmp_path / "links"
+    learnt = learnt_file(tmp_path / "learnt.npz", twin=0)
     command = "evaluate --tasks reach --option hold=0.2 --option radius=0.03 --policies hybrid"
-    status = main(
-        [*command.split(), "--env", "virtual", "--out", f"{out}", "--record", f"{record}"]
-    )
+    files = ["--out", f"{out}", "--record", f"{record}", "--learnt", f"{learnt}"]
+    status = main([*command.split(), "--env", "virtual", *files])
     (row,) = json.loads((out / "report.json").read_text())["rows"]
     assert (row["source"], row["plant"], row["twin"]) == ("real", "virtual", 0)
-    assert status == 0 and row["failure"] is None
-    assert "virtual twin 0" in capsys.readouterr().out
+    assert status == 0 and row["failure"] is None and row["learnt"] == "twin 0"
+    said = capsys.readouterr().out
+    assert "virtual twin 0" in said and "other rigs differ" not in said
     # The episode, and the short one before it that warms up.
     links = [read_recording(path) for path in sorted(record.iterdir())]
     assert links and all(link.complete for link in links)
@@ -81,6 +83,7 @@ def test_a_virtual_robot_ends_if_its_environment_is_refused(ended):
         ("--tasks swing --env virtual", "only with tasks of the rig"),
         ("--tasks reach --env real --twin 1", "--twin"),
         ("--tasks reach --env virtual --twin none", "--twin none"),
+        ("--tasks reach --env real --learnt none.npz", "no network at none.npz"),
         ("--tasks reach --env virtual --port /dev/ttyUSB0", "--port"),
         ("--tasks reach --port /dev/ttyUSB0", "--port"),
         ("--tasks reach --record links", "--record"),

@@ -84,7 +84,7 @@ def test_twins_are_compared_with_the_ideal_rig(tmp_path, capsys):
     assert rows[0]["e_mean_tracking"] > 4 * rows[1]["e_mean_tracking"]
     out = capsys.readouterr().out
     assert "twin 0" in out and "ideal" in out
-    assert "other rigs differ" in out
+    assert "other rigs differ" not in out  # the policy has learnt of none
 
 
 def test_all_policies_are_those_that_fit(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.evaluation import report
-from softrobot_env.evaluation.labels import option_columns, rig_label, task_label
+from softrobot_env.evaluation.labels import learnt_label, option_columns, rig_label, task_label
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.rendering.rig_plots import plot_rig_task
 from softrobot_env.rig_tasks import make_rig_task
@@ -87,9 +87,24 @@ def test_one_rig_stands_in_the_title_and_several_in_a_column():
     assert list(both.columns[1].cells) == ["twin 0", "twin 3"]
 
 
-def test_reports_say_that_networks_are_of_another_rig():
-    assert report.notes([row(record(TASK, 14.0))]) == []
-    assert "twin 0" in report.notes([row(record(TASK, 14.0), twin=3)])[0]
+@pytest.mark.parametrize(
+    ("plant", "driven", "learnt", "other"),
+    [
+        ("mujoco", 3, "twin 3", False),
+        ("mujoco", 0, "twin 3", True),
+        ("mujoco", None, "twin 3", True),
+        ("mujoco", 3, None, False),  # nothing is learnt
+        ("virtual", 0, "twin 0", False),
+        ("virtual", 3, "twin 0", True),
+        ("real", None, "twin 0", True),
+        ("real", None, learnt_label(None), True),  # perhaps this one, but nobody can tell
+        ("mujoco", None, learnt_label(None), True),
+    ],
+)
+def test_reports_say_of_which_other_rig_policies_have_learnt(plant, driven, learnt, other):
+    values = row(record(TASK, 9.0), plant=plant, twin=driven, learnt=learnt)
+    said = [f"What policies have learnt of the rig is of {learnt}; other rigs differ from it."]
+    assert report.notes([values, values]) == said * other
 
 
 def test_a_failed_row_of_the_rig_has_no_metrics():

@@ -11,13 +11,14 @@ from softrobot_env.control.rig_inverse import TOTAL
 from softrobot_env.control.rig_learnt import Learnt, calibrate, turned
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.learned.network import Scaling, initial_network
-from softrobot_env.robots import ARM, RIG
+from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG
 from softrobot_env.training.rig_data import disk_points, nominal_lengths
+from softrobot_env.training.rig_decay import damping_of, rates_of_decay, visit_decays
 from softrobot_env.training.rig_play import play_of, visit_sides
 from softrobot_env.training.rig_statics import RigStatics
 from softrobot_env.training.rig_twin_data import Visit, measure
 from softrobot_env.training.rig_twin_networks import NEEDED, Visited, learn
-from softrobot_env.twin import EQUIVALENT, EQUIVALENT_RIG, nominal_twin
+from softrobot_env.twin import nominal_twin, rig3d_twin
 
 
 def test_calibration_finds_the_turn_and_the_stiffness():
@@ -34,21 +35,22 @@ def test_too_little_data_are_refused():
     with pytest.raises(ValueError, match="three lengths"):
         calibrate(RIG, np.zeros((2, 3)), np.zeros((2, 2)))
     with pytest.raises(ValueError, match=f"need {NEEDED} points"):
-        learn(Visited(SimpleNamespace(lengths=np.zeros((20, 3))), np.zeros((3, 2, 2))))
+        learn(Visited(SimpleNamespace(lengths=np.zeros((20, 3))), np.zeros((3, 2, 2)), None))
 
 
 def some_learnt():
     box = Scaling(-np.ones(2), np.ones(2)), Scaling(-np.ones(3), np.ones(3))
-    return Learnt(initial_network((4,), *box, np.random.default_rng(0)), 1.07, 0.12, 1.3e-4)
+    return Learnt(initial_network((4,), *box, np.random.default_rng(0)), 1.07, 0.12, 0.9, 1.3e-4, 3)
 
 
 def test_what_is_learnt_can_be_kept(tmp_path):
     learnt = some_learnt()
-    learnt.save(tmp_path / "rig.npz", RIG, {"twin": 3})
+    learnt.save(tmp_path / "rig.npz", RIG, {})
     loaded = Learnt.load(RIG, tmp_path / "rig.npz")
     point = np.array([0.3, -0.2])
     np.testing.assert_array_equal(loaded.statics(point), learnt.statics(point))
-    assert (loaded.stiffness, loaded.turn, loaded.play) == (1.07, 0.12, 1.3e-4)
+    assert (loaded.stiffness, loaded.turn) == (1.07, 0.12)
+    assert (loaded.damping, loaded.play, loaded.twin) == (0.9, 1.3e-4, 3)
     with pytest.raises(ValueError, match="not for this 'arm'"):
         Learnt.load(ARM, tmp_path / "rig.npz")
 
@@ -87,6 +89,35 @@ def test_the_play_of_servos_and_friction_is_measured():
 def test_play_needs_the_outputs_of_a_visit():
     with pytest.raises(ValueError, match=r"need outputs \(3 k, 2, 2\)"):
         play_of(np.zeros((4, 2, 2)), lambda z: z)
+
+
+def test_the_rig_calms_down_as_one_piece_of_its_inertia_and_damping():
+    """Small motions of one piece: c / (2 M), with M(0) of the audit.
+
+    A beam needs `EQUIVALENT` times its damping for that, as it needs of its stiffness.
+    """
+    rate = 3.77e-3 / (2 * 8.41e-4)
+    np.testing.assert_allclose(rates_of_decay(visit_decays(None)), rate, rtol=0.1)
+    printed = nominal_twin(turned(RIG, EQUIVALENT, 0.0, 1.0))
+    assert np.all(rates_of_decay(visit_decays(printed)) < 0.85 * rate)
+
+
+def test_damping_is_measured_in_spite_of_friction():
+    """Of a twin with play, noise and a delay."""
+    twin = rig3d_twin(3)
+    stiffness = twin.robot.youngs_modulus / RIG.youngs_modulus
+    truth = stiffness * twin.robot.damping_time / RIG.damping_time
+    damping, friction = damping_of(visit_decays(twin), turned(RIG, stiffness, 0.12, 1.0))
+    assert damping == pytest.approx(truth, rel=0.03)
+    assert friction == pytest.approx(np.mean([t.friction for t in twin.robot.tendons]), abs=0.01)
+    assert truth / EQUIVALENT > 1.15
+
+
+def test_an_implausible_decay_is_refused():
+    time = 0.02 * np.arange(1, 81)[:, None]
+    wave = 0.06 * np.exp(0.5 * time) * np.cos(10 * time)
+    with pytest.raises(ValueError, match="no damping up to"):
+        damping_of(np.tile(wave, (1, 1, 2)), turned(RIG, 1.0, 0.0))
 
 
 def test_measured_outputs_are_the_equilibria():

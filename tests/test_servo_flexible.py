@@ -157,9 +157,14 @@ def test_internal_poles_are_zeros_of_the_transfer_matrix(three):
 
 
 @pytest.mark.parametrize("pieces", [2, 3])
-@pytest.mark.parametrize("radius", [0.0, 0.05, 0.09, 0.12])
+@pytest.mark.parametrize("radius", [0.0, 0.05, 0.09, 0.12, 0.13])
 def test_the_rigs_damping_makes_the_internal_dynamics_stable(pieces, radius):
     assert poles(pieces, radius).real.max() < -20
+
+
+@pytest.mark.parametrize("pieces", [2, 3])
+def test_beyond_130_mm_the_internal_dynamics_grow(pieces):
+    assert poles(pieces, 0.14).real.max() > 50
 
 
 @pytest.mark.parametrize(("radius", "stable"), [(0.0, True), (0.09, True), (0.12, False)])

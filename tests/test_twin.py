@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from softrobot_env.control.servo_constraints import ServoConstraints
-from softrobot_env.robots import RIG
+from softrobot_env.robots import EQUIVALENT, EQUIVALENT_RIG, RIG
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
-from softrobot_env.twin import EQUIVALENT, EQUIVALENT_RIG, nominal_twin, rig3d_twin
+from softrobot_env.twin import nominal_twin, rig3d_twin
 
 TWINS = [rig3d_twin(seed) for seed in range(300)]
 
@@ -28,8 +28,14 @@ def azimuths(twin):
     return np.degrees(np.angle(real / ideal))
 
 
+def damping(twin):
+    """Moment per bending rate over that of the equivalent rig [1]."""
+    ideal = EQUIVALENT_RIG.damping_time * EQUIVALENT_RIG.youngs_modulus
+    return twin.robot.damping_time * twin.robot.youngs_modulus / ideal
+
+
 def test_the_nominal_twin_is_the_robot():
-    twin = nominal_twin()
+    twin = nominal_twin(RIG)
     assert twin.robot is RIG
     assert not any((*twin.servo_offset, *twin.backlash, twin.camera_noise, twin.camera_delay))
     assert twin.servo_speed == pytest.approx(0.131, rel=1e-2)
@@ -52,6 +58,7 @@ def test_a_seed_is_a_rig():
             1.03,
         ),
         (lambda t: [x.friction for x in t.robot.tendons], 0.035, 0.065),
+        (damping, 0.8, 1.2),
         (lambda t: t.robot.anisotropy, 0.0, 0.05),
         (lambda t: t.robot.stiff_azimuth, 0.0, np.pi),
         (lambda t: t.servo_offset, -0.3e-3, 0.3e-3),
@@ -62,7 +69,17 @@ def test_a_seed_is_a_rig():
             2.1e-3,
         ),
     ],
-    ids=["azimuth", "radius", "friction", "anisotropy", "stiff", "offset", "backlash", "bend"],
+    ids=[
+        "azimuth",
+        "radius",
+        "friction",
+        "damping",
+        "anisotropy",
+        "stiff",
+        "offset",
+        "backlash",
+        "bend",
+    ],
 )
 def test_errors_fill_their_ranges(read, low, high):
     values = drawn(read)
@@ -89,7 +106,14 @@ def test_nothing_else_differs():
     for twin in TWINS[:20]:
         known = {
             name: getattr(RIG, name)
-            for name in ("name", "youngs_modulus", "anisotropy", "stiff_azimuth", "precurvature")
+            for name in (
+                "name",
+                "youngs_modulus",
+                "damping_time",
+                "anisotropy",
+                "stiff_azimuth",
+                "precurvature",
+            )
         }
         tendons = tuple(
             replace(t, offset=ideal.offset, friction=0.0)
@@ -149,4 +173,4 @@ def test_bad_seeds_are_named(seed):
 )
 def test_bad_twins_are_named(change, message):
     with pytest.raises(ValueError, match=message):
-        replace(nominal_twin(), **change)
+        replace(nominal_twin(RIG), **change)

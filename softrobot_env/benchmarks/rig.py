@@ -25,7 +25,8 @@ _POINTS, _QUICK_POINTS = 61, 16  # of Fig. 5.14
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     """Let all policies drive the triangles, on the rig without errors and on twins.
 
-    Each twin is visited first, and its networks are trained; the rig without errors as well.
+    Each twin is visited first, and its networks are trained with its own seed; the rig without
+    errors as well.
 
     Args:
         quick: Twin 0 alone, with what is shipped.
@@ -51,7 +52,10 @@ def _jobs(twin: int | None, shipped: bool) -> list[Job]:
 
     @cache
     def learnt() -> Learnt:
-        return Learnt.load(RIG) if shipped else learn(visit(twin_or_ideal(twin))).learnt
+        if shipped:
+            return Learnt.load(RIG)
+        # Another seed for each, so that what differs between twins includes the training.
+        return learn(visit(twin_or_ideal(twin)), seed=twin or 0).learnt
 
     def taught() -> list[Row]:
         learnt()

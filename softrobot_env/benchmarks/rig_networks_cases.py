@@ -20,10 +20,10 @@ NEURONS = (1, 2, 3, 4, 6, 8, 10, 16, 25, 50)
 #: Samples in the training set, Figs. 3.8 and 5.4.
 SAMPLES = (5, 10, 15, 20, 30, 40, 55, 80, 110, TRAINING, 200, 300, 450, 646)
 
-#: Trainings per cell, of which the median counts.
-TRAININGS = 10
+#: Trainings per cell, of which the median counts, and those of a quick run.
+TRAININGS, QUICK_TRAININGS = 10, 3
 
-_QUICK_LAYERS, _QUICK_NEURONS, _QUICK_SAMPLES, _QUICK_TRAININGS = (1, 2), (2, 10), (20, TRAINING), 3
+_QUICK_LAYERS, _QUICK_NEURONS, _QUICK_SAMPLES = (1, 2), (2, 10), (20, TRAINING)
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class Case:
     """Trainings that differ in nothing but their seeds.
 
     Attributes:
-        study: "size" or "samples".
+        study: "size", "samples" or "friction".
         direction: One of `rig_networks.DIRECTIONS`.
         layers, neurons: Hidden layers, and neurons of each.
         samples: In the training set, with validation samples in proportion; None for all.
@@ -54,7 +54,7 @@ class Case:
 
 def cases(quick: bool = False) -> Iterator[Case]:
     """All cells; fewer with `quick`."""
-    trainings = _QUICK_TRAININGS if quick else TRAININGS
+    trainings = QUICK_TRAININGS if quick else TRAININGS
     for direction in DIRECTIONS:
         for layers in _QUICK_LAYERS if quick else LAYERS:
             for neurons in _QUICK_NEURONS if quick else NEURONS:

@@ -24,10 +24,11 @@ def select(rows: list[Row], **fields: object) -> list[Row]:
 
 
 def tables(rows: list[Row]) -> Group:
-    """Errors by size, by samples, figures of the network that is used, computing times."""
+    """Errors by size, samples and friction, figures of the network that is used, its times."""
     directions = list(dict.fromkeys(row["direction"] for row in rows))
     sizes = [_sizes(select(rows, study="size", direction=d), d) for d in directions]
-    parts = [*sizes, _samples(rows, directions), _used(rows, directions), _times(rows)]
+    found = [_samples(rows, directions), _used(rows, directions), _friction(rows, directions)]
+    parts = [*sizes, *found, _times(rows)]
     return Group(*(part for part in parts if part.row_count))
 
 
@@ -77,6 +78,19 @@ def _used(rows: list[Row], directions: list[str]) -> Table:
                 f"{row['iterations']:g}",
                 f"{row['training_time']:.2f}",
             )
+    return out
+
+
+def _friction(rows: list[Row], directions: list[str]) -> Table:
+    rows = select(rows, study="friction")
+    title = "Stand-in without dither: rms error in mm on the test set, median (range)"
+    out = new_table(title, ("friction N", "sum of tensions"), directions)
+    for total, friction in dict.fromkeys((row["total"], row["friction"]) for row in rows):
+        mine = [select(rows, total=total, friction=friction, direction=d) for d in directions]
+        shown = "least" if total is None else f"{total:g} N"
+        out.add_row(f"{friction:g}", shown, *(_spread(found[0]) for found in mine))
+    if rows:
+        out.add_row("thesis", "", *(f"{1e3 * THESIS[d]:.2f}" for d in directions))
     return out
 
 

@@ -95,7 +95,18 @@ def add_twin(parser: argparse.ArgumentParser, several: bool = False) -> None:
         help="the rig that is simulated: seed of a digital twin, a rig with errors of "
         f"manufacturing, servos and camera that no policy is told, or {_NO_TWIN} for an ideal "
         "one without them, which stands where the one-piece model of the policies says; default: "
-        "0. The networks that policies load are those of twin 0",
+        "0",
+    )
+
+
+def add_learnt(parser: argparse.ArgumentParser) -> None:
+    """--learnt FILE, None unless given."""
+    parser.add_argument(
+        "--learnt",
+        type=Path,
+        metavar="FILE",
+        help="what policies have learnt of the rig, a file of `softrobot train rig_nn --twin "
+        "SEED`; default: the one shipped, of twin 0, whichever rig is driven",
     )
 
 

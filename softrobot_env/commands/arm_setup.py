@@ -55,6 +55,9 @@ class ArmSetup:
         """The policy of a case, behind an observer where rates are not measured."""
         return make_policy(case.policy, case.task.robot, control_period, self.feedback)
 
+    def learnt_of(self, case: Case) -> None:
+        """None: what policies of the arm have learnt is of the nominal one."""
+
     def reset_options(self, case: Case) -> dict[str, Any]:
         """Variation, and a longer step response."""
         longer = {} if case.task.step_width is None else {"duration": STEP_DURATION}

@@ -70,6 +70,9 @@ class Setup(Protocol):
     def policy(self, case: Case, control_period: float) -> Policy:
         """The policy of a case, deciding every `control_period` [s]."""
 
+    def learnt_of(self, case: Case) -> str | None:
+        """The rig that the policy of a case has learnt of, for people; None if of none."""
+
     def reset_options(self, case: Case) -> dict[str, Any]:
         """Options of `reset` for an evaluated case."""
 

@@ -17,6 +17,7 @@ from softrobot_env.hardware.errors import RobotError
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
   softrobot evaluate --tasks triangle --option period=5,1 --twin 0
+  softrobot evaluate --tasks triangle --twin 3 --learnt out/rig_nn_3.npz
   softrobot evaluate --tasks triangle --policies hybrid --env virtual"""
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from softrobot_env.commands.arguments import (
     add_feedback,
+    add_learnt,
     add_out,
     add_plant,
     add_twin,
@@ -27,6 +28,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-plots", action="store_true", help="skip the plots")
     parser.add_argument("--save-rollouts", action="store_true", help="also write npz records")
     add_twin(parser, several=True)
+    add_learnt(parser)
     parser.add_argument(
         "--vary",
         action="append",

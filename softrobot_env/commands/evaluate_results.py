@@ -31,7 +31,8 @@ def make_outcome(case: Case, rollout: Rollout, setup: Setup) -> Outcome:
     approached = ApproachedMetrics(None, None)
     if rollout.failure is None:
         approached = approached_metrics(rollout, case.task.trajectory)
-    row |= case.columns | asdict(approached) | {"feedback": setup.feedback}
+    row |= case.columns | asdict(approached)
+    row |= {"feedback": setup.feedback, "learnt": setup.learnt_of(case)}
     return Outcome(case, rollout, row)
 
 

@@ -6,7 +6,14 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from softrobot_env.commands.arguments import add_feedback, add_plant, add_twin, positive, size
+from softrobot_env.commands.arguments import (
+    add_feedback,
+    add_learnt,
+    add_plant,
+    add_twin,
+    positive,
+    size,
+)
 from softrobot_env.commands.cases import Case, Setup, case_label, setup_of
 from softrobot_env.commands.setups import make_setups
 from softrobot_env.commands.task_arguments import add_task, one_task
@@ -33,6 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
     add_twin(parser)
+    add_learnt(parser)
     add_feedback(parser)
     add_plant(parser)
 

@@ -21,7 +21,8 @@ from softrobot_env.training.progress import Show
 if TYPE_CHECKING:
     import numpy as np
 
-EXAMPLE = "softrobot train --algo ppo --randomize"
+EXAMPLE = """softrobot train --algo ppo --randomize
+  softrobot train rig_nn --twin 3 --out out"""
 
 #: What a training found, as pairs of a quantity and its value with unit.
 Figures = list[tuple[str, str]]
@@ -123,13 +124,14 @@ def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
     from softrobot_env.training.rig_twin_networks import learn, visit
 
     lesson = learn(visit(twin, seed, show=show), seed)
-    lesson.learnt.save(path, RIG, {"twin": twin, "seed": seed})
+    lesson.learnt.save(path, RIG, {"seed": seed})
     errors = {name: f"{1e3 * value:.3f} mm" for name, value in lesson.errors.items()}
     return [
         ("twin", str(twin)),
         ("rms error, lengths of outputs", errors["inverse"]),
         ("rms error, outputs of lengths", errors["forward"]),
         ("bending stiffness over nominal", f"{lesson.learnt.stiffness:.3f}"),
+        ("bending damping over nominal", f"{lesson.learnt.damping:.3f}"),
         ("turn of the tendons", f"{degrees(lesson.learnt.turn):.2f} deg"),
         ("play of the tendons", f"{1e3 * lesson.learnt.play:.3f} mm"),
     ]
@@ -170,7 +172,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=_seed,
         metavar="SEED",
         help=f"of the twin that {_OF_A_TWIN} is of; default: 0. Others than 0 go to a file with "
-        "the seed in its name",
+        "the seed in its name, for `softrobot evaluate --learnt`",
     )
     add_out(parser, str(models_dir()), ", where policies look")
     train_rl.add_arguments(parser)

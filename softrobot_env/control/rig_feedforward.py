@@ -21,8 +21,8 @@ from softrobot_env.control.rig_learnt import Learnt, turned
 from softrobot_env.control.servo_constraints import OutOfReachError
 from softrobot_env.control.servo_flexible import InversionError
 from softrobot_env.interfaces import Observation
-from softrobot_env.rig_tasks import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE
-from softrobot_env.robots import RobotParams
+from softrobot_env.rig_tasks import LENGTH_SCALE, SERVO_SPEED, WORKSPACE
+from softrobot_env.robots import EQUIVALENT, RobotParams
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
 _TURNING = 2e-3  # m/s, below which it is not clear on which side of its play a servo is
@@ -31,6 +31,7 @@ _BLIND = 0.1  # s without a finite reference, after which it is given up
 _MOTION = ("reference", "reference_velocity", "reference_acceleration")
 _LIMITED, _OUTSIDE = "length limit reached", "outside the trained workspace"
 _UNREACHABLE, _NOT_FINITE = "reference out of reach", "observation not finite"
+_SLACK, _SLOW = "tendon would slacken", "servo too slow"
 
 
 class RigState(NamedTuple):
@@ -42,7 +43,7 @@ class RigState(NamedTuple):
         wanted: (3,) [m], lengths wanted of the horns; None to begin anew.
         blind: [s] since the last reference that was finite.
         action: (3,) [1], the last one; None at the start.
-        status: Why the action is not the one wanted, or None.
+        status: Why action or motion is not the one wanted, or None; see `RigFeedforward`.
     """
 
     memory: Any = None
@@ -59,8 +60,18 @@ class RigFeedforward(Controller):
     Decides from the reference, its velocity and acceleration alone. When these are not finite, the
     reference goes on with the acceleration it had, for a tenth of a second; after that, and when
     it is out of the model's reach, the action in force is kept. Beyond the points that the network
-    was trained with, it is asked for the farthest place in that direction. The state's `status`
-    says so.
+    was trained with, it is asked for the farthest place in that direction.
+
+    The state's `status` is the first of these that holds. What changes the action, or may have,
+    comes first; with the last two the action is the one wanted, but the rig cannot do it.
+
+        observation not finite          or the action in force is unknown
+        reference out of reach          the action in force is kept
+        length limit reached            the action is clipped
+        outside the trained workspace   the network is asked for a nearer place
+        tendon would slacken            the model wants a negative tension; never without a model
+        servo too slow                  the action differs from the one in force by more than
+                                        `SERVO_SPEED` allows in a control period
     """
 
     requires = (*_MOTION, "previous_action")
@@ -97,6 +108,7 @@ class RigFeedforward(Controller):
         self._network = None if learnt is None else learnt.statics
         self._model, self._period, self._play = model, control_period, play
         self._lead = control_period / 2 if ahead else 0.0
+        self._reach = SERVO_SPEED * control_period / LENGTH_SCALE  # of an action, in a period
         self._tendons = len(robot.tendons)
         self.sizes = dict.fromkeys(_MOTION, 2) | {"previous_action": self._tendons}
 
@@ -113,29 +125,32 @@ class RigFeedforward(Controller):
         if blind:
             now = state.now.after(self._period, np.zeros(2))
         try:
-            wanted, memory = self._lengths(now, state)
+            wanted, tension, memory = self._lengths(now, state)
         except (OutOfReachError, InversionError):
             return _keep(observation, state, _UNREACHABLE)
         action = self._driven(wanted, state.wanted) / LENGTH_SCALE
-        limited = np.clip(action, -1.0, 1.0)
-        status = _LIMITED if np.any(limited != action) else self._trust(now)
-        if blind or not np.isfinite(observation["previous_action"]).all():
+        limited, before = np.clip(action, -1.0, 1.0), observation["previous_action"]
+        if blind or not np.isfinite(before).all():
             status = _NOT_FINITE
+        elif (limited != action).any():
+            status = _LIMITED
+        else:
+            status = self._doubt(now, tension, action - before)
         return limited, RigState(memory, now, wanted, blind, limited.copy(), status)
 
-    def _lengths(self, now: Motion, state: RigState) -> tuple[np.ndarray, Any]:
-        """Lengths (3,) [m] wanted of the servos' horns, and what the model remembers."""
+    def _lengths(self, now: Motion, state: RigState) -> tuple[np.ndarray, np.ndarray | None, Any]:
+        """Lengths (3,) [m] wanted of the servos' horns, tensions (3,) [N], the model's memory."""
         then = now
         if self._lead:
             before = now if state.now is None else state.now
             jerk = (now.acceleration - before.acceleration) / self._period
             then = now.after(self._lead, jerk)
         if self._model is None:
-            return self._statics(then.position), None
+            return self._statics(then.position), None, None
         pull, memory = self._model.step(state.memory, now, then, self._period)
         if self._network is None:
-            return _finite(pull.total), memory
-        return _finite(self._statics(then.position) + pull.dynamic), memory
+            return _finite(pull.total), pull.tension, memory
+        return _finite(self._statics(then.position) + pull.dynamic), pull.tension, memory
 
     def _statics(self, place: np.ndarray) -> np.ndarray:
         """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
@@ -151,11 +166,20 @@ class RigFeedforward(Controller):
         late = np.minimum(np.abs(rate), SERVO_SPEED) * self._period / (2 * SERVO_SPEED)
         return wanted + late * rate + self._play * np.tanh(rate / _TURNING)
 
-    def _trust(self, now: Motion) -> str | None:
-        """Whether the network was trained for a place, or what is to be said."""
-        if self._network is None or np.hypot(*now.position) <= WORKSPACE + _MARGIN:
-            return None
-        return _OUTSIDE
+    def _doubt(self, now: Motion, tension: np.ndarray | None, change: np.ndarray) -> str | None:
+        """Why the rig will not do as wanted although the action (3,) is within its limits, or None.
+
+        Args:
+            now: The reference.
+            tension: (3,) [N] wanted, or None.
+            change: (3,) [1], of the action.
+        """
+        if self._network is not None and np.hypot(*now.position) > WORKSPACE + _MARGIN:
+            return _OUTSIDE
+        # Lists of three are several times quicker than arrays.
+        if tension is not None and min(tension.tolist()) < 0:
+            return _SLACK
+        return _SLOW if max(map(abs, change.tolist())) > self._reach else None
 
 
 def make_network(

@@ -46,10 +46,18 @@ class Motion(NamedTuple):
 
 
 class Pull(NamedTuple):
-    """Lengths pulled in (3,) [m], and the part of them that is dynamic."""
+    """What moves the output as wanted.
+
+    Attributes:
+        total: (3,) [m], lengths pulled in.
+        dynamic: (3,) [m], the part of them that is dynamic.
+        tension: (3,) [N], of the whole motion. A tendon cannot push: where one is negative, it
+            would slacken, and the motion wanted cannot be had with this sum of tensions.
+    """
 
     total: np.ndarray
     dynamic: np.ndarray
+    tension: np.ndarray
 
 
 class InverseModel(Protocol):
@@ -77,10 +85,10 @@ class OnePiece:
     def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
         """See `InverseModel`; nothing but a guess is remembered."""
         found = self._servo.step(*then, guess=memory)
-        curvature = self._servo.curvature(found.y)
-        total = pulled_with_total(self._tripod, curvature, found.reduced, TOTAL)
+        tension = self._tripod.with_total(found.reduced, TOTAL)
+        total = self._tripod.pulled(tension, self._servo.curvature(found.y))
         dynamic = self._tripod.spread @ (found.reduced - found.static) / self._tripod.stiffness
-        return Pull(total, dynamic), found.y
+        return Pull(total, dynamic, tension), found.y
 
 
 class _Past(NamedTuple):
@@ -115,12 +123,11 @@ class SeveralPieces:
         """See `InverseModel`."""
         start = memory is None or _jumped(memory.now, now, period)
         past = self._begin(now, then) if start else self._go_on(memory, now, then, period)
-        model, rest = self._model, past.rest
-        moving = pulled_with_total(
-            model.tripod, mean_curvature(past.progress.q[2]), past.progress.reduced, TOTAL
-        )
-        held = pulled_with_total(model.tripod, mean_curvature(rest[:-2]), rest[-2:], TOTAL)
-        return Pull(moving, moving - held), past
+        tripod, rest = self._model.tripod, past.rest
+        tension = tripod.with_total(past.progress.reduced, TOTAL)
+        moving = tripod.pulled(tension, mean_curvature(past.progress.q[2]))
+        held = pulled_with_total(tripod, mean_curvature(rest[:-2]), rest[-2:], TOTAL)
+        return Pull(moving, moving - held, tension), past
 
     def _begin(self, now: Motion, then: Motion) -> _Past:
         if not np.hypot(*then.position) < self._model.robot.reach:

@@ -1,10 +1,9 @@
 """What is learnt of one rig from its quasi-static data, for its controllers.
 
 A network z -> s of the statics (thesis sec. 5.1); two parameters of the rig in several pieces that
-describe the same data: the bending stiffness and how far the tendons are turned about the axis; and
-the play between commands and tendons. A network knows the statics better than any model; inertia
-and damping cannot be learnt from statics, but a model turned and stiff as the rig is has them
-right.
+describe the same data: the bending stiffness and how far the tendons are turned about the axis; the
+damping that makes that model calm down as the rig does; and the play between commands and tendons.
+A network knows the statics better than any model, but nothing of the dynamics.
 """
 
 from dataclasses import dataclass, replace
@@ -21,11 +20,13 @@ from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.network import Network
 from softrobot_env.learned.quasi_static import describe, load_for
 from softrobot_env.paths import models_dir
-from softrobot_env.rig_tasks import EQUIVALENT
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import EQUIVALENT, RobotParams
 
 #: In the folder of models: what is learnt of twin 0.
 FILE = "rig_nn.npz"
+_COMMAND = "softrobot train rig_nn"
+
+_NUMBERS = ("stiffness", "turn", "damping", "play")
 
 #: Rings [m] in which points are followed one after the other.
 _RING = 0.01
@@ -41,14 +42,18 @@ class Learnt:
         network: z (2,) [m] -> s (3,) [m], with a constant sum of tensions.
         stiffness: Bending stiffness over that of the nominal rig [1].
         turn: [rad], of the tendons about the axis.
+        damping: Bending damping over that of the nominal rig [1].
         play: [m], by which a tendon lags behind its command whichever way that moves: half of the
             servo's play, and friction over the tendon's stiffness; mean of the tendons.
+        twin: Seed of the twin that it was learnt of, None if it was another rig.
     """
 
     network: Network
     stiffness: float
     turn: float
+    damping: float
     play: float
+    twin: int | None = None
 
     @cached_property
     def statics(self) -> CompiledInference:
@@ -57,12 +62,13 @@ class Learnt:
 
     def believed(self, robot: RobotParams) -> RobotParams:
         """The rig as it seems to be, to be modelled in several pieces."""
-        return turned(robot, self.stiffness, self.turn)
+        return turned(robot, self.stiffness, self.turn, self.damping)
 
     def save(self, path: Path, robot: RobotParams, about: dict[str, object]) -> None:
         """Write an npz file, for the nominal robot, with more `about` it."""
-        numbers = {"stiffness": self.stiffness, "turn": self.turn, "play": self.play}
-        self.network.save(path, describe_rig(robot) | numbers | about)
+        numbers = {name: getattr(self, name) for name in _NUMBERS}
+        twin = {} if self.twin is None else {"twin": self.twin}
+        self.network.save(path, describe_rig(robot) | numbers | twin | about)
 
     @classmethod
     def load(cls, robot: RobotParams, path: str | Path | None = None) -> "Learnt":
@@ -74,11 +80,15 @@ class Learnt:
 
         Raises:
             FileNotFoundError: No such file.
-            ValueError: It belongs to another robot.
+            ValueError: It belongs to another robot, or lacks something.
         """
         path = models_dir() / FILE if path is None else Path(path)
-        network, about = load_for(path, robot, "softrobot train rig_nn", describe_rig)
-        return cls(network, *(float(about[name]) for name in ("stiffness", "turn", "play")))
+        network, about = load_for(path, robot, _COMMAND, describe_rig)
+        missing = [name for name in _NUMBERS if name not in about]
+        if missing:
+            raise ValueError(f"{path} lacks {', '.join(missing)}; make it anew with `{_COMMAND}`")
+        twin = int(about["twin"]) if "twin" in about else None
+        return cls(network, *(float(about[name]) for name in _NUMBERS), twin)
 
 
 def describe_rig(robot: RobotParams) -> dict[str, np.ndarray]:
@@ -97,10 +107,24 @@ def describe_rig(robot: RobotParams) -> dict[str, np.ndarray]:
     }
 
 
-def turned(robot: RobotParams, stiffness: float, turn: float) -> RobotParams:
-    """A rig with another stiffness [1], and its tendons turned about the axis by `turn` [rad]."""
-    tendons = tuple(tendon.turned(turn) for tendon in robot.tendons)
-    return replace(robot, youngs_modulus=stiffness * robot.youngs_modulus, tendons=tendons)
+def turned(
+    robot: RobotParams, stiffness: float, turn: float, damping: float | None = None
+) -> RobotParams:
+    """A rig with other bending stiffness and damping, its tendons turned about the axis.
+
+    Args:
+        robot: The nominal rig.
+        stiffness: Over that of `robot` [1].
+        turn: [rad].
+        damping: Over that of `robot` [1]; as the stiffness unless given.
+    """
+    share = 1.0 if damping is None else damping / stiffness
+    return replace(
+        robot,
+        youngs_modulus=stiffness * robot.youngs_modulus,
+        damping_time=share * robot.damping_time,
+        tendons=tuple(tendon.turned(turn) for tendon in robot.tendons),
+    )
 
 
 def calibrate(robot: RobotParams, lengths: np.ndarray, outputs: np.ndarray) -> tuple[float, float]:

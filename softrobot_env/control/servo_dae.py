@@ -122,6 +122,17 @@ def _newton_matrix(
 
 
 @kernel
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Inverse of a matrix; NaN, which no test of a size lets pass, if there is none."""
+    if np.all(np.isfinite(matrix)):
+        try:
+            return np.linalg.inv(matrix)
+        except Exception:  # singular; numba knows no other class
+            pass
+    return np.full_like(matrix, np.nan).T
+
+
+@kernel
 def hold(rig: FlexibleRig, z: np.ndarray, q: np.ndarray, reduced: np.ndarray) -> bool:
     """Replace q (n,) and reduced (2,) by those that hold the output at z (2,); whether found."""
     n, length = len(q), rig.model.length * rig.model.pieces
@@ -132,9 +143,7 @@ def hold(rig: FlexibleRig, z: np.ndarray, q: np.ndarray, reduced: np.ndarray) ->
         place_output(rig, q, place)
         missing[n:] = place - z
         _newton_matrix(rig, q, zero, zero, 1.0, 0.0, 0.0, 1.0, matrix)
-        if not np.all(np.isfinite(matrix)):
-            return False
-        change = np.linalg.inv(matrix) @ missing
+        change = _inverse(matrix) @ missing
         q -= change[:n]
         reduced -= change[n:]
         size = length * np.max(np.abs(change[:n]))
@@ -204,9 +213,7 @@ def _solve_step(
             missing[n + i] = slip + gain * (place[i].real - z[i])
         if iteration % _RENEWAL == 0:
             _newton_matrix(rig, q, v, rate, share, 1.0, 1 / share, 1 + gain * share, matrix)
-            if not np.all(np.isfinite(matrix)):
-                return False
-            inverse = np.linalg.inv(matrix)
+            inverse = _inverse(matrix)
         change = inverse @ missing
         v -= change[:n]
         reduced -= change[n:]

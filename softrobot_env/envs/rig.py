@@ -28,7 +28,7 @@ from softrobot_env.interfaces import Observation
 from softrobot_env.rig_tasks import LENGTH_SCALE, RigTask, make_rig_task, remake_rig_task
 from softrobot_env.robots import RIG
 from softrobot_env.scene.registry import RIG_PIECES
-from softrobot_env.twin import Twin, nominal_twin, rig3d_twin
+from softrobot_env.twin import Twin, nominal_twin, rig3d_twin, twin_or_ideal
 
 
 class RigEnv(EpisodeEnv):
@@ -53,11 +53,11 @@ class RigEnv(EpisodeEnv):
     | reference_preview | 2 x preview | reference after each of the `preview` times | m |
     | previous_action | tendons | action of the step before | 1 |
 
-    A camera without noise and delay sees the true position and velocity. Otherwise it takes
-    pictures at control instants, a `twin.FRAME` or more apart (90 a second at most), the velocity
-    is the difference of its last two over the time between them, and `info` holds the true
-    tip_position. Potentiometers know neither offset nor play of a servo. Curvature and tension have
-    no sensor on the rig; they are exact.
+    A camera without noise and delay sees the true position and velocity. Otherwise it takes a
+    picture every `twin.FRAME` (90 a second, or one per control period where that is longer), each
+    at the control instant that follows, the velocity is the difference of its last two over the
+    time between them, and `info` holds the true tip_position. Potentiometers know neither offset
+    nor play of a servo. Curvature and tension have no sensor on the rig; they are exact.
 
     Rewards and their terms, `truncated`, `terminated` and `info["failure"]` are those of
     `TrackingEnv`: an episode fails when the simulation diverged or a piece of the chain bent
@@ -99,7 +99,9 @@ class RigEnv(EpisodeEnv):
         Args:
             task: Task or its name.
             twin: The rig that is simulated, or the seed of one (`twin.rig3d_twin`) where the task's
-                robot is `RIG`; the task's robot without errors unless given.
+                robot is `RIG`. Unless given, a rig without errors: the task's robot as its
+                parameters say, or for `RIG` `robots.EQUIVALENT_RIG`, which stands as the thesis'
+                model of one piece with these parameters does.
             control_period: [s], between 1 ms and 200 ms.
             observe: Names of the observables in an observation, or "all".
             preview: Times [s] ahead of now of `reference_preview`.
@@ -263,7 +265,7 @@ def _make_task(task: str | RigTask, options: dict[str, float]) -> RigTask:
 
 def _make_twin(twin: Twin | int | None, task: RigTask) -> Twin:
     if twin is None:
-        return nominal_twin(task.robot)
+        return twin_or_ideal(None) if task.robot == RIG else nominal_twin(task.robot)
     if not isinstance(twin, Twin) and task.robot != RIG:
         raise ValueError(
             f"the seed of a twin stands for a {RIG.name!r} with its errors, and task "

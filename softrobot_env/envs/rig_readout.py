@@ -78,7 +78,10 @@ class RigReadout:
 
 
 class Camera:
-    """A camera that sees late and not exactly, at control instants a `FRAME` or more apart.
+    """A camera that sees late and not exactly, one picture per `FRAME` on average.
+
+    Each is taken at the first control instant after it is due: from one to the next it is a whole
+    number of control periods, the one below or above a `FRAME`, and one where a period is longer.
 
     Attributes:
         position: (2,) [m], what the newest picture at hand says.

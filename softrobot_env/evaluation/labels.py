@@ -63,8 +63,25 @@ def rig_label(row: Mapping[str, Any]) -> str:
         return ""
     if row["plant"] == REAL:
         return "real"
-    name = "ideal" if row["twin"] is None else f"twin {row['twin']}"
+    name = "ideal" if row["twin"] is None else _twin_label(row["twin"])
     return f"virtual {name}" if row["plant"] == VIRTUAL else name
+
+
+def learnt_label(twin: int | None) -> str:
+    """The rig that policies have learnt of, for people, by the seed of its twin if it has one."""
+    return "a rig without a seed" if twin is None else _twin_label(twin)
+
+
+def learnt_elsewhere(row: Mapping[str, Any]) -> bool:
+    """Whether a policy drove another rig than it has learnt of, or perhaps another."""
+    if row.get("learnt") is None:
+        return False
+    seedless = row["plant"] == REAL or row["twin"] is None
+    return seedless or row["learnt"] != _twin_label(row["twin"])
+
+
+def _twin_label(seed: int) -> str:
+    return f"twin {seed}"
 
 
 def robot_label(row: Mapping[str, Any]) -> str:

@@ -12,7 +12,12 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from softrobot_env.evaluation.labels import rig_label, robot_heading, robot_label, task_label
+from softrobot_env.evaluation.labels import (
+    learnt_elsewhere,
+    robot_heading,
+    robot_label,
+    task_label,
+)
 from softrobot_env.evaluation.metrics import (
     StepMetrics,
     TrackingMetrics,
@@ -35,10 +40,7 @@ _TRACKING_HIDES = ("e_rms", "e_final")
 
 _BOUND = "The thesis gives a steady-state error of 0.01 % as an upper bound."
 _TRACKING = "Tracking errors are those after the approach, as in Tabs. 5.2 and 5.3 of the thesis."
-
-#: The rig whose networks are shipped.
-_LEARNT_RIG = "twin 0"
-_LEARNT = f"What policies have learnt of the rig is of {_LEARNT_RIG}; other rigs differ from it."
+_LEARNT = "What policies have learnt of the rig is of {}; other rigs differ from it."
 
 #: Column -> (heading, factor from SI, digits) of the tables people read.
 _COLUMNS = {
@@ -197,8 +199,8 @@ def failures(rows: list[Row]) -> list[str]:
 def notes(rows: list[Row]) -> list[str]:
     """What has to be known to read the rows of the rig."""
     approached = any(row.get("e_mean_tracking") is not None for row in rows)
-    foreign = any(rig_label(row) not in ("", _LEARNT_RIG) for row in rows)
-    return [_TRACKING] * approached + [_LEARNT] * foreign
+    foreign = dict.fromkeys(row["learnt"] for row in rows if learnt_elsewhere(row))
+    return [_TRACKING] * approached + [_LEARNT.format(rig) for rig in foreign]
 
 
 def markdown(rows: list[Row], command: str) -> str:

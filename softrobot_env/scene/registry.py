@@ -1,6 +1,6 @@
 """Scenes by name, as they are exported to assets/."""
 
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RIG
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, EQUIVALENT_RIG
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.view import visible
 
@@ -9,7 +9,7 @@ RIG_PIECES = 4
 
 _ARM = SceneConfig(ARM, sensors=(TipSensors(),))
 _RIG = SceneConfig(
-    RIG,
+    EQUIVALENT_RIG,
     pieces=RIG_PIECES,
     actuation="length",
     control_period=0.02,
@@ -17,7 +17,8 @@ _RIG = SceneConfig(
     bending="spatial",
 )
 
-#: "arm" is what all arm environments simulate, "arm_view" what they draw; likewise "rig".
+#: "arm" is what all arm environments simulate, "arm_view" what they draw; likewise "rig"
+#: without a twin.
 SCENES: dict[str, SceneConfig] = {
     "arm": _ARM,
     "arm_view": visible(_ARM),

@@ -18,7 +18,9 @@ from softrobot_env.robots import RIG
 from softrobot_env.tasks import LONGEST
 from softrobot_env.twin import Twin
 
-_PERIOD = 0.02  # s, of the servos
+#: [s], of the commands to the servos and of the pictures that are used.
+PERIOD = 0.02
+
 _DITHER_FREQUENCY = 5.0  # Hz
 _DITHERED = 0.8  # of the rest
 
@@ -101,7 +103,7 @@ def _jobs(
 
 def _duration(visit: Visit, points: int) -> float:
     """Time [s] that a run takes at most."""
-    return points * (visit.move + visit.rest + _PERIOD * visit.pictures + 3 * _PERIOD)
+    return points * (visit.move + visit.rest + PERIOD * visit.pictures + 3 * PERIOD)
 
 
 def _run(
@@ -112,41 +114,50 @@ def _run(
     progress: Callable[[int], None] | None = None,
 ) -> np.ndarray:
     """Outputs (n, 2) [m] of a run from the straight pose."""
-    still = SetPoints(((0.0, 0.0, 0.0),), 1.0)  # nothing is to be followed
-    task = RigTask("visit", RIG, still, _duration(visit, len(lengths)))
-    env = RigEnv(
-        task, twin=twin, control_period=_PERIOD, observe=("tip_position",), preview=(_PERIOD,)
-    )
-    env.reset(seed=int(seed.generate_state(1)[0]))
+    env = started(twin, _duration(visit, len(lengths)), int(seed.generate_state(1)[0]))
     now, outputs = np.zeros(lengths.shape[1]), np.empty((len(lengths), 2))
     for i, there in enumerate(lengths / env.length_scale):
-        outputs[i] = _visit(env, now, there, visit)
+        outputs[i] = go(env, now, there, visit)
         now = there
         if progress is not None:
             progress(i + 1)
     return outputs
 
 
-def _visit(env: RigEnv, here: np.ndarray, there: np.ndarray, visit: Visit) -> np.ndarray:
+def started(twin: Twin | int | None, duration: float, seed: int) -> RigEnv:
+    """A rig in the straight pose, with nothing to follow for `duration` [s]."""
+    still = SetPoints(((0.0, 0.0, 0.0),), 1.0)
+    env = RigEnv(
+        RigTask("visit", RIG, still, duration),
+        twin=twin,
+        control_period=PERIOD,
+        observe=("tip_position",),
+        preview=(PERIOD,),
+    )
+    env.reset(seed=seed)
+    return env
+
+
+def go(env: RigEnv, here: np.ndarray, there: np.ndarray, visit: Visit) -> np.ndarray:
     """Output (2,) [m] after a move from one action to another (3,) and a rest."""
-    share = np.linspace(0, 1, max(1, round(visit.move / _PERIOD)) + 1)[1:]
+    share = np.linspace(0, 1, max(1, round(visit.move / PERIOD)) + 1)[1:]
     rise = share**3 * (10 - 15 * share + 6 * share**2)
     for action in (here + rise[:, None] * (there - here)).astype(np.float32):
-        _step(env, action)
+        step(env, action)
     action = there.astype(np.float32)
     for swing in _dither(visit) / env.length_scale:
-        _step(env, np.clip(there + swing, -1, 1).astype(np.float32))
-    return np.mean([_step(env, action) for _ in range(visit.pictures)], axis=0)
+        step(env, np.clip(there + swing, -1, 1).astype(np.float32))
+    return np.mean([step(env, action) for _ in range(visit.pictures)], axis=0)
 
 
 def _dither(visit: Visit) -> np.ndarray:
     """Lengths (k,) [m] on top of those wanted, in the control periods of the rest."""
-    time = _PERIOD * np.arange(round(visit.rest / _PERIOD))
+    time = PERIOD * np.arange(round(visit.rest / PERIOD))
     fading = np.maximum(0.0, 1 - time / (_DITHERED * visit.rest))
     return visit.dither * fading * np.sin(2 * np.pi * _DITHER_FREQUENCY * time)
 
 
-def _step(env: RigEnv, action: np.ndarray) -> np.ndarray:
+def step(env: RigEnv, action: np.ndarray) -> np.ndarray:
     """The picture after a control period."""
     observation, _, failed, _, info = env.step(action)
     if failed:

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from softrobot_env.control.rig_inverse import TOTAL
-from softrobot_env.control.rig_learnt import Learnt, calibrate
+from softrobot_env.control.rig_learnt import Learnt, calibrate, turned
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import RIG
 from softrobot_env.training.progress import Show
 from softrobot_env.training.rig_data import RigData, Split, collect, disk_points, split
+from softrobot_env.training.rig_decay import damping_of, visit_decays
 from softrobot_env.training.rig_networks import (
     TRAINING,
     VALIDATION,
@@ -36,10 +37,14 @@ class Visited:
     Attributes:
         data: Of the points all over the workspace.
         sides: (3 k, 2, 2) [m], see `rig_play.visit_sides`.
+        decays: (k, n, 2) [m], see `rig_decay.visit_decays`.
+        twin: Seed of the twin, None if it has none.
     """
 
     data: RigData
     sides: np.ndarray
+    decays: np.ndarray
+    twin: int | None = None
 
 
 @dataclass(frozen=True)
@@ -62,7 +67,7 @@ class Lesson:
 def visit(
     twin: Twin | int | None, seed: int = 0, count: int = NEEDED, show: Show | None = None
 ) -> Visited:
-    """Measure a twin all over its workspace, with a constant sum of tensions, and then its play.
+    """Measure a twin all over its workspace, with a constant sum of tensions, its play and decay.
 
     Networks of these data err by half as much as with the least tensions, whose kinks they round
     off: 0.14 instead of 0.25 mm in the lengths, without dither (twin 0, 926 points, 5 trainings).
@@ -83,11 +88,12 @@ def visit(
 
     points = disk_points(count)
     data = collect(RIG, measured, np.random.default_rng(seed), points, TOTAL)
-    return Visited(data, visit_sides(twin, seed))
+    number = twin.seed if isinstance(twin, Twin) else twin
+    return Visited(data, visit_sides(twin, seed), visit_decays(twin, seed), number)
 
 
 def learn(visited: Visited, seed: int = 0) -> Lesson:
-    """Train both networks with 150 samples, calibrate the model with the same, tell the play.
+    """Train both networks with 150 samples, calibrate the model, tell the play.
 
     Args:
         visited: See `visit`; 215 points or more.
@@ -111,7 +117,8 @@ def learn(visited: Visited, seed: int = 0) -> Lesson:
     known = parts.training
     stiffness, turn = calibrate(RIG, data.lengths[known], data.measured[known])
     play = play_of(visited.sides, networks["inverse"])
-    learnt = Learnt(networks["inverse"], stiffness, turn, play)
+    damping, _ = damping_of(visited.decays, turned(RIG, stiffness, turn, 1.0))
+    learnt = Learnt(networks["inverse"], stiffness, turn, damping, play, visited.twin)
     return Lesson(learnt, networks["forward"], errors, largest)
 
 
