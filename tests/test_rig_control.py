@@ -10,9 +10,7 @@ from softrobot_env.control.registry import RIG_POLICIES, installed_policies, mak
 from softrobot_env.control.rig_feedforward import LENGTH_SCALE, RigFeedforward, make_hybrid
 from softrobot_env.control.rig_inverse import TOTAL, Motion, OnePiece, SeveralPieces
 from softrobot_env.control.rig_learnt import Learnt
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.servos import Servos
-from softrobot_env.evaluation.run import run_episode
 from softrobot_env.rig_trajectories import RoundedTriangle
 from softrobot_env.robots import RIG
 from softrobot_env.training.rig_data import nominal_lengths
@@ -246,20 +244,3 @@ def test_the_calibrated_hybrid_takes_the_play_that_was_learnt():
 
 def test_the_rig_s_policies_are_not_the_arm_s():
     assert not set(RIG_POLICIES) & set(installed_policies())
-
-
-# ---------------------------------------------------------------- closed loop
-
-
-def test_fast_triangle_with_a_calibrated_model():
-    """Mean error after the approach; the thesis' best has 8.6 mm, its network alone 35.9 mm."""
-    env = RigEnv("triangle", period=1.0, twin=0, observe="all")
-    error = {}
-    for name in ("rig_nn", "hybrid_calibrated"):
-        rollout = run_episode(env, make_policy(name, RIG, env.control_period), seed=0)
-        # The first command is one to a sum of tensions that the rig does not begin with.
-        assert rollout.failure is None and rollout.policy_status[0] == "servo too slow"
-        assert set(rollout.policy_status[1:]) == {""}
-        error[name] = rollout.error[rollout.time > 10].mean()
-    assert error["hybrid_calibrated"] < 4e-3
-    assert error["rig_nn"] > 20e-3
