@@ -21,7 +21,8 @@ class Rollout:
         reward: (T,) [1], zero at the first instant.
         policy_time: (d,) [s] spent in `predict`, at each of the policy's decisions. There is one
             for every step but the failed, unless the policy decides less often.
-        policy_status: (d,) str, why the decided action was not the one wanted; "" where it was.
+        policy_status: (d,) str, why the decided action, or the motion that it gives, was not
+            the one wanted; "" where it was.
         wall_time: [s] the whole episode took, policy included.
         source: "sim" or "real".
         failure: What went wrong, or None.

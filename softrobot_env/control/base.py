@@ -25,7 +25,7 @@ class Held(NamedTuple):
 
     @property
     def status(self) -> str | None:
-        """Why the action is not the one wanted, or None."""
+        """Why the action, or the motion that it gives, is not the one wanted, or None."""
         return getattr(self.inner, "status", None)
 
 
@@ -34,8 +34,8 @@ class Controller(ABC):
 
     Subclasses implement `start` and `act`. Nothing about an episode is kept in the object: the
     state returned by `predict` carries it (a list with one entry per environment when the
-    observations are stacked). A state may have a `status`: why the action is not the one wanted
-    (tension limit, reference out of reach, bad observation), or None.
+    observations are stacked). A state may have a `status`: why the action, or the motion that it
+    gives, is not the one wanted (tension limit, reference out of reach, bad observation), or None.
 
     Attributes:
         requires: Observables the policy reads.
