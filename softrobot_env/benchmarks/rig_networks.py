@@ -37,7 +37,9 @@ _TWIN = 0
 #: Of the order of the visit and the split of the data.
 _SEED = 0
 
-_PASSES, _QUICK_PASSES, _REPEATS = 200, 20, 5
+#: Of the test set in one measurement, and measurements, of which the least counts: short ones, as
+#: other programs disturb long ones.
+_PASSES, _REPEATS, _QUICK_REPEATS = 20, 200, 20
 
 
 def run_on_twin(quick: bool = False, progress: Progress | None = None) -> list[Row]:
@@ -75,7 +77,7 @@ def run(
     data = collect(RIG, measure, np.random.default_rng(_SEED), points, TOTAL)
     parts = split_data(len(points), np.random.default_rng(_SEED))
     rows = run_cases(list(cases(quick)), data, parts, show, processes)
-    return rows + inference_rows(data, parts, _QUICK_PASSES if quick else _PASSES)
+    return rows + inference_rows(data, parts, _QUICK_REPEATS if quick else _REPEATS)
 
 
 def _points(quick: bool) -> np.ndarray:
@@ -100,8 +102,8 @@ def run_cases(
     return [found[case] for case in wanted]
 
 
-def inference_rows(data: RigData, parts: Split, passes: int) -> list[Row]:
-    """Time per sample of the networks on the test set, the best of some repeats of `passes`."""
+def inference_rows(data: RigData, parts: Split, repeats: int) -> list[Row]:
+    """Time per sample of the networks on the test set, the best of `repeats`."""
     rows = []
     for direction in DIRECTIONS:
         case = Case("samples", direction, len(HIDDEN), HIDDEN[0], TRAINING, 1)
@@ -113,8 +115,8 @@ def inference_rows(data: RigData, parts: Split, passes: int) -> list[Row]:
             ("plain", lambda f=plain, samples=list(inputs): _each(f, samples)),
             ("batch", lambda f=compiled.batch, samples=inputs: f(samples)),
         ):
-            time, _ = best_of(lambda act=action: [act() for _ in range(passes)], _REPEATS)
-            seconds = time / (passes * len(inputs))
+            time, _ = best_of(lambda act=action: [act() for _ in range(_PASSES)], repeats)
+            seconds = time / (_PASSES * len(inputs))
             row = {"study": "inference", "direction": direction, "variant": variant}
             rows.append(row | {"time": seconds})
     return rows
