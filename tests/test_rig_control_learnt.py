@@ -103,8 +103,10 @@ def test_the_rig_calms_down_as_one_piece_of_its_inertia_and_damping():
 
 
 def test_damping_is_measured_in_spite_of_friction():
-    """Of a twin with play, noise and a delay."""
+    """Of a twin with play, noise and a delay, and three times the friction of others."""
     twin = rig3d_twin(3)
+    tendons = tuple(replace(t, friction=3 * t.friction) for t in twin.robot.tendons)
+    twin = replace(twin, robot=replace(twin.robot, tendons=tendons))
     stiffness = twin.robot.youngs_modulus / RIG.youngs_modulus
     truth = stiffness * twin.robot.damping_time / RIG.damping_time
     damping, friction = damping_of(visit_decays(twin), turned(RIG, stiffness, 0.12, 1.0))

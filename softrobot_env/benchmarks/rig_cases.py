@@ -15,9 +15,6 @@ from softrobot_env.twin import twin_or_ideal
 #: Periods [s] of a lap, Tabs. 5.2 and 5.3.
 SLOW, FAST = 5.0, 1.0
 
-#: Policies that know nothing of the rig but its nominal parameters.
-BLIND = tuple(name for name in RIG_POLICIES if name.startswith("inverse_dynamics"))
-
 
 @dataclass(frozen=True)
 class Case:
@@ -53,7 +50,7 @@ def run_case(case: Case, learnt: Learnt, traced: bool) -> Row:
         traced: Whether the row has a trace for the figures.
     """
     env = RigEnv("triangle", period=case.period, twin=twin_or_ideal(case.twin), observe="all")
-    known = {} if case.policy in BLIND else {"learnt": learnt}
+    known = {"learnt": learnt} if RIG_POLICIES[case.policy].takes("learnt") else {}
     policy = make_policy(case.policy, env.task.robot, env.control_period, **known)
     warm_up(env, policy)
     rollout = run_episode(env, policy, seed=0)

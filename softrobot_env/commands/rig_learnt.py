@@ -1,6 +1,5 @@
 """What policies of the test rig have learnt, as commands are given it."""
 
-from inspect import signature
 from pathlib import Path
 from typing import TYPE_CHECKING
 from zipfile import BadZipFile, is_zipfile
@@ -14,8 +13,7 @@ if TYPE_CHECKING:
 
 def learns(policy: str) -> bool:
     """Whether a policy of the rig uses what was learnt of one."""
-    spec = RIG_POLICIES[policy]
-    return "learnt" in signature(spec.load(spec.make)).parameters
+    return RIG_POLICIES[policy].takes("learnt")
 
 
 def check_learnt(path: Path | None, policies: list[str]) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
+from inspect import signature
 from typing import TYPE_CHECKING, Any
 
 from softrobot_env.robots import RobotParams
@@ -38,6 +39,10 @@ class PolicySpec:
     def load(self, name: str) -> Callable[..., Any]:
         """An attribute of the module."""
         return getattr(import_module(f"softrobot_env.control.{self.module}"), name)
+
+    def takes(self, option: str) -> bool:
+        """Whether the factory has a keyword argument of this name."""
+        return option in signature(self.load(self.make)).parameters
 
 
 #: Policies of planar robots.

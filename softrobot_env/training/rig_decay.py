@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from softrobot_env.control.rig_inverse import TOTAL
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.training.rig_data import nominal_lengths
-from softrobot_env.training.rig_twin_data import PERIOD, Visit, go, started, step
+from softrobot_env.training.rig_twin_data import PERIOD, Visit, go, started, step, visit_duration
 from softrobot_env.twin import Twin, nominal_twin
 
 #: Places from which the rig is let go: their number, and distance from the axis [m].
@@ -26,7 +26,8 @@ _END = 1.6
 
 _VISIT = Visit()
 
-#: Damping over that of the model [1] and friction [N] that are looked for: bounds, and start.
+#: Damping over that of the model [1] and friction [N] that are looked for: bounds, and start, which
+#: does not matter (a test has three times this friction).
 LARGEST, _GUESS = (5.0, 1.0), (1.2, 0.05)
 
 #: Largest error of the rates [1].
@@ -48,8 +49,7 @@ def visit_decays(twin: Twin | int | None, seed: int = 0, count: int = RELEASES) 
     places = _AWAY * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     away, home = nominal_lengths(RIG, places, TOTAL), nominal_lengths(RIG, np.zeros((1, 2)), TOTAL)
     samples = round(_END / PERIOD)
-    one = 2 * (_VISIT.move + _VISIT.rest + _VISIT.pictures * PERIOD) + _END
-    env = started(twin, (count + 1) * one, seed)
+    env = started(twin, visit_duration(_VISIT, count) + count * _END, seed)
     away, home = away / env.length_scale, home[0] / env.length_scale
     now, found = np.zeros_like(home), np.empty((count, samples, 2))
     for record, there in zip(found, away, strict=True):

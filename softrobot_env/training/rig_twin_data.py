@@ -93,7 +93,7 @@ def _jobs(
     twin: Twin | int | None, lengths: np.ndarray, seed: int, runs: int, visit: Visit
 ) -> Iterator[_Job]:
     """Arguments of `_run`."""
-    longest = int(LONGEST / _duration(visit, 1))
+    longest = int(LONGEST / visit_duration(visit, 1))
     runs = min(len(lengths), max(runs, -(-len(lengths) // longest)))
     for part, own in zip(
         np.array_split(lengths, runs), np.random.SeedSequence(seed).spawn(runs), strict=True
@@ -101,7 +101,7 @@ def _jobs(
         yield twin, part, own, visit
 
 
-def _duration(visit: Visit, points: int) -> float:
+def visit_duration(visit: Visit, points: int) -> float:
     """Time [s] that a run takes at most."""
     return points * (visit.move + visit.rest + PERIOD * visit.pictures + 3 * PERIOD)
 
@@ -114,7 +114,7 @@ def _run(
     progress: Callable[[int], None] | None = None,
 ) -> np.ndarray:
     """Outputs (n, 2) [m] of a run from the straight pose."""
-    env = started(twin, _duration(visit, len(lengths)), int(seed.generate_state(1)[0]))
+    env = started(twin, visit_duration(visit, len(lengths)), int(seed.generate_state(1)[0]))
     now, outputs = np.zeros(lengths.shape[1]), np.empty((len(lengths), 2))
     for i, there in enumerate(lengths / env.length_scale):
         outputs[i] = go(env, now, there, visit)
