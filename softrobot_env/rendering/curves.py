@@ -26,11 +26,11 @@ def tip_curves(rollouts: dict[str, Rollout], axes: str, shown: Shown, title: str
     for panel, index in zip(panels, indices, strict=False):
         wanted = 1e3 * longest.reference[part, index]
         panel.plot(longest.time[part], wanted, "k--", zorder=3, label="reference")
-    for label, rollout, colour in styles(rollouts):
+    for label, rollout, line in styles(rollouts):
         part = shown(rollout)
         series = (*(rollout.tip[:, index] for index in indices), rollout.error)
         for panel, values in zip(panels, series, strict=True):
-            panel.plot(rollout.time[part], 1e3 * values[part], color=colour, label=label)
+            panel.plot(rollout.time[part], 1e3 * values[part], **line, label=label)
     names = (*(f"tip {name} in mm" for name in axes), "error in mm")
     for panel, name in zip(panels, names, strict=True):
         panel.set_ylabel(name)
@@ -48,10 +48,10 @@ def stacked_curves(
 ) -> "Figure":
     """The columns of `values` (samples, k), one below the other, with their k names."""
     figure, panels = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
-    for label, rollout, colour in styles(rollouts):
+    for label, rollout, line in styles(rollouts):
         part = shown(rollout)
         for panel, column in zip(panels, values(rollout).T, strict=True):
-            panel.plot(rollout.time[part], column[part], color=colour, label=label)
+            panel.plot(rollout.time[part], column[part], **line, label=label)
     for panel, name in zip(panels, names, strict=True):
         panel.set_ylabel(name)
     return _finish(figure, panels, title)

@@ -1,6 +1,7 @@
 """The style that plots of episodes have in common."""
 
 from collections.abc import Sequence
+from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -23,6 +24,9 @@ _COLOURS = (
     "#6A3D9A",
     "#8C510A",
 )
+
+#: For more episodes than colours, without the dashes of the reference.
+_LINES = ("-", "-.", ":")
 
 #: Lower end [mm] of the error axis.
 SMALLEST_ERROR = 1e-2
@@ -49,18 +53,13 @@ def new_figure(
     return figure, axes
 
 
-def styles(rollouts: dict[str, Rollout]) -> list[tuple[str, Rollout, str]]:
-    """(label, episode, colour); a failure is told in the label."""
+def styles(rollouts: dict[str, Rollout]) -> list[tuple[str, Rollout, dict[str, str]]]:
+    """(label, episode, keywords of its lines); a failure is told in the label."""
+    lines = [{"color": c, "linestyle": line} for line in _LINES for c in _COLOURS]
     return [
-        (f"{label} (failed at {r.time[-1]:.2f} s)" if r.failure else label, r, colour)
-        for (label, r), colour in zip(
-            rollouts.items(), _cycle(_COLOURS, len(rollouts)), strict=True
-        )
+        (f"{label} (failed at {r.time[-1]:.2f} s)" if r.failure else label, r, line)
+        for (label, r), line in zip(rollouts.items(), cycle(lines), strict=False)
     ]
-
-
-def _cycle(colours: tuple[str, ...], count: int) -> list[str]:
-    return [colours[i % len(colours)] for i in range(count)]
 
 
 def add_legend(figure: "Figure", axis: "Axes") -> None:

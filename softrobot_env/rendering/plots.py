@@ -61,13 +61,13 @@ def _plot_shapes(rollouts: dict[str, Rollout], task: Task) -> "Figure":
     reference = task.trajectory.path()
     axis.plot(1e3 * reference[:, 0], 1e3 * reference[:, 2], "k--", linewidth=1, label="reference")
     drawn = styles(rollouts)
-    for order, (label, rollout, colour) in enumerate(drawn):
+    for order, (label, rollout, line) in enumerate(drawn):
         tip = 1e3 * rollout.tip
-        axis.plot(tip[:, 0], tip[:, 2], color=colour, linewidth=0.8, alpha=0.7)
+        axis.plot(tip[:, 0], tip[:, 2], **line, linewidth=0.8, alpha=0.7)
         shape = 1e3 * centerline(task.robot, rollout.curvature[-1])
         # Later lines are thinner, so that equal shapes show beneath one another.
         width = 2 + min(1.8, 9 / len(drawn)) * (len(drawn) - 1 - order)
-        axis.plot(shape[:, 0], shape[:, 2], color=colour, linewidth=width, label=label)
+        axis.plot(shape[:, 0], shape[:, 2], **line, linewidth=width, label=label)
     axis.set_aspect("equal")
     axis.set_xlabel("x in mm")
     axis.set_ylabel("z in mm")

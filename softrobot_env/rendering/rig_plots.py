@@ -62,9 +62,9 @@ def _plot_path(rollouts: dict[str, Rollout], task: RigTask, title: str) -> "Figu
     size = (1.0 + _SIDE * columns, 1.2 + _SIDE * rows)
     figure, axes = new_figure(rows, columns, size, share=True)
     figure.get_layout_engine().set(h_pad=0.1)  # inches, between ticks and titles
-    for axis, (label, rollout, colour) in zip(axes, styles(rollouts), strict=False):
+    for axis, (label, rollout, line) in zip(axes, styles(rollouts), strict=False):
         shown = _shown(task, rollout)
-        axis.plot(*1e3 * rollout.tip[shown, :2].T, color=colour, linewidth=1)
+        axis.plot(*1e3 * rollout.tip[shown, :2].T, **line, linewidth=1)
         _draw_reference(axis, task)
         axis.set_title(label, fontsize="medium")
         axis.set_aspect("equal")
