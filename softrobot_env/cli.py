@@ -4,18 +4,29 @@ import argparse
 import shlex
 import sys
 
-from softrobot_env.commands.subcommands import add_commands
+from softrobot_env.commands import benchmark, export, inspect, render, train
+from softrobot_env.commands.evaluate import command as evaluate
+from softrobot_env.commands.robot import command as robot
+from softrobot_env.commands.subcommands import Command, add_commands
+from softrobot_env.registries import Registry
 
-#: Command (a module of that name in `softrobot_env.commands`) -> what it does.
-COMMANDS = {
-    "evaluate": "run policies on tasks; write report.json, report.md and plots",
-    "render": "write a video of a policy on a task",
-    "benchmark": "measure accuracy and speed",
-    "train": "make the trained artefacts that policies load",
-    "inspect": "print what a scene contains and what it leaves out",
-    "export": "write the MJCF of the registered scenes",
-    "robot": "find, calibrate, hold and stop a real robot, or run a virtual one",
-}
+#: The commands of `softrobot`.
+COMMANDS: Registry[Command] = Registry(
+    "command",
+    {
+        "evaluate": Command(
+            evaluate, "run policies on tasks; write report.json, report.md and plots"
+        ),
+        "render": Command(render, "write a video of a policy on a task"),
+        "benchmark": Command(benchmark, "measure accuracy and speed"),
+        "train": Command(train, "make the trained artefacts that policies load"),
+        "inspect": Command(inspect, "print what a scene contains and what it leaves out"),
+        "export": Command(export, "write the MJCF of the registered scenes"),
+        "robot": Command(
+            robot, "find, calibrate, hold and stop a real robot, or run a virtual one"
+        ),
+    },
+)
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -23,7 +34,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="softrobot", description="MuJoCo environments for tendon-driven soft robots."
     )
-    add_commands(parser, COMMANDS, "", "command")
+    add_commands(parser, COMMANDS, "command")
     return parser
 
 

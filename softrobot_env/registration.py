@@ -17,7 +17,7 @@ ENVIRONMENTS = {
 
 RIG_ENTRY_POINT = "softrobot_env.envs.rig:RigEnv"
 
-#: Environment id -> name of its task in `softrobot_env.rig_tasks`.
+#: Environment id -> name of its task in `softrobot_env.tasks.rig`.
 RIG_ENVIRONMENTS = {
     "SoftRobot/RigTriangle-v0": "triangle",
     "SoftRobot/RigCircle-v0": "rig_circle",

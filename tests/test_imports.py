@@ -12,20 +12,13 @@ PACKAGE = "softrobot_env"
 
 FOUNDATION = {
     "robots",
-    "trajectories",
-    "smooth_paths",
     "tasks",
     "interfaces",
-    "episode",
-    "tendon_map",
-    "tripod",
-    "rig_trajectories",
-    "rig_tasks",
-    "twin",
-    "rollout",
+    "registries",
     "paths",
     "registration",
     "loads",
+    "twin",
 }
 MIDDLE = ("beams", "scene", "sensing", "learned", "hardware")
 EVERYTHING = None  # imports what it likes
@@ -38,12 +31,13 @@ ALLOWED = {
     "control": FOUNDATION | {"beams", "learned"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware"},
     "evaluation": FOUNDATION,
-    "rendering": FOUNDATION,
+    "rendering": FOUNDATION | {"evaluation"},
     "cli": EVERYTHING,
     "commands": EVERYTHING,  # one module per command of the cli
     "__main__": EVERYTHING,
     "benchmarks": EVERYTHING,
     "training": EVERYTHING,
+    "identification": EVERYTHING,
     "scripts": EVERYTHING,
 }
 

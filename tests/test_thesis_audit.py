@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.planar_arm import make_planar_arm
-from softrobot_env.control import lqi
-from softrobot_env.control.lqi import linear_model
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+from softrobot_env.control.arm import lqi
+from softrobot_env.control.arm.lqi import linear_model
 from softrobot_env.robots import ARM
 
 

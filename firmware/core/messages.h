@@ -1,4 +1,4 @@
-// What arrives from the host, with the names and units of softrobot_env/hardware/messages.
+// What arrives from the host, with the names and units of softrobot_env/hardware/protocol/messages.
 // A constructor reads the fields of a body, after its header, which the decoder has checked.
 #pragma once
 

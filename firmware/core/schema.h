@@ -1,4 +1,4 @@
-// Written by `python -m softrobot_env.hardware.schema`. Do not edit.
+// Written by `python -m softrobot_env.hardware.protocol.schema`. Do not edit.
 #pragma once
 
 #include <stdint.h>

@@ -1,4 +1,4 @@
-// The device as a C library, for softrobot_env/hardware/core.py.
+// The device as a C library, for softrobot_env/hardware/virtual/core.py.
 #include <new>
 
 #include "../core/device.h"

@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.compilation import kernel, structure
-from softrobot_env.loads import Load
+from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots.loads import Load
 
 #: How tendons can be driven.
 DRIVES = ("tension", "length")

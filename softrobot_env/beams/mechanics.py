@@ -22,7 +22,7 @@ import numpy as np
 from numba.extending import overload
 
 from softrobot_env.beams.actuation import add_path_forces, path_lengths, tendon_tensions
-from softrobot_env.beams.compilation import kernel
+from softrobot_env.beams.numerics.compilation import kernel
 
 # ---------------------------------------------------------------- provided by a model
 

@@ -6,25 +6,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams import integration, mechanics, signals
-from softrobot_env.beams.actuation import (
-    Actuation,
-    make_actuation,
-    points_only,
-    tendon_tensions,
-)
-from softrobot_env.beams.compilation import kernel, reference
-from softrobot_env.beams.integration import Control, integrate, workspace
-from softrobot_env.beams.linearization import (
+from softrobot_env.beams import mechanics, signals
+from softrobot_env.beams.actuation import Actuation, make_actuation, points_only, tendon_tensions
+from softrobot_env.beams.numerics import integration
+from softrobot_env.beams.numerics.compilation import kernel, reference
+from softrobot_env.beams.numerics.integration import Control, integrate, workspace
+from softrobot_env.beams.numerics.linearization import (
     StateSpace,
     input_derivatives,
     residual_derivatives,
 )
-from softrobot_env.beams.methods import find_method
+from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
 from softrobot_env.beams.statics import EquilibriumError, follow_loads
-from softrobot_env.loads import Load
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.loads import Load
 
 #: What the codes of `integration.integrate` mean.
 FAILURES = {

@@ -5,16 +5,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.beams import integration, mechanics
-from softrobot_env.beams.compilation import kernel, reference
-from softrobot_env.beams.integration import Control, integrate, workspace
-from softrobot_env.beams.methods import find_method
+from softrobot_env.beams import mechanics
 from softrobot_env.beams.model import FAILURES, BeamModel
+from softrobot_env.beams.numerics import integration
+from softrobot_env.beams.numerics.compilation import kernel, reference
+from softrobot_env.beams.numerics.integration import Control, integrate, workspace
+from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import constant
 from softrobot_env.beams.statics import EquilibriumError
 from softrobot_env.interfaces import Measurement
-from softrobot_env.loads import Load
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.loads import Load
 
 #: Builds the model of a robot under some loads.
 Build = Callable[[RobotParams, Sequence[Load]], BeamModel]

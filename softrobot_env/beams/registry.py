@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from softrobot_env.interfaces import PlantModel
-from softrobot_env.loads import Load
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.loads import Load
 
 if TYPE_CHECKING:
     from softrobot_env.beams.model import BeamModel

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.compilation import kernel, structure
+from softrobot_env.beams.numerics.compilation import kernel, structure
 
 
 @structure

@@ -11,16 +11,16 @@ from rich.table import Table
 from softrobot_env.benchmarks.timing import step_cost
 from softrobot_env.commands.arguments import add_scene, add_twin, scene_options
 from softrobot_env.commands.inspect_rig import errors_left_out, rig_rows
-from softrobot_env.commands.rig_setup import RigSetup
+from softrobot_env.commands.setups.rig import RigSetup
 from softrobot_env.commands.task_arguments import add_task, one_task
-from softrobot_env.envs.episodes import EpisodeEnv
+from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.labels import option_columns, task_label
-from softrobot_env.rig_tasks import RigTask
 from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots.twin import twin_or_ideal
 from softrobot_env.scene.build import Scene
-from softrobot_env.twin import twin_or_ideal
+from softrobot_env.tasks.rig import RigTask
 
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0"""

@@ -2,7 +2,7 @@
 
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.robots import RobotParams
-from softrobot_env.twin import Twin
+from softrobot_env.robots.twin import Twin
 
 
 def errors_left_out(twin: Twin) -> list[str]:

@@ -14,8 +14,8 @@ from softrobot_env.commands.arguments import (
     positive,
     size,
 )
-from softrobot_env.commands.cases import Case, Setup, case_label, setup_of
-from softrobot_env.commands.setups import make_setups
+from softrobot_env.commands.setups.case import Case, Setup, case_label, setup_of
+from softrobot_env.commands.setups.choice import make_setups
 from softrobot_env.commands.task_arguments import add_task, one_task
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 

@@ -1,26 +1,38 @@
-"""Commands under a parser, each a module of this package."""
+"""Commands under a parser, each a module."""
 
 import argparse
-import importlib
 from collections.abc import Mapping
+from types import ModuleType
+from typing import NamedTuple
+
+
+class Command(NamedTuple):
+    """A command.
+
+    Attributes:
+        module: Has `EXAMPLE` for people, `add_arguments(parser)` and `run(args)`, which returns the
+            exit status.
+        text: What it does.
+    """
+
+    module: ModuleType
+    text: str
 
 
 def add_commands(
-    parser: argparse.ArgumentParser, texts: Mapping[str, str], prefix: str, dest: str
+    parser: argparse.ArgumentParser, commands: Mapping[str, Command], dest: str
 ) -> None:
-    """Add a command for every module `prefix + name`, with its arguments and its example.
+    """Add commands with their arguments and examples.
 
     Args:
         parser: Where to add them.
-        texts: Name -> what it does.
-        prefix: Of the modules' names.
+        commands: By name.
         dest: Attribute of the parsed arguments that holds the name; `<dest>_run` holds the
             module's `run`.
     """
-    commands = parser.add_subparsers(dest=dest, required=True, metavar="COMMAND")
-    for name, text in texts.items():
-        module = importlib.import_module(f"softrobot_env.commands.{prefix}{name}")
-        command = commands.add_parser(
+    added = parser.add_subparsers(dest=dest, required=True, metavar="COMMAND")
+    for name, (module, text) in commands.items():
+        command = added.add_parser(
             name,
             help=text,
             description=text,

@@ -13,8 +13,8 @@ from softrobot_env.commands.task_options import (
     merge,
     option,
 )
-from softrobot_env.rig_tasks import RigTask
 from softrobot_env.tasks import Task
+from softrobot_env.tasks.rig import RigTask
 
 
 def add_task(parser: argparse.ArgumentParser) -> None:

@@ -5,8 +5,8 @@ import itertools
 from inspect import signature
 from math import isfinite
 
-from softrobot_env.rig_tasks import RIG_TASKS, RigTask, make_rig_task
 from softrobot_env.tasks import ALL_TASKS, Task, make_task
+from softrobot_env.tasks.rig import RIG_TASKS, RigTask, make_rig_task
 
 #: Tasks of all robots.
 TASK_NAMES = (*ALL_TASKS, *RIG_TASKS)

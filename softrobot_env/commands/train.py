@@ -47,7 +47,7 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
     """Network of the quasi-static controller for the arm (thesis sec. 6.3)."""
     import numpy as np
 
-    from softrobot_env.beams.constant_curvature import ConstantCurvatureStatics
+    from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
     from softrobot_env.learned import quasi_static
     from softrobot_env.robots import ARM
 
@@ -77,9 +77,9 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
 
 def _train_lqi(seed: int, path: Path, show: Show) -> Figures:
     """Gain table of the LQI controller for the arm (thesis sec. 6.4); nothing in it is random."""
-    from softrobot_env.beams.planar_arm import make_planar_arm
-    from softrobot_env.control import lqi
-    from softrobot_env.control.operating_points import build_gains, save_gains
+    from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+    from softrobot_env.control.arm import lqi
+    from softrobot_env.control.arm.operating_points import build_gains, save_gains
     from softrobot_env.robots import ARM
 
     arm = make_planar_arm(ARM)
@@ -90,10 +90,10 @@ def _train_lqi(seed: int, path: Path, show: Show) -> Figures:
 
 def _train_lq_preview(seed: int, path: Path, show: Show) -> Figures:
     """Gain table of LQ tracking with preview for the arm; nothing in it is random."""
-    from softrobot_env.beams.planar_arm import make_planar_arm
-    from softrobot_env.control import preview_gains
-    from softrobot_env.control.lq_preview import PERIOD
-    from softrobot_env.control.operating_points import build_gains, save_gains
+    from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+    from softrobot_env.control.arm import preview_gains
+    from softrobot_env.control.arm.lq_preview import PERIOD
+    from softrobot_env.control.arm.operating_points import build_gains, save_gains
     from softrobot_env.robots import ARM
 
     arm, weights = make_planar_arm(ARM), preview_gains.Weights()
@@ -108,8 +108,8 @@ def _train_lq_preview(seed: int, path: Path, show: Show) -> Figures:
 
 def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
     """Network that imitates the model predictive controller with preview, for the arm."""
+    from softrobot_env.training.artifacts import figures, save
     from softrobot_env.training.imitation import ImitationConfig, imitate
-    from softrobot_env.training.shipping import figures, save
 
     network = imitate(ImitationConfig(), seed, show)
     save(network, path, seed)
@@ -120,8 +120,8 @@ def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
     """What the rig's controllers have to learn of a twin (thesis sec. 5.1)."""
     from math import degrees
 
+    from softrobot_env.identification.twin_networks import learn, visit
     from softrobot_env.robots import RIG
-    from softrobot_env.training.rig_twin_networks import learn, visit
 
     lesson = learn(visit(twin, seed, show=show), seed)
     lesson.learnt.save(path, RIG, {"seed": seed})

@@ -93,8 +93,8 @@ def name_of(args: argparse.Namespace) -> str:
 
 def run(args: argparse.Namespace, path: Path, show: "Show") -> list[tuple[str, str]]:
     """Train, write the network and its learning curve, and return figures for people."""
+    from softrobot_env.training.artifacts import figures, save, save_curve
     from softrobot_env.training.rl import train
-    from softrobot_env.training.shipping import figures, save, save_curve
 
     config = _config(args)
     network, curve = train(
@@ -135,7 +135,7 @@ def _config(args: argparse.Namespace) -> "RLConfig":
 def _start(args: argparse.Namespace, path: Path) -> "Network | None":
     from softrobot_env.learned.quasi_static import load_for
     from softrobot_env.robots import ARM
-    from softrobot_env.training.shipping import load_start
+    from softrobot_env.training.artifacts import load_start
 
     if args.start == _NO_START or args.resume:
         return None

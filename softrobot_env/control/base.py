@@ -7,7 +7,7 @@ import numpy as np
 
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
-from softrobot_env.tendon_map import TendonMap
+from softrobot_env.robots.actuation import TendonMap
 
 
 class Held(NamedTuple):

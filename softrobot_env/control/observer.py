@@ -5,14 +5,14 @@ from math import ceil
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
-from softrobot_env.beams.compilation import kernel
-from softrobot_env.beams.planar_arm import PlanarArm, inertia_forces, make_planar_arm
+from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, inertia_forces, make_planar_arm
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.arm.lqi import linear_model
+from softrobot_env.control.arm.preview_gains import discretized
 from softrobot_env.control.base import usable
-from softrobot_env.control.lqi import linear_model
-from softrobot_env.control.preview_gains import discretized
-from softrobot_env.control.remarks import finite
+from softrobot_env.control.status import finite
 from softrobot_env.robots import RobotParams
-from softrobot_env.tendon_map import TendonMap
+from softrobot_env.robots.actuation import TendonMap
 
 #: [s], longest step of the prediction.
 _STEP = 1e-3

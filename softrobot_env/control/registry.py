@@ -1,12 +1,11 @@
 """Policies by name. What a policy imports is loaded when it is built."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib import import_module
 from importlib.util import find_spec
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
+from softrobot_env.registries import load
 from softrobot_env.robots import RobotParams
 
 if TYPE_CHECKING:
@@ -21,50 +20,57 @@ class PolicySpec:
     """How to build a policy, and the environment it is meant for.
 
     Attributes:
-        module: Module of this folder.
-        make: Name of its factory(nominal robot, control period [s], **options).
+        make: Path of its factory(nominal robot, control period [s], **options).
         options: Keyword arguments of the factory.
         environment: Keyword arguments of the environment (`control_period`, `preview`) where the
-            policy needs others than the defaults; or the name of a function of the module that
-            returns them.
+            policy needs others than the defaults; or the path of a function that returns them.
         package: Package of the extra `mpc` that it needs, or None.
     """
 
-    module: str
     make: str
     options: dict[str, Any] = field(default_factory=dict)
     environment: dict[str, Any] | str = field(default_factory=dict)
     package: str | None = None
 
-    def load(self, name: str) -> Callable[..., Any]:
-        """An attribute of the module."""
-        return getattr(import_module(f"softrobot_env.control.{self.module}"), name)
-
     def takes(self, option: str) -> bool:
         """Whether the factory has a keyword argument of this name."""
-        return option in signature(self.load(self.make)).parameters
+        return option in signature(load(self.make)).parameters
 
 
 #: Policies of planar robots.
 POLICIES: dict[str, PolicySpec] = {
-    "hold": PolicySpec("hold", "make_hold"),
-    "feedforward": PolicySpec("feedforward", "make_feedforward"),
-    "feedforward_pi": PolicySpec("feedforward_pi", "FeedforwardPI"),
+    "hold": PolicySpec("softrobot_env.control.hold:make_hold"),
+    "feedforward": PolicySpec("softrobot_env.control.arm.feedforward:make_feedforward"),
+    "feedforward_pi": PolicySpec("softrobot_env.control.arm.feedforward_pi:FeedforwardPI"),
     "qs_nn": PolicySpec(
-        "qs_nn", "QuasiStaticNetwork", environment={"control_period": 0.01, "preview": (0.2,)}
+        "softrobot_env.control.arm.qs_nn:QuasiStaticNetwork",
+        environment={"control_period": 0.01, "preview": (0.2,)},
     ),
-    "lqi": PolicySpec("lqi", "LQI", environment={"control_period": 0.001}),
-    "lq_preview": PolicySpec("lq_preview", "LQPreview", environment="environment"),
+    "lqi": PolicySpec("softrobot_env.control.arm.lqi:LQI", environment={"control_period": 0.001}),
+    "lq_preview": PolicySpec(
+        "softrobot_env.control.arm.lq_preview:LQPreview",
+        environment="softrobot_env.control.arm.lq_preview:environment",
+    ),
     "lq_adaptive": PolicySpec(
-        "lq_preview", "LQPreview", {"adaptive": True}, environment="environment"
+        "softrobot_env.control.arm.lq_preview:LQPreview",
+        {"adaptive": True},
+        environment="softrobot_env.control.arm.lq_preview:environment",
     ),
-    "mpc": PolicySpec("mpc", "MPC", environment={"control_period": 0.01}, package="daqp"),
+    "mpc": PolicySpec(
+        "softrobot_env.control.mpc.controller:MPC",
+        environment={"control_period": 0.01},
+        package="daqp",
+    ),
     "mpc_preview": PolicySpec(
-        "mpc", "make_preview", environment="preview_environment", package="daqp"
+        "softrobot_env.control.mpc.controller:make_preview",
+        environment="softrobot_env.control.mpc.controller:preview_environment",
+        package="daqp",
     ),
     **{
         name: PolicySpec(
-            "neural", "NeuralPolicy", {"weights": f"{name}.npz"}, environment="environment"
+            "softrobot_env.control.neural:NeuralPolicy",
+            {"weights": f"{name}.npz"},
+            environment="softrobot_env.control.neural:environment",
         )
         for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
     },
@@ -74,15 +80,20 @@ POLICIES: dict[str, PolicySpec] = {
 #: but the inverse dynamics take as option `learnt` what was learnt of one rig; without it, that is
 #: what is shipped, of twin 0.
 RIG_POLICIES: dict[str, PolicySpec] = {
-    "rig_nn": PolicySpec("rig_feedforward", "make_network"),
-    "inverse_dynamics": PolicySpec("rig_feedforward", "make_inverse"),
-    "inverse_dynamics_ahead": PolicySpec("rig_feedforward", "make_inverse", {"ahead": True}),
-    "hybrid": PolicySpec("rig_feedforward", "make_hybrid"),
-    "hybrid_ahead": PolicySpec("rig_feedforward", "make_hybrid", {"ahead": True}),
-    "hybrid_flexible": PolicySpec(
-        "rig_feedforward", "make_hybrid", {"ahead": True, "model": "several pieces"}
+    "rig_nn": PolicySpec("softrobot_env.control.rig.feedforward:make_network"),
+    "inverse_dynamics": PolicySpec("softrobot_env.control.rig.feedforward:make_inverse"),
+    "inverse_dynamics_ahead": PolicySpec(
+        "softrobot_env.control.rig.feedforward:make_inverse", {"ahead": True}
     ),
-    "hybrid_calibrated": PolicySpec("rig_feedforward", "make_calibrated"),
+    "hybrid": PolicySpec("softrobot_env.control.rig.feedforward:make_hybrid"),
+    "hybrid_ahead": PolicySpec(
+        "softrobot_env.control.rig.feedforward:make_hybrid", {"ahead": True}
+    ),
+    "hybrid_flexible": PolicySpec(
+        "softrobot_env.control.rig.feedforward:make_hybrid",
+        {"ahead": True, "model": "several pieces"},
+    ),
+    "hybrid_calibrated": PolicySpec("softrobot_env.control.rig.feedforward:make_calibrated"),
 }
 
 
@@ -123,7 +134,7 @@ def make_policy(
     spec = _find(name)
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
-    policy = spec.load(spec.make)(robot, control_period, **(spec.options | options))
+    policy = load(spec.make)(robot, control_period, **(spec.options | options))
     if feedback == "state" or "curvature_rate" not in policy.requires:
         return policy
     from softrobot_env.control.observer import RateObserver
@@ -142,5 +153,5 @@ def policy_environment(name: str) -> dict[str, Any]:
     """
     spec = _find(name)
     if isinstance(spec.environment, str):
-        return spec.load(spec.environment)()
+        return load(spec.environment)()
     return dict(spec.environment)

@@ -5,9 +5,9 @@ from math import ceil
 
 import numpy as np
 
-from softrobot_env.envs.observables import REFERENCE_SPEED
-from softrobot_env.rig_tasks import RigTask
+from softrobot_env.envs.observations.arm import REFERENCE_SPEED
 from softrobot_env.tasks import Task
+from softrobot_env.tasks.rig import RigTask
 
 #: Index of x and z, the coordinates of a planar robot, and of x and y, those of a spatial one.
 PLANE = slice(0, 3, 2)

@@ -6,29 +6,29 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium import spaces
 
+from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.disturbances import noise_seed
-from softrobot_env.envs.episodes import EpisodeEnv
-from softrobot_env.envs.mujoco_plant import MujocoPlant
-from softrobot_env.envs.observables import observation_space
-from softrobot_env.envs.options import check_arguments, check_render_mode
-from softrobot_env.envs.reference import TOP, sample_reference
-from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.rig_observables import (
+from softrobot_env.envs.observations.arm import observation_space
+from softrobot_env.envs.observations.rig import (
     DEFAULT_RIG_OBSERVABLES,
     REFERENCE_ACCELERATION,
     RIG_OBSERVABLES,
     RigSizes,
 )
+from softrobot_env.envs.observations.rig_readout import Camera, CameraReadout, RigReadout
+from softrobot_env.envs.options import check_arguments, check_render_mode
+from softrobot_env.envs.reference import TOP, sample_reference
+from softrobot_env.envs.rendering.lifting import lifted
+from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.rig_options import RigResetOptions, parse_rig_options
-from softrobot_env.envs.rig_picture import lifted
-from softrobot_env.envs.rig_readout import Camera, CameraReadout, RigReadout
-from softrobot_env.envs.servos import Servos
-from softrobot_env.envs.simulation import Simulation
+from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.interfaces import Observation
-from softrobot_env.rig_tasks import LENGTH_SCALE, RigTask, make_rig_task, remake_rig_task
-from softrobot_env.robots import RIG
+from softrobot_env.robots import LENGTH_SCALE, RIG
+from softrobot_env.robots.twin import Twin, nominal_twin, rig3d_twin, twin_or_ideal
 from softrobot_env.scene.registry import RIG_PIECES
-from softrobot_env.twin import Twin, nominal_twin, rig3d_twin, twin_or_ideal
+from softrobot_env.tasks.rig import RigTask, make_rig_task, remake_rig_task
 
 
 class RigEnv(EpisodeEnv):

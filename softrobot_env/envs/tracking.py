@@ -6,7 +6,7 @@ from typing import Any, ClassVar
 import numpy as np
 from gymnasium import spaces
 
-from softrobot_env.envs.beam_plant import BeamPlant, BeamSimulation
+from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.disturbances import (
     NEUTRAL,
     Disturbance,
@@ -16,14 +16,13 @@ from softrobot_env.envs.disturbances import (
     split,
     with_noise,
 )
-from softrobot_env.envs.episodes import EpisodeEnv
-from softrobot_env.envs.mujoco_plant import MujocoPlant
-from softrobot_env.envs.observables import (
+from softrobot_env.envs.observations.arm import (
     DEFAULT_OBSERVABLES,
     OBSERVABLES,
     Sizes,
     observation_space,
 )
+from softrobot_env.envs.observations.readout import NoisyReadout
 from softrobot_env.envs.options import (
     ResetOptions,
     check_arguments,
@@ -31,13 +30,14 @@ from softrobot_env.envs.options import (
     parse_options,
 )
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.readout import NoisyReadout
 from softrobot_env.envs.reference import sample_reference
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.simulation import Simulation
+from softrobot_env.envs.simulation.beam_plant import BeamPlant, BeamSimulation
+from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.interfaces import Observation, PlantFactory
+from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import Task, make_task
-from softrobot_env.tendon_map import TendonMap
 
 #: [s].
 DEFAULT_PERIOD = 0.01

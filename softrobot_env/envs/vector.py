@@ -8,7 +8,6 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from softrobot_env.envs.batch_simulation import BatchSimulation
 from softrobot_env.envs.disturbances import (
     NEUTRAL,
     SENSOR_NOISE,
@@ -17,18 +16,19 @@ from softrobot_env.envs.disturbances import (
     noise_seed,
     rounded,
 )
-from softrobot_env.envs.observables import DEFAULT_OBSERVABLES
+from softrobot_env.envs.observations.arm import DEFAULT_OBSERVABLES
 from softrobot_env.envs.options import parse_options
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.reference import PLANE, instants
 from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector_options import parse_mask, parse_seeds, parse_variation
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import VARIABLE
+from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.tendons import straight_length
 from softrobot_env.tasks import Task
-from softrobot_env.tendon_map import TendonMap
 
 #: Reset options that hold for all environments of a call alike.
 _MASK = "reset_mask"

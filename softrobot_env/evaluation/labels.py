@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from softrobot_env.rig_tasks import RIG_TASKS
+from softrobot_env.tasks.rig import RIG_TASKS
 
 #: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
 REAL, VIRTUAL = "real", "virtual"

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.rollout import Rollout
-from softrobot_env.trajectories import Trajectory
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.tasks.trajectories import Trajectory
 
 #: Part of a step response, at its end, whose mean is the steady-state value.
 _STEADY_WINDOW = 0.1

@@ -12,22 +12,17 @@ import numpy as np
 from rich import box
 from rich.table import Table
 
-from softrobot_env.evaluation.labels import (
-    learnt_elsewhere,
-    robot_heading,
-    robot_label,
-    task_label,
-)
+from softrobot_env.evaluation.labels import learnt_elsewhere, robot_heading, robot_label, task_label
 from softrobot_env.evaluation.metrics import (
     StepMetrics,
     TrackingMetrics,
     step_metrics,
     tracking_metrics,
 )
+from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.thesis_rows import thesis_rows
-from softrobot_env.rig_tasks import RigTask
-from softrobot_env.rollout import Rollout
 from softrobot_env.tasks import Task
+from softrobot_env.tasks.rig import RigTask
 
 Row = dict[str, Any]
 

@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softrobot_env.episode import Moment, play
+from softrobot_env.evaluation.episode import Moment, play
+from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.interfaces import Policy
-from softrobot_env.rollout import Rollout
 
 if TYPE_CHECKING:
     import gymnasium

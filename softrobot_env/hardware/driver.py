@@ -9,13 +9,13 @@ from typing import Any, Self
 
 import numpy as np
 
-from softrobot_env.hardware import messages as m
-from softrobot_env.hardware.config import LONGEST_RAMP, RobotFile
 from softrobot_env.hardware.errors import LinkError, RobotError, UnansweredError
 from softrobot_env.hardware.exchange import Exchange
 from softrobot_env.hardware.exit_guard import ExitGuard
-from softrobot_env.hardware.readings import DeviceInfo, FaultInfo, Reading
-from softrobot_env.hardware.session import Phase, Session
+from softrobot_env.hardware.protocol import messages as m
+from softrobot_env.hardware.protocol.readings import DeviceInfo, FaultInfo, Reading
+from softrobot_env.hardware.protocol.session import Phase, Session
+from softrobot_env.hardware.robot_file.model import LONGEST_RAMP, RobotFile
 from softrobot_env.hardware.transport import Transport
 
 _FRESH = 0.5  # s; a robot that has said nothing for longer is taken for dead

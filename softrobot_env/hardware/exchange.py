@@ -5,8 +5,8 @@ from contextlib import contextmanager
 from threading import Condition, Event, RLock, Thread
 
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError
-from softrobot_env.hardware.messages import Message, Reason
-from softrobot_env.hardware.session import Session
+from softrobot_env.hardware.protocol.messages import Message, Reason
+from softrobot_env.hardware.protocol.session import Session
 from softrobot_env.hardware.transport import Transport
 
 _RETRY = 0.2  # s, after which a question is asked again

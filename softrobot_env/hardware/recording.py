@@ -17,8 +17,8 @@ from threading import Event
 from time import monotonic
 
 from softrobot_env.hardware.errors import LinkError
-from softrobot_env.hardware.framing import Decoder
-from softrobot_env.hardware.messages import SCHEMA, Arm, Hello, Message
+from softrobot_env.hardware.protocol.framing import Decoder
+from softrobot_env.hardware.protocol.messages import SCHEMA, Arm, Hello, Message
 from softrobot_env.hardware.transport import Transport
 
 _MAGIC = b"softrobot link 1\n"

@@ -10,11 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from softrobot_env.learned.levenberg_marquardt import (
-    DAMPING_LIMIT,
-    LeastSquares,
-    Linearization,
-)
+from softrobot_env.learned.levenberg_marquardt import DAMPING_LIMIT, LeastSquares, Linearization
 from softrobot_env.learned.network import Network
 
 _DAMPING_START, _DAMPING_LEAST = 1e-3, 1e-20

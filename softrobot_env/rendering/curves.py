@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.figures import SMALLEST_ERROR, add_legend, new_figure, styles
-from softrobot_env.rollout import Rollout
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -5,7 +5,7 @@ from itertools import cycle
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softrobot_env.rollout import Rollout
+from softrobot_env.evaluation.rollout import Rollout
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import stacked_curves, tip_curves
 from softrobot_env.rendering.figures import add_legend, new_figure, save, styles
 from softrobot_env.robots import centerline
-from softrobot_env.rollout import Rollout
+from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import Task
-from softrobot_env.tendon_map import TendonMap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

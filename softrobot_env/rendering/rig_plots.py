@@ -5,10 +5,10 @@ from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import stacked_curves, tip_curves
 from softrobot_env.rendering.figures import new_figure, save, styles
-from softrobot_env.rig_tasks import RigTask
-from softrobot_env.rollout import Rollout
+from softrobot_env.tasks.rig import RigTask
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

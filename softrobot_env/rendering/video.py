@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softrobot_env.episode import play
+from softrobot_env.evaluation.episode import play
 from softrobot_env.interfaces import Policy
 
 if TYPE_CHECKING:

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from math import cos, inf, sin
 
-from softrobot_env.loads import Load
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.loads import Load
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")

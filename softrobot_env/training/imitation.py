@@ -10,8 +10,8 @@ import numpy as np
 import torch
 
 from softrobot_env.control import neural
-from softrobot_env.control.mpc import MPC
-from softrobot_env.control.mpc_settings import PREVIEW, MPCSettings
+from softrobot_env.control.mpc.controller import MPC
+from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.interfaces import Observation

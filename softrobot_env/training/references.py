@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.beams import planar_arm
-from softrobot_env.beams.planar_arm import make_planar_arm
+from softrobot_env.beams.closed_forms import planar_arm
+from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import Task, make_task
-from softrobot_env.trajectories import Polyline, Step
+from softrobot_env.tasks.trajectories import Polyline, Step
 
 #: Inputs [N] of random postures: a common part within +-, and the deviation of each from it, drawn
 #: between two values, as simple bends and S-shapes both occur.

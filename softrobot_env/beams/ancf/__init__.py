@@ -1,0 +1,5 @@
+"""Elements of the absolute nodal coordinate formulation."""
+
+from softrobot_env.beams.ancf.model import ANCF
+
+__all__ = ["ANCF"]

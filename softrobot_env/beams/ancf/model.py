@@ -1,0 +1,225 @@
+"""Beam in the absolute nodal coordinate formulation (thesis sec. 2.3; Shabana 2011)."""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from softrobot_env.beams import mechanics
+from softrobot_env.beams.actuation import Actuation
+from softrobot_env.beams.ancf import actuation as ancf_actuation
+from softrobot_env.beams.ancf import elements as ancf_elements
+from softrobot_env.beams.ancf import tangent as ancf_tangent
+from softrobot_env.beams.ancf.elements import AncfData, ElementPoints
+from softrobot_env.beams.ancf.quadrature import (
+    chebyshev_rule,
+    legendre,
+    legendre_rule,
+    section_moments,
+)
+from softrobot_env.beams.ancf.section import SectionLaw
+from softrobot_env.beams.ancf.shapes import (
+    AXES,
+    channel_rules,
+    element_mass,
+    gravity_force,
+    hermite_slopes,
+    hooke,
+    mass_factor,
+    places,
+    point_shapes,
+    straight_vectors,
+)
+from softrobot_env.beams.model import BeamModel
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.loads import Load
+
+#: Laws of a planar model.
+PLANES = ("stress", "strain")
+#: Integration along an element is exact: stress times strain has degree 8.
+_POINTS = 5
+
+
+class ANCF(BeamModel):
+    """Elastic continuum beam: stretch, shear, bending, torsion and deformation of the sections.
+
+    Coordinates come in blocks, one per node: r, r_,1, r_,2 (, r_,3), each with d components. For
+    dimension 3 these are world (x, y, z), 12 per node; for dimension 2 world (x, z), 6 per node.
+    X1 runs along the robot, X2 and X3 are world x and y in the straight pose.
+
+    The St. Venant-Kirchhoff law couples the stretch of the fibres to the section, which can only
+    deform uniformly in itself: with a Poisson ratio other than 0, bending is too stiff however
+    fine the discretisation (Poisson locking).
+    """
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        pieces: int | None = None,
+        *,
+        dimension: int = 3,
+        plane: str = "stress",
+        quadrature: str | int = "exact",
+        clamped: bool = True,
+        loads: Sequence[Load] = (),
+        drive: str = "tension",
+    ) -> None:
+        """Model of a robot.
+
+        Args:
+            robot: The robot.
+            pieces: Number of elements; the robot's own unless given.
+            dimension: 3, or 2 for motion in the x-z plane.
+            plane: Law of a planar model, "stress" or "strain".
+            quadrature: Volume integrals of the stresses: "exact" with moments of the section in
+                closed form; "chebyshev" with 5 x 3 x 3 points, exact too; or an order n for the
+                thesis' n x n x n Gauss-Legendre rule (2.68). One factor less for dimension 2.
+            clamped: Whether the first node is fixed; else the rod is free.
+            loads, drive: As in `BeamModel`.
+
+        Raises:
+            ValueError: An option is not one of these, or something acts across a planar model.
+        """
+        pieces = robot.pieces if pieces is None else pieces
+        if not (isinstance(pieces, int | np.integer) and pieces >= 1):
+            raise ValueError(f"pieces must be a whole number from 1 on, got {pieces!r}")
+        if dimension not in (2, 3):
+            raise ValueError(f"dimension must be 2 or 3, got {dimension!r}")
+        if plane not in PLANES:
+            raise ValueError(f"unknown plane {plane!r}; choose from {', '.join(PLANES)}")
+        order = isinstance(quadrature, int | np.integer) and quadrature >= 1
+        if not order and quadrature not in ("exact", "chebyshev"):
+            raise ValueError(
+                f"quadrature must be 'exact', 'chebyshev' or an order from 1 on, got {quadrature!r}"
+            )
+        if not -1 < robot.poisson_ratio < 0.5:
+            raise ValueError(
+                f"the Poisson ratio must lie between -1 and 0.5, got {robot.poisson_ratio}"
+            )
+        if dimension == 2:
+            _check_planar(robot, loads)
+        self.pieces, self.dimension, self.plane = int(pieces), int(dimension), plane
+        self.quadrature = int(quadrature) if order else quadrature
+        self.clamped = bool(clamped)
+        super().__init__(robot, loads, drive)
+
+    def _data(self, actuation: Actuation) -> AncfData:
+        robot, pieces, d = self.robot, self.pieces, self.dimension
+        piece, block, fixed = robot.length / pieces, (d + 1) * d, int(self.clamped)
+        straight = straight_vectors(d, piece, pieces)
+        bending, director = element_mass(robot, piece)
+        element, position = places(actuation.point_station, piece, pieces)
+        along, weight, points, weights = self._quadrature()
+        modulus = hooke(robot, None if d == 3 else self.plane)
+        moments = section_moments(robot.outer_radius, robot.inner_radius)
+        return AncfData(
+            n=block * (pieces + 1 - fixed),
+            block=block,
+            reach=self._reach(actuation, element, position),
+            scale=np.tile([robot.length] * d + [1.0] * (d * d), pieces + 1 - fixed),
+            actuation=actuation,
+            axes=AXES[d],
+            pieces=pieces,
+            piece=piece,
+            clamp=straight[0].ravel() if self.clamped else np.empty(0),
+            law=SectionLaw(*modulus, tuple(moments), points, weights),
+            damping_time=robot.damping_time,
+            points=ElementPoints(piece, along, piece * weight, hermite_slopes(along, piece)),
+            mass_bending=bending,
+            mass_director=director,
+            bending_factor=mass_factor(bending, 2, pieces, fixed),
+            director_factor=mass_factor(director, 1, pieces, fixed),
+            gravity=gravity_force(robot, bending, d, pieces)[fixed:].ravel(),
+            straight=straight[fixed:].ravel(),
+            point_element=element,
+            point_position=position,
+            point_shape=point_shapes(position, piece, actuation.point_offset, d),
+            **channel_rules(actuation, piece, pieces),
+        )
+
+    def _quadrature(self) -> tuple[np.ndarray, ...]:
+        """Points and weights along an element of length 1, and those of the section."""
+        d = self.dimension
+        section = (self.robot.outer_radius, self.robot.inner_radius, d == 2)
+        if self.quadrature == "exact":
+            return *legendre(_POINTS), np.empty((0, d)), np.empty(0)
+        if self.quadrature == "chebyshev":
+            along, rule = legendre(_POINTS), chebyshev_rule(3, *section)
+        else:
+            along, rule = legendre(self.quadrature), legendre_rule(self.quadrature, *section)
+        one = np.ones(len(rule.weights))
+        return *along, np.column_stack([one, rule.points])[:, :d].copy(), rule.weights
+
+    def _reach(self, actuation: Actuation, element: np.ndarray, position: np.ndarray) -> int:
+        """Distance in nodes over which equations depend on coordinates."""
+        if actuation.by_length and len(actuation.guided):
+            return self.pieces
+        reach = 1
+        for start, end in pairwise(actuation.first):
+            for a, b in pairwise(range(start, end)):
+                first = element[a] + (position[a] == 1)
+                last = element[b] + (position[b] > 0)
+                reach = max(reach, int(last - first))
+        return reach
+
+    def rest(self) -> np.ndarray:
+        """Coordinates (n,) of the straight pose."""
+        return self.data.straight.copy()
+
+    def curvature(self, q: np.ndarray) -> np.ndarray:
+        """Curvature (pieces, 3) [1/m] about x, y, z of each element.
+
+        The rotation between the sections at its ends, in the frame of the first one and divided
+        by the length.
+        """
+        frames = self._frames(q)
+        turn = Rotation.from_matrix(frames[:-1].transpose(0, 2, 1) @ frames[1:])
+        return turn.as_rotvec() / self.data.piece
+
+    def twist(self, q: np.ndarray) -> float:
+        """Torsion angle [rad] from the first section to the last, the sum over the elements."""
+        return float(self.data.piece * self.curvature(q)[:, 2].sum())
+
+    def _frames(self, q: np.ndarray) -> np.ndarray:
+        """Orientations (pieces + 1, 3, 3) of the sections at the nodes, as `load_axes`."""
+        d, nodes = self.dimension, self.pieces + 1
+        vectors = np.concatenate([self.data.clamp, q]).reshape(nodes, d + 1, d)
+        directors = np.zeros((2, nodes, 3))
+        directors[1, :, 1] = 1  # of a planar model
+        for k in range(d - 1):
+            directors[k][:, list(AXES[d])] = vectors[:, k + 2]
+        normal = np.cross(directors[0], directors[1])
+        x = directors[0] / np.linalg.norm(directors[0], axis=1, keepdims=True)
+        z = normal / np.linalg.norm(normal, axis=1, keepdims=True)
+        return np.stack([x, np.cross(z, x), z], axis=2)
+
+
+def _check_planar(robot: RobotParams, loads: Sequence[Load]) -> None:
+    """Raise ValueError if something would drive a planar model out of the x-z plane."""
+    crossing = [f"tendon {t.name!r} (offset y)" for t in robot.tendons if t.offset[1]]
+    crossing += [f"load {x.name!r} (force y)" for x in loads if x.force[1]]
+    crossing += [f"load {x.name!r} (moment x or z)" for x in loads if x.moment[0] or x.moment[2]]
+    crossing += ["gravity (y)"] if robot.gravity[1] else []
+    if crossing:
+        raise ValueError(
+            f"a model of dimension 2 moves in the x-z plane; remove {', '.join(crossing)} or "
+            "choose dimension 3"
+        )
+
+
+mechanics.implement(
+    AncfData,
+    ancf_elements.internal_residual,
+    ancf_elements.solve_mass,
+    ancf_elements.project,
+    ancf_elements.potential,
+    ancf_elements.momentum,
+    ancf_actuation.locate,
+    ancf_actuation.add_forces,
+    ancf_actuation.load_axes,
+    ancf_actuation.add_moments,
+    ancf_actuation.channel_lengths,
+    ancf_actuation.add_channel_forces,
+    ancf_tangent.add_internal_tangent,
+)

@@ -1,0 +1,126 @@
+"""Strain and stress resultants of a section of the ANCF beam, thesis (2.61) and (2.62).
+
+The section's state is the g = 2 d - 1 vectors G = [c', r_,2', (r_,3',) r_,2 (, r_,3)] with d = 2 or
+3 components, primes being derivatives by X1 along the centreline c. The strain at any point of it
+follows from the symmetric E = (G_i . G_j - G0_i . G0_j) / 2, (g, g), of the straight pose G0:
+
+    e_11 = sum_ij X_i X_j E_ij,  e_1k = sum_j X_j E_j,k,  e_kl = E_kl,  writing 1 for X_1.
+
+The integral of stress times strain over the section is N : E with resultants N (g, g) that are
+linear in E. Their coefficients are moments of the section, known in closed form, so that an exact
+volume integral needs points along X1 only. The force on G_i is sum_j N_ij G_j.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.numerics.compilation import kernel, structure
+
+
+@structure
+class SectionLaw(NamedTuple):
+    """Hooke's law (2.62) of a section.
+
+    Attributes:
+        stretch, lame, shear: [Pa], s_11 = stretch e_11 + lame (e_22 + e_33),
+            s_12 = 2 shear e_12 and so forth.
+        moments: [m2, m4, m6, m6], area and integrals of X2^2, X2^4 and X2^2 X3^2.
+        points: (p, d) 1, X2 (, X3) [m] of integration points, (0, d) to use the moments instead.
+        weights: (p,) [m2].
+    """
+
+    stretch: float
+    lame: float
+    shear: float
+    moments: tuple[float, float, float, float]
+    points: np.ndarray
+    weights: np.ndarray
+
+
+@kernel
+def set_strain(d, gradients, advanced, out):
+    """Set out (g, g) to E + mu dE/dt, given G and G + 2 mu dG/dt (g, d)."""
+    for i in range(2 * d - 1):
+        for j in range(i + 1):
+            total = gradients.dtype.type(0)
+            for b in range(d):
+                total += gradients[i, b] * advanced[j, b] + advanced[i, b] * gradients[j, b]
+            out[i, j] = 0.25 * total
+            out[j, i] = out[i, j]
+    out[0, 0] -= 0.5
+    for k in range(d, 2 * d - 1):
+        out[k, k] -= 0.5
+
+
+@kernel
+def set_resultants(law, d, strain, out):
+    """Set out (g, g) to the resultants N [N, N m, N m2] of E (g, g), with exact moments."""
+    area, second, fourth, mixed = law.moments
+    stretch, lame, shear = law.stretch, law.lame, law.shear
+    axial, lateral, quadratic = strain[0, 0], strain.dtype.type(0), strain.dtype.type(0)
+    for k in range(1, d):
+        quadratic += strain[k, k]
+        lateral += strain[d - 1 + k, d - 1 + k]
+    mean = area * axial + second * quadratic  # integral of e_11
+    out[0, 0] = stretch * mean + lame * area * lateral
+    for k in range(1, d):
+        out[0, k] = 2 * stretch * second * strain[0, k]
+        out[k, 0] = out[0, k]
+        for j in range(1, d):
+            if j == k:
+                rest = quadratic - strain[k, k]
+                moment = second * axial + fourth * strain[k, k] + mixed * rest
+                out[k, k] = stretch * moment + lame * second * lateral
+            else:
+                out[j, k] = 2 * stretch * mixed * strain[j, k]
+    for k in range(d, 2 * d - 1):
+        for j in range(d):
+            moment = area if j == 0 else second
+            out[j, k] = 2 * shear * moment * strain[j, k]
+            out[k, j] = out[j, k]
+        for j in range(d, 2 * d - 1):
+            out[j, k] = 2 * shear * area * strain[j, k]
+        out[k, k] += lame * (mean + area * lateral)
+
+
+@kernel
+def set_resultants_by_points(law, d, strain, out):
+    """As `set_resultants`, with the section's integral as a sum over points."""
+    g = 2 * d - 1
+    stress = np.empty(g, strain.dtype)
+    out[:] = 0.0
+    lateral = strain.dtype.type(0)
+    for k in range(d, g):
+        lateral += strain[k, k]
+    for s in range(len(law.weights)):
+        x, weight = law.points[s], law.weights[s]
+        axial = strain.dtype.type(0)
+        for i in range(d):
+            for j in range(d):
+                axial += x[i] * x[j] * strain[i, j]
+        normal = weight * (law.stretch * axial + law.lame * lateral)
+        transverse = weight * law.lame * (axial + lateral)
+        for k in range(d, g):
+            stress[k] = strain.dtype.type(0)
+            for j in range(d):
+                stress[k] += 2 * law.shear * weight * x[j] * strain[j, k]
+        for i in range(d):
+            for j in range(d):
+                out[i, j] += normal * x[i] * x[j]
+            for k in range(d, g):
+                out[i, k] += stress[k] * x[i]
+                out[k, i] += stress[k] * x[i]
+        for k in range(d, g):
+            out[k, k] += transverse
+            for j in range(d, g):
+                out[j, k] += 2 * law.shear * weight * strain[j, k]
+
+
+@kernel
+def apply_law(law, d, strain, out):
+    """Set out (g, g) to the resultants of E (g, g) by the chosen integration."""
+    if len(law.weights) == 0:
+        set_resultants(law, d, strain, out)
+    else:
+        set_resultants_by_points(law, d, strain, out)

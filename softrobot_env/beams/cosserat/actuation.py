@@ -1,0 +1,206 @@
+"""Kernels of the Cosserat rod's material points, loads and tendon channels."""
+
+import numpy as np
+
+from softrobot_env.beams.cosserat.dynamics import (
+    add_moment,
+    cell,
+    curvatures,
+    first_vertex,
+    pull_ends,
+    section_at,
+    sections,
+    segment_vector,
+    vertex_at,
+    vertex_index,
+)
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.quaternions import (
+    add_scaled,
+    cross,
+    dot3,
+    dot4,
+    quaternion_at,
+    relative,
+    rotate,
+    rotate_back,
+    row3,
+    row4,
+    times_vector,
+    unit,
+    weighting,
+)
+
+
+@kernel
+def locate(model, q, out):
+    """Set out (n_points, 3) [m] to the material points."""
+    offset = model.actuation.point_offset
+    for m in range(len(offset)):
+        n, share = model.vertex[m], model.share[m]
+        low, high = vertex_at(q, model.base, n), vertex_at(q, model.base, n + 1)
+        for i in range(3):
+            out[m, i] = (1 - share) * low[i] + share * high[i]
+        if offset[m, 0] != 0 or offset[m, 1] != 0:
+            k, weight = model.section[m], model.weight[m]
+            _add_director(out, m, 1 - weight, section_at(q, k), offset)
+            _add_director(out, m, weight, section_at(q, k + 1), offset)
+
+
+@kernel
+def _add_director(out, m, weight, frame, offset):
+    zero = frame[0] * 0
+    add_scaled(out, m, weight, rotate(frame, (zero + offset[m, 0], zero + offset[m, 1], zero)))
+
+
+@kernel
+def add_forces(model, q, forces, out):
+    """Add to out (n,) the generalised force of forces (n_points, 3) [N] on the points."""
+    offset = model.actuation.point_offset
+    for m in range(len(offset)):
+        n, share, force = model.vertex[m], model.share[m], row3(forces, m)
+        low, high = vertex_index(model.base, n), vertex_index(model.base, n + 1)
+        for i in range(3):
+            if low >= 0:
+                out[low + i] += (1 - share) * force[i]
+            out[high + i] += share * force[i]
+        if offset[m, 0] != 0 or offset[m, 1] != 0:
+            k, weight = model.section[m], model.weight[m]
+            _add_lever(q, k, 1 - weight, force, offset, m, out)
+            _add_lever(q, k + 1, weight, force, offset, m, out)
+
+
+@kernel
+def _add_lever(q, k, weight, force, offset, m, out):
+    """Add to out (n,) the share of a force on offset m that turns segment k."""
+    if k >= 0 and weight != 0:
+        x, y, z = rotate_back(section_at(q, k), force)
+        a, b = offset[m, 0], offset[m, 1]
+        add_torque(q, k, weight, (b * z, -a * z, a * y - b * x), out)
+
+
+@kernel
+def add_torque(q, k, factor, torque, out):
+    """Add to out (n,) factor times a torque [N m] on segment k, in its frame."""
+    p = quaternion_at(q, 7 * k + 3)
+    scale, row = 2 * factor / dot4(p, p), times_vector(p, torque)
+    for i in range(4):
+        out[7 * k + 3 + i] += scale * row[i]
+
+
+@kernel
+def load_axes(model, q, out):
+    """Set out (n_loads, 3, 3) to the orientation of the loads' cross-sections.
+
+    The normalised mean of the neighbouring quaternions, extrapolated beyond the last.
+    """
+    zero = q[0] * 0
+    for m in range(len(out)):
+        k, weight = model.section[m], model.weight[m]
+        low, high = section_at(q, k), section_at(q, k + 1)
+        if dot4(low, high).real < 0:
+            high = (-high[0], -high[1], -high[2], -high[3])
+        frame = unit(
+            (
+                (1 - weight) * low[0] + weight * high[0],
+                (1 - weight) * low[1] + weight * high[1],
+                (1 - weight) * low[2] + weight * high[2],
+                (1 - weight) * low[3] + weight * high[3],
+            )
+        )
+        e_x = rotate(frame, (zero + 1, zero, zero))
+        e_y = rotate(frame, (zero, zero + 1, zero))
+        e_z = cross(e_x, e_y)
+        for i in range(3):
+            out[m, i, 0], out[m, i, 1], out[m, i, 2] = e_x[i], e_y[i], e_z[i]
+
+
+@kernel
+def add_moments(model, q, moments, out):
+    """Add to out (n,) the generalised force of moments (n_loads, 3) [N m] at the loads."""
+    for m in range(len(moments)):
+        k, weight, moment = model.section[m], model.moment_weight[m], row3(moments, m)
+        if k >= 0 and weight != 1:
+            add_torque(q, k, 1 - weight, rotate_back(section_at(q, k), moment), out)
+        if weight != 0:
+            add_torque(q, k + 1, weight, rotate_back(section_at(q, k + 1), moment), out)
+
+
+# ---------------------------------------------------------------- channels
+
+
+@kernel
+def _shares(end, k):
+    """Shares of segment k beside its first and its second vertex that a channel runs through.
+
+    It ends after `end` segments.
+    """
+    portion = min(1.0, end - k)
+    if portion < 1e-9:  # rounding error of an end at a vertex
+        return 0.0, 0.0
+    low = min(portion, 0.5)
+    return low, portion - low
+
+
+@kernel
+def _channel_vector(t, kappa, k, low, high, offset, c):
+    """Tangent of channel c in segment k, in its frame: t + kappa x (x, y, 0)."""
+    first, second = low / (low + high), high / (low + high)
+    x = first * kappa[k, 0] + second * kappa[k + 1, 0]
+    y = first * kappa[k, 1] + second * kappa[k + 1, 1]
+    z = first * kappa[k, 2] + second * kappa[k + 1, 2]
+    a, b = offset[c, 0], offset[c, 1]
+    return t[0] - z * b, t[1] + z * a, t[2] + x * b - y * a
+
+
+@kernel
+def channel_lengths(model, q, out):
+    """Set out (n_channels,) [m] to the lengths of the continuous channels.
+
+    Rucker and Webster (IEEE Trans. Robotics 27, 2011): the tangent of a channel at (x, y) is
+    gamma + e_z + kappa x (x, y, 0). gamma is that of the segment, kappa that of the nearer
+    vertex; the half segment at the tip, which cannot bend, has none.
+    """
+    ends, offset = model.actuation.channel_end, model.actuation.channel_offset
+    base, spacing, u = model.base, model.spacing, sections(q, model.pieces)
+    kappa = curvatures(u, base, spacing, model.weighting)
+    out[:] = 0
+    for k in range(model.pieces):
+        t = segment_vector(q, base, k, spacing, row4(u, k + 1))
+        for c in range(len(ends)):
+            low, high = _shares(ends[c] / spacing, k)
+            if low > 0:
+                x = _channel_vector(t, kappa, k, low, high, offset, c)
+                out[c] += spacing * (low + high) * np.sqrt(dot3(x, x))
+
+
+@kernel
+def add_channel_forces(model, q, tension, out):
+    """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels."""
+    ends, offset = model.actuation.channel_end, model.actuation.channel_offset
+    base, spacing, u = model.base, model.spacing, sections(q, model.pieces)
+    kappa = curvatures(u, base, spacing, model.weighting)
+    torque, moment = np.zeros_like(kappa), np.zeros_like(kappa)
+    zero = q[0] * 0
+    for k in range(model.pieces):
+        frame = row4(u, k + 1)
+        t, force = segment_vector(q, base, k, spacing, frame), (zero, zero, zero)
+        for c in range(len(ends)):
+            low, high = _shares(ends[c] / spacing, k)
+            if low > 0:
+                x = _channel_vector(t, kappa, k, low, high, offset, c)
+                pull = tension[c] / np.sqrt(dot3(x, x))
+                a, b, part = offset[c, 0], offset[c, 1], (low + high) * pull
+                force = (force[0] + part * x[0], force[1] + part * x[1], force[2] + part * x[2])
+                lever = (b * x[2], -a * x[2], a * x[1] - b * x[0])
+                add_scaled(moment, k, spacing * low * pull, lever)
+                add_scaled(moment, k + 1, spacing * high * pull, lever)
+        pull_ends(base, k, frame, -1.0, force, out)
+        add_scaled(torque, k + 1, spacing, cross(t, force))
+    for n in range(first_vertex(base), model.pieces):
+        turn, scale = relative(row4(u, n), row4(u, n + 1)), 1 / cell(spacing, n)
+        xi, slope = weighting(model.weighting, turn)
+        at = (scale * moment[n, 0], scale * moment[n, 1], scale * moment[n, 2])
+        add_moment(torque, n, turn, xi, slope, at)
+    for k in range(model.pieces):
+        add_torque(q, k, 1.0, row3(torque, k + 1), out)

@@ -1,0 +1,384 @@
+"""Kernels of the Cosserat rod on a staggered grid (thesis sec. 2.2, the audit's corrections).
+
+The rod has N segments of length D. Vertices x_0 .. x_N carry the mass, the segments between them
+the orientations, quaternions p_1/2 .. p_N-1/2. A block of seven coordinates holds [x_n, p_n-1/2],
+n = 1 .. N. The clamp is x_0 = 0 and a fixed section at s = 0; without it x_0 follows the last
+block. In arrays of N + 1 sections, row 0 is the clamp and row k + 1 segment k.
+
+A quaternion stands for the rotation of its direction: strains, velocities and forces do not
+change when it is scaled, so a drift of its norm does no work. On unit quaternions all is as
+printed in the thesis. A torque t in the section's frame is the generalised force 2 p t / |p|^2.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.actuation import Actuation
+from softrobot_env.beams.numerics.compilation import kernel, structure
+from softrobot_env.beams.numerics.quaternions import (
+    add_scaled,
+    cross,
+    dot3,
+    dot4,
+    quaternion_at,
+    quotient,
+    relative,
+    relative_rate,
+    rotate,
+    rotate_back,
+    row3,
+    row4,
+    times_vector,
+    unit,
+    vector_at,
+    weighting,
+)
+
+
+@structure
+class CosseratData(NamedTuple):
+    """Data of the kernels; see `beams.mechanics` for the first five.
+
+    Attributes:
+        pieces: N.
+        base: Index of x_0's first coordinate, -1 if clamped.
+        spacing: D [m].
+        vertex_mass: (N + 1,) [kg].
+        inertia: (3,) [kg m2] of a segment.
+        normal_inertia: [kg m2] that resists a change of a quaternion's norm; the value does not
+            influence the motion.
+        stretching: (3,) [N], shear (2) and tension stiffness C_gamma.
+        bending: (3,) [N m2], bending (2) and torsion stiffness C_kappa.
+        damping_time: [s].
+        gravity: (3,) [m/s2].
+        weighting: 1 to 5, the xi of (2.23).
+        conservative: Whether moments act as the gradient of the energy, else as printed.
+        baumgarte: [1/s], decay rate of a quaternion's norm to 1, 0 for none.
+        norm_stiffness: [N m] that holds the norm at 1 in statics, 0 in dynamics.
+        vertex, share: (n_points,), a point's centre is (1 - share) x_vertex + share x_vertex+1.
+        section, weight: (n_points,), its directors are those of the segments `section` (-1: the
+            clamp) and `section` + 1, with weights 1 - weight and weight.
+        moment_weight: (n_points,), the same for moments.
+    """
+
+    n: int
+    block: int
+    reach: int
+    scale: np.ndarray
+    actuation: Actuation
+    pieces: int
+    base: int
+    spacing: float
+    vertex_mass: np.ndarray
+    inertia: np.ndarray
+    normal_inertia: float
+    stretching: np.ndarray
+    bending: np.ndarray
+    damping_time: float
+    gravity: np.ndarray
+    weighting: int
+    conservative: bool
+    baumgarte: float
+    norm_stiffness: float
+    vertex: np.ndarray
+    share: np.ndarray
+    section: np.ndarray
+    weight: np.ndarray
+    moment_weight: np.ndarray
+
+
+# ---------------------------------------------------------------- coordinates
+
+
+@kernel
+def vertex_index(base, n):
+    """Index of vertex n's first coordinate, negative for the clamp."""
+    return base if n == 0 else 7 * (n - 1)
+
+
+@kernel
+def vertex_at(q, base, n):
+    """Vertex n (3,) [m] from coordinates q (n,), or its velocity from v."""
+    j = vertex_index(base, n)
+    if j < 0:
+        zero = q[0] * 0
+        return zero, zero, zero
+    return vector_at(q, j)
+
+
+@kernel
+def section_at(q, k):
+    """Unit quaternion of segment k, or of the clamp if k < 0."""
+    if k < 0:
+        zero = q[0] * 0
+        return zero + 1, zero, zero, zero
+    return unit(quaternion_at(q, 7 * k + 3))
+
+
+@kernel
+def sections(q, pieces):
+    """Unit quaternions (N + 1, 4) of the clamp and the segments."""
+    u = np.empty((pieces + 1, 4), q.dtype)
+    for k in range(pieces + 1):
+        u[k, 0], u[k, 1], u[k, 2], u[k, 3] = section_at(q, k - 1)
+    return u
+
+
+@kernel
+def spins(q, v, pieces):
+    """Angular velocities (N + 1, 3) [rad/s] of the clamp and the segments, in their frames."""
+    w = np.zeros((pieces + 1, 3), q.dtype)
+    for k in range(pieces):
+        p = quaternion_at(q, 7 * k + 3)
+        factor, x = 2 / dot4(p, p), quotient(p, quaternion_at(v, 7 * k + 3))
+        w[k + 1, 0], w[k + 1, 1], w[k + 1, 2] = factor * x[1], factor * x[2], factor * x[3]
+    return w
+
+
+@kernel
+def segment_vector(q, base, k, spacing, frame):
+    """R^T (x_k+1 - x_k) / D of segment k, gamma + e_z (2.29); or of the velocities."""
+    low, high, scale = vertex_at(q, base, k), vertex_at(q, base, k + 1), 1 / spacing
+    return rotate_back(
+        frame,
+        (scale * (high[0] - low[0]), scale * (high[1] - low[1]), scale * (high[2] - low[2])),
+    )
+
+
+@kernel
+def cell(spacing, n):
+    """Length l_n [m] over which the sections beside vertex n < N turn against each other."""
+    return 0.5 * spacing if n == 0 else spacing
+
+
+@kernel
+def first_vertex(base):
+    """First vertex with a curvature: a free base has none."""
+    return 0 if base < 0 else 1
+
+
+@kernel
+def curvatures(u, base, spacing, kind):
+    """Curvatures kappa_n (N + 1, 3) [1/m] (2.23) between sections u, zero at free ends."""
+    kappa = np.zeros((len(u), 3), u.dtype)
+    for n in range(first_vertex(base), len(u) - 1):
+        w = relative(row4(u, n), row4(u, n + 1))
+        factor = 2 / cell(spacing, n) * weighting(kind, w)[0]
+        for i in range(3):
+            kappa[n, i] = factor * w[i + 1]
+    return kappa
+
+
+# ---------------------------------------------------------------- equations of motion
+
+
+@kernel
+def internal_residual(model, q, v, a, out):
+    """Set out (n,) to inertial, elastic and damping forces less gravity, (2.36) and (2.37)."""
+    base, spacing, mu = model.base, model.spacing, model.damping_time
+    u, w = sections(q, model.pieces), spins(q, v, model.pieces)
+    torque = np.zeros_like(w)
+    _set_inertia(model.vertex_mass, model.gravity, base, a, out)
+    _add_stretching(model.stretching, mu, base, spacing, q, v, u, w, torque, out)
+    kind = model.weighting if model.conservative else -model.weighting
+    _add_bending(model.bending, mu, kind, base, spacing, u, w, torque)
+    constraint = (model.normal_inertia, model.baumgarte, model.norm_stiffness)
+    _set_rotation_rows(model.inertia, constraint, q, v, a, w, torque, out)
+
+
+@kernel
+def _set_inertia(mass, gravity, base, a, out):
+    """Set the vertices' rows of out (n,) to mass times acceleration less gravity."""
+    for n in range(1 if base < 0 else 0, len(mass)):
+        j = vertex_index(base, n)
+        for i in range(3):
+            out[j + i] = mass[n] * (a[j + i] - gravity[i])
+
+
+@kernel
+def _add_stretching(c, mu, base, spacing, q, v, u, w, torque, out):
+    """Add shear and tension forces c (gamma + mu dgamma/dt) to torque and out."""
+    for k in range(len(u) - 1):
+        frame = row4(u, k + 1)
+        t = segment_vector(q, base, k, spacing, frame)
+        rate = segment_vector(v, base, k, spacing, frame)
+        turning = cross(row3(w, k + 1), t)
+        force = (
+            c[0] * (t[0] + mu * (rate[0] - turning[0])),
+            c[1] * (t[1] + mu * (rate[1] - turning[1])),
+            c[2] * (t[2] - 1 + mu * (rate[2] - turning[2])),
+        )
+        pull_ends(base, k, frame, 1.0, force, out)
+        add_scaled(torque, k + 1, spacing, cross(t, force))
+
+
+@kernel
+def pull_ends(base, k, frame, factor, force, out):
+    """Pull the ends of segment k together with factor force, a force in its frame.
+
+    Added to the residual out (n,), where forces count negative.
+    """
+    pull = rotate(frame, force)
+    low, high = vertex_index(base, k), vertex_index(base, k + 1)
+    for i in range(3):
+        out[high + i] += factor * pull[i]
+        if low >= 0:
+            out[low + i] -= factor * pull[i]
+
+
+@kernel
+def _add_bending(c, mu, kind, base, spacing, u, w, torque):
+    """Add moments c (kappa + mu dkappa/dt) to torque (N + 1, 3) [N m].
+
+    The weighting is xi_kind, negative where moments act as printed.
+    """
+    for n in range(first_vertex(base), len(u) - 1):
+        turn = relative(row4(u, n), row4(u, n + 1))
+        rate = relative_rate(turn, row3(w, n), row3(w, n + 1))
+        xi, slope = weighting(abs(kind), turn)
+        factor = 2 / cell(spacing, n)
+        still, moving = factor * (xi + mu * slope * rate[0]), factor * mu * xi
+        moment = (
+            c[0] * (still * turn[1] + moving * rate[1]),
+            c[1] * (still * turn[2] + moving * rate[2]),
+            c[2] * (still * turn[3] + moving * rate[3]),
+        )
+        if kind < 0:
+            xi, slope = xi * 0 + 1, xi * 0
+        add_moment(torque, n, turn, xi, slope, moment)
+
+
+@kernel
+def add_moment(torque, n, turn, xi, slope, moment):
+    """Add the torques on both sides of vertex n that a moment of cell n does work by.
+
+    Their work is -moment . l_n dkappa. With the rotations d_a and d_b of the sections, in their
+    frames, and the relative unit quaternion (c, s) this is
+    l_n dkappa = xi (c (d_b - d_a) + s x (d_a + d_b)) - slope s (s . (d_b - d_a)).
+    xi = 1 and slope = 0 give the torques of (2.37).
+
+    Args:
+        torque: (N + 1, 3) [N m].
+        n: Vertex.
+        turn: The relative quaternion.
+        xi, slope: The weighting and its derivative by c.
+        moment: Vector [N m].
+    """
+    s = (turn[1], turn[2], turn[3])
+    twist = cross(s, moment)
+    along = slope * dot3(s, moment)
+    for i in range(3):
+        even, odd = xi * twist[i], xi * turn[0] * moment[i] - along * s[i]
+        torque[n, i] += even + odd
+        torque[n + 1, i] += even - odd
+
+
+@kernel
+def _set_rotation_rows(inertia, constraint, q, v, a, w, torque, out):
+    """Set the rows of the quaternions: Euler's equations, and the norm's constraint.
+
+    The latter on acceleration level, p . a = -|v|^2 as in (2.43), with Baumgarte's terms.
+    """
+    normal_inertia, z, norm_stiffness = constraint
+    for k in range(len(w) - 1):
+        j = 7 * k + 3
+        p, dp, ddp = quaternion_at(q, j), quaternion_at(v, j), quaternion_at(a, j)
+        w_k, turned = row3(w, k + 1), quotient(p, ddp)
+        square, radial = dot4(p, p), dot4(p, dp)
+        factor = 2 / square
+        spinning = (inertia[0] * w_k[0], inertia[1] * w_k[1], inertia[2] * w_k[2])
+        gyroscopic = cross(w_k, spinning)
+        drag = factor * radial
+        missing = (
+            factor * inertia[0] * turned[1] - drag * spinning[0] + gyroscopic[0] - torque[k + 1, 0],
+            factor * inertia[1] * turned[2] - drag * spinning[1] + gyroscopic[1] - torque[k + 1, 1],
+            factor * inertia[2] * turned[3] - drag * spinning[2] + gyroscopic[2] - torque[k + 1, 2],
+        )
+        excess = 0.5 * (square - 1)
+        normal = norm_stiffness * excess + normal_inertia * (
+            dot4(p, ddp) + dot4(dp, dp) + 2 * z * radial + z * z * excess
+        )
+        row = times_vector(p, missing)
+        for i in range(4):
+            out[j + i] = factor * row[i] + normal * p[i]
+
+
+@kernel
+def solve_mass(model, q, force, out):
+    """Set out (n,) to M(q)^-1 force; (2.44) with the audit's factor 1/4."""
+    for n in range(1 if model.base < 0 else 0, model.pieces + 1):
+        j = vertex_index(model.base, n)
+        for i in range(3):
+            out[j + i] = force[j + i] / model.vertex_mass[n]
+    inertia = model.inertia
+    for k in range(model.pieces):
+        j = 7 * k + 3
+        p, f = quaternion_at(q, j), quaternion_at(force, j)
+        square, x = dot4(p, p), quotient(p, f)
+        turn = (0.25 * x[1] / inertia[0], 0.25 * x[2] / inertia[1], 0.25 * x[3] / inertia[2])
+        row = times_vector(p, turn)
+        radial = x[0] / (model.normal_inertia * square * square)
+        for i in range(4):
+            out[j + i] = row[i] + radial * p[i]
+
+
+@kernel
+def project(model, q, v):
+    """Normalise the quaternions and remove the velocity of their norm, in place.
+
+    (2.47), and (2.48) with the normalised quaternion (audit). The velocity is divided by the norm
+    as well: rotation and angular velocity then stay what they were.
+    """
+    for k in range(model.pieces):
+        j = 7 * k + 3
+        p, dp = quaternion_at(q, j), quaternion_at(v, j)
+        square = dot4(p, p)
+        scale, radial = 1 / np.sqrt(square), dot4(p, dp) / square
+        for i in range(4):
+            q[j + i] = scale * p[i]
+            v[j + i] = scale * (dp[i] - radial * p[i])
+
+
+# ---------------------------------------------------------------- energy and momentum
+
+
+@kernel
+def potential(model, q):
+    """Elastic and gravitational energy [J]; gravity's is zero in the straight pose."""
+    base, spacing, u = model.base, model.spacing, sections(q, model.pieces)
+    kappa = curvatures(u, base, spacing, model.weighting)
+    total = q[0] * 0
+    for n in range(model.pieces + 1):
+        x, place = vertex_at(q, base, n), spacing * n
+        fall = dot3(x, model.gravity) - place * model.gravity[2]
+        total -= model.vertex_mass[n] * fall
+        for i in range(3):
+            total += 0.5 * cell(spacing, n) * model.bending[i] * kappa[n, i] * kappa[n, i]
+    for k in range(model.pieces):
+        t, c = segment_vector(q, base, k, spacing, row4(u, k + 1)), model.stretching
+        squares = c[0] * t[0] * t[0] + c[1] * t[1] * t[1] + c[2] * (t[2] - 1) * (t[2] - 1)
+        total += 0.5 * spacing * squares
+    return total
+
+
+@kernel
+def momentum(model, q, v, out):
+    """Set out (6,) to linear [N s] and angular momentum about the origin [N m s]."""
+    out[:] = 0
+    for n in range(model.pieces + 1):
+        mass, dx = model.vertex_mass[n], vertex_at(v, model.base, n)
+        turning = cross(vertex_at(q, model.base, n), dx)
+        for i in range(3):
+            out[i] += mass * dx[i]
+            out[i + 3] += mass * turning[i]
+    w, inertia = spins(q, v, model.pieces), model.inertia
+    for k in range(model.pieces):
+        spinning = (
+            inertia[0] * w[k + 1, 0],
+            inertia[1] * w[k + 1, 1],
+            inertia[2] * w[k + 1, 2],
+        )
+        turning = rotate(section_at(q, k), spinning)
+        for i in range(3):
+            out[i + 3] += turning[i]

@@ -1,0 +1,114 @@
+"""Equilibria of the rig without any mesh: a column under its weight and a heavy head.
+
+The rig is alike on all sides and its tendons pull with constant moments, so it bends in one plane,
+towards the azimuth p. In that plane, with the weight W(s) of everything above s, the force on the
+section at angle t is (0, -W), less the tendons' tensions F along its axis; with x towards p,
+
+    r' = (stretch, shear) as in `exact_rod`,   EI t' = m,   m' = -W x',
+    m(L) = sum F_k r_k . (cos p, sin p) + W_head h sin t(L).
+
+Three numbers are unknown: the components of the end's bending vector t(L) (cos p, sin p), and how
+much the fibre is shortened, which together give the tensions. They are right where t(0) = 0, where
+the tendons pull towards p, and where the shortening is what the forces cause.
+"""
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.optimize import root
+
+from softrobot_env.beams.exact.shearable_rod import RodError, Section, section, section_slope
+from softrobot_env.robots import RobotParams
+
+_RTOL, _ATOL = 1e-11, 1e-13
+_SMALL = 1e-9
+_SHARES = (0.25, 0.5, 0.75, 1.0)
+_GUESS = 0.3  # rad
+
+
+def tensions(
+    robot: RobotParams, pulled: np.ndarray, bend: np.ndarray, shortening: float = 0.0
+) -> np.ndarray:
+    """Tensions (3,) [N] of elastic tendons in channels; slack ones have none.
+
+    Args:
+        robot: The robot; its tendons end at its tip.
+        pulled: (3,) [m].
+        bend: (2,) [rad], angle of the end towards x and y.
+        shortening: [m], how much the neutral fibre is compressed.
+    """
+    tendons = robot.tendons
+    taut = pulled - np.array([t.offset for t in tendons]) @ bend - shortening
+    force = np.array([t.pretension for t in tendons])
+    force = force + np.array([t.stiffness for t in tendons]) * taut
+    return np.clip(force, 0.0, [t.tension_limit for t in tendons])
+
+
+def column_tip(
+    robot: RobotParams, pulled: np.ndarray, shear_coefficient: float | None
+) -> np.ndarray:
+    """Output point (3,) [m] with lengths (3,) [m] pulled in, reached from the straight pose.
+
+    Args:
+        robot: An upright robot with a head and elastic tendons in channels up to its end.
+        pulled: Lengths.
+        shear_coefficient: k [1] of the shear stiffness; None leaves out shear and extension.
+
+    Raises:
+        RodError: No equilibrium was found.
+        ValueError: The lengths pull to no side.
+    """
+    rod = section(robot, shear_coefficient)
+    toward = np.asarray(pulled) @ np.array([t.offset for t in robot.tendons])
+    if not np.any(toward):
+        raise ValueError(f"lengths {pulled} m pull to no side: the rig stays straight")
+    unknown = np.array([*(_GUESS * toward / np.hypot(*toward)), 0.0])
+    for share in _SHARES:
+        lengths = share * np.asarray(pulled)
+        found = root(lambda x, s=lengths: _missing(robot, rod, s, x), unknown, tol=1e-12)
+        unknown = found.x
+    if np.max(np.abs(found.fun)) > _SMALL:
+        raise RodError(f"no equilibrium of the rig at {pulled} m: {found.message}")
+    bend = unknown[:2]
+    angle = float(np.hypot(*bend))
+    base = _toward_base(robot, rod, angle, *_pull(robot, lengths, unknown))
+    aside = robot.head.output * np.sin(angle) - base[2]
+    return np.array([*(aside * bend / angle), robot.head.output * np.cos(angle) - base[3]])
+
+
+def _pull(robot: RobotParams, pulled: np.ndarray, unknown: np.ndarray) -> tuple[float, float]:
+    """Moment [N m] towards the bend and sum [N] of the tensions."""
+    bend, shortening = unknown[:2], unknown[2]
+    force = tensions(robot, pulled, bend, shortening)
+    moment = force @ np.array([t.offset for t in robot.tendons])
+    return float(moment @ bend / np.hypot(*bend)), float(force.sum())
+
+
+def _missing(
+    robot: RobotParams, rod: Section, pulled: np.ndarray, unknown: np.ndarray
+) -> np.ndarray:
+    """Errors (3,) [1]: angle at the base, curvature across the bend, shortening per length."""
+    bend, shortening = unknown[:2], unknown[2]
+    force = tensions(robot, pulled, bend, shortening)
+    moment = force @ np.array([t.offset for t in robot.tendons])
+    angle = float(np.hypot(*bend))
+    across = float(moment[0] * bend[1] - moment[1] * bend[0]) / angle / robot.bending_stiffness
+    base = _toward_base(robot, rod, angle, *_pull(robot, pulled, unknown))
+    return np.array([base[0], across * robot.length, (base[4] - shortening) / robot.length])
+
+
+def _toward_base(
+    robot: RobotParams, rod: Section, angle: float, moment: float, pull: float
+) -> np.ndarray:
+    """Section angle, moment, x, z and shortening (5,) at the base, from those at the end."""
+    gravity = -robot.gravity[2]
+    head, per_length = robot.head.mass * gravity, robot.mass_per_length * gravity
+
+    def slope(s: float, y: np.ndarray) -> np.ndarray:
+        weight = head + per_length * (robot.length - s)
+        axis = np.array([np.sin(y[0]), np.cos(y[0])])
+        along = section_slope(y[0], np.array([0.0, -weight]) - pull * axis, rod)
+        return np.array([y[1] / rod.bending, -weight * along[0], *along, axis @ along - 1])
+
+    top = [angle, moment + head * robot.head.centre * np.sin(angle), 0.0, 0.0, 0.0]
+    span = (robot.length, 0.0)
+    return solve_ivp(slope, span, top, "DOP853", rtol=_RTOL, atol=_ATOL).y[:, -1]

@@ -1,0 +1,1 @@
+"""What all beam models compute with: compilation, time integration, bands, quaternions."""

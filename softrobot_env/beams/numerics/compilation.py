@@ -1,0 +1,155 @@
+"""Compilation of kernels to machine code, cached on disk, and their structures."""
+
+import sys
+from collections.abc import Callable
+from functools import cache, partial
+from hashlib import sha256
+from pathlib import Path
+from typing import Any
+
+import numba
+from numba.core import types
+from numba.core.caching import FunctionCache
+from numba.experimental import structref
+from numba.extending import overload
+
+_PACKAGE = __name__.split(".")[0]
+
+
+_ROOT = Path(__file__).parents[2]
+
+
+@cache
+def _digest(places: tuple[Path, ...]) -> str:
+    """Digest of the sources in some folders and below."""
+    digest = sha256()
+    for place in dict.fromkeys(places):
+        for source in sorted(place.rglob("*.py")):
+            digest.update(source.read_bytes())
+    return digest.hexdigest()
+
+
+def _part(function: Callable) -> Path:
+    """Folder whose sources a function may call: its part of the package, else its own folder."""
+    own = Path(function.__code__.co_filename).parent
+    if _ROOT not in own.parents:
+        return own
+    return _ROOT / own.relative_to(_ROOT).parts[0]
+
+
+class _KernelCache(FunctionCache):
+    """Numba's cache, made safe for kernels that call each other and take foreign models.
+
+    Numba watches the file of the function alone: here every kernel depends on all sources of the
+    beams and of its own part of the package, so that an edit of any of them recompiles. And a
+    kernel compiled for a model that is defined elsewhere, in a script for instance, is not
+    stored: nobody else could read the index.
+    """
+
+    def __init__(self, function: Callable, everywhere: bool) -> None:
+        super().__init__(function)
+        places = (_ROOT,) if everywhere else (_ROOT / "beams", _part(function))
+        digest = _digest(places)
+        # Numba compares the version before it unpickles the rest, whose classes may be gone.
+        self._cache_file._version = f"{self._cache_file._version} {digest}"
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Store a compiled kernel if all types of its arguments belong to this package."""
+        classes = [getattr(t, "instance_class", None) for t in sig]
+        if all(c is None or c.__module__.split(".")[0] == _PACKAGE for c in classes):
+            super().save_overload(sig, data)
+
+
+def kernel(function: Callable, everywhere: bool = False) -> Any:
+    """Compile a function on its first call for every new combination of argument types.
+
+    Division by zero gives inf or nan, as in NumPy, so that a diverging state shows as one.
+
+    Args:
+        function: The function.
+        everywhere: Whether structures from anywhere in the package may be passed to it, so that
+            an edit of any of its sources recompiles it.
+    """
+    compiled = numba.njit(error_model="numpy", fastmath={"contract", "nsz"})(function)
+    compiled._cache = _KernelCache(function, everywhere)
+    return compiled
+
+
+# ---------------------------------------------------------------- structures
+
+#: Class of the references to instances of each structure.
+_REFERENCES: dict[type, type] = {}
+
+
+class _StructType(types.StructRef):
+    """Numba's type of a structure; `instance_class` as in its type of named tuples."""
+
+    data_class: type
+
+    def preprocess_fields(self, fields: Any) -> tuple:
+        return tuple((name, types.unliteral(t)) for name, t in fields)
+
+    @property
+    def instance_class(self) -> type:
+        return self.data_class
+
+
+class Reference(structref.StructRefProxy):
+    """A structure as kernels see it: passed as one pointer, its fields readable in Python.
+
+    A named tuple would be passed by value, every field of every array on its own, which costs
+    several times the run and compile time of the kernels here.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "_source":  # not set yet
+            raise AttributeError(name)
+        return getattr(self._source, name)
+
+    def __reduce__(self) -> tuple:
+        return reference, (self._source,)
+
+    def _replace(self, **changes: Any) -> "Reference":
+        """A reference to a copy with other values."""
+        return reference(self._source._replace(**changes))
+
+
+def structure(data_class: type) -> type:
+    """Class decorator: let instances of a NamedTuple class be passed to kernels by reference."""
+    module, name = data_class.__module__, data_class.__name__
+    namespace = {"__module__": module, "data_class": data_class}
+    struct_type = structref.register(type(f"{name}Type", (_StructType,), namespace))
+    proxy = type(f"{name}Reference", (Reference,), {"__module__": module})
+    for made in (struct_type, proxy):  # where pickle, hence the cache, looks for them
+        setattr(sys.modules[module], made.__name__, made)
+    structref.define_proxy(proxy, struct_type, list(data_class._fields))
+    _REFERENCES[data_class] = proxy
+    return data_class
+
+
+def reference(data: Any) -> Any:
+    """Reference to a structure, for kernels; structures inside it become references too."""
+    made = refer(data)
+    made._source = data
+    return made
+
+
+def _referred(value):
+    raise NotImplementedError
+
+
+@overload(_referred)
+def _referred_implementation(value):
+    data_class = getattr(value, "instance_class", None)
+    if data_class not in _REFERENCES or not isinstance(value, types.BaseNamedTuple):
+        return lambda value: value
+    fields = ", ".join(f"referred(value.{name})" for name in data_class._fields)
+    namespace = {"make": _REFERENCES[data_class], "referred": _referred}
+    exec(f"def convert(value): return make({fields})", namespace)
+    return namespace["convert"]
+
+
+@partial(kernel, everywhere=True)
+def refer(data):
+    """As `reference`, inside a kernel."""
+    return _referred(data)

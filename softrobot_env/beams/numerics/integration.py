@@ -1,0 +1,480 @@
+"""Compiled time stepping of any beam model with any method of `methods`."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams import signals
+from softrobot_env.beams.mechanics import (
+    acceleration,
+    bandwidth,
+    iteration_matrix,
+    project,
+    residual,
+)
+from softrobot_env.beams.numerics import band
+from softrobot_env.beams.numerics.compilation import kernel, structure
+
+#: What `integrate` returns.
+DONE, STEP_TOO_SMALL, NOT_CONVERGED, DIVERGED, TOO_MANY_STEPS = range(5)
+
+#: Rows of its counters.
+STEPS, REJECTED, RESIDUALS, MATRICES = range(4)
+
+_NEWTON_ITERATIONS = 10
+_CAREFUL_ITERATIONS = 50
+_CAREFUL_CHANGE = 0.3  # of a coordinate's scale in one iteration
+_ROUNDING = 1e-10  # change relative to the scale that may be all rounding error
+_SLOW = 0.3  # contraction per iteration beyond which the iteration matrix is formed anew
+_NEWTON_SHARE = 0.02  # of the tolerance that the iteration's error may take
+_SMALLEST_STEP = 1e-9  # of the whole duration
+_SHRINK, _GROW, _MARGIN, _WORTHWHILE = 0.2, 4.0, 0.9, 1.2
+_MOST_INTERVALS = 32  # of a smooth signal in one step
+_NUDGE = 1e-6  # of a step, by which stages keep off its ends, where inputs may jump
+_HUGE = 1e6  # sizes of a coordinate beyond which a motion counts as diverged
+
+
+@structure
+class Control(NamedTuple):
+    """How to choose steps.
+
+    Attributes:
+        adaptive: Whether the step follows the error estimate.
+        step: [s], fixed or first step.
+        tolerance: Error per step relative to `model.scale`; a fixed step uses it for Newton's
+            iteration only.
+        max_steps: Steps after which to give up.
+    """
+
+    adaptive: bool
+    step: float
+    tolerance: float
+    max_steps: int
+
+
+@structure
+class Work(NamedTuple):
+    """Arrays of one integration: stages, and Newton's matrix with what it was formed for.
+
+    Stages are (s, n), states and u vectors, the rest belongs to Newton's iteration.
+    """
+
+    stage_v: np.ndarray
+    stage_a: np.ndarray
+    start_q: np.ndarray
+    start_v: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    a: np.ndarray
+    change: np.ndarray
+    u: np.ndarray
+    matrix: np.ndarray
+    pivot: np.ndarray
+    formed: np.ndarray
+
+
+def workspace(n: int, width: int, stages: int, n_inputs: int) -> Work:
+    """Arrays for n coordinates and a Newton matrix with `width` diagonals to either side."""
+    return Work(
+        stage_v=np.zeros((stages, n)),
+        stage_a=np.zeros((stages, n)),
+        start_q=np.zeros(n),
+        start_v=np.zeros(n),
+        q=np.zeros(n),
+        v=np.zeros(n),
+        a=np.zeros(n),
+        change=np.zeros(n),
+        u=np.zeros(n_inputs),
+        matrix=np.zeros((n, 3 * width + 1)),
+        pivot=np.zeros(n, dtype=np.int64),
+        formed=np.zeros(1),
+    )
+
+
+@kernel
+def copy(source, out):
+    """Copy a vector; an assignment of slices would take seconds more to compile."""
+    for i in range(len(out)):
+        out[i] = source[i]
+
+
+@kernel
+def _size(model, x):
+    """Root mean square of x (n,) relative to the model's scale."""
+    total = 0.0
+    for i in range(len(x)):
+        total += (x[i] / model.scale[i]) ** 2
+    return np.sqrt(total / len(x))
+
+
+@kernel
+def _newton_matrix(model, q, v, a, h, work, counters):
+    """Form and factor K + D / h + M / h^2, the derivative by a stage's position; h = diagonal
+    element times step."""
+    iteration_matrix(model, q, v, a, work.u, 1 / h, 1 / h**2, work.matrix)
+    work.formed[0] = h
+    counters[MATRICES] += 1
+    return band.factor(work.matrix, bandwidth(model), work.pivot)
+
+
+@kernel
+def _inside(c):
+    """Place c (0 to 1) of a stage in its step, kept off the ends."""
+    return _NUDGE + c * (1 - 2 * _NUDGE)
+
+
+@kernel
+def _place(h, work):
+    """Position and velocity of a stage from its acceleration work.a."""
+    for i in range(len(work.a)):
+        work.v[i] = work.start_v[i] + h * work.a[i]
+        work.q[i] = work.start_q[i] + h * work.v[i]
+
+
+@kernel
+def _correct(model, h, largest, work, counters):
+    """One iteration of Newton's method; the size of the change it made.
+
+    A change beyond `largest` times a coordinate's scale is shortened to it.
+    """
+    residual(model, work.q, work.v, work.a, work.u, work.change)
+    counters[RESIDUALS] += 1
+    band.solve(work.matrix, bandwidth(model), work.pivot, work.change)
+    peak = 0.0
+    for i in range(model.n):
+        peak = max(peak, abs(work.change[i]) / model.scale[i])
+    share = largest / peak if peak > largest else 1.0
+    for i in range(model.n):
+        work.a[i] -= share * work.change[i] / h**2
+    _place(h, work)
+    return _size(model, work.change)
+
+
+@kernel
+def _solve_stage(model, h, limit, work, counters):
+    """Simplified Newton iteration for a stage; its contraction, -1 if it fails."""
+    _place(h, work)
+    before, contraction = np.inf, 0.0
+    for iteration in range(_NEWTON_ITERATIONS):
+        size = _correct(model, h, np.inf, work, counters)
+        if not size < _HUGE:
+            return -1.0
+        if iteration > 0:
+            contraction = max(contraction, size / before)
+            if contraction >= 1.0:  # no progress: rounding error, or no convergence
+                return contraction if size < max(limit, _ROUNDING) else -1.0
+        # What is left after this iteration is about rate / (1 - rate) times this change.
+        rate = contraction if iteration > 0 else 0.5
+        if size == 0.0 or size * rate / max(1e-3, 1 - rate) < limit:
+            return contraction
+        before = size
+    return -1.0
+
+
+@kernel
+def _solve_stage_carefully(model, h, limit, hold, work, counters):
+    """Newton iteration with a new matrix and a bounded change each time, for very large steps.
+
+    It starts from constant position (hold) or velocity. Returns a slow contraction, so that the
+    next step forms its own matrix, or -1.
+    """
+    for i in range(model.n):
+        work.a[i] = -work.start_v[i] / h if hold else 0.0
+    _place(h, work)
+    before = np.inf
+    for _ in range(_CAREFUL_ITERATIONS):
+        if not _newton_matrix(model, work.q, work.v, work.a, h, work, counters):
+            return -1.0
+        size = _correct(model, h, _CAREFUL_CHANGE, work, counters)
+        if not size < _HUGE:
+            return -1.0
+        if size < limit or (size < _ROUNDING and size > 0.5 * before):
+            return 2 * _SLOW
+        before = size
+    return -1.0
+
+
+@kernel
+def _implicit_stages(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
+    """All stages of a diagonally implicit step; the worst contraction, -1 if one failed."""
+    n, gamma, worst = model.n, method.diagonal * h, 0.0
+    for i in range(n):
+        work.a[i] = a[i]
+    for s in range(len(method.b)):
+        signals.evaluate(signal, t + _inside(method.c[s]) * h, work.u)
+        for i in range(n):
+            dq, dv = 0.0, 0.0
+            for j in range(s):
+                dq += method.a[s, j] * work.stage_v[j, i]
+                dv += method.a[s, j] * work.stage_a[j, i]
+            work.start_q[i] = q[i] + h * dq
+            work.start_v[i] = v[i] + h * dv
+        if careful:
+            contraction = _solve_stage_carefully(model, gamma, limit, False, work, counters)
+            if contraction < 0:
+                contraction = _solve_stage_carefully(model, gamma, limit, True, work, counters)
+        else:
+            contraction = _solve_stage(model, gamma, limit, work, counters)
+        if contraction < 0:
+            return -1.0
+        worst = max(worst, contraction)
+        for i in range(n):
+            work.stage_v[s, i] = work.v[i]
+            work.stage_a[s, i] = work.a[i]
+    return worst
+
+
+@kernel
+def _solve_stages(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
+    """All stages with the old Newton matrix, else with a new one, else carefully; whether found."""
+    gamma = method.diagonal * h
+    fresh = False
+    for attempt in range(3 if careful else 2):
+        if attempt == 1 and fresh:
+            continue  # a new matrix was tried already
+        fresh = work.formed[0] != gamma or attempt == 1
+        if fresh and attempt < 2:
+            signals.evaluate(signal, t, work.u)
+            if not _newton_matrix(model, q, v, a, gamma, work, counters):
+                continue
+        contraction = _implicit_stages(
+            model, method, signal, t, h, q, v, a, limit, attempt == 2, work, counters
+        )
+        if contraction > _SLOW:
+            work.formed[0] = 0.0  # a new one for the next step
+        if contraction >= 0:
+            return True
+        if fresh and not careful:
+            return False
+    work.formed[0] = 0.0
+    return False
+
+
+@kernel
+def _explicit_stages(model, method, signal, t, h, q, v, a, work, counters):
+    """All stages of an explicit step; the first is the state it starts from."""
+    n = model.n
+    for i in range(n):
+        work.stage_v[0, i], work.stage_a[0, i] = v[i], a[i]
+    for s in range(1, len(method.b)):
+        signals.evaluate(signal, t + _inside(method.c[s]) * h, work.u)
+        for i in range(n):
+            dq, dv = 0.0, 0.0
+            for j in range(s):
+                dq += method.a[s, j] * work.stage_v[j, i]
+                dv += method.a[s, j] * work.stage_a[j, i]
+            work.q[i], work.v[i] = q[i] + h * dq, v[i] + h * dv
+            work.stage_v[s, i] = work.v[i]
+        acceleration(model, work.q, work.v, work.u, work.stage_a[s])
+        counters[RESIDUALS] += 1
+
+
+@kernel
+def _advance(model, method, h, q, v, work):
+    """Set work.q and work.v to the new state; the error estimate relative to the scale."""
+    n, error = model.n, 0.0
+    for i in range(n):
+        dq, dv, eq, ev = 0.0, 0.0, 0.0, 0.0
+        for s in range(len(method.b)):
+            dq += method.b[s] * work.stage_v[s, i]
+            dv += method.b[s] * work.stage_a[s, i]
+            eq += method.error[s] * work.stage_v[s, i]
+            ev += method.error[s] * work.stage_a[s, i]
+        work.q[i], work.v[i] = q[i] + h * dq, v[i] + h * dv
+        error += (max(abs(h * eq), h * abs(h * ev)) / model.scale[i]) ** 2
+    return np.sqrt(error / n)
+
+
+@kernel
+def _sample(times, done, t, h, q, v, a, work, out_q, out_v):
+    """Fill the samples up to t + h by the quintic through both ends; the number now done.
+
+    The polynomial matches position, velocity and acceleration at t (q, v, a) and at t + h (those
+    in work), so its error is of sixth order in the step.
+    """
+    while done < len(times) and times[done] <= t + h * (1 + 1e-9):
+        x = min(1.0, (times[done] - t) / h)
+        for i in range(len(q)):
+            jump = work.q[i] - q[i] - h * v[i] - 0.5 * h * h * a[i]
+            slope = h * (work.v[i] - v[i] - h * a[i])
+            bend = h * h * (work.a[i] - a[i])
+            c3 = 10 * jump - 4 * slope + 0.5 * bend
+            c4 = -15 * jump + 7 * slope - bend
+            c5 = 6 * jump - 3 * slope + 0.5 * bend
+            out_q[done, i] = q[i] + x * (
+                h * v[i] + x * (0.5 * h * h * a[i] + x * (c3 + x * (c4 + x * c5)))
+            )
+            rate = h * v[i] + x * (h * h * a[i] + x * (3 * c3 + x * (4 * c4 + x * 5 * c5)))
+            out_v[done, i] = rate / h
+        if x == 1.0:  # exactly the state, without rounding
+            copy(work.q, out_q[done])
+            copy(work.v, out_v[done])
+        done += 1
+    return done
+
+
+@kernel
+def _is_healthy(model, q, v):
+    for i in range(model.n):
+        if not abs(q[i]) < _HUGE * model.scale[i] or not np.isfinite(v[i]):
+            return False
+    return True
+
+
+@kernel
+def _attempt(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
+    """Try a step: put the new state into work; the relative error estimate, -1 if Newton failed."""
+    if method.diagonal == 0:
+        _explicit_stages(model, method, signal, t, h, q, v, a, work, counters)
+    elif not _solve_stages(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
+        return -1.0
+    return _advance(model, method, h, q, v, work)
+
+
+@kernel
+def _complete(model, method, signal, t, h, work, counters):
+    """Project the new state in work, reached at t, and set its acceleration."""
+    project(model, work.q, work.v)
+    if method.last and method.diagonal > 0:
+        copy(work.stage_a[-1], work.a)
+    else:
+        signals.evaluate(signal, t - _NUDGE * h, work.u)
+        acceleration(model, work.q, work.v, work.u, work.a)
+        counters[RESIDUALS] += 1
+
+
+@kernel
+def _restart(model, signal, t, h, q, v, a, before, work, counters):
+    """Set the acceleration a anew if held inputs jump at t, between two steps."""
+    if signal.coefficients.shape[0] == 1 or signal.coefficients.shape[1] > 1:
+        return
+    signals.evaluate(signal, t - _NUDGE * h, before)
+    signals.evaluate(signal, t + _NUDGE * h, work.u)
+    for j in range(len(before)):
+        if before[j] != work.u[j]:
+            acceleration(model, q, v, work.u, a)
+            counters[RESIDUALS] += 1
+            return
+
+
+@kernel
+def _longest_step(signal, t):
+    """Longest step [s] from t that misses no change of the inputs.
+
+    Held inputs may jump at the next instant; smooth ones change over several intervals.
+    """
+    intervals, terms = signal.coefficients.shape[0], signal.coefficients.shape[1]
+    if intervals == 1:
+        return np.inf
+    if terms > 1:
+        return _MOST_INTERVALS * signal.step
+    place = (t - signal.start) / signal.step
+    following = max(1.0, np.floor(place + 1e-9) + 1)
+    return (following - place) * signal.step if following < intervals else np.inf
+
+
+@kernel
+def _step_factor(method, error, tolerance):
+    """Factor on the step that would bring the error to the tolerance, within limits."""
+    if error < 0:  # Newton's iteration failed
+        return 0.25
+    if not np.isfinite(error):
+        return _SHRINK
+    if error == 0:
+        return _GROW
+    factor = _MARGIN * (tolerance / error) ** (1.0 / (method.estimate + 1))
+    return min(_GROW, max(_SHRINK, factor))
+
+
+@kernel
+def _rejection(error, adaptive, h, smallest):
+    """Code of a failed attempt that cannot be repeated with a smaller step, else DONE."""
+    if not adaptive:
+        return NOT_CONVERGED if error < 0 else DONE
+    if h >= smallest:
+        return DONE
+    if error < 0:
+        return NOT_CONVERGED
+    return STEP_TOO_SMALL if np.isfinite(error) else DIVERGED
+
+
+@kernel
+def _first_step(control, duration):
+    """First step [s]; a fixed one divides the duration."""
+    if control.adaptive:
+        return min(control.step, duration)
+    return duration / np.ceil(duration / control.step - 1e-9)
+
+
+@kernel
+def integrate(model, method, control, signal, work, times, q, v, out_q, out_v, counters, steps):
+    """Integrate from times[0] to times[-1] and sample the motion.
+
+    Args:
+        model: Data of a model.
+        method, control, signal, work: `methods.Method`, `Control`, `signals.Signal`, `Work`.
+        times: (k,) [s], increasing, two or more.
+        q, v: (n,), initial state; the last state on return.
+        out_q, out_v: (k, n), filled.
+        counters: (4,) int, rows STEPS to MATRICES, increased.
+        steps: (2,) [s], set to the smallest and largest step taken.
+
+    Returns:
+        A code out of DONE, ..., and the time [s] reached.
+    """
+    t, end, a = times[0], times[-1], np.empty(model.n)
+    wish, smallest = _first_step(control, end - t), _SMALLEST_STEP * (end - t)
+    limit = _NEWTON_SHARE * control.tolerance
+    before = np.empty(len(work.u))
+    copy(q, out_q[0])
+    copy(v, out_v[0])
+    steps[0], steps[1] = np.inf, 0.0
+    done, repeated, taken = 1, False, 0
+    signals.evaluate(signal, t, work.u)
+    acceleration(model, q, v, work.u, a)
+    while done < len(times):
+        if counters[STEPS] + counters[REJECTED] >= control.max_steps:
+            return TOO_MANY_STEPS, t
+        h = min(wish, _longest_step(signal, t), end - t) if control.adaptive else wish
+        careful = not control.adaptive  # an adaptive step is shortened instead
+        error = _attempt(model, method, signal, t, h, q, v, a, limit, careful, work, counters)
+        factor = _step_factor(method, error, control.tolerance) if control.adaptive else 1.0
+        if error < 0 or (control.adaptive and not error <= control.tolerance):
+            counters[REJECTED] += 1
+            wish, repeated = h * min(factor, _MARGIN), True
+            code = _rejection(error, control.adaptive, wish, smallest)
+            if code != DONE:
+                return code, t
+            continue
+        if not _is_healthy(model, work.q, work.v):
+            return DIVERGED, t
+        _complete(model, method, signal, t + h, h, work, counters)
+        done = _sample(times, done, t, h, q, v, a, work, out_q, out_v)
+        copy(work.q, q)
+        copy(work.v, v)
+        copy(work.a, a)
+        taken += 1
+        counters[STEPS] += 1
+        steps[0], steps[1] = min(steps[0], h), max(steps[1], h)
+        if control.adaptive:
+            t += h
+            wish = _next_step(method, h, wish, factor, repeated)
+            repeated = False
+        else:
+            t = times[0] + taken * h  # without the rounding of a sum
+        _restart(model, signal, t, h, q, v, a, before, work, counters)
+    return DONE, t
+
+
+@kernel
+def _next_step(method, h, wish, factor, repeated):
+    """Step to try after one of size h that was accepted; `wish` is what h was cut from.
+
+    It does not grow right after a repeated step, and small growth is not worth a new matrix.
+    """
+    factor = min(factor, 1.0) if repeated else factor
+    if h < wish and factor >= 1.0:
+        return max(wish, h * factor)
+    if factor < 1.0 or factor > _WORTHWHILE or method.diagonal == 0:
+        return h * factor
+    return h

@@ -1,0 +1,83 @@
+"""Linear models of a beam about a state, by complex-step differentiation."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softrobot_env.beams.mechanics import add_applied, residual
+from softrobot_env.beams.numerics.compilation import kernel
+
+#: Imaginary step: its square vanishes beside one, so the derivatives are exact to rounding.
+_STEP = 1e-30
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """x. = A x + B u, y = C x about a state; x holds m coordinates, then their m velocities.
+
+    Attributes:
+        a: (2 m, 2 m).
+        b: (2 m, n_inputs).
+        c: (3, 2 m) [m per unit], tip position.
+        mass, damping, stiffness: (m, m), the same as M d2x + D dx + K x = 0.
+    """
+
+    a: np.ndarray
+    b: np.ndarray
+    c: np.ndarray
+    mass: np.ndarray
+    damping: np.ndarray
+    stiffness: np.ndarray
+
+    def poles(self) -> np.ndarray:
+        """Eigenvalues (2 m,) [1/s] of A, slowest first."""
+        values = np.linalg.eigvals(self.a)
+        return values[np.argsort(np.abs(values))]
+
+    def frequencies(self) -> np.ndarray:
+        """Undamped frequencies (m,) [Hz], increasing; nan where the stiffness is negative."""
+        squares = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness)).real
+        squares = np.sort(squares)
+        return np.sqrt(np.where(squares < 0, np.nan, squares)) / (2 * np.pi)
+
+
+@kernel
+def _store(vector, j, out):
+    """Set column j of out (n, k) to the derivative that the imaginary part holds."""
+    for i in range(len(vector)):
+        out[i, j] = vector[i].imag / _STEP
+
+
+@kernel
+def residual_derivatives(model, q, v, a, u, by_q, by_v, by_a):
+    """Set (n, n) derivatives of the residual by q, v and a."""
+    n = model.n
+    out = np.empty(n, np.complex128)
+    q1, v1, a1 = q.astype(np.complex128), v.astype(np.complex128), a.astype(np.complex128)
+    u1 = u.astype(np.complex128)
+    for j in range(n):
+        q1[j] += _STEP * 1j
+        residual(model, q1, v1, a1, u1, out)
+        _store(out, j, by_q)
+        q1[j] = q[j]
+        v1[j] += _STEP * 1j
+        residual(model, q1, v1, a1, u1, out)
+        _store(out, j, by_v)
+        v1[j] = v[j]
+        a1[j] += _STEP * 1j
+        residual(model, q1, v1, a1, u1, out)
+        _store(out, j, by_a)
+        a1[j] = a[j]
+
+
+@kernel
+def input_derivatives(model, q, u, out):
+    """Set out (n, n_inputs) to the derivative of the applied force by the inputs at u."""
+    q1, u1 = q.astype(np.complex128), u.astype(np.complex128)
+    force = np.empty(model.n, np.complex128)
+    for j in range(len(u)):
+        u1[j] += _STEP * 1j
+        force[:] = 0
+        add_applied(model, q1, u1, force)
+        _store(force, j, out)
+        u1[j] = u[j]

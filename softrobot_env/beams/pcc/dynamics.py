@@ -1,0 +1,426 @@
+"""Dynamics of the piecewise constant curvature model, in kernels; data as in `pcc.PccData`.
+
+Inertia sits in rigid bodies at sections of the rod. The recursions run over the pieces from the
+clamp to the tip (motion) and back (forces). Only the kernels that are called from outside take the
+whole data: passing them on would make the compiler slow.
+"""
+
+import numpy as np
+
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.pcc.constant_strain import (
+    accumulate,
+    add,
+    compose,
+    cross,
+    dot,
+    motion,
+    motion_bias,
+    position,
+    scaled,
+    store,
+    stumpff,
+    to_axes,
+    to_world,
+    transmit,
+    turn_back,
+    vector,
+)
+
+#: What the work array (pieces, COLUMNS, 3) of the Newton-Euler recursion holds of a piece: its
+#: rotation vector and two derivatives, c_0 to c_5 (two columns), force and moment on the body at
+#: its end in that body's frame; and of the other bodies or points, in the frame of the start,
+#: force, moment about the start and generalised force.
+ROTATION, RATE, SECOND, STUMPFF = 0, 1, 2, 3
+END_FORCE, END_MOMENT, FORCE, MOMENT, LOAD = 5, 6, 7, 8, 9
+COLUMNS = 10
+
+
+@kernel
+def set_rotations(block, length, q, out):
+    """Set out (pieces, 3) to the pieces' rotation vectors l (-gamma, beta, tau) [rad].
+
+    Linear in q, so also for rates and accelerations.
+    """
+    for i in range(len(out)):
+        j = i * block
+        out[i, 0] = -length * q[j + 1] if block > 1 else 0 * q[j]
+        out[i, 1] = length * q[j]
+        out[i, 2] = length * q[j + 2] if block > 2 else 0 * q[j]
+
+
+@kernel
+def add_generalised(block, length, i, load, out):
+    """Add a generalised force on the rotation vector of piece i to that on the coordinates."""
+    k = i * block
+    out[k] += length * load[1]
+    if block > 1:
+        out[k + 1] -= length * load[0]
+    if block > 2:
+        out[k + 2] += length * load[2]
+
+
+@kernel
+def clamp(zero):
+    """Axes and position of the clamp, of numbers of the type of zero."""
+    o, e = zero, zero + 1.0
+    return ((e, o, o), (o, e, o), (o, o, e)), (o, o, o)
+
+
+# ---------------------------------------------------------------- equations of motion
+
+
+@kernel
+def internal_residual(model, q, v, a, out):
+    """M a + k + elastic and damping forces less gravity (n,), by the Newton-Euler recursion."""
+    block, length = model.block, model.length
+    work = np.empty((model.pieces, COLUMNS, 3), out.dtype)
+    set_rotations(block, length, q, work[:, ROTATION])
+    set_rotations(block, length, v, work[:, RATE])
+    set_rotations(block, length, a, work[:, SECOND])
+    _inertial_wrenches(length, model.gravity, model.first[0], model.bodies, work)
+    for k in range(len(out)):
+        stiffness = model.twisting if k % block == 2 else model.bending
+        out[k] = stiffness * (q[k] + model.damping_time * v[k])
+    gather(block, length, work, out)
+
+
+@kernel
+def _inertial_wrenches(length, gravity, first, bodies, work):
+    """Complete the work array with what moves the bodies, given the rotations."""
+    zero = 0 * work[0, 0, 0]
+    omega, alpha = (zero, zero, zero), (zero, zero, zero)
+    # Gravity acts like an upward acceleration of the clamp.
+    rise = (zero - gravity[0], zero - gravity[1], zero - gravity[2])
+    for i in range(len(work)):
+        row, last = work[i], first[i + 1] - 1
+        for d in range(FORCE, COLUMNS):
+            store(row[d], (zero, zero, zero))
+        whole, rate, second = vector(row[ROTATION]), vector(row[RATE]), vector(row[SECOND])
+        for k in range(first[i], last + 1):
+            u = bodies[k, 0]
+            phi = scaled(u, whole)
+            c = stumpff(dot(phi, phi))
+            w, aw, r = _moved(
+                u * length, c, phi, scaled(u, rate), scaled(u, second), omega, alpha, rise
+            )
+            w, aw, r = turn_back(c, phi, w), turn_back(c, phi, aw), turn_back(c, phi, r)
+            force, moment = scaled(bodies[k, 1], r), _euler(bodies[k], w, aw)
+            if k < last:
+                add_wrench(u, length, c, phi, force, moment, row)
+            else:
+                store(row[STUMPFF], c[:3])
+                store(row[STUMPFF + 1], c[3:6])
+                store(row[END_FORCE], force)
+                store(row[END_MOMENT], moment)
+                omega, alpha, rise = w, aw, r
+
+
+@kernel
+def add_wrench(u, length, c, phi, force, moment, row):
+    """Add force and moment at the fraction u of a piece, in the section's frame, to its work."""
+    load, force, moment = transmit(u * length, c, phi, force, moment)
+    accumulate(row[FORCE], force)
+    accumulate(row[MOMENT], moment)
+    accumulate(row[LOAD], scaled(u, load))
+
+
+@kernel
+def gather(block, length, work, out):
+    """Add to out (n,) the generalised force of the forces and moments in the work array."""
+    zero = 0 * work[0, 0, 0]
+    force, moment = (zero, zero, zero), (zero, zero, zero)
+    for i in range(len(work) - 1, -1, -1):
+        row = work[i]
+        c0, c1, c2 = vector(row[STUMPFF])
+        c3, c4, c5 = vector(row[STUMPFF + 1])
+        c = (c0, c1, c2, c3, c4, c5, zero, zero)
+        force, moment = add(force, vector(row[END_FORCE])), add(moment, vector(row[END_MOMENT]))
+        load, force, moment = transmit(length, c, vector(row[ROTATION]), force, moment)
+        force, moment = add(force, vector(row[FORCE])), add(moment, vector(row[MOMENT]))
+        add_generalised(block, length, i, add(load, vector(row[LOAD])), out)
+
+
+@kernel
+def _moved(length, c, phi, rate, second, omega, alpha, rise):
+    """Angular velocity, angular and linear acceleration of a section, given those of the start."""
+    shift, spin = motion(length, c, phi, rate)
+    push, turning = motion(length, c, phi, second)
+    push_bias, turning_bias = motion_bias(length, c, phi, rate)
+    p = position(length, c, phi)
+    swirl = add(cross(omega, p), add(shift, shift))
+    a = add(rise, add(cross(alpha, p), cross(omega, swirl)))
+    return (
+        add(omega, spin),
+        add(add(alpha, cross(omega, spin)), add(turning, turning_bias)),
+        add(a, add(push, push_bias)),
+    )
+
+
+@kernel
+def _euler(body, omega, alpha):
+    """Moment I alpha + omega x I omega [N m] that turns a body, in its principal axes."""
+    x, y, z = body[2], body[3], body[4]
+    return (
+        x * alpha[0] + (z - y) * omega[1] * omega[2],
+        y * alpha[1] + (x - z) * omega[2] * omega[0],
+        z * alpha[2] + (y - x) * omega[0] * omega[1],
+    )
+
+
+# ---------------------------------------------------------------- mass matrix
+
+
+@kernel
+def project(model, q, v):
+    """Do nothing: no coordinate is redundant."""
+
+
+@kernel
+def solve_mass(model, q, force, out):
+    """Set out (n,) to M(q)^-1 force; overwrites the force."""
+    m = np.empty((model.n, model.n), q.dtype)
+    mass_matrix(model, q, m)
+    _solve_definite(m, force, out)
+
+
+@kernel
+def _solve_definite(m, x, out):
+    """Solve m out = x with m (n, n) = U^T D U, U unit upper triangular; overwrites m and x.
+
+    Cholesky's decomposition without square roots (Golub and van Loan, sec. 4.1).
+    """
+    n = len(x)
+    for k in range(n):
+        inverse = 1.0 / m[k, k]
+        for i in range(k + 1, n):
+            ratio = m[k, i] * inverse
+            x[i] -= ratio * x[k]
+            for j in range(i, n):
+                m[i, j] -= ratio * m[k, j]
+        m[k, k] = inverse
+    for i in range(n - 1, -1, -1):
+        total = x[i]
+        for j in range(i + 1, n):
+            total -= m[i, j] * out[j]
+        out[i] = total * m[i, i]
+
+
+#: Rows of an inertia (4, 3) about the origin: moments xx, yy, zz, products xy, xz, yz, first
+#: moment of the mass, and the mass; of a piece's array, the body at its end comes before the
+#: others, then the rotation vector.
+DIAGONAL, PRODUCTS, CENTRE, MASS, OTHERS, TURN = 0, 1, 2, 3, 4, 8
+#: Rows of a coordinate's motion per unit rate (rotation, velocity at the origin), the angular and
+#: linear momentum of what it moves, and those of the bodies inside its own piece.
+SPIN, VELOCITY, ANGULAR, LINEAR, OWN_ANGULAR, OWN_LINEAR = 0, 1, 2, 3, 4, 5
+
+
+@kernel
+def mass_matrix(model, q, out):
+    """Set out (n, n) to the mass matrix M(q).
+
+    A piece moves all bodies beyond it as one, whose inertia is accumulated from the tip
+    (composite rigid bodies; Featherstone, Rigid Body Dynamics Algorithms, ch. 6). Motions,
+    momenta and inertias refer to the origin of the world.
+    """
+    block = model.block
+    moves, inertia = np.empty((model.n, 6, 3), q.dtype), np.empty((model.pieces, 9, 3), q.dtype)
+    set_rotations(block, model.length, q, inertia[:, TURN])
+    _set_moves(block, model.length, model.first[0], model.bodies, moves, inertia, out)
+    _fill_mass(block, moves, inertia, out)
+
+
+@kernel
+def _fill_mass(block, moves, inertia, out):
+    """Backward pass of the mass matrix."""
+    for i in range(len(inertia) - 1, -1, -1):
+        start = i * block
+        for j in range(start, start + block):
+            column = moves[j]
+            _set_momentum(inertia[i], column)
+            for k in range(start, j + 1):
+                out[k, j] += _pairing(moves[k], column)
+                out[j, k] = out[k, j]
+            accumulate(column[ANGULAR], vector(column[OWN_ANGULAR]))
+            accumulate(column[LINEAR], vector(column[OWN_LINEAR]))
+            for k in range(start):
+                out[k, j] = _pairing(moves[k], column)
+                out[j, k] = out[k, j]
+        if i > 0:
+            for d in range(OTHERS):
+                accumulate(inertia[i - 1, d], vector(inertia[i, d]))
+                accumulate(inertia[i - 1, d], vector(inertia[i, OTHERS + d]))
+
+
+@kernel
+def _set_moves(block, length, first, bodies, moves, inertia, out):
+    """Forward pass: motions, inertias, and the share in out of bodies inside their own piece."""
+    zero = 0 * inertia[0, TURN, 0]
+    axes, x = clamp(zero)
+    move, mass = np.empty((block, 6, 3), moves.dtype), np.empty((OTHERS, 3), moves.dtype)
+    for i in range(len(inertia)):
+        row, last, start = inertia[i], first[i + 1] - 1, i * block
+        for d in range(OTHERS):
+            store(row[OTHERS + d], (zero, zero, zero))
+        for d in range(start, start + block):
+            store(moves[d, OWN_ANGULAR], (zero, zero, zero))
+            store(moves[d, OWN_LINEAR], (zero, zero, zero))
+            for k in range(start, start + block):
+                out[d, k] = 0.0
+        whole = vector(row[TURN])
+        for k in range(first[i], last + 1):
+            u = bodies[k, 0]
+            phi = scaled(u, whole)
+            c = stumpff(dot(phi, phi))
+            here = add(x, to_world(axes, position(u * length, c, phi)))
+            there = compose(axes, c, phi)
+            _set_inertia(bodies[k], there, here, mass)
+            for d in range(block):
+                _set_move(u * length, c, phi, d, axes, here, move[d])
+            if k < last:
+                for d in range(OTHERS):
+                    accumulate(row[OTHERS + d], vector(mass[d]))
+                _add_inside(mass, move, start, moves, out)
+            else:
+                for d in range(OTHERS):
+                    store(row[d], vector(mass[d]))
+                for d in range(block):
+                    store(moves[start + d, SPIN], vector(move[d, SPIN]))
+                    store(moves[start + d, VELOCITY], vector(move[d, VELOCITY]))
+                axes, x = there, here
+
+
+@kernel
+def _add_inside(mass, move, start, moves, out):
+    """Add the share of a body inside a piece."""
+    for d in range(len(move)):
+        _set_momentum(mass, move[d])
+        accumulate(moves[start + d, OWN_ANGULAR], vector(move[d, ANGULAR]))
+        accumulate(moves[start + d, OWN_LINEAR], vector(move[d, LINEAR]))
+        for k in range(d + 1):
+            out[start + k, start + d] += _pairing(move[k], move[d])
+
+
+@kernel
+def _set_move(length, c, phi, d, axes, x, row):
+    """Set the motion of a section at x that coordinate d of its piece causes at unit rate."""
+    zero = 0 * phi[0]
+    if d == 0:
+        rate = (zero, zero + length, zero)
+    elif d == 1:
+        rate = (zero - length, zero, zero)
+    else:
+        rate = (zero, zero, zero + length)
+    shift, spin = motion(length, c, phi, rate)
+    shift, spin = to_world(axes, shift), to_world(axes, spin)
+    store(row[SPIN], spin)
+    store(row[VELOCITY], add(shift, cross(x, spin)))
+
+
+@kernel
+def _set_inertia(body, axes, x, out):
+    """Set out (4, 3) to the inertia of a body at x about the origin."""
+    (ex, fx, gx), (ey, fy, gy), (ez, fz, gz) = axes
+    mass, a, b, c = body[1], body[2], body[3], body[4]
+    centre = scaled(mass, x)
+    square = dot(centre, x)
+    out[DIAGONAL, 0] = a * ex * ex + b * ey * ey + c * ez * ez + square - centre[0] * x[0]
+    out[DIAGONAL, 1] = a * fx * fx + b * fy * fy + c * fz * fz + square - centre[1] * x[1]
+    out[DIAGONAL, 2] = a * gx * gx + b * gy * gy + c * gz * gz + square - centre[2] * x[2]
+    out[PRODUCTS, 0] = a * ex * fx + b * ey * fy + c * ez * fz - centre[0] * x[1]
+    out[PRODUCTS, 1] = a * ex * gx + b * ey * gy + c * ez * gz - centre[0] * x[2]
+    out[PRODUCTS, 2] = a * fx * gx + b * fy * gy + c * fz * gz - centre[1] * x[2]
+    store(out[CENTRE], centre)
+    out[MASS, 0], out[MASS, 1], out[MASS, 2] = mass, 0.0, 0.0
+
+
+@kernel
+def _set_momentum(inertia, row):
+    """Set the momentum of an inertia (4, 3) in a coordinate's motion."""
+    spin, v, centre = vector(row[SPIN]), vector(row[VELOCITY]), vector(inertia[CENTRE])
+    products, turning = inertia[PRODUCTS], cross(centre, v)
+    x, y, z = spin
+    row[ANGULAR, 0] = turning[0] + inertia[DIAGONAL, 0] * x + products[0] * y + products[1] * z
+    row[ANGULAR, 1] = turning[1] + products[0] * x + inertia[DIAGONAL, 1] * y + products[2] * z
+    row[ANGULAR, 2] = turning[2] + products[1] * x + products[2] * y + inertia[DIAGONAL, 2] * z
+    store(row[LINEAR], add(scaled(inertia[MASS, 0], v), cross(spin, centre)))
+
+
+@kernel
+def _pairing(move, column):
+    """Scalar product of a motion and the momentum of another coordinate."""
+    angular = dot(vector(move[SPIN]), vector(column[ANGULAR]))
+    return angular + dot(vector(move[VELOCITY]), vector(column[LINEAR]))
+
+
+# ---------------------------------------------------------------- energy and momentum
+
+
+@kernel
+def potential(model, q):
+    """Elastic and gravitational energy [J]; gravity's is zero in the straight pose."""
+    energy, block = 0 * q[0], model.block
+    for k in range(len(q)):
+        stiffness = model.twisting if k % block == 2 else model.bending
+        energy += 0.5 * stiffness * q[k] * q[k]
+    turns = np.empty((model.pieces, 1, 3), q.dtype)
+    set_rotations(block, model.length, q, turns[:, 0])
+    return energy + _weight(model.length, model.gravity, model.first[0], model.bodies, turns)
+
+
+@kernel
+def _weight(length, gravity, first, bodies, turns):
+    """Potential energy [J] of the bodies' weights, given the rotation vectors (pieces, 1, 3)."""
+    axes, x = clamp(0 * turns[0, 0, 0])
+    energy, here, there = 0 * turns[0, 0, 0], x, axes
+    for i in range(len(turns)):
+        for k in range(first[i], first[i + 1]):
+            u = bodies[k, 0]
+            phi = scaled(u, vector(turns[i, 0]))
+            c = stumpff(dot(phi, phi))
+            here = add(x, to_world(axes, position(u * length, c, phi)))
+            there = compose(axes, c, phi)
+            height = gravity[0] * here[0] + gravity[1] * here[1]
+            height += gravity[2] * (here[2] - (i + u) * length)
+            energy -= bodies[k, 1] * height
+        axes, x = there, here
+    return energy
+
+
+@kernel
+def momentum(model, q, v, out):
+    """Set out (6,) to linear [N s] and angular momentum about the origin [N m s]."""
+    work = np.empty((model.pieces, 2, 3), out.dtype)
+    set_rotations(model.block, model.length, q, work[:, 0])
+    set_rotations(model.block, model.length, v, work[:, 1])
+    _sum_momentum(model.length, model.first[0], model.bodies, work, out)
+
+
+@kernel
+def _sum_momentum(length, first, bodies, work, out):
+    """Momentum, given rotation vectors and their rates (pieces, 2, 3)."""
+    zero = 0 * work[0, 0, 0]
+    axes, x = clamp(zero)
+    omega, speed = (zero, zero, zero), (zero, zero, zero)
+    there, here, w, v = axes, x, omega, speed
+    total, moment = omega, omega
+    for i in range(len(work)):
+        for k in range(first[i], first[i + 1]):
+            u = bodies[k, 0]
+            phi, rate = scaled(u, vector(work[i, 0])), scaled(u, vector(work[i, 1]))
+            c = stumpff(dot(phi, phi))
+            shift, spin = motion(u * length, c, phi, rate)
+            arm = to_world(axes, position(u * length, c, phi))
+            here, there, w = add(x, arm), compose(axes, c, phi), add(omega, to_world(axes, spin))
+            v = add(add(speed, cross(omega, arm)), to_world(axes, shift))
+            linear, turning = scaled(bodies[k, 1], v), to_axes(there, w)
+            own = (
+                bodies[k, 2] * turning[0],
+                bodies[k, 3] * turning[1],
+                bodies[k, 4] * turning[2],
+            )
+            total = add(total, linear)
+            moment = add(moment, add(cross(here, linear), to_world(there, own)))
+        axes, x, omega, speed = there, here, w, v
+    for d in range(3):
+        out[d], out[3 + d] = total[d], moment[d]

@@ -1,0 +1,1 @@
+"""What the models compute in the accuracy benchmark, each with its truth."""

@@ -1,0 +1,180 @@
+"""The spiral computed with PyElastica, where it is installed, and with our rods beside it.
+
+PyElastica's dissipation acts on velocities, ours on strain rates, so both run without damping.
+Its shear coefficient is set to ours, and its errors and those of our Cosserat rod are taken to the
+limit of that rod. The MuJoCo chain, which does not shear, is compared with the limit of its own
+physics, that of the PCC model.
+Two differences stay: PyElastica keeps the volume of a stretched element (its section shrinks), and
+it clamps the director of the first element, half an element from the base: its distance from that
+limit falls with 1 / n only.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from importlib.util import find_spec
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.benchmarks.accuracy.cases import spiral
+from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, Contestant
+from softrobot_env.benchmarks.accuracy.rows import (
+    BENDING,
+    SHEAR,
+    Limit,
+    Row,
+    distance,
+    least_time,
+    make_row,
+)
+from softrobot_env.robots import RobotParams
+
+CASE = "spiral_undamped"
+NAME = "pyelastica"
+CHAIN = "mujoco_chain/gauss2"
+
+ROBOT = replace(spiral.ROBOT, damping_time=0.0)
+
+#: Share of the linear stability limit up to which the chain is stable (benchmark stability).
+_STABLE = 0.9
+
+#: Elements and timesteps [s] of PyElastica, near its stability limit.
+_RUNS = ((7, 1e-3), (14, 5e-4), (28, 2e-4), (56, 5e-5))
+
+
+def installed() -> bool:
+    """Whether PyElastica can be imported."""
+    return find_spec("elastica") is not None
+
+
+def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
+    """PyElastica's simulator and rod with n elements, clamped, under the spiral's force."""
+    import elastica
+
+    class Simulator(
+        elastica.BaseSystemCollection, elastica.Constraints, elastica.Forcing, elastica.CallBacks
+    ):
+        """What the case needs of PyElastica."""
+
+    class TipForce(elastica.NoForces):
+        """The force (2.79) on the last node."""
+
+        def apply_forces(self, system: Any, time: float = 0.0) -> None:
+            """Add the force at a time [s]; scalars, which cost less than arrays here."""
+            size, angle = spiral.FORCE * time / spiral.DURATION, spiral.RATE * time
+            system.external_forces[0, -1] += size * sin(angle)
+            system.external_forces[1, -1] += size * cos(angle)
+
+    shear_modulus = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio))
+    rod = elastica.CosseratRod.straight_rod(
+        n,
+        np.zeros(3),
+        np.array([0.0, 0.0, 1.0]),
+        np.array([1.0, 0.0, 0.0]),
+        robot.length,
+        robot.outer_radius,
+        robot.density,
+        youngs_modulus=robot.youngs_modulus,
+        shear_modulus=shear_modulus,
+    )
+    rod.shear_matrix[[0, 1], [0, 1]] = SHEAR.shear_coefficient * shear_modulus * robot.area
+    simulator = Simulator()
+    simulator.append(rod)
+    simulator.constrain(rod).using(
+        elastica.OneEndFixedBC, constrained_position_idx=(0,), constrained_director_idx=(0,)
+    )
+    simulator.add_forcing_to(rod).using(TipForce)
+    simulator.finalize()
+    return simulator, rod
+
+
+def motion(n: int, timestep: float, duration: float = spiral.DURATION) -> Callable[[], np.ndarray]:
+    """A function that simulates the spiral in PyElastica, once, and returns the tips (k, 3) [m]."""
+    import elastica
+
+    simulator, rod = build(ROBOT, n)
+
+    def simulate() -> np.ndarray:
+        stepper, time = elastica.PositionVerlet(), 0.0
+        tips = [rod.position_collection[:, -1].copy()]
+        for _ in range(round(duration / spiral.PERIOD)):
+            for _ in range(round(spiral.PERIOD / timestep)):
+                time = stepper.step(simulator, time, timestep)
+            tips.append(rod.position_collection[:, -1].copy())
+        return np.array(tips)
+
+    return simulate
+
+
+def rows(quick: bool = False, repeats: int = 2) -> list[Row]:
+    """PyElastica's runs and ours of the undamped spiral, one after the other."""
+    if not installed():
+        text = "PyElastica is not installed: its rows are left out (pip install pyelastica)"
+        return [make_row("note", CASE, NAME, reference=text)]
+    motion(7, 5e-4, 0.02)()  # compiles
+    truth = spiral.beam_limit(COSSERAT, (8, 16, 32), ROBOT)
+    found = []
+    for n, timestep in _RUNS[:2] if quick else _RUNS:
+        runs = [least_time(motion(n, timestep), 1) for _ in range(repeats)]
+        wall_time, tips = min(run[0] for run in runs), runs[0][1]
+        if not np.all(np.isfinite(tips)):
+            text = f"left out: diverged at a timestep of {timestep:g} s"
+            found.append(make_row("note", CASE, NAME, n, reference=text))
+            continue
+        row = _row(NAME, n, truth, tips, wall_time, round(spiral.DURATION / timestep))
+        found.append(row | {"integrator": "PositionVerlet"})
+        finest = distance(tips, truth.tips), n
+    for n in (3, 7, 14) if quick else (3, 5, 7, 14, 28):
+        found += _our_rows(COSSERAT, n, truth, repeats)
+    found += _chain_rows(quick, repeats)
+    gap, n = finest
+    share = gap / ROBOT.length
+    pair = f"{NAME} {n} / cosserat (its error)"
+    found.append(make_row("physics", CASE, pair, n, e_max=gap, value=share, reference=truth.text))
+    return found
+
+
+def _our_rows(contestant: Contestant, n: int, truth: Limit, repeats: int) -> list[Row]:
+    model = contestant.build(ROBOT, n, spiral.loads(ROBOT), "spatial")
+    out = []
+    for tolerance in (1e-2, 1e-3, 1e-4, 1e-5):
+        simulate, steps = spiral.beam_motion(model, "sdirk4", tolerance=tolerance)
+        wall_time, tips = least_time(simulate, repeats)
+        out.append(_row(contestant.name, n, truth, tips, wall_time, steps()))
+        out[-1] |= {"integrator": "sdirk4", "tolerance": tolerance}
+    return out
+
+
+def _row(model: str, n: int, truth: Limit, tips: np.ndarray, wall_time: float, steps: int) -> Row:
+    error = np.linalg.norm(tips - truth.tips, axis=1)
+    return make_row(
+        "dynamic",
+        CASE,
+        model,
+        n,
+        timestep=spiral.DURATION / steps,
+        e_mean=float(error.mean()),
+        e_max=float(error.max()),
+        wall_time=wall_time,
+        step_time=wall_time / steps,
+        physics=SHEAR.name,
+        reference=truth.text,
+    )
+
+
+def _chain_rows(quick: bool, repeats: int) -> list[Row]:
+    """The MuJoCo chain at timesteps within its stability limit."""
+    truth = spiral.beam_limit(DISTRIBUTED, (3, 6, 12) if quick else (5, 10, 20), ROBOT)
+    out = []
+    for n in (2, 4) if quick else (2, 4, 6, 12, 24):
+        for substeps in (2, 3, 4, 5, 8, 10, 20):
+            simulate = spiral.ChainSpiral("gauss2", n, substeps, robot=ROBOT)
+            choice = simulate.scene.timestep
+            if choice.timestep > _STABLE * choice.stability_limit:
+                continue
+            wall_time, tips = least_time(simulate, repeats)
+            steps = round(spiral.DURATION / choice.timestep)
+            row = _row(CHAIN, n, truth, tips, wall_time, steps)
+            out.append(row | {"integrator": choice.integrator, "physics": BENDING.name})
+    return out

@@ -1,0 +1,122 @@
+"""A fast motion of the arm with known accuracy: all three tendon pairs pull harder at once."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from softrobot_env.beams.model import BeamModel, State
+from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
+from softrobot_env.benchmarks.accuracy.rows import Limit, distance, extrapolate
+from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.statics import equilibrium
+from softrobot_env.tasks import equal_input
+
+CASE = "tension_step"
+
+#: [s] simulated; the tip is compared at the end of every control period.
+DURATION, PERIOD = 3.0, 0.01
+
+#: Equal reduced inputs before and after, in units of EI / r: the 100 mm step of the thesis.
+START, END = 0.6, 0.933
+
+_REFERENCE_TOLERANCE = 1e-7
+
+
+def tensions(robot: RobotParams, a: float) -> np.ndarray:
+    """Tensions (n_tendons,) [N] of equal reduced inputs a EI / r."""
+    return TendonMap(robot).tension(np.array(equal_input(robot, a)))
+
+
+def start(scene: Scene) -> Simulation:
+    """The arm at rest in the equilibrium of START, with the tensions of END in force."""
+    simulation = Simulation(scene)
+    robot = scene.config.robot
+    posture = equilibrium(scene.model, tensions(robot, START))
+    simulation.reset(posture, ctrl=tensions(robot, END))
+    return simulation
+
+
+def tip_motion(scene: Scene) -> np.ndarray:
+    """Tip (k, 2) [m] in (x, z) after every control period of the step.
+
+    Raises:
+        RuntimeError: The simulation diverged.
+    """
+    simulation = start(scene)
+    tips = np.empty((round(DURATION / scene.config.control_period), 2))
+    position = simulation.data.site("tip").xpos
+    for index in range(len(tips)):
+        simulation.advance()
+        tips[index] = position[[0, 2]]
+    if simulation.failure():
+        raise RuntimeError(simulation.failure())
+    return tips
+
+
+def beam_motion(
+    model: BeamModel, method: str, step: float | None = None, tolerance: float = 1e-6
+) -> tuple[Callable[[], np.ndarray], Callable[[], int]]:
+    """A function that simulates the step and returns the tips (300, 2), and its steps."""
+    robot, counted = model.robot, []
+    q = model.equilibrium(tensions(robot, START), load_step=0.2, check_stability=False)
+    start, end = State(q, np.zeros_like(q)), tensions(robot, END)
+
+    def simulate() -> np.ndarray:
+        motion = model.simulate(
+            DURATION, end, start, method=method, step=step, tolerance=tolerance, samples=PERIOD
+        )
+        counted[:] = [motion.steps]
+        return model.tip(motion.q)[1:, [0, 2]]
+
+    return simulate, lambda: counted[0]
+
+
+def beam_limit(
+    contestant: Contestant, sizes: tuple[int, int, int], robot: RobotParams = ARM
+) -> Limit:
+    """The step of a beam model with infinitely many pieces."""
+
+    def solve(n: int) -> np.ndarray:
+        model = contestant.build(robot, n)
+        return beam_motion(model, "sdirk4", tolerance=_REFERENCE_TOLERANCE)[0]()
+
+    return extrapolate(solve, sizes, f"limit of {contestant.name} (sdirk4, 1e-7)")
+
+
+def converged_reference(quick: bool = False) -> Limit:
+    """Extrapolate the motion to zero timestep and infinitely many hinges.
+
+    Timesteps h, h/2, h/4 remove the orders h and h^2 of implicitfast; numbers of hinges n and 2n
+    remove the order 1/n^2. The distance to the same with another hinge rule and timesteps twice
+    as large is the uncertainty; it belongs to the worse of the two, so it is on the safe side.
+    """
+    n, step = (12, 4e-4) if quick else (24, 2e-4)
+    tips, other = _extrapolate("gauss2", n, step), _extrapolate("balanced2", n, 2 * step)
+    uncertainty = distance(tips, other)
+    text = (
+        f"Richardson extrapolation of gauss2 with {n} and {2 * n} hinges, timesteps "
+        f"{1e3 * step:g} to {250 * step:g} ms; uncertainty {1e3 * uncertainty:.1g} mm (balanced2, "
+        "timesteps twice as large)"
+    )
+    return Limit(tips, uncertainty, text)
+
+
+def _extrapolate(rule: str, n: int, step: float) -> np.ndarray:
+    coarse, fine = (_limit_in_time(rule, k, step) for k in (n, 2 * n))
+    return fine + (fine - coarse) / 3
+
+
+def _limit_in_time(rule: str, n: int, step: float) -> np.ndarray:
+    """Neville's scheme for an error series in h, on steps h, h/2 and h/4."""
+    a, b, c = (tip_motion(_scene(rule, n, step / k)) for k in (1, 2, 4))
+    first, second = 2 * b - a, 2 * c - b
+    return second + (second - first) / 3
+
+
+def _scene(rule: str, n: int, step: float) -> Scene:
+    config = SceneConfig(ARM, pieces=n // 2, rule=rule, timestep=step, integrator="implicitfast")
+    return build_scene(config)

@@ -1,0 +1,1 @@
+"""The accuracy benchmark of the spatial test rig."""

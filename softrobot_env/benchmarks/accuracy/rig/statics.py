@@ -1,0 +1,114 @@
+"""The rig at rest: error of every model against the column without a mesh, and of their limits."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from softrobot_env.beams.exact.rig_column import column_tip
+from softrobot_env.beams.exact.rig_ritz_rod import RigRod
+from softrobot_env.benchmarks.accuracy.cases.agreement import BOUND
+from softrobot_env.benchmarks.accuracy.rig.cases import ROBOT, STATIC
+from softrobot_env.benchmarks.accuracy.rig.models import PIECE, Entry, entries
+from softrobot_env.benchmarks.accuracy.rows import (
+    BENDING,
+    SHEAR,
+    Limit,
+    Physics,
+    Row,
+    distance,
+    least_time,
+    make_row,
+)
+from softrobot_env.benchmarks.jobs import Job
+
+#: Name of the rod by Ritz' method in the report.
+RITZ = "ritz_rod"
+_TERMS = 8
+
+#: The Cosserat rod applies moments half a segment before its end, an error of first order.
+_FIRST_ORDER = "cosserat"
+
+
+def jobs(quick: bool = False) -> Iterator[Job]:
+    """One job for each case; a quick run has the first and the last one."""
+    for case in list(STATIC)[:: len(STATIC) - 1 if quick else 1]:
+        yield f"{case}, all models", lambda c=case: case_rows(c, quick)
+
+
+def truth(case: str, physics: Physics) -> Limit:
+    """The exact tip (3,) [m] of a case."""
+    tip = column_tip(ROBOT, np.array(STATIC[case]), physics.shear_coefficient)
+    kind = "that only bends" if physics == BENDING else "with shear and extension"
+    return Limit(tip, 0.0, f"column {kind} (initial values from the end)")
+
+
+def case_rows(case: str, quick: bool = False) -> list[Row]:
+    """Errors of all models, and what they converge to."""
+    truths = {physics.name: truth(case, physics) for physics in (BENDING, SHEAR)}
+    found, tips = [], {}
+    for entry in entries(quick):
+        if entry.name not in {name for name, _ in tips}:
+            entry.solve(np.array(STATIC[case]))  # compiles
+        row, tip = static_row(case, entry, truths[entry.physics.name], 1 if quick else 5)
+        found.append(row)
+        tips.setdefault((entry.name, entry.physics.name), {})[entry.n] = tip
+    found.append(_ritz_row(case, truths[BENDING.name]))
+    if not quick:
+        for (model, physics), by_size in tips.items():
+            if model != PIECE:
+                found.append(_limit_row(case, model, by_size, physics, truths[physics]))
+    return found
+
+
+def static_row(case: str, entry: Entry, exact: Limit, repeats: int = 1) -> tuple[Row, np.ndarray]:
+    """Solve a case with a model; the time is the best of `repeats`.
+
+    Returns:
+        The row, and the tip (3,) [m].
+    """
+    pulled = np.array(STATIC[case])
+    wall_time, tip = least_time(lambda: entry.solve(pulled), repeats)
+    error = distance(tip, exact.tips)
+    values = {"e_mean": error, "e_max": error, "wall_time": wall_time, "reference": exact.text}
+    return make_row("static", case, entry.name, entry.n, physics=entry.physics.name, **values), tip
+
+
+def _ritz_row(case: str, exact: Limit) -> Row:
+    """Whether two independent truths agree, one by polynomials, one by initial values."""
+    rod = RigRod(ROBOT, _TERMS)
+    tip = rod.tip(rod.equilibrium(np.array(STATIC[case])))
+    return agreement_row(case, RITZ, _TERMS, distance(tip, exact.tips), BENDING.name, exact.text)
+
+
+def _limit_row(
+    case: str, model: str, tips: dict[int, np.ndarray], physics: str, exact: Limit
+) -> Row:
+    sizes = sorted(tips)[-3:]
+    limit = converged(tips, sizes, 1 if model == _FIRST_ORDER else 2)
+    text = f"limit of n = {', '.join(map(str, sizes))}; {exact.text}"
+    return agreement_row(case, model, sizes[-1], distance(limit, exact.tips), physics, text)
+
+
+def converged(tips: dict[int, np.ndarray], sizes: list[int], order: int) -> np.ndarray:
+    """Limit (3,) [m] of three sizes, for an error series in powers of 1 / n^order."""
+    x = np.array([1 / n**order for n in sizes])
+    powers = np.vander(x, increasing=True)
+    return np.linalg.solve(powers, np.array([tips[n] for n in sizes]))[0]
+
+
+def agreement_row(case: str, model: str, n: int, gap: float, physics: str, text: str) -> Row:
+    """Row of how far a converged model is from a truth of its physics."""
+    share = gap / ROBOT.length
+    return make_row(
+        "agreement",
+        case,
+        model,
+        n,
+        e_mean=gap,
+        e_max=gap,
+        value=share,
+        limit=BOUND,
+        met=share < BOUND,
+        physics=physics,
+        reference=text,
+    )

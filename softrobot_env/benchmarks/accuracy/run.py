@@ -1,0 +1,385 @@
+"""Error against run time of the MuJoCo chain and the beam models, each against a converged truth.
+
+Statics and frequencies are compared with closed forms and boundary-value solutions, motions with
+limits of infinitely many pieces. Models that shear and stretch converge to something else than
+those that only bend and twist, so each is compared with the truth of its own physics, and where
+models share the physics, their limits must agree (`benchmarks.agreement`).
+"""
+
+from collections.abc import Iterator
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from softrobot_env.beams.model import IntegrationError
+from softrobot_env.benchmarks.accuracy import goals
+from softrobot_env.benchmarks.accuracy.cases import agreement, pyelastica_rod, spiral, tension_step
+from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant, contestants
+from softrobot_env.benchmarks.accuracy.cases.frequencies import (
+    ScalarCase,
+    beam_row,
+    chain_row,
+    scalar_cases,
+)
+from softrobot_env.benchmarks.accuracy.cases.statics import StaticCase, static_cases
+from softrobot_env.benchmarks.accuracy.rig import cases as rig_accuracy_cases
+from softrobot_env.benchmarks.accuracy.rig import run as rig_accuracy
+from softrobot_env.benchmarks.accuracy.rows import (
+    BENDING,
+    Limit,
+    Physics,
+    Row,
+    distance,
+    least_time,
+    make_row,
+    motion_row,
+)
+from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
+from softrobot_env.benchmarks.timing import best_of, step_cost
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.quadrature import RULES
+from softrobot_env.scene.statics import equilibrium
+
+#: Numbers of hinges, coarse to fine; a quick run stops after the second.
+HINGES = (6, 12, 24, 48)
+
+#: The arm's tendons end at thirds of its length, where pieces of three hinges must end too.
+HINGES_OF_THIRDS = (9, 18, 36)
+
+#: Timesteps [s] and integrators of the chain in the tension step.
+TIMESTEPS = (1e-3, 2e-3, 5e-3, 1e-2)
+DYNAMIC_INTEGRATORS = ("implicitfast", "discrete")
+
+#: Joints of the chain in the spiral, and steps per 10 ms.
+SPIRAL_JOINTS = (2, 4, 6, 12)
+SPIRAL_JOINTS_OF_THREES = (3, 6, 12)
+SUBSTEPS = (2, 3, 5, 10)
+
+#: Tolerances of the adaptive integrators, and fixed steps [s].
+TOLERANCES, FINE_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5), (1e-6, 1e-7)
+FIXED_STEPS = {"implicit_euler": (1e-2, 2.5e-3), "sdirk2": (2e-2, 1e-2, 5e-3)}
+
+#: Error of the run that measures the error in time, far below those of the others.
+_CONVERGED = 1e-8
+
+#: Tolerance of methods with a fixed step, which they use to end Newton's iteration.
+_NEWTON = 1e-6
+
+_LOAD_STEP = 0.2
+
+#: [s], of the motions in which a step of the chain costs the same throughout.
+_DURATIONS = {
+    tension_step.CASE: tension_step.DURATION,
+    **dict.fromkeys(rig_accuracy_cases.MOTIONS, rig_accuracy_cases.DURATION),
+}
+
+
+def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
+    """Measure all cases, models and resolutions.
+
+    Args:
+        quick: Only the coarser models, and coarser references.
+        progress: Called with (description, done, total), or None.
+
+    Returns:
+        Rows with the fields `accuracy_rows.FIELDS`, None where one does not apply:
+
+        * kind: "static", "number" (a frequency or an angle), "dynamic", "agreement", "goal" or
+          "note"; case; model; n (joints or pieces);
+        * timestep [s] (the mean one where it adapts), integrator, tolerance [1] (None: fixed);
+        * e_mean, e_max [m]: distance of the tips from the truth, mean and maximum over a motion;
+          e_time [m]: maximum distance from the same model with an exact integrator; e_relative
+          [1]: of a number;
+        * wall_time [s] of the equilibrium, the eigenvalues or the motion, step_time [s] per step;
+        * physics ("bending", "shear" or "continuum", see `accuracy_rows.Physics`), and reference,
+          the truth that was compared with;
+        * value, limit, met: of a number its value; of an agreement the distance over the robot's
+          length and its bound; of a goal the measured figure and its bound.
+    """
+    rows: list[Row] = []
+
+    def reach_goals() -> list[Row]:
+        _share_step_times(rows)
+        return goals.rows(rows, quick)
+
+    jobs = [*_static_jobs(quick), *_number_jobs(quick), *_dynamic_jobs(quick)]
+    jobs += rig_accuracy.jobs(quick)
+    jobs.append(("PyElastica", lambda: pyelastica_rod.rows(quick)))
+    jobs.append(("goals", reach_goals))
+    return run_jobs(jobs, progress, rows)
+
+
+def _share_step_times(rows: list[Row]) -> None:
+    """Give the chain's motions of equal cost the same time.
+
+    A step costs the same whatever the rule and the timestep, so its best time over all runs with
+    as many hinges and the same integrator is the truth; single runs differ by the machine's noise.
+    """
+    alike: dict[tuple, list[Row]] = {}
+    for row in rows:
+        if row["kind"] == "dynamic" and is_chain(row) and row["case"] in _DURATIONS:
+            alike.setdefault((row["case"], row["n"], row["integrator"]), []).append(row)
+    for (case, *_), mine in alike.items():
+        best = min(row["step_time"] for row in mine)
+        for row in mine:
+            row["step_time"], row["wall_time"] = best, best * _DURATIONS[case] / row["timestep"]
+
+
+def hinge_numbers(robot: RobotParams, rule: str, quick: bool = False) -> tuple[int, ...]:
+    """Numbers of hinges of a rule on a robot: tendons must end between pieces."""
+    thirds = len(RULES[rule]) == 3 and bool(robot.tendons)
+    numbers = HINGES_OF_THIRDS if thirds else HINGES
+    return numbers[:2] if quick else numbers
+
+
+def is_chain(row: Row) -> bool:
+    """Whether a row is one of the MuJoCo chain."""
+    return row["model"].startswith("mujoco_chain/")
+
+
+def rule_of(row: Row) -> str:
+    """Hinge rule of a row of the MuJoCo chain."""
+    return row["model"].split("/")[1]
+
+
+# ---------------------------------------------------------------- statics
+
+
+def _static_jobs(quick: bool) -> Iterator[Job]:
+    repeats = 2 if quick else 5
+    for case in static_cases():
+        yield case.name, lambda c=case: _static_rows(c, quick, repeats)
+
+
+def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
+    found, tips = [], {}
+    for rule in RULES:
+        for n in hinge_numbers(case.robot, rule, quick):
+            row, tip = static_row(case, rule, n, repeats)
+            found.append(row)
+            tips.setdefault((row["model"], BENDING), {})[n] = tip
+    for contestant in contestants():
+        truth, text = case.truth(contestant.physics)
+        for n in contestant.sizes[: 2 if quick else None]:
+            model = contestant.build(case.robot, n, case.loads)
+
+            def solve(model: Any = model) -> np.ndarray:
+                return model.equilibrium(case.ctrl, load_step=_LOAD_STEP, check_stability=False)
+
+            solve()  # compiles
+            wall_time, q = least_time(solve, repeats)
+            tip = model.tip(q)[[0, 2]]
+            error = float(np.linalg.norm(tip - truth))
+            name, physics = contestant.name, contestant.physics
+            tips.setdefault((name, physics), {})[n] = tip
+            found.append(_static_row(case, name, n, physics, error, wall_time, text))
+    found += agreement.static_rows(case, tips)
+    return found if quick else found + agreement.slender_static_rows(case)
+
+
+def static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> tuple[Row, np.ndarray]:
+    """Solve one static case on a chain of n hinges; times are the best of `repeats`.
+
+    Returns:
+        The row, and the tip (2,) [m].
+    """
+    scene = build_scene(_config(case.robot, rule, n, loads=case.loads))
+    wall_time, posture = best_of(lambda: equilibrium(scene.model, case.ctrl), repeats)
+    truth, text = case.truth(BENDING)
+    tip = tip_at(scene.model, posture)
+    error = float(np.linalg.norm(tip - truth))
+    step_time = step_cost(scene.model, posture, case.ctrl, repeats)
+    name = f"mujoco_chain/{rule}"
+    row = _static_row(case, name, scene.model.nv, BENDING, error, wall_time, text)
+    choice = scene.timestep
+    row |= {"timestep": choice.timestep, "integrator": choice.integrator, "step_time": step_time}
+    return row, tip
+
+
+def _static_row(
+    case: StaticCase,
+    model: str,
+    n: int,
+    physics: Physics,
+    error: float,
+    wall_time: float,
+    text: str,
+) -> Row:
+    return make_row(
+        "static",
+        case.name,
+        model,
+        n,
+        e_mean=error,
+        e_max=error,
+        wall_time=wall_time,
+        physics=physics.name,
+        reference=text,
+    )
+
+
+def tip_at(model: mujoco.MjModel, posture: np.ndarray) -> np.ndarray:
+    """Tip (2,) [m] in (x, z) of the chain in a posture (nq,) [rad]."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = posture
+    mujoco.mj_kinematics(model, data)
+    return data.site("tip").xpos[[0, 2]].copy()
+
+
+# ---------------------------------------------------------------- frequencies and torsion
+
+
+def _number_jobs(quick: bool) -> Iterator[Job]:
+    for case in scalar_cases():
+        yield case.name, lambda c=case: _number_rows(c, quick)
+
+
+def _number_rows(case: ScalarCase, quick: bool) -> list[Row]:
+    shown, repeats = slice(2 if quick else None), 2 if quick else 5
+    out = [
+        beam_row(case, contestant, n, repeats)
+        for contestant in contestants()
+        for n in contestant.sizes[shown]
+    ]
+    return out + [
+        chain_row(case, rule, n, BENDING, repeats) for rule in RULES for n in HINGES[shown]
+    ]
+
+
+# ---------------------------------------------------------------- motions
+
+
+def _dynamic_jobs(quick: bool) -> Iterator[Job]:
+    limits: dict[tuple[str, str], Limit] = {}
+
+    def find_limits(case: str, contestant: Contestant) -> list[Row]:
+        limits[case, contestant.physics.name] = agreement.beam_limit(case, contestant, quick)
+        return []
+
+    for case in (spiral.CASE, tension_step.CASE):
+        # Of the models of equal physics the last one gives the truth: it has the full inertia.
+        for contestant in {c.physics: c for c in contestants()}.values():
+            description = f"{case}, limit of {contestant.name}"
+            yield description, lambda s=case, c=contestant: find_limits(s, c)
+        yield f"{case}, agreement", lambda s=case: agreement.dynamic_rows(s, limits, quick)
+        for contestant in contestants():
+            yield (
+                f"{case}, {contestant.name}",
+                lambda s=case, c=contestant: _beam_rows(s, c, limits[s, c.physics.name], quick),
+            )
+        for rule in RULES:
+            yield (
+                f"{case}, chain {rule}",
+                lambda s=case, r=rule: _chain_rows(s, r, limits[s, BENDING.name], quick),
+            )
+
+
+def _beam_rows(case: str, contestant: Contestant, truth: Limit, quick: bool) -> list[Row]:
+    found, turning = [], case == spiral.CASE
+    numbers = contestant.spiral if turning else contestant.step
+    for index, n in enumerate(numbers[: 2 if quick else None]):
+        if turning:
+            model = contestant.build(spiral.ROBOT, n, spiral.loads(), "spatial")
+        else:
+            model = contestant.build(ARM, n)
+        motion = spiral.beam_motion if turning else tension_step.beam_motion
+        exact = motion(model, "sdirk4", tolerance=_CONVERGED)[0]()
+        for method, step, tolerance in _settings(contestant, index, quick):
+            simulate, steps = motion(model, method, step=step, tolerance=tolerance or _NEWTON)
+            try:
+                wall_time, tips = least_time(simulate, 2 if quick else 5)
+            except IntegrationError as error:
+                text = f"left out: {error}"
+                found.append(make_row("note", case, contestant.name, n, reference=text))
+                continue
+            row = motion_row(case, contestant.name, n, contestant.physics, truth, tips)
+            found.append(
+                row
+                | {
+                    "timestep": tension_step.DURATION / steps(),
+                    "integrator": method,
+                    "tolerance": tolerance,
+                    "e_time": distance(tips, exact),
+                    "wall_time": wall_time,
+                    "step_time": wall_time / steps(),
+                }
+            )
+    return found
+
+
+def _settings(
+    contestant: Contestant, index: int, quick: bool
+) -> Iterator[tuple[str, float | None, float | None]]:
+    """Method, step and tolerance; fixed steps and the finest ones for the coarsest model only."""
+    for tolerance in (*TOLERANCES, *(FINE_TOLERANCES if index == 0 else ())):
+        yield "sdirk4", None, tolerance
+    if contestant.explicit and index < 2:
+        for tolerance in TOLERANCES[1:]:
+            yield "dormand_prince", None, tolerance
+    if index == 0:
+        for method, steps in FIXED_STEPS.items():
+            for step in steps[: 2 if quick else None]:
+                yield method, step, None
+
+
+def _chain_rows(case: str, rule: str, truth: Limit, quick: bool) -> list[Row]:
+    if case == spiral.CASE:
+        return _chain_spirals(rule, truth, quick)
+    return [
+        dynamic_row(rule, n, timestep, integrator, truth, 2 if quick else 5)
+        for n in hinge_numbers(ARM, rule, quick)
+        for integrator in DYNAMIC_INTEGRATORS
+        for timestep in TIMESTEPS
+    ]
+
+
+def _chain_spirals(rule: str, truth: Limit, quick: bool) -> list[Row]:
+    found = []
+    numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
+    for n in numbers[:-1] if quick else numbers:
+        for integrator in DYNAMIC_INTEGRATORS:
+            for substeps in SUBSTEPS[:3] if quick else SUBSTEPS:
+                simulate = spiral.ChainSpiral(rule, n, substeps, integrator)
+                wall_time, tips = least_time(simulate, 5 if quick else 20)
+                row = motion_row(spiral.CASE, f"mujoco_chain/{rule}", n, BENDING, truth, tips)
+                timestep = spiral.PERIOD / substeps
+                found.append(
+                    row
+                    | {
+                        "timestep": timestep,
+                        "integrator": integrator,
+                        "wall_time": wall_time,
+                        "step_time": wall_time * timestep / spiral.DURATION,
+                    }
+                )
+    return found
+
+
+def dynamic_row(
+    rule: str, n: int, timestep: float, integrator: str, truth: Limit, repeats: int = 1
+) -> Row:
+    """Simulate the tension step on a chain and compare it; the time is the best of `repeats`."""
+    scene = build_scene(_config(ARM, rule, n, timestep=timestep, integrator=integrator))
+    tips = tension_step.tip_motion(scene)
+    row = motion_row(tension_step.CASE, f"mujoco_chain/{rule}", n, BENDING, truth, tips)
+    wall_time = min(_stepping_time(scene) for _ in range(repeats))
+    return row | {
+        "timestep": scene.timestep.timestep,
+        "integrator": integrator,
+        "wall_time": wall_time,
+        "step_time": wall_time * scene.timestep.timestep / tension_step.DURATION,
+    }
+
+
+def _stepping_time(scene: Scene) -> float:
+    """Time [s] of all steps of the tension step, without reading anything out."""
+    simulation = tension_step.start(scene)
+    steps = round(tension_step.DURATION / scene.timestep.timestep)
+    return best_of(lambda: mujoco.mj_step(scene.model, simulation.data, steps), 1)[0]
+
+
+def _config(robot: RobotParams, rule: str, n: int, **options: Any) -> SceneConfig:
+    return SceneConfig(robot, pieces=n // len(RULES[rule]), rule=rule, **options)

@@ -1,0 +1,173 @@
+"""Error against speed on unseen references, and a map of errors on disturbed robots."""
+
+from itertools import cycle
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softrobot_env.benchmarks.controllers.curves import COLOURS, OTHER, finish, new_figure
+from softrobot_env.benchmarks.controllers.rows import names, one, select
+from softrobot_env.benchmarks.generalization.cases import SPEEDS, TASKS, Row, variation_name
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: Colours of policies that have none in the figures of the thesis' controllers.
+_COLOURS = COLOURS | {
+    "imitation": "#000000",
+    "ppo": "#E41A1C",
+    "sac": "#8C564B",
+    "ppo_randomized": "#FF9896",
+    "sac_randomized": "#C49C94",
+}
+
+#: Markers, one per policy in the order of their first rows.
+_MARKERS = "osD^v<>PX*hp"
+
+_TITLES = {
+    "circle": "circle, radius 40 mm",
+    "figure_eight": "figure eight, 200 mm by 60 mm",
+    "random": "random paths, median of seeds, bars to the worst",
+}
+_ERRORS = {"e_max": "largest error [mm]", "e_rms": "rms error [mm]"}
+
+#: Panels of the map: task -> metric, title, factor from SI, smallest and largest of the colours.
+_PANELS = {
+    "swing": ("e_max", "swing, largest error [mm]", 1e3, (0.3, 300.0)),
+    "lshape": ("e_max", "L-shape, largest error [mm]", 1e3, (0.3, 300.0)),
+    "step": ("overshoot", "step of 50 mm, overshoot [%]", 1e2, (1.0, 100.0)),
+}
+
+#: Colour of cells without a number.
+_EMPTY = "0.85"
+
+
+def plot(rows: list[Row], path: Path | str) -> None:
+    """Draw both figures as PNG, those that there are rows for.
+
+    Args:
+        rows: Rows of `benchmarks.generalization.run`.
+        path: File of the errors against speed; the map is `<stem>_disturbed.png` beside it.
+    """
+    path = Path(path)
+    unseen, disturbed = select(rows, part="unseen"), select(rows, part="disturbed")
+    if unseen:
+        _speeds(unseen).savefig(path, dpi=130)
+    if disturbed:
+        _map(disturbed).savefig(path.with_name(f"{path.stem}_disturbed.png"), dpi=130)
+
+
+# ---------------------------------------------------------------- error against speed
+
+
+def _speeds(rows: list[Row]) -> "Figure":
+    figure, axes = new_figure(len(_ERRORS), len(SPEEDS), (13, 8))
+    for row_of_axes, (metric, text) in zip(axes, _ERRORS.items(), strict=True):
+        for axis, task in zip(row_of_axes, SPEEDS, strict=True):
+            _scale(axis, SPEEDS[task], row_of_axes[0])
+        for axis, task in zip(row_of_axes, SPEEDS, strict=True):
+            for policy, marker in zip(names(rows), cycle(_MARKERS), strict=False):
+                _draw_policy(axis, select(rows, task=task, policy=policy), metric, marker)
+        row_of_axes[0].set_ylabel(text)
+    for axis, task in zip(axes[0], SPEEDS, strict=True):
+        axis.set_title(_TITLES[task], fontsize=10)
+    for axis in axes[-1]:
+        axis.set_xlabel("largest speed of the reference [m/s]")
+    return finish(figure, axes, "References that no policy has met; crosses at the top: failed")
+
+
+def _draw_policy(axis: "Axes", rows: list[Row], metric: str, marker: str) -> None:
+    """Median over the seeds at each speed, with a bar to the worst; a cross where any failed."""
+    if not rows:
+        return
+    policy = rows[0]["policy"]
+    colour = _COLOURS.get(policy, OTHER)
+    speeds = sorted({row["speed"] for row in rows})
+    values = [_values(rows, speed, metric) for speed in speeds]
+    middle = np.array([median(v) if v else np.nan for v in values])
+    worst = np.array([max(v, default=np.nan) for v in values])
+    bars = [np.zeros(len(speeds)), worst - middle]
+    style = {"color": colour, "marker": marker, "markersize": 5, "capsize": 2}
+    axis.errorbar(speeds, middle, bars, linewidth=1.2, elinewidth=0.7, label=policy, **style)
+    for speed in (s for s, v in zip(speeds, values, strict=True) if not v):
+        axis.plot(speed, 0.99, "x", color=colour, transform=axis.get_xaxis_transform())
+
+
+def _values(rows: list[Row], speed: float, metric: str) -> list[float]:
+    """Errors [mm] at a speed; none if any run failed."""
+    mine = select(rows, speed=speed)
+    if any(row["failure"] is not None for row in mine):
+        return []
+    return [1e3 * row[metric] for row in mine]
+
+
+def _scale(axis: "Axes", speeds: tuple[float, ...], first: "Axes") -> None:
+    """Logarithmic axes with ticks at the speeds, and the errors' range of the first panel."""
+    if axis is not first:
+        axis.sharey(first)
+    axis.set(xscale="log", yscale="log", xlim=(speeds[0] / 1.2, speeds[-1] * 1.2))
+    axis.set_xticks(speeds, [f"{speed:g}" for speed in speeds])
+    axis.set_xticks([], minor=True)
+
+
+# ---------------------------------------------------------------- map of disturbed robots
+
+
+def _map(rows: list[Row]) -> "Figure":
+    tasks = [(task, width) for task, width in TASKS if select(rows, task=task)]
+    size = (3 + 0.62 * len(_variations(rows)), 1.2 + 3.1 * len(tasks))
+    figure, axes = new_figure(len(tasks), 1, size)
+    for axis, (task, width) in zip(axes.flat, tasks, strict=True):
+        _draw_panel(axis, select(rows, task=task, step_width=width), task)
+    figure.suptitle("Robots, drives and sensors that no policy knows", fontsize=11)
+    return figure
+
+
+def _variations(rows: list[Row]) -> list[dict[str, float]]:
+    """Those that occur, in the order of their first rows."""
+    return list({variation_name(row["variation"]): row["variation"] for row in rows}.values())
+
+
+def _draw_panel(axis: "Axes", rows: list[Row], task: str) -> None:
+    from matplotlib.colors import LogNorm
+
+    metric, title, factor, colours = _PANELS[task]
+    policies, variations = names(rows), _variations(rows)
+    found = [[one(rows, policy=p, variation=v) for v in variations] for p in policies]
+    values = np.array([[_number(row, metric, factor) for row in line] for line in found])
+    # Numbers below the scale have the colour of its end, and the true number in the cell.
+    shown, norm = np.ma.masked_invalid(np.clip(values, *colours)), LogNorm(*colours)
+    axis.grid(False)
+    axis.set_facecolor(_EMPTY)
+    axis.pcolormesh(shown, cmap="RdYlGn_r", norm=norm, edgecolors="white", lw=1)
+    dark = np.abs(norm(shown) - 0.5) > 0.4
+    for i, j in np.ndindex(values.shape):
+        _write(axis, (j, i), found[i][j], values[i, j], bool(dark[i, j]))
+    axis.set_yticks(np.arange(len(policies)) + 0.5, policies)
+    labels = [variation_name(v).replace(" ", "\n", 1) for v in variations]
+    axis.set_xticks(np.arange(len(variations)) + 0.5, labels, fontsize=7.5)
+    axis.tick_params(length=0)
+    axis.invert_yaxis()
+    axis.set_title(title, fontsize=10, loc="left")
+
+
+def _number(row: Row | None, metric: str, factor: float) -> float:
+    value = None if row is None else row[metric]
+    return np.nan if value is None else factor * value
+
+
+def _write(axis: "Axes", place: tuple[int, int], row: Row | None, value: float, dark: bool) -> None:
+    """The number in a cell, or what there is in its place."""
+    if np.isnan(value):
+        text = "-" if row is None or row["failure"] is None else "failed"
+        style = {"color": "black" if text == "-" else "#A50026"}
+    else:
+        text, style = f"{value:.{_digits(value)}f}", {"color": "white" if dark else "black"}
+    axis.text(place[0] + 0.5, place[1] + 0.5, text, ha="center", va="center", size=7.5, **style)
+
+
+def _digits(value: float) -> int:
+    return next((d for d, size in ((2, 1.0), (1, 10.0)) if value < size), 0)

@@ -1,0 +1,1 @@
+"""Learning curves and figures of trained policies over several seeds."""

@@ -1,0 +1,1 @@
+"""Quasi-static networks of the spatial rig: size, samples and cost."""

@@ -1,0 +1,1 @@
+"""Environment steps per second, and what a step costs."""

@@ -1,0 +1,1 @@
+"""Which timestep, integrator, stiffness and damping hold."""

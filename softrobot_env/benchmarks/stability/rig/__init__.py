@@ -1,0 +1,1 @@
+"""The stability benchmark of the spatial test rig."""

@@ -1,0 +1,158 @@
+"""First bending and torsional frequencies over the number of pieces: Fig. 2.13 and 2.15."""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.linalg import eigh
+
+from softrobot_env.beams.exact.analytic import euler_bernoulli_frequency
+from softrobot_env.beams.exact.shearable_rod import bending_frequency, torsion_frequency
+from softrobot_env.beams.model import BeamModel
+from softrobot_env.benchmarks.thesis import values
+from softrobot_env.benchmarks.thesis.rows import (
+    MODELS,
+    SETS,
+    SHEAR_COEFFICIENT,
+    SILICONE,
+    Row,
+    build,
+    make_row,
+    weightless,
+)
+from softrobot_env.benchmarks.thesis.statics import LOCKED
+from softrobot_env.robots import CANTILEVER_WEAK, RobotParams
+
+_FREQUENCY = "frequency_Hz"
+
+#: Number of pieces of the thesis' statements on Fig. 2.13.
+_FINEST = 14
+
+_PRINTED_FACTOR = (
+    "the factor 4 of (2.44) instead of 1/4 makes rotary accelerations 16 times too large and "
+    "torsional frequencies 4 times too high; it may be why the thesis' rod does not converge"
+)
+
+
+def mode_frequency(model: BeamModel, torsion: bool = False) -> float:
+    """Lowest frequency [Hz] of the straight robot that moves its tip, or that twists it.
+
+    From the eigenvalues of the linear model; the thesis' Fourier transform over two periods
+    resolves half the frequency (audit).
+    """
+    start = model.start()
+    space, tangent = model.linearize(start), model.tangent(start.q)
+    # The straight robot's matrices are symmetric, also with the printed moments.
+    squares, modes = eigh(space.stiffness, space.mass)
+    ends = np.full(2, model.robot.length)
+    offsets = np.array([[0.0, 0.0], [model.robot.outer_radius, 0.0]])
+    straight = model.positions(start.q, ends, offsets)
+    for square, mode in zip(squares, (tangent @ modes).T, strict=True):
+        size = 1e-6 / np.max(np.abs(mode / model.data.scale))
+        center, rim = model.positions(start.q + size * mode, ends, offsets) - straight
+        twists = abs(rim[1] - center[1]) > np.linalg.norm(center)
+        if square > 0 and twists == torsion:
+            return float(np.sqrt(square) / (2 * np.pi))
+    raise ValueError("the model has no such mode")
+
+
+def bending_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.13 for some numbers of pieces, 14 among them."""
+    rows = []
+    for name, heavy in SETS.items():
+        robot = weightless(heavy)
+        rows += _theory_rows(name, robot)
+        for model in MODELS:
+            audit = values.FREQUENCY[name, model]
+            for n in pieces:
+                found = mode_frequency(build(model, robot, n))
+                rows.append(make_row("2.13", name, model, n, _FREQUENCY, found, audit=audit.get(n)))
+        silicone = replace(robot, poisson_ratio=SILICONE)
+        for plane, case in LOCKED.items():
+            for n in pieces:
+                found = mode_frequency(build("ancf", silicone, n, plane=plane))
+                rows.append(make_row("2.13", f"{name}, {case}", "ancf", n, _FREQUENCY, found))
+    return rows + [row for name in SETS for row in _statement_rows(name, rows)]
+
+
+def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
+    found = {
+        "euler_bernoulli": euler_bernoulli_frequency(
+            robot.length, robot.bending_stiffness, robot.mass_per_length
+        ),
+        "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
+    }
+    return [
+        make_row(
+            "2.13", name, model, None, _FREQUENCY, y, audit=values.FREQUENCY_THEORY[name, model]
+        )
+        for model, y in found.items()
+    ]
+
+
+def _statement_rows(name: str, rows: list[Row]) -> list[Row]:
+    """Distances of the models with 14 pieces from each other and from Euler-Bernoulli."""
+    mine = {(r["model"], r["n"]): r["y"] for r in rows if r["case"] == name}
+    theory = mine["euler_bernoulli", None]
+    finest = {model: mine[model, _FINEST] for model in MODELS}
+    spread = (max(finest.values()) - min(finest.values())) / min(finest.values())
+    note = "shear and rotary inertia, which Euler-Bernoulli leaves out, are real (audit)"
+    out = [
+        make_row(
+            "2.13",
+            name,
+            "all",
+            _FINEST,
+            "spread_of_models",
+            spread,
+            thesis=values.MODEL_SPREAD,
+            audit=0.008 if name == "weak" else None,
+            note="the thesis gives an upper bound",
+        )
+    ]
+    for model, found in finest.items():
+        audit = values.THEORY_DISTANCE_AUDIT.get((name, model))
+        out.append(
+            make_row(
+                "2.13",
+                name,
+                model,
+                _FINEST,
+                "relative_to_euler_bernoulli",
+                found / theory - 1,
+                thesis=values.THEORY_DISTANCE,
+                audit=audit,
+                note=f"the thesis gives an upper bound; {note}",
+            )
+        )
+    return out
+
+
+def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
+    """Fig. 2.15 of the weak set for both Poisson ratios."""
+    rows = []
+    for ratio, audit in values.TORSION_FREQUENCY.items():
+        robot = replace(weightless(CANTILEVER_WEAK), poisson_ratio=ratio)
+        case = f"nu = {ratio:g}"
+        exact = torsion_frequency(robot)
+        rows.append(make_row("2.15", case, "analytic", None, _FREQUENCY, exact, audit=audit))
+        for model in MODELS:
+            for n in pieces:
+                found = mode_frequency(build(model, robot, n, planar=False), torsion=True)
+                lumped = ratio == 0 and model != "ancf"
+                known = values.TORSION_FREQUENCY_LUMPED.get(n) if lumped else None
+                rows.append(make_row("2.15", case, model, n, _FREQUENCY, found, audit=known))
+    rod = {r["n"]: r["y"] for r in rows if (r["case"], r["model"]) == ("nu = 0", "cosserat")}
+    finest = max(rod)
+    rows.append(
+        make_row(
+            "2.15",
+            "nu = 0, printed (2.44)",
+            "cosserat",
+            finest,
+            _FREQUENCY,
+            4 * rod[finest],
+            audit=values.TORSION_FREQUENCY_PRINTED,
+            note=_PRINTED_FACTOR,
+        )
+    )
+    return rows

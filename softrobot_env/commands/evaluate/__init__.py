@@ -1,0 +1,1 @@
+"""`softrobot evaluate`."""

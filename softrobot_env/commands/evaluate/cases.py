@@ -1,0 +1,84 @@
+"""The episodes that `softrobot evaluate` is asked for."""
+
+import argparse
+import itertools
+from collections.abc import Iterator
+
+from softrobot_env.commands.arguments import expand_all
+from softrobot_env.commands.evaluate.arguments import given_options
+from softrobot_env.commands.setups.case import Case, Setup, setup_of
+from softrobot_env.commands.task_options import build_task, check_used, combinations, merge
+from softrobot_env.control.registry import POLICIES, RIG_POLICIES, installed_policies
+from softrobot_env.envs.disturbances import NEUTRAL
+from softrobot_env.tasks import STEP_WIDTHS, TASKS
+
+
+def make_cases(args: argparse.Namespace, setups: tuple[Setup, ...]) -> list[Case]:
+    """Every combination of what was asked for that fits together.
+
+    Raises:
+        ValueError: A policy without a task or a task without a policy, an option that no case
+            uses, or a value that a case cannot have; before anything is run.
+    """
+    tasks = expand_all(args.tasks, list(TASKS))
+    given = given_options(args)
+    _check_policies(args.policies, tasks, setups)
+    check_used(given, tasks)
+    cases = []
+    for name in tasks:
+        setup = setup_of(name, setups)
+        policies = _fitting(args.policies, setup)
+        if not policies:
+            raise ValueError(
+                f"no policy for task {name!r} among {', '.join(args.policies)}; it can have "
+                f"{', '.join(setup.policies)}"
+            )
+        cases += _of_task(name, {"step_width": list(STEP_WIDTHS)} | given, policies, setup, args)
+    for setup in setups:
+        setup.check([case for case in cases if case.task.name in setup.tasks])
+    return cases
+
+
+def _of_task(
+    name: str,
+    given: dict[str, list[float]],
+    policies: list[str],
+    setup: Setup,
+    args: argparse.Namespace,
+) -> Iterator[Case]:
+    conditions = list(itertools.product(setup.twins(), _variations(args.vary)))
+    for options in combinations(name, given):
+        task = build_task(name, options)
+        for policy in policies:
+            for twin, variation in conditions:
+                yield Case(task, options, policy, variation, twin)
+
+
+def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:
+    """Policies that would have been run if their packages were installed."""
+    missing = [name for name in POLICIES if name not in installed_policies()]
+    wanted = "all" in args.policies and any(case.policy in POLICIES for case in cases)
+    return missing if wanted else []
+
+
+def _fitting(names: list[str], setup: Setup) -> list[str]:
+    """Policies among those named that can drive a robot."""
+    runnable = [*installed_policies(), *RIG_POLICIES]
+    ready = [name for name in setup.policies if name in runnable]
+    return ready if "all" in names else [n for n in dict.fromkeys(names) if n in setup.policies]
+
+
+def _check_policies(names: list[str], tasks: list[str], setups: tuple[Setup, ...]) -> None:
+    used = {setup_of(task, setups) for task in tasks}
+    for name in (name for name in names if name != "all"):
+        able = [setup for setup in setups if name in setup.policies]
+        if not used & set(able):
+            fitting = ", ".join(itertools.chain(*(setup.tasks for setup in able)))
+            raise ValueError(f"policy {name!r} is for the tasks {fitting}")
+
+
+def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
+    """Every combination of what varies, without the values that change nothing."""
+    varied = merge(given)
+    combinations = itertools.product(*varied.values())
+    return [{n: v for n, v in zip(varied, c, strict=True) if v != NEUTRAL[n]} for c in combinations]

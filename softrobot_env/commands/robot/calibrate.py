@@ -1,0 +1,125 @@
+"""`softrobot robot calibrate`: jog the servos, mark zero, range and rest, write a robot file."""
+
+import argparse
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+from queue import Empty, SimpleQueue
+from threading import Thread
+from time import monotonic
+
+import numpy as np
+from rich.console import Console
+
+from softrobot_env.commands.robot.link import add_robot, numbers, open_driver, robot_of
+from softrobot_env.hardware.calibration import HELP, Calibration, UnknownCommandError, jog_file
+from softrobot_env.hardware.driver import Driver
+from softrobot_env.hardware.protocol.messages import Capability
+from softrobot_env.hardware.robot_file.keys import RobotFileError
+from softrobot_env.hardware.robot_file.toml import write_robot_file
+
+EXAMPLE = "softrobot robot calibrate --port /dev/ttyUSB0 --out rig.toml"
+
+_HELP = f"""\
+{HELP}
+write       write the file and stop
+quit        stop without a file"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    add_robot(parser)
+    parser.add_argument(
+        "--out", type=Path, default=Path("robot.toml"), help="file to write; default: robot.toml"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 1 if no file was written.
+
+    Raises:
+        FileExistsError: The file to write is there; the robot has not moved.
+    """
+    robot, console = robot_of(args), Console()
+    if args.out.exists():
+        raise FileExistsError(f"{args.out} exists already: choose another --out")
+    with open_driver(jog_file(robot), args.record) as driver:
+        info = driver.connect()
+        console.print(_HELP, highlight=False)
+        driver.arm()
+        keeps_zero = Capability.LENGTH in info.capabilities
+        begun = Calibration.begin(robot, driver.reading.applied, keeps_zero)
+        written = jog(driver, begun, _Lines(sys.stdin), args.out, console)
+    console.print(f"Wrote {args.out}" if written else "Nothing written.")
+    return int(not written)
+
+
+class _Lines:
+    """Lines that somebody types, without waiting for them."""
+
+    def __init__(self, lines: Iterable[str]) -> None:
+        self._queue: SimpleQueue[str] = SimpleQueue()
+        Thread(target=self._read, args=(lines,), daemon=True).start()
+
+    def poll(self) -> str | None:
+        """The next line, None if there is none yet; "quit" at the end."""
+        try:
+            return self._queue.get_nowait()
+        except Empty:
+            return None
+
+    def _read(self, lines: Iterable[str]) -> None:
+        for line in lines:
+            self._queue.put(line.strip())
+        self._queue.put("quit")
+
+
+def jog(
+    driver: Driver, calibration: Calibration, lines: _Lines, out: Path, console: Console
+) -> bool:
+    """Move an armed robot as the lines say, until a file is written, or until "quit".
+
+    A line is obeyed when the robot has come to where the one before sent it.
+
+    Returns:
+        Whether the file was written.
+    """
+    due = monotonic()
+    while True:
+        due = max(due, monotonic()) + driver.robot.control_period
+        reading = driver.pace(np.array(calibration.target), due)
+        if reading is None or not reading.is_at(calibration.target):
+            continue
+        line = lines.poll()
+        if line == "quit":
+            return False
+        if line == "write":
+            if _write(calibration, out, console):
+                return True
+        elif line:
+            calibration = _obey(calibration, line, console)
+
+
+def _write(calibration: Calibration, out: Path, console: Console) -> bool:
+    """Write what was found; what is wrong with it is told, and can be mended."""
+    try:
+        write_robot_file(calibration.result(), out)
+    except (RobotFileError, OSError) as error:
+        console.print(f"not written: {error}", highlight=False)
+        return False
+    return True
+
+
+def _obey(calibration: Calibration, line: str, console: Console) -> Calibration:
+    try:
+        found = calibration.obey(line)
+    except UnknownCommandError as error:
+        console.print(f"{error}; there are:\n{_HELP}", highlight=False)
+        return calibration
+    except ValueError as error:
+        console.print(str(error), highlight=False)
+        return calibration
+    console.print(
+        f"tendon {found.tendon + 1}; targets {numbers(1e3 * np.array(found.target), 2)} mm"
+    )
+    return found

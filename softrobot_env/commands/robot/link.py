@@ -1,0 +1,104 @@
+"""Arguments that say which robot, the driver they mean, and what a robot says, for people."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from softrobot_env.hardware.driver import Driver
+from softrobot_env.hardware.protocol.readings import DeviceInfo, Reading
+from softrobot_env.hardware.recording import RecordingTransport
+from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
+from softrobot_env.hardware.robot_file.toml import read_robot_file
+from softrobot_env.hardware.transport import SerialTransport, Transport
+
+
+def add_robot(parser: argparse.ArgumentParser) -> None:
+    """--robot-file, --port and --record."""
+    parser.add_argument(
+        "--robot-file", type=Path, help="robot file (TOML); default: the rig before its calibration"
+    )
+    parser.add_argument("--port", help="serial port; default: the robot file's")
+    parser.add_argument("--record", type=Path, metavar="FILE", help="new file for all messages")
+
+
+def robot_of(args: argparse.Namespace) -> RobotFile:
+    """The robot that the arguments of `add_robot` mean.
+
+    Raises:
+        RobotFileError: The file says what is not allowed.
+    """
+    robot = rig_file() if args.robot_file is None else read_robot_file(args.robot_file)
+    return robot if args.port is None else replace(robot, port=args.port)
+
+
+@contextmanager
+def open_driver(robot: RobotFile, record: Path | None) -> Iterator[Driver]:
+    """A driver at the robot's port, closed with the context; nothing is sent yet.
+
+    At the end it is told if the recording has broken off.
+
+    Raises:
+        LinkError: The port cannot be opened.
+        OSError: The file to record to exists or cannot be written.
+    """
+    transport = _recorded(SerialTransport(robot.port, robot.baud), record)
+    try:
+        with Driver(robot, transport) as driver:
+            yield driver
+    finally:
+        if isinstance(transport, RecordingTransport) and transport.failure is not None:
+            Console().print(f"The recording {record} breaks off: {transport.failure}")
+
+
+def info_rows(info: DeviceInfo) -> dict[str, str]:
+    """Who answered, by name."""
+    return {
+        "firmware": info.firmware,
+        "protocol": f"{info.protocols[0]} to {info.protocols[1]}",
+        "schema": f"{info.schema:08x}",
+        "tendons": str(info.tendons),
+        "measures": ", ".join(c.name.lower() for c in info.capabilities) or "nothing",
+        "boot": f"{info.boot_id:08x}, cause {info.reset_cause.name.lower().replace('_', '-')}",
+    }
+
+
+def reading_rows(reading: Reading) -> dict[str, str]:
+    """What the robot does and measures, by name."""
+    return {
+        "state": reading.state.name.lower(),
+        "applied": f"{numbers(1e3 * reading.applied, 2)} mm",
+        "length": f"{numbers(1e3 * reading.length, 2)} mm",
+        "force": f"{numbers(reading.force, 2)} N",
+        "converter": numbers(reading.adc, 0),
+        "supply": f"{reading.supply:.2f} V",
+        "faults": ", ".join(fault.name.lower() for fault in reading.faults) or "none",
+    }
+
+
+def table_of(rows: dict[str, str], title: str) -> Table:
+    """Names and texts."""
+    table = Table(show_header=False, title=title)
+    for name, text in rows.items():
+        table.add_row(name, text)
+    return table
+
+
+def numbers(values: np.ndarray, digits: int) -> str:
+    """Numbers in a row."""
+    return "  ".join(f"{value:.{digits}f}" for value in values)
+
+
+def _recorded(transport: Transport, record: Path | None) -> Transport:
+    if record is None:
+        return transport
+    try:
+        return RecordingTransport(transport, record)
+    except OSError:
+        transport.close()
+        raise

@@ -1,0 +1,62 @@
+"""`softrobot robot list`: serial ports, and who answers there."""
+
+import argparse
+
+from rich.console import Console
+from rich.table import Table
+
+from softrobot_env.hardware.errors import RobotError
+from softrobot_env.hardware.protocol.handshake import identify
+from softrobot_env.hardware.robot_file.model import BAUDS, rig_file
+from softrobot_env.hardware.transport import SerialTransport, load_serial
+
+EXAMPLE = "softrobot robot list /dev/ttyUSB0 /dev/ttyUSB1"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument(
+        "ports", nargs="*", metavar="PORT", help="default: every serial port of this computer"
+    )
+    parser.add_argument(
+        "--baud", type=int, choices=BAUDS, default=rig_file().baud, help="default: %(default)s"
+    )
+    parser.add_argument(
+        "--timeout", type=float, default=2.0, metavar="S", help="for each port; default: 2"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 1 if nobody answers.
+
+    Every port gets a few bytes; a robot that moves ramps to rest.
+    """
+    table = Table(header_style="bold")
+    for heading in ("port", "who answers"):
+        table.add_column(heading)
+    answers = {port: _answer(port, args) for port in args.ports or _ports()}
+    for port, (_, text) in answers.items():
+        table.add_row(port, text)
+    console = Console()
+    console.print(table if answers else "This computer has no serial port.")
+    return int(not any(found for found, _ in answers.values()))
+
+
+def _ports() -> list[str]:
+    load_serial()
+    from serial.tools.list_ports import comports
+
+    return sorted(port.device for port in comports())
+
+
+def _answer(port: str, args: argparse.Namespace) -> tuple[bool, str]:
+    """Whether a robot answers at a port, and what it or its port says."""
+    try:
+        transport = SerialTransport(port, args.baud)
+        try:
+            info = identify(transport, args.timeout)
+        finally:
+            transport.close()
+    except RobotError as error:
+        return False, str(error)
+    return True, f"firmware {info.firmware}, {info.tendons} tendons"

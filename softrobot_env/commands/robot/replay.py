@@ -1,0 +1,116 @@
+"""`softrobot robot replay`: what a recorded link carried."""
+
+import argparse
+from collections.abc import Iterator
+from dataclasses import fields
+from pathlib import Path
+from typing import NamedTuple
+
+from rich.console import Console
+from rich.table import Table
+
+from softrobot_env.hardware.protocol.messages import (
+    DeviceState,
+    Fault,
+    FaultReport,
+    Message,
+    Nack,
+    Ping,
+    Pong,
+    Reason,
+    Setpoint,
+    State,
+)
+from softrobot_env.hardware.protocol.unit_conversion import faults
+from softrobot_env.hardware.recording import Direction, Recording, read_recording
+
+EXAMPLE = "softrobot robot replay out/session.link --all"
+
+_ARROWS = {Direction.TO_ROBOT: "to robot", Direction.FROM_ROBOT: "from robot"}
+
+#: Left out unless all messages are wanted.
+_ROUTINE = (Setpoint, Ping, Pong)
+
+
+class Line(NamedTuple):
+    """A message: time [s] from the start, which way, and what."""
+
+    time: float
+    direction: Direction
+    message: Message
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("recording", type=Path, metavar="FILE", help="what --record has written")
+    parser.add_argument(
+        "--all", action="store_true", help="also set-points, and states that tell nothing new"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 1 if the recording breaks off in a record."""
+    recording = read_recording(args.recording)
+    lines = list(_lines(recording))
+    table = Table(header_style="bold")
+    table.add_column("s", justify="right")
+    for heading in ("", "message", "what it says"):
+        table.add_column(heading)
+    for line in lines if args.all else _news(lines):
+        name = type(line.message).__name__
+        table.add_row(f"{line.time:.3f}", _ARROWS[line.direction], name, _text(line.message))
+    console = Console()
+    console.print(table)
+    console.print(_summary(recording, lines))
+    return int(not recording.complete)
+
+
+def _lines(recording: Recording) -> Iterator[Line]:
+    for chunk, message, _ in recording.messages():
+        yield Line(chunk.time - recording.chunks[0].time, chunk.direction, message)
+
+
+def _news(lines: list[Line]) -> Iterator[Line]:
+    """Lines that tell of something new."""
+    told = None
+    for line in lines:
+        if isinstance(line.message, _ROUTINE):
+            continue
+        tells = _tells(line.message)
+        if tells is None or tells != told:
+            yield line
+        told = tells or told
+
+
+def _tells(message: Message) -> tuple | None:
+    """What of a message that comes again and again would be new; None for others."""
+    if isinstance(message, State):
+        return State, message.state, message.faults, message.session
+    if isinstance(message, FaultReport):
+        return FaultReport, message.code, message.channel
+    return None
+
+
+def _text(message: Message) -> str:
+    if isinstance(message, State):
+        applied = ", ".join(f"{x / 100:.2f}" for x in message.applied)
+        state = DeviceState(message.state).name.lower()
+        stopped = ", ".join(fault.name.lower() for fault in faults(message)) or "none"
+        return f"{state}, applied {applied} mm, faults {stopped}"
+    if isinstance(message, Nack):
+        return f"message {message.about_seq}: {Reason(message.reason).name.lower()}"
+    if isinstance(message, FaultReport):
+        code = Fault(message.code).name.lower()
+        return f"{code}, channel {message.channel}, value {message.value}"
+    pairs = ((field.name, getattr(message, field.name)) for field in fields(message))
+    return ", ".join(f"{name} {value}" for name, value in pairs)
+
+
+def _summary(recording: Recording, lines: list[Line]) -> str:
+    counts = [sum(line.direction == way for line in lines) for way in Direction]
+    duration = lines[-1].time if lines else 0.0
+    end = "" if recording.complete else "; the file breaks off in a record"
+    return (
+        f"{duration:.2f} s, {counts[Direction.TO_ROBOT]} messages to the robot, "
+        f"{counts[Direction.FROM_ROBOT]} from it{end}"
+    )

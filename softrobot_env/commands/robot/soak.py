@@ -1,0 +1,200 @@
+"""`softrobot robot soak`: a long run at full rate, and whether it kept its promises."""
+
+import argparse
+from array import array
+from collections.abc import Iterator
+from contextlib import contextmanager
+from math import isnan, nan
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from softrobot_env.commands.arguments import add_out, positive
+from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.tip import TipSource
+
+EXAMPLE = "softrobot robot soak --seconds 60"
+
+_PERIOD = 2.0  # s, of a lap
+_POLICY = "hybrid"
+_MOST_MISSED = 1e-3  # share of the steps
+_OLDEST = 1.0  # s
+
+#: Of `info`, in every step.
+_SAMPLED = ("rtt_s", "lateness_s", "tip_age", "error")
+
+#: Of the link, see `hardware.link.LinkCounters`.
+_COUNTERS = (
+    "lost",
+    "crc_errors",
+    "frame_errors",
+    "device_crc_errors",
+    "device_frame_errors",
+    "longest_delay",
+)
+
+#: Over this time [s] the speed of outputs is judged: pulses are set at single ticks.
+_WINDOW = 0.05
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument(
+        "--seconds", type=positive, default=600.0, metavar="S", help="duration; default: 600"
+    )
+    parser.add_argument(
+        "--robot-file", type=Path, metavar="FILE", help="a real robot; default: a virtual one"
+    )
+    parser.add_argument(
+        "--twin", type=int, default=0, metavar="SEED", help="of the virtual robot; default: 0"
+    )
+    add_out(parser, "out/soak")
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 1 if a promise was broken."""
+    from softrobot_env.evaluation.report import write_json
+
+    console = Console()
+    args.out.mkdir(parents=True, exist_ok=True)
+    with _robot(args) as (file, tip, log):
+        row = _soak(file, tip, args.seconds, console)
+    if log is not None:
+        row |= unsafe_outputs(log, file)
+    rows = [row, *_promises(row)]
+    write_json(args.out / "report.json", rows, args.command_line)
+    console.print(_table(rows))
+    console.print(f"Wrote {args.out}/report.json")
+    return int(not all(r["met"] for r in rows[1:]))
+
+
+@contextmanager
+def _robot(
+    args: argparse.Namespace,
+) -> Iterator[tuple[RobotFile, TipSource | None, dict[str, np.ndarray] | None]]:
+    """Robot file, tip source, and a log that is filled when the context has ended."""
+    if args.robot_file is not None:
+        from softrobot_env.hardware.robot_file.toml import read_robot_file
+
+        yield read_robot_file(args.robot_file), None, None
+        return
+    with TemporaryDirectory() as folder:
+        path, log = Path(folder) / "log.npz", {}
+        with virtual_process(args.twin, log=path) as robot:
+            yield robot.file, robot.tip, log
+        with np.load(path) as data:
+            log.update(data.items())
+
+
+def _soak(
+    file: RobotFile, tip: TipSource | None, seconds: float, console: Console
+) -> dict[str, Any]:
+    from softrobot_env.control.registry import make_policy
+    from softrobot_env.envs.real import RealRigEnv
+    from softrobot_env.evaluation.episode import play
+    from softrobot_env.robots import RIG
+    from softrobot_env.tasks.rig import RigTask
+    from softrobot_env.tasks.rig_trajectories import RoundedTriangle
+
+    run = RoundedTriangle(period=_PERIOD, laps=max(0, int(seconds / _PERIOD)))
+    task = RigTask("soak", RIG, run, seconds)
+    # Missed steps do not end the run: a promise judges them.
+    steps = round(seconds / file.control_period)
+    # A stall shall count as missed steps and late answers, and not end the run.
+    env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
+    policy = make_policy(_POLICY, RIG, env.control_period)
+    samples, last = {name: array("d") for name in _SAMPLED}, {}
+    try:
+        with Progress(console=console, transient=True) as progress:
+            bar = progress.add_task("soak", total=seconds)
+            for count, moment in enumerate(play(env, policy)):
+                last = moment.info
+                if count > 0:
+                    _add(samples, last)
+                if count % 50 == 0:
+                    progress.update(bar, completed=last["time"])
+    finally:
+        env.close()
+    return _measured(samples, last, env.control_period)
+
+
+def _add(samples: dict[str, array], info: dict[str, Any]) -> None:
+    """Note a step; kept as `info`, its objects would hold up the steps to come (garbage)."""
+    for name, column in samples.items():
+        column.append(nan if info[name] is None else info[name])
+
+
+def _measured(samples: dict[str, array], last: dict[str, Any], period: float) -> dict[str, Any]:
+    trips = [None if isnan(trip) else trip for trip in samples["rtt_s"]]
+    row = {"what": "soak", "steps": round(last["time"] / period), "control_period": period}
+    row |= {"missed_steps": last["missed_steps"], "failure": last.get("failure")}
+    columns = {"round_trip": answer_times(trips, period), "lateness": samples["lateness_s"]}
+    for name, values in columns.items():
+        quantiles = np.percentile(values, [50, 99, 100]).tolist()
+        row |= dict(zip((f"{name}_median", f"{name}_p99", f"{name}_max"), quantiles, strict=True))
+    row["tip_age_max"] = max(samples["tip_age"])
+    row["e_mean"] = float(np.mean(samples["error"]))
+    return row | {name: last["link"][name] for name in _COUNTERS}
+
+
+def answer_times(trips: list[float | None], period: float) -> list[float]:
+    """How long [s] every step waited for an answer.
+
+    Args:
+        trips: Round trip [s] of every step, None without an answer in its period: such a step has
+            waited for the answer to a later one.
+        period: [s].
+    """
+    times, following = [], period
+    for trip in reversed(trips):
+        following = period + following if trip is None else trip
+        times.append(following)
+    return times[::-1]
+
+
+def unsafe_outputs(log: dict[str, np.ndarray], file: RobotFile) -> dict[str, Any]:
+    """How often a virtual robot's outputs left the range or were faster than allowed.
+
+    Args:
+        log: As `softrobot robot virtual --log` writes it.
+        file: The limits.
+    """
+    time, applied = log["time"], log["applied"]
+    low, high = np.array([[s.minimum, s.maximum] for s in file.tendons]).T
+    outside = np.any((applied < low - 1e-9) | (applied > high + 1e-9), axis=1)
+    after = np.searchsorted(time, time + _WINDOW)
+    first = np.arange(len(time))[after < len(time)]
+    after = after[after < len(time)]
+    way = np.abs(applied[after] - applied[first]).max(axis=1)
+    # Outputs move when the program passes, a tick before or after they are noted.
+    allowed = file.slew * (time[after] - time[first] + 2e-3) + 2e-5
+    return {"ticks": len(time), "unsafe_outputs": int(outside.sum() + np.sum(way > allowed))}
+
+
+def _promises(row: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    period = row["control_period"]
+    yield _promise("share of missed steps", row["missed_steps"] / row["steps"], _MOST_MISSED)
+    yield _promise("round trip, 99 % [s]", row["round_trip_p99"], period)
+    yield _promise("failures", float(row["failure"] is not None), 0.0)
+    if "unsafe_outputs" in row:
+        yield _promise("unsafe outputs", float(row["unsafe_outputs"]), 0.0)
+
+
+def _promise(what: str, value: float, limit: float) -> dict[str, Any]:
+    return {"promise": what, "value": value, "limit": limit, "met": value <= limit}
+
+
+def _table(rows: list[dict[str, Any]]) -> Table:
+    out = Table(title="Soak", show_header=False)
+    for name, value in rows[0].items():
+        out.add_row(name, f"{value:.4g}" if isinstance(value, float) else str(value))
+    for row in rows[1:]:
+        verdict = "met" if row["met"] else "BROKEN"
+        out.add_row(row["promise"], f"{row['value']:.4g}, at most {row['limit']:.4g}: {verdict}")
+    return out

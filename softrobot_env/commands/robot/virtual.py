@@ -1,0 +1,180 @@
+"""`softrobot robot virtual`: the rig without hardware, behind a serial port."""
+
+import argparse
+import json
+import os
+import signal
+import socket
+import sys
+from array import array
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from threading import Event, Thread, Timer
+
+import numpy as np
+from rich.console import Console
+
+from softrobot_env.commands.arguments import positive
+from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
+from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, rig_file
+from softrobot_env.hardware.virtual.robot import Pulses, VirtualRobot, linked
+
+EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
+
+#: Private flag: end when whoever has started this no longer holds its standard input open.
+UNTIL_EOF = "--until-eof"
+
+_SUPPLY = 6.0  # V
+_MAX_FORCE, _STALL = 40.0, 5e-3  # N, m
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument(
+        "--twin", type=int, default=0, metavar="SEED", help="the rig that is simulated; default: 0"
+    )
+    parser.add_argument(
+        "--link", type=Path, metavar="PATH", help="also make a symbolic link to the port here"
+    )
+    parser.add_argument(
+        "--camera-port",
+        type=int,
+        default=TRACKER_PORT,
+        metavar="N",
+        help=f"UDP port of this machine that gets the camera's pictures; default: {TRACKER_PORT}",
+    )
+    parser.add_argument("--seed", type=int, default=0, help="of the noise of camera and sensors")
+    parser.add_argument("--seconds", type=positive, metavar="S", help="stop after this time")
+    parser.add_argument(
+        "--log",
+        type=Path,
+        metavar="FILE",
+        help="npz with what really happened: time, tip, applied, powered, at every millisecond",
+    )
+    parser.add_argument(UNTIL_EOF, action="store_true", help=argparse.SUPPRESS)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command until it is stopped; 1 if the simulation failed."""
+    stop = Event()
+    before = {s: signal.signal(s, lambda *_: stop.set()) for s in (signal.SIGINT, signal.SIGTERM)}
+    log = Log()
+    camera = UdpCamera(args.camera_port)
+    watch = None if args.log is None else log.add
+    robot = virtual_robot(args.twin, args.seed, camera.show, watch)
+    timer = Timer(args.seconds or 0.0, stop.set)
+    console = Console()
+    if args.until_eof:
+        Thread(target=_await_eof, args=(sys.stdin.fileno(), stop.set), daemon=True).start()
+    try:
+        with linked(robot.port, args.link) as port:
+            console.print(
+                f"Virtual robot, twin {args.twin}, at {port}; pictures to UDP port "
+                f"{args.camera_port}; stop with Ctrl-C"
+            )
+            if args.seconds:
+                timer.start()
+            robot.run(stop)
+    finally:
+        timer.cancel()
+        robot.close()
+        camera.close()
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        if args.log is not None:
+            log.save(args.log)
+    console.print(f"Stopped; at most {1e3 * robot.lag:.1f} ms behind the clock")
+    if robot.failure is not None:
+        console.print(f"The simulation failed: {robot.failure}")
+    return int(robot.failure is not None)
+
+
+def virtual_file(port: str = "/dev/ttyUSB0") -> RobotFile:
+    """Robot file of a virtual robot: the rig's, with the checks of what only this one measures."""
+    file = rig_file(port)
+    servos = tuple(replace(servo, max_force=_MAX_FORCE) for servo in file.tendons)
+    return replace(file, tendons=servos, supervision=replace(file.supervision, stall=_STALL))
+
+
+def virtual_robot(
+    twin: int,
+    seed: int = 0,
+    show: Callable[[float, np.ndarray], None] | None = None,
+    watch: Callable[[VirtualRobot], None] | None = None,
+    robot_file: RobotFile | None = None,
+) -> VirtualRobot:
+    """A virtual rig that understands pulses as a robot file says.
+
+    Args:
+        twin: Seed of the twin.
+        seed: Of the noise of camera and sensors.
+        show, watch: See `VirtualRobot`.
+        robot_file: Whose calibration is the true one; that of `virtual_file` unless given.
+            Channels of the board drive the twin's tendons in their order.
+    """
+    from softrobot_env.envs.simulation.virtual_rig import VirtualRig
+    from softrobot_env.hardware.virtual.core import Core
+    from softrobot_env.robots.twin import rig3d_twin
+
+    servos = sorted((robot_file or virtual_file()).tendons, key=lambda servo: servo.channel)
+    pulses = Pulses(
+        1e6 * np.array([servo.center for servo in servos]),
+        1e6 * np.array([servo.gain for servo in servos]),
+    )
+    boot = int(np.random.default_rng().integers(1, 2**32))
+    core = Core(n=len(servos), boot_id=boot)
+    return VirtualRobot(core, VirtualRig(rig3d_twin(twin), seed=seed), pulses, _SUPPLY, show, watch)
+
+
+def _await_eof(stdin: int, then: Callable[[], None]) -> None:
+    """Call a function at the end of a file, by its descriptor."""
+    while os.read(stdin, 1):
+        pass
+    then()
+
+
+class UdpCamera:
+    """Sends pictures as datagrams, as `hardware.tip.UdpTip` reads them."""
+
+    def __init__(self, port: int) -> None:
+        """Send to a port of this machine."""
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._address = ("127.0.0.1", port)
+
+    def show(self, age: float, tip: np.ndarray) -> None:
+        """Send a picture's age [s] and tip (2,) [m]."""
+        x, y = tip.tolist()
+        message = json.dumps({"x": x, "y": y, "age": age})
+        self._socket.sendto(message.encode(), self._address)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+class Log:
+    """What a virtual robot really did, tick by tick."""
+
+    def __init__(self) -> None:
+        self._numbers = array("d")
+        self._columns = 0
+
+    def add(self, robot: VirtualRobot) -> None:
+        """Note a tick."""
+        outputs, (now, tip) = robot.outputs, robot.moment
+        row = (now, *tip, *outputs.applied, float(outputs.powered))
+        self._columns = len(row)
+        self._numbers.extend(row)
+
+    def save(self, path: Path) -> None:
+        """Write time (k,) [s] of the host's clock, tip (k, 2) [m], applied (k, n) [m], powered."""
+        rows = np.array(self._numbers).reshape(-1, max(1, self._columns))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez_compressed(
+            path,
+            time=rows[:, 0],
+            tip=rows[:, 1:3],
+            applied=LENGTH_UNIT * rows[:, 3:-1],
+            powered=rows[:, -1] > 0,
+        )

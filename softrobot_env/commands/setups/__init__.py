@@ -1,0 +1,1 @@
+"""The robots that commands can be given."""

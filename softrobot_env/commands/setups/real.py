@@ -1,0 +1,106 @@
+"""The spatial test rig over a serial line: a real one, or a virtual one in its own process."""
+
+import argparse
+import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from softrobot_env.commands.robot.link import robot_of
+from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.commands.setups.case import Case
+from softrobot_env.commands.setups.rig import RigSetup
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.evaluation.labels import REAL, VIRTUAL
+from softrobot_env.hardware.recording import RecordingTransport
+from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.transport import SerialTransport, Transport
+
+
+class RealSetup(RigSetup):
+    """A robot over a serial line."""
+
+    def __init__(self, args: argparse.Namespace) -> None:
+        """As `evaluate_arguments` has them."""
+        super().__init__(args)
+        self.plant = args.env
+
+    def twins(self) -> list[int | None]:
+        """Seeds for virtual robots; a real one is what it is."""
+        return super().twins() if self.plant == VIRTUAL else [None]
+
+    def check(self, cases: list[Case]) -> None:
+        """Refuse what belongs to a virtual robot or to none, and unfit references."""
+        args = self._args
+        if not cases:
+            raise ValueError(f"--env {self.plant}: only with tasks of the rig")
+        if self.plant == REAL and args.twin is not None:
+            raise ValueError("--twin: only with simulated and virtual robots")
+        if self.plant == VIRTUAL and (args.robot_file is not None or args.port is not None):
+            raise ValueError("--robot-file, --port: only with --env real")
+        if self.plant == VIRTUAL and None in self.twins():
+            raise ValueError("--twin none: only with simulated robots")
+        super().check(cases)
+
+    def environment(self, case: Case, **drawing: Any) -> RealRigEnv:
+        """Environment for a case; its `close` ends a virtual robot's process."""
+        if self.plant == VIRTUAL:
+            return _VirtualRigEnv(case, self._line)
+        file = robot_of(self._args)
+        return RealRigEnv(case.task, robot_file=file, observe="all", line=self._line(file, case))
+
+    def _line(self, file: RobotFile, case: Case) -> Callable[[], Transport]:
+        """Opens the way to a robot, recorded where that is wanted."""
+
+        def line() -> Transport:
+            transport = SerialTransport(file.port, file.baud)
+            if self._args.record is None:
+                return transport
+            return _ToldRecording(transport, _free_name(self._args.record, case))
+
+        return line
+
+
+class _ToldRecording(RecordingTransport):
+    """A recording that says at its end why it broke off."""
+
+    def close(self) -> None:
+        """See `Transport`."""
+        super().close()
+        if self.failure is not None:
+            print(f"The recording broke off: {self.failure}", file=sys.stderr)
+
+
+class _VirtualRigEnv(RealRigEnv):
+    """The real rig's environment with a virtual robot that lives as long as it does."""
+
+    def __init__(
+        self, case: Case, line: Callable[[RobotFile, Case], Callable[[], Transport]]
+    ) -> None:
+        with ExitStack() as started:
+            robot = started.enter_context(virtual_process(case.twin))
+            super().__init__(
+                case.task,
+                robot_file=robot.file,
+                tip=robot.tip,
+                observe="all",
+                line=line(robot.file, case),
+            )
+            self._process = started.pop_all()
+
+    def close(self) -> None:
+        """Ramp down, and end the process."""
+        try:
+            super().close()
+        finally:
+            self._process.close()
+
+
+def _free_name(folder: Path, case: Case) -> Path:
+    """A file for a recording that is not there yet."""
+    folder.mkdir(parents=True, exist_ok=True)
+    number = 1
+    while (path := folder / f"{case.task.name}_{case.policy}_{number}.link").exists():
+        number += 1
+    return path

@@ -1,0 +1,187 @@
+"""Quasi-static controller: a network as local inverse of the statics, at 5 Hz (thesis sec. 6.3)."""
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.base import Controller, hold_for
+from softrobot_env.interfaces import Observation
+from softrobot_env.learned.network import Network
+from softrobot_env.learned.quasi_static import load_for
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import TendonMap
+
+#: Time [s] between two decisions: the transients of one input decay in part before the next.
+PERIOD = 0.2
+
+_FILE = "qs_nn.npz"
+_COMMAND = "softrobot train qs_nn"
+
+#: Distance [m] by which the reference may lie beyond the tip positions of the training data,
+#: a random sample that keeps some distance from the boundary of the workspace.
+_MARGIN = 1e-3
+
+_REQUIRES = ("tip_position", "reference_preview", "previous_action")
+_LIMITED, _OUTSIDE, _BAD = 1, 2, 4  # codes of `_decide`; `_BAD` plus the index of an observable
+_STATUSES = (
+    None,
+    "tension limit reached",
+    "outside the trained workspace",
+    "outside the trained workspace, tension limit reached",
+    *(f"observation not finite: {name}" for name in _REQUIRES),
+)
+
+
+class QuasiStaticState(NamedTuple):
+    """What is to be said of a decision; the next one needs nothing of it.
+
+    Attributes:
+        status: Why the action is not the one wanted, or None.
+    """
+
+    status: str | None
+
+
+_STATES = tuple(QuasiStaticState(status) for status in _STATUSES)
+
+
+class _Folded(NamedTuple):
+    """The network from observations in SI units to an action, as `_decide` takes it.
+
+    Attributes:
+        rows: (n_hidden, n_in + 1 + n_inputs): of each hidden neuron the weights and bias of the
+            raw inputs, and its weights in the action.
+        offset: (n_inputs,) [1], biases of the action.
+        workspace: (n_sectors, 2) [m], see `learned.quasi_static.workspace`, with the margin.
+    """
+
+    rows: np.ndarray
+    offset: np.ndarray
+    workspace: np.ndarray
+
+
+class QuasiStaticNetwork(Controller):
+    """u_k+1 = g(z_k, z_ref(t_k+1), u_k) every 0.2 s, g a network of 7-30-3 neurons (Fig. 6.8).
+
+    The environment's preview must be the reference at the next decision alone: `preview=(0.2,)`.
+    Beyond the workspace it was trained for the network extrapolates, and the state's `status` says
+    so. When an observation is not finite, the action in force is kept.
+    """
+
+    requires = _REQUIRES
+
+    def __init__(
+        self, robot: RobotParams, control_period: float, weights: str | Path | None = None
+    ) -> None:
+        """Load the network.
+
+        Args:
+            robot: Nominal robot, the one the network was trained for.
+            control_period: [s] between calls, a whole fraction of 0.2 s.
+            weights: File that `softrobot train qs_nn` wrote; the one shipped unless given.
+
+        Raises:
+            ValueError: Another robot, or a control period that does not divide 0.2 s.
+            FileNotFoundError: No such file.
+        """
+        self.hold = hold_for(PERIOD, control_period, "qs_nn")
+        path = models_dir() / _FILE if weights is None else Path(weights)
+        network, about = load_for(path, robot, _COMMAND)
+        self._network = _fold(network, TendonMap(robot).input_scale, about["workspace"])
+        self._n_inputs = len(robot.tendons) // 2
+        self.sizes = {"tip_position": 2, "previous_action": self._n_inputs}
+
+    def start(self, observation: Observation) -> QuasiStaticState:
+        """Nothing is remembered.
+
+        Raises:
+            ValueError: The environment has another preview than 0.2 s.
+        """
+        size = len(observation["reference_preview"])
+        if size != 2:
+            raise ValueError(
+                f"qs_nn needs an environment with preview=({PERIOD:g},), the reference at its next "
+                f"decision; this one's reference_preview has {size} entries, not 2"
+            )
+        return _STATES[0]
+
+    def act(
+        self, observation: Observation, state: QuasiStaticState
+    ) -> tuple[np.ndarray, QuasiStaticState]:
+        """What the network gives, within the tension limit."""
+        action = np.empty(self._n_inputs, np.float32)
+        # One by one: a structure costs a call more than all of them.
+        rows, offset, workspace = self._network
+        code = _decide(
+            rows,
+            offset,
+            workspace,
+            observation["tip_position"],
+            observation["reference_preview"],
+            observation["previous_action"],
+            action,
+        )
+        return action, _STATES[code]
+
+
+def _fold(network: Network, input_scale: np.ndarray, workspace: np.ndarray) -> _Folded:
+    """Fold all scaling into the weights."""
+    if len(network.weights) != 2:
+        raise ValueError(f"qs_nn has one hidden layer, this network {len(network.weights) - 1}")
+    unit = np.concatenate((np.ones(4), input_scale))  # SI units per unit of the observation
+    into = network.weights[0] / network.inputs.half
+    threshold = network.biases[0] - into @ network.inputs.centre
+    half = network.outputs.half / input_scale
+    return _Folded(
+        np.hstack([into * unit, threshold[:, None], (network.weights[1] * half[:, None]).T]),
+        network.biases[1] * half + network.outputs.centre / input_scale,
+        workspace + _MARGIN * np.array([-1.0, 1.0]),
+    )
+
+
+@kernel
+def _decide(
+    rows: np.ndarray,
+    offset: np.ndarray,
+    workspace: np.ndarray,
+    tip: np.ndarray,
+    target: np.ndarray,
+    previous: np.ndarray,
+    action: np.ndarray,
+) -> int:
+    """Write the action and return what is to be said about it, an index of `_STATUSES`."""
+    n = len(action)
+    sound = True
+    for j in range(n):  # what stays where an observation cannot be used
+        sound &= np.isfinite(previous[j])
+        action[j] = min(max(previous[j], -1.0), 1.0) if np.isfinite(previous[j]) else 0.0
+    if not np.isfinite(tip[0] + tip[1]):
+        return _BAD
+    if not np.isfinite(target[0] + target[1]):
+        return _BAD + 1
+    if not sound:
+        return _BAD + 2
+    total = offset.copy()
+    for row in rows:
+        value = row[0] * tip[0] + row[1] * tip[1] + row[2] * target[0] + row[3] * target[1]
+        for j in range(n):
+            value += row[4 + j] * previous[j]
+        # tanh(x) = 1 - 2 / (exp(2 x) + 1), twice as fast as the library's.
+        value = 1.0 - 2.0 / (np.exp(2.0 * (value + row[4 + n])) + 1.0)
+        for j in range(n):
+            total[j] += row[5 + n + j] * value
+    code = 0
+    for j in range(n):
+        action[j] = min(max(total[j], -1.0), 1.0)
+        if abs(total[j]) > 1.0:
+            code = _LIMITED
+    sectors = len(workspace)
+    share = (np.arctan2(target[0], target[1]) + np.pi) / (2 * np.pi)
+    nearest, farthest = workspace[min(int(share * sectors), sectors - 1)]
+    distance = np.sqrt(target[0] * target[0] + target[1] * target[1])
+    if not nearest <= distance <= farthest:
+        code += _OUTSIDE
+    return code

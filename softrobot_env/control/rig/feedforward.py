@@ -1,0 +1,257 @@
+"""Feedforward controllers of the rig (thesis ch. 5): statics from a network, dynamics from a model.
+
+    rig_nn             s = network(z)                                   sec. 5.1
+    inverse_dynamics   s = model(z, z', z'')                            sec. 5.2
+    hybrid             s = network(z) + s_dyn of the model              sec. 5.3, (5.36) to (5.39)
+
+and beyond the thesis: the reference half a control period ahead, as an input that is held for a
+period lags by half of it; the model in several pieces; that model calibrated by the data that the
+network was trained with; and what is known of the servos, their speed and play.
+"""
+
+from math import inf
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.control.base import Controller
+from softrobot_env.control.rig.identified import Learnt, turned
+from softrobot_env.control.rig.inverse import InverseModel, Motion, OnePiece, SeveralPieces
+from softrobot_env.control.rig.servo_constraints import OutOfReachError
+from softrobot_env.control.rig.servo_flexible import InversionError
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
+
+_MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
+_TURNING = 2e-3  # m/s, below which it is not clear on which side of its play a servo is
+_BLIND = 0.1  # s without a finite reference, after which it is given up
+
+_MOTION = ("reference", "reference_velocity", "reference_acceleration")
+_LIMITED, _OUTSIDE = "length limit reached", "outside the trained workspace"
+_UNREACHABLE, _NOT_FINITE = "reference out of reach", "observation not finite"
+_SLACK, _SLOW = "tendon would slacken", "servo too slow"
+
+
+class RigState(NamedTuple):
+    """What the next call needs.
+
+    Attributes:
+        memory: Of the inverse model; None to begin anew.
+        now: The reference of the last call, None to begin anew.
+        wanted: (3,) [m], lengths wanted of the horns; None to begin anew.
+        blind: [s] since the last reference that was finite.
+        action: (3,) [1], the last one; None at the start.
+        status: Why action or motion is not the one wanted, or None; see `RigFeedforward`.
+    """
+
+    memory: Any = None
+    now: Motion | None = None
+    wanted: np.ndarray | None = None
+    blind: float = 0.0
+    action: np.ndarray | None = None
+    status: str | None = None
+
+
+class RigFeedforward(Controller):
+    """s = network(z_ref) + dynamic part of a model, or all of it by the model.
+
+    Decides from the reference, its velocity and acceleration alone. When these are not finite, the
+    reference goes on with the acceleration it had, for a tenth of a second; after that, and when
+    it is out of the model's reach, the action in force is kept. Beyond the points that the network
+    was trained with, it is asked for the farthest place in that direction.
+
+    The state's `status` is the first of these that holds. What changes the action, or may have,
+    comes first; with the last two the action is the one wanted, but the rig cannot do it.
+
+        observation not finite          or the action in force is unknown
+        reference out of reach          the action in force is kept
+        length limit reached            the action is clipped
+        outside the trained workspace   the network is asked for a nearer place
+        tendon would slacken            the model wants a negative tension; never without a model
+        servo too slow                  the action differs from the one in force by more than
+                                        `SERVO_SPEED` allows in a control period
+    """
+
+    requires = (*_MOTION, "previous_action")
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        learnt: Learnt | None = None,
+        model: InverseModel | None = None,
+        ahead: bool = False,
+        play: float | None = None,
+    ) -> None:
+        """Put the parts together.
+
+        Args:
+            robot: Nominal rig.
+            control_period: [s] between calls.
+            learnt: Statics of the rig; those of the model unless given.
+            model: Dynamics; the controller is quasi-static unless given.
+            ahead: Take the reference half a control period ahead.
+            play: [m], see `Learnt`; unless given, the servos are taken as ideal.
+
+        Raises:
+            ValueError: Neither statics nor a model are given, or the period is not positive and
+                finite.
+        """
+        if not 0 < control_period < inf:
+            raise ValueError(
+                f"control_period must be positive and finite, got {control_period!r} s"
+            )
+        if learnt is None and model is None:
+            raise ValueError("a feedforward controller needs learnt statics, a model or both")
+        self._network = None if learnt is None else learnt.statics
+        self._model, self._period, self._play = model, control_period, play
+        self._lead = control_period / 2 if ahead else 0.0
+        self._reach = SERVO_SPEED * control_period / LENGTH_SCALE  # of an action, in a period
+        self._tendons = len(robot.tendons)
+        self.sizes = dict.fromkeys(_MOTION, 2) | {"previous_action": self._tendons}
+
+    def start(self, observation: Observation) -> RigState:
+        """Begin at rest."""
+        return RigState()
+
+    def act(self, observation: Observation, state: RigState) -> tuple[np.ndarray, RigState]:
+        """Lengths for the motion wanted."""
+        now = Motion(*(np.array(observation[name]) for name in _MOTION))
+        blind = 0.0 if np.isfinite(now).all() else state.blind + self._period
+        if blind > _BLIND or (blind and state.now is None):
+            return _keep(observation, state, _NOT_FINITE)
+        if blind:
+            now = state.now.after(self._period, np.zeros(2))
+        try:
+            wanted, tension, memory = self._lengths(now, state)
+        except (OutOfReachError, InversionError):
+            return _keep(observation, state, _UNREACHABLE)
+        action = self._driven(wanted, state.wanted) / LENGTH_SCALE
+        limited, before = np.clip(action, -1.0, 1.0), observation["previous_action"]
+        if blind or not np.isfinite(before).all():
+            status = _NOT_FINITE
+        elif (limited != action).any():
+            status = _LIMITED
+        else:
+            status = self._doubt(now, tension, action - before)
+        return limited, RigState(memory, now, wanted, blind, limited.copy(), status)
+
+    def _lengths(self, now: Motion, state: RigState) -> tuple[np.ndarray, np.ndarray | None, Any]:
+        """Lengths (3,) [m] wanted of the servos' horns, tensions (3,) [N], the model's memory."""
+        then = now
+        if self._lead:
+            before = now if state.now is None else state.now
+            jerk = (now.acceleration - before.acceleration) / self._period
+            then = now.after(self._lead, jerk)
+        if self._model is None:
+            return self._statics(then.position), None, None
+        pull, memory = self._model.step(state.memory, now, then, self._period)
+        if self._network is None:
+            return _finite(pull.total), pull.tension, memory
+        return _finite(self._statics(then.position) + pull.dynamic), pull.tension, memory
+
+    def _statics(self, place: np.ndarray) -> np.ndarray:
+        """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
+        distance = np.hypot(*place)
+        return self._network(place * min(1.0, (WORKSPACE + _MARGIN) / max(distance, WORKSPACE)))
+
+    def _driven(self, wanted: np.ndarray, before: np.ndarray | None) -> np.ndarray:
+        """Commands (3,) [m] with which the horns are on average where they should be."""
+        if self._play is None or before is None:
+            return wanted
+        rate = (wanted - before) / self._period
+        # A servo takes a while, |rate| T / speed, for its way in a period.
+        late = np.minimum(np.abs(rate), SERVO_SPEED) * self._period / (2 * SERVO_SPEED)
+        return wanted + late * rate + self._play * np.tanh(rate / _TURNING)
+
+    def _doubt(self, now: Motion, tension: np.ndarray | None, change: np.ndarray) -> str | None:
+        """Why the rig will not do as wanted although the action (3,) is within its limits, or None.
+
+        Args:
+            now: The reference.
+            tension: (3,) [N] wanted, or None.
+            change: (3,) [1], of the action.
+        """
+        if self._network is not None and np.hypot(*now.position) > WORKSPACE + _MARGIN:
+            return _OUTSIDE
+        # Lists of three are several times quicker than arrays.
+        if tension is not None and min(tension.tolist()) < 0:
+            return _SLACK
+        return _SLOW if max(map(abs, change.tolist())) > self._reach else None
+
+
+def make_network(
+    robot: RobotParams,
+    control_period: float,
+    learnt: Learnt | str | Path | None = None,
+    ahead: bool = False,
+) -> RigFeedforward:
+    """Quasi-static controller; `learnt` is what is known of the rig, or its file."""
+    return RigFeedforward(robot, control_period, _known(robot, learnt), ahead=ahead)
+
+
+def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False) -> RigFeedforward:
+    """Inverse dynamics of the nominal rig in one piece."""
+    return RigFeedforward(robot, control_period, model=OnePiece(robot), ahead=ahead)
+
+
+def make_hybrid(
+    robot: RobotParams,
+    control_period: float,
+    learnt: Learnt | str | Path | None = None,
+    model: str = "one piece",
+    ahead: bool = False,
+    play: float | None = None,
+) -> RigFeedforward:
+    """Network plus the dynamic part of an inverse model.
+
+    Args:
+        robot: Nominal rig.
+        control_period: [s] between calls.
+        learnt: What is known of the rig, or its file; the one shipped, of twin 0, unless given.
+        model: "one piece" of the nominal rig; "several pieces" of a rig that stands as that one
+            does; or "calibrated", several pieces of the rig as learnt.
+        ahead, play: See `RigFeedforward`.
+
+    Raises:
+        ValueError: Another model, or a file of another robot.
+        FileNotFoundError: No such file.
+    """
+    known = _known(robot, learnt)
+    models = {
+        "one piece": lambda: OnePiece(robot),
+        "several pieces": lambda: SeveralPieces(turned(robot, EQUIVALENT, 0.0)),
+        "calibrated": lambda: SeveralPieces(known.believed(robot)),
+    }
+    if model not in models:
+        raise ValueError(f"unknown model {model!r}; choose from {', '.join(models)}")
+    return RigFeedforward(robot, control_period, known, models[model](), ahead, play)
+
+
+def make_calibrated(
+    robot: RobotParams, control_period: float, learnt: Learnt | str | Path | None = None
+) -> RigFeedforward:
+    """The hybrid with all that goes beyond the thesis; arguments as `make_hybrid`."""
+    known = _known(robot, learnt)
+    return make_hybrid(robot, control_period, known, "calibrated", ahead=True, play=known.play)
+
+
+def _finite(lengths: np.ndarray) -> np.ndarray:
+    """The lengths (3,) [m]; InversionError if the model's equations had no solution."""
+    if not np.isfinite(lengths).all():
+        raise InversionError("the model has no finite lengths for the reference", 0.0)
+    return lengths
+
+
+def _keep(observation: Observation, state: RigState, status: str) -> tuple[np.ndarray, RigState]:
+    """The action in force, and a state that begins anew."""
+    before = observation["previous_action"]
+    if not np.isfinite(before).all():
+        before = np.zeros_like(before) if state.action is None else state.action
+    kept = np.clip(before, -1.0, 1.0)
+    return kept, RigState(action=kept.copy(), status=status)
+
+
+def _known(robot: RobotParams, learnt: Learnt | str | Path | None) -> Learnt:
+    return learnt if isinstance(learnt, Learnt) else Learnt.load(robot, learnt)

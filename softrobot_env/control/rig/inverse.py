@@ -1,0 +1,199 @@
+"""Inverse dynamics of the rig step by step: one piece, as in the thesis, or several.
+
+Lengths and their dynamic part s_dyn of (5.36) to (5.39), with a constant sum of tensions: then the
+map from reduced inputs to tensions is linear, and s_dyn has no kinks where another tendon becomes
+the loosest.
+"""
+
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from softrobot_env.control.rig.servo_constraints import ServoConstraints
+from softrobot_env.control.rig.servo_dae import hold, hold_along
+from softrobot_env.control.rig.servo_flexible import (
+    FlexibleServoConstraints,
+    InversionError,
+    Progress,
+)
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.three_tendons import Tripod, mean_curvature
+
+#: Sum of the tensions [N]. The nominal rig needs 25.7 N to respect its pretension up to 121 mm.
+TOTAL = 26.0
+
+#: Pieces of the model in several pieces.
+PIECES = 3
+
+#: [m], how far a reference may be from where its motion brings it: farther is a jump.
+_JUMP = 3e-3
+
+_WARM_UP = 0.02  # s
+
+
+class Motion(NamedTuple):
+    """A reference: (2,) each, [m, m/s, m/s2]."""
+
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+    def after(self, time: float, jerk: np.ndarray) -> "Motion":
+        """The motion `time` [s] later, with a constant jerk (2,) [m/s3]."""
+        z, dz, ddz = self
+        square = time * time / 2
+        return Motion(
+            z + time * dz + square * ddz + square * time / 3 * jerk,
+            dz + time * ddz + square * jerk,
+            ddz + time * jerk,
+        )
+
+
+class Pull(NamedTuple):
+    """What moves the output as wanted.
+
+    Attributes:
+        total: (3,) [m], lengths pulled in.
+        dynamic: (3,) [m], the part of them that is dynamic.
+        tension: (3,) [N], of the whole motion. A tendon cannot push: where one is negative, it
+            would slacken, and the motion wanted cannot be had with this sum of tensions.
+    """
+
+    total: np.ndarray
+    dynamic: np.ndarray
+    tension: np.ndarray
+
+
+class InverseModel(Protocol):
+    """An inverse model step by step; what it remembers is never changed in place."""
+
+    def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
+        """Inputs of the motion `then`, half a period [s] or none after `now`.
+
+        Args:
+            memory: What the last step returned, a period ago; None in the first one.
+            now, then: The reference.
+            period: Control period.
+
+        Raises:
+            OutOfReachError, InversionError: The model cannot follow.
+        """
+
+
+class OnePiece:
+    """Servo constraints on one piece, in closed form (thesis sec. 5.2.2)."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        self._servo, self._tripod = ServoConstraints(robot), Tripod(robot)
+
+    def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
+        """See `InverseModel`; nothing but a guess is remembered."""
+        found = self._servo.step(*then, guess=memory)
+        tension = self._tripod.with_total(found.reduced, TOTAL)
+        total = self._tripod.pulled(tension, self._servo.curvature(found.y))
+        dynamic = self._tripod.spread @ (found.reduced - found.static) / self._tripod.stiffness
+        return Pull(total, dynamic, tension), found.y
+
+
+class _Past(NamedTuple):
+    """Memory of `SeveralPieces`.
+
+    Attributes:
+        progress: Of the inversion.
+        rest: (n + 2,), curvatures and reduced input that hold the output where it is.
+        now: Reference of the last step.
+    """
+
+    progress: Progress
+    rest: np.ndarray
+    now: Motion
+
+
+class SeveralPieces:
+    """Servo constraints on several pieces, integrated by two steps in a control period.
+
+    After a jump of the reference it begins anew, at rest.
+    """
+
+    def __init__(self, robot: RobotParams, pieces: int = PIECES) -> None:
+        self._model = FlexibleServoConstraints(robot, pieces)
+        still = Motion(*np.zeros((3, 2)))
+        _, memory = self.step(None, still, still, _WARM_UP)  # no decision shall wait for a compiler
+        self.step(memory, still, still, _WARM_UP)
+
+    def step(
+        self, memory: _Past | None, now: Motion, then: Motion, period: float
+    ) -> tuple[Pull, Any]:
+        """See `InverseModel`."""
+        start = memory is None or _jumped(memory.now, now, period)
+        past = self._begin(now, then) if start else self._go_on(memory, now, then, period)
+        tripod, rest = self._model.tripod, past.rest
+        tension = tripod.with_total(past.progress.reduced, TOTAL)
+        moving = tripod.pulled(tension, mean_curvature(past.progress.q[2]))
+        held = pulled_with_total(tripod, mean_curvature(rest[:-2]), rest[-2:], TOTAL)
+        return Pull(moving, moving - held, tension), past
+
+    def _begin(self, now: Motion, then: Motion) -> _Past:
+        if not np.hypot(*then.position) < self._model.robot.reach:
+            raise InversionError(f"the output cannot be held at {then.position} m", 0.0)
+        progress = self._model.start(then.position)
+        rest = np.concatenate([progress.q[2], progress.reduced])
+        return _Past(progress, rest, now)
+
+    def _go_on(self, past: _Past, now: Motion, then: Motion, period: float) -> _Past:
+        """Two steps of half a period; between them, the reference is halfway where they are."""
+        half = period / 2
+        middle = then.after(-half, np.zeros(2)) if now is then else now
+        progress = past.progress
+        for motion in (middle, then):
+            progress = self._model.step(progress, half, motion.position, motion.velocity)
+        q, reduced = past.rest[:-2].copy(), past.rest[-2:].copy()
+        if not hold(self._model.data, np.ascontiguousarray(then.position), q, reduced):
+            raise InversionError(f"the output cannot be held at {then.position} m", 0.0)
+        return _Past(progress, np.concatenate([q, reduced]), now)
+
+
+def _jumped(before: Motion, now: Motion, period: float) -> bool:
+    """Whether a reference is not where its motion brought it since a period [s] ago.
+
+    By the trapezoidal rule with its correction at the ends, of fifth order in the period.
+    """
+    way = now.position - before.position - period / 2 * (before.velocity + now.velocity)
+    way += period**2 / 12 * (now.acceleration - before.acceleration)
+    return float(np.hypot(*way)) > _JUMP
+
+
+def pulled_with_total(
+    tripod: Tripod, curvature: np.ndarray, reduced: np.ndarray, total: float
+) -> np.ndarray:
+    """Lengths (..., 3) [m] for a sum of tensions, see `Tripod.with_total`.
+
+    Args:
+        tripod: The tendons.
+        curvature: (..., 2) [1/m].
+        reduced: (..., 2) [N].
+        total: The sum [N].
+    """
+    return tripod.pulled(tripod.with_total(reduced, total), curvature)
+
+
+def hold_outputs(
+    model: FlexibleServoConstraints, outputs: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Mean curvatures (n, 2) [1/m] and reduced inputs (n, 2) [N] that hold outputs (n, 2) [m].
+
+    Points are quickest one beside the other: where the way from one to the next is too far, it is
+    gone from the straight pose.
+
+    Raises:
+        InversionError: One of them cannot be held.
+    """
+    outputs = np.ascontiguousarray(outputs, dtype=float)
+    found, done = np.empty((len(outputs), model.model.n + 2)), 0
+    while done < len(outputs):
+        q, force = model.statics(outputs[done])
+        held = hold_along(model.data, outputs[done:], q, force, found[done:])
+        if held == 0:
+            raise InversionError(f"the output cannot be held at {outputs[done]} m", 0.0)
+        done += held
+    return mean_curvature(found[:, :-2]), found[:, -2:]

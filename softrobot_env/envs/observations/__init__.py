@@ -1,0 +1,1 @@
+"""What environments observe: names, bounds, read-outs, sensors."""

@@ -1,0 +1,300 @@
+"""Tip tracking with the real test rig over a serial line; the contract of `RigEnv`."""
+
+from collections.abc import Callable
+from math import nan
+from pathlib import Path
+from time import monotonic
+from typing import Any, ClassVar
+
+import gymnasium
+import numpy as np
+
+from softrobot_env.envs.observations.rig import DEFAULT_RIG_OBSERVABLES
+from softrobot_env.envs.options import action_values, check_arguments, known_options
+from softrobot_env.envs.real.options import (
+    OPTIONS,
+    check_limits,
+    check_timing,
+    choose_robot_file,
+    choose_task,
+    task_for,
+    wants_clear,
+)
+from softrobot_env.envs.real.session import RealSession, TooLateError
+from softrobot_env.envs.real.spaces import TENSION, real_spaces
+from softrobot_env.envs.real.step_clock import StepClock
+from softrobot_env.envs.real.tip_filter import Sights, check_ages
+from softrobot_env.envs.reference import TOP, ReferenceTable, sample_reference
+from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.hardware.errors import RobotError, RobotFaultError
+from softrobot_env.hardware.protocol.messages import Capability, Fault
+from softrobot_env.hardware.protocol.readings import FaultInfo
+from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.tip import TipSource
+from softrobot_env.hardware.transport import SerialTransport, Transport
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import LENGTH_SCALE
+from softrobot_env.tasks.rig import RigTask
+
+
+class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
+    """Move the tip of the real rig along a reference in x and y, in real time.
+
+    Actions, observations, rewards and tasks are those of `RigEnv`, so that a policy made for the
+    simulated rig runs here unchanged. A step takes one control period by the clock: the action
+    goes out at once, the observation is taken at the period's end.
+
+    What differs, because this is no simulation:
+
+    * The rig begins where it is, at rest with tendons pretensioned; `reset` waits until the tip
+      stands still, and the clock starts with the first step. From then on a pause longer than the
+      watchdog of the robot file stops the rig.
+    * `tip_position` is the newest measurement, some milliseconds old: `info["tip_age"]` [s].
+      `info["error"]` is its distance to the reference of its own time.
+    * A step called late by half a period or more skips whole periods: the reference goes on,
+      `info["missed_steps"]` counts them, nothing is sent twice or in a burst.
+    * Actions beyond the calibrated range go as far as it allows: `info["limited"]` says so, and
+      `info["applied_action"]` what the servos were driven to.
+    * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (None if
+      there was none in its period), `obs_age_s` of what the microcontroller measured,
+      `device_state`, `link` (counters) and `fault` (text or None).
+    * A fault ends the episode, with its text in `info["failure"]` and the last valid observation:
+      `terminated` where a tendon pulled too hard (a limit that simulations have too), else
+      `truncated`. The microcontroller ramps down by itself. After it `step` and `reset` raise
+      `RobotFaultError`, until `reset(options={"clear_fault": True})`, which also opens a lost line
+      anew and configures a microcontroller that started again.
+    * At the end of an episode, in `close` and at the program's exit the rig is ramped down.
+      Any exception in the middle of a step is an emergency stop.
+
+    Attributes:
+        task, control_period, length_scale: As in `RigEnv`.
+        source: "real", for records of episodes.
+    """
+
+    metadata: ClassVar = {"render_modes": []}
+    axes = TOP
+    length_scale = LENGTH_SCALE
+    source = "real"
+
+    def __init__(
+        self,
+        task: str | RigTask = "triangle",
+        *,
+        port: str | None = None,
+        robot_file: str | Path | RobotFile | None = None,
+        line: Callable[[], Transport] | None = None,
+        tip: TipSource | None = None,
+        control_period: float | None = None,
+        observe: tuple[str, ...] | str = DEFAULT_RIG_OBSERVABLES,
+        preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
+        reward: TrackingReward | None = None,
+        max_missed: int = 25,
+        oldest: float = 0.1,
+        **task_options: float,
+    ) -> None:
+        """Build the environment; the robot is not touched before the first `reset`.
+
+        Args:
+            task: Task or its name; only tasks that start at rest.
+            port: Serial port instead of the robot file's.
+            robot_file: Calibration and limits, or the path of its TOML file; the default one of
+                the rig unless given.
+            line: Opens the way to the microcontroller, instead of the serial port.
+            tip: Measures the tip, instead of what the robot file names.
+            control_period: [s], instead of the robot file's; longer than its `state_delay`, and at
+                most half of its watchdog.
+            observe: Names of the observables in an observation, or "all", which are those that
+                every rig has; "tendon_tension" needs a board that measures forces.
+            preview: Times [s] ahead of now of `reference_preview`.
+            reward: Weights and scales of the reward.
+            max_missed: Control periods that may be missed in an episode.
+            oldest: [s], oldest measurement that is still good.
+            **task_options: Of a task given by name, see `rig_tasks.make_rig_task`.
+
+        Raises:
+            ValueError: An argument out of range; the message names what is allowed.
+            FileNotFoundError: No such robot file.
+        """
+        self.task = choose_task(task, task_options)
+        file = choose_robot_file(robot_file, port, self.task)
+        self.control_period = file.control_period if control_period is None else control_period
+        check_arguments(self.control_period, preview, (1, 1))
+        check_timing(file, self.control_period)
+        check_limits(max_missed, oldest)
+        self._max_missed, self._oldest = max_missed, oldest
+        self._preview = np.array(preview, dtype=float)
+        self._reward = TrackingReward() if reward is None else reward
+        self._session = RealSession(
+            file, line or (lambda: SerialTransport(file.port, file.baud)), tip
+        )
+        made = real_spaces(observe, self.task.robot, len(self._preview))
+        self.observation_space, self.action_space, self._reach = made
+        self._clock = StepClock(self.control_period)
+        self._running, self._fault = False, None
+
+    # ------------------------------------------------------------------ episodes
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Bring the rig to rest and begin an episode; the first step starts the clock.
+
+        Args:
+            seed: Of `np_random`, from which nothing is drawn.
+            options: See `OPTIONS`.
+
+        Raises:
+            ValueError: A bad option; the message names what is allowed.
+            RobotFaultError: A fault is latched and not to be cleared.
+            RobotError: The robot or the tip source does not answer, or the rig does not come to
+                rest.
+        """
+        super().reset(seed=seed)
+        given = known_options(options, OPTIONS)
+        clear = wants_clear(given)
+        task = task_for(self.task, given)
+        reference = sample_reference(task, self.control_period, self._preview, self.axes)
+        self._running = False
+        if self._fault is not None and not clear:
+            raise RobotFaultError(self._fault)
+        self._session.prepare(clear)
+        self._check_forces()
+        self._begin(reference)
+        return self._observe(), self._info({}, monotonic())
+
+    def _begin(self, reference: ReferenceTable) -> None:
+        self._reference, self._rows = reference, reference.rows()
+        self._index = self._missed = 0
+        self._action = [0.0] * self.action_space.shape[0]
+        self._fault, self._started, self._limited = None, False, False
+        self._lateness, self._round_trip = 0.0, None
+        self._sights = Sights(self._session.sight(), self._reach)
+        self._running = True
+
+    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Apply an action (n_tendons,) in [-1, 1] for one control period, by the clock.
+
+        Raises:
+            ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+            RobotFaultError: A fault ended the episode.
+            gymnasium.error.ResetNeeded: The episode is over or was never started.
+        """
+        if self._fault is not None:
+            raise RobotFaultError(self._fault)
+        if not self._running:
+            raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
+        values = action_values(action, self.action_space.shape)
+        try:
+            return self._step(values)
+        except RobotError as error:
+            return self._fail(error)
+        except BaseException as error:
+            self._running = False
+            text = f"emergency stop after {type(error).__name__}: {error}"
+            self._fault = FaultInfo(Fault.ESTOP, None, None, text)
+            self._session.emergency_stop()
+            raise
+
+    def _step(self, values: list[float]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        if not self._started:
+            self._session.arm()
+            self._clock.start()
+            self._started = True
+        self._round_trip = None
+        self._lateness, missed = self._clock.begin()
+        self._missed += missed
+        self._index = min(self._index + missed + 1, self._reference.last_index)
+        if self._missed > self._max_missed:
+            raise TooLateError(
+                f"missed {self._missed} steps of {1e3 * self.control_period:g} ms, allowed are "
+                f"{self._max_missed}"
+            )
+        wanted = self.length_scale * np.array(values)
+        self._limited, self._round_trip = self._session.command(wanted, self._clock.deadline)
+        self._clock.finish()
+        now = monotonic()
+        self._look(now)
+        previous, self._action = self._action, values
+        terms = self._reward.terms(self._error(now), values, previous)
+        observation, info = self._observe(), self._info(terms, now)
+        self._running = self._index < self._reference.last_index
+        if not self._running:
+            self._session.end()
+        return observation, sum(terms.values()), False, not self._running, info
+
+    # ------------------------------------------------------------------ measurements
+
+    def _look(self, now: float) -> None:
+        """Take in the newest measurements.
+
+        Raises:
+            StaleError: One is older than allowed, or the tip is out of reach.
+        """
+        sight, reading = self._session.sight(), self._session.reading
+        ages = {"the tip source": now - sight.time, "the microcontroller": reading.age(now)}
+        check_ages(ages, self._oldest)
+        self._sights.add(sight)
+
+    def _check_forces(self) -> None:
+        able = Capability.FORCE in self._session.capabilities
+        if TENSION in self.observation_space.spaces and not able:
+            raise RobotError(
+                "the board measures no forces: leave out the observable tendon_tension"
+            )
+
+    def _observe(self) -> Observation:
+        reading = self._session.reading
+        measured = {
+            "tip_position": self._sights.position.copy(),
+            "tip_velocity": self._sights.velocity.copy(),
+            "tendon_length": reading.length.copy(),
+            "tendon_tension": reading.force.copy(),
+            "previous_action": np.array(self._action),
+        }
+        measured |= {name: rows[self._index].copy() for name, rows in self._rows.items()}
+        self._last = {name: measured[name] for name in self.observation_space}
+        return self._last
+
+    def _error(self, now: float) -> float:
+        """Distance [m] of the newest measurement to the reference of its own time."""
+        age = (now - self._sights.time) / self.control_period
+        return self._sights.error(self._reference.position, self._index - age)
+
+    def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
+        reading = self._session.reading
+        able = Capability.FORCE in self._session.capabilities
+        return {
+            "time": self._index * self.control_period,
+            "error": self._error(now),
+            "tip_age": now - self._sights.time,
+            "tendon_tension": reading.force.copy() if able else np.full_like(reading.force, nan),
+            "tendon_length": reading.length.copy(),
+            "reward_terms": terms,
+            "applied_action": reading.applied / self.length_scale,
+            "limited": self._limited,
+            "lateness_s": self._lateness,
+            "rtt_s": self._round_trip,
+            "obs_age_s": reading.age(now),
+            "missed_steps": self._missed,
+            "device_state": reading.state.name.lower(),
+            "link": self._session.link(),
+            "fault": None if self._fault is None else self._fault.text,
+        }
+
+    # ------------------------------------------------------------------ ends
+
+    def _fail(self, error: RobotError) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        self._running = False
+        self._session.end()
+        told = error.fault if isinstance(error, RobotFaultError) else None
+        self._fault = told or FaultInfo(Fault.NONE, None, None, str(error))
+        terms = self._reward.failed_terms()
+        info = self._info(terms, monotonic()) | {"failure": self._fault.text}
+        last = {name: value.copy() for name, value in self._last.items()}
+        terminated = self._fault.code == Fault.FORCE
+        return last, sum(terms.values()), terminated, not terminated, info
+
+    def close(self) -> None:
+        """Ramp the rig down and close the port; closing twice is harmless."""
+        self._running = False
+        self._session.close()

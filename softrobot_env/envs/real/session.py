@@ -1,0 +1,236 @@
+"""The real rig as an environment uses it: microcontroller, tip source, and waiting for rest."""
+
+import os
+import weakref
+from collections.abc import Callable
+from contextlib import suppress
+from threading import Thread, current_thread, main_thread
+from time import monotonic, sleep
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.envs.real.settling import wait_for_rest
+from softrobot_env.hardware.driver import Driver
+from softrobot_env.hardware.errors import (
+    LinkError,
+    RefusedError,
+    RobotError,
+    RobotFaultError,
+    UnansweredError,
+)
+from softrobot_env.hardware.protocol.messages import Capability
+from softrobot_env.hardware.protocol.readings import Reading
+from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.robot_file.parts import Tip
+from softrobot_env.hardware.tip import Sight, TipSource, make_tip_source
+from softrobot_env.hardware.transport import Transport
+
+_ESTOP_ECHO = 0.3  # s
+_POLL = 0.005  # s
+
+
+class TooLateError(RobotError):
+    """The policy missed too many control periods."""
+
+
+class Answer(NamedTuple):
+    """What became of a set-point.
+
+    Attributes:
+        limited: Whether the robot file's range limited it.
+        round_trip: [s] until the robot answered; None if it has not in time.
+    """
+
+    limited: bool
+    round_trip: float | None
+
+
+class _Opened:
+    """What a session has opened, and will close."""
+
+    def __init__(self) -> None:
+        self.driver: Driver | None = None
+        self.tip: TipSource | None = None
+
+    def close_driver(self) -> None:
+        driver, self.driver = self.driver, None
+        if driver is not None:
+            driver.close()
+
+    def close(self) -> None:
+        tip, self.tip = self.tip, None
+        try:
+            self.close_driver()
+        finally:
+            if tip is not None:
+                tip.close()
+
+
+class RealSession:
+    """A robot, driven set-point by set-point, and its tip.
+
+    A session that nobody refers to any more is closed.
+    """
+
+    def __init__(
+        self, file: RobotFile, line: Callable[[], Transport], tip: TipSource | None
+    ) -> None:
+        """Nothing is opened yet.
+
+        Args:
+            file: The robot.
+            line: Opens the way to it.
+            tip: Measures the tip, instead of what the file names.
+        """
+        self.file, self._line = file, line
+        self._range = np.array([[s.minimum, s.maximum] for s in file.tendons]).T
+        self._given_tip, self._opened = tip, _Opened()
+        weakref.finalize(self, _abandon, self._opened, os.getpid()).atexit = False
+        self.capabilities = Capability(0)
+
+    @property
+    def _driver(self) -> Driver | None:
+        return self._opened.driver
+
+    @property
+    def _tip(self) -> TipSource | None:
+        return self._opened.tip if self._given_tip is None else self._given_tip
+
+    # ------------------------------------------------------------------ between episodes
+
+    def prepare(self, clear: bool) -> None:
+        """Connected, disarmed, and the tip standing still.
+
+        Args:
+            clear: Whether to clear a latched fault.
+
+        Raises:
+            RobotFaultError: A fault is latched and not to be cleared, or cannot be.
+            RobotError: No answer, no tip, or no rest.
+        """
+        if clear and self._driver is not None:
+            self._revive()
+        if self._driver is None:
+            self._open(clear)
+        if self._driver.fault is not None:
+            raise RobotFaultError(self._driver.fault)
+        self._driver.stop()
+        named = self.file.tip
+        wait_for_rest(self.sight, f"{named.kind!r} with {dict(named.options)}")
+
+    def _open(self, clear: bool) -> None:
+        if self._tip is None:
+            self._opened.tip = _open_tip(self.file.tip)
+        self._opened.driver = Driver(self.file, self._line())
+        try:
+            self._greet()
+            if clear and self._driver.fault is not None:
+                self._driver.clear()
+        except BaseException:
+            self._opened.close_driver()
+            raise
+
+    def _greet(self) -> None:
+        self.capabilities = self._driver.connect().capabilities
+
+    def _revive(self) -> None:
+        """Clear a fault and begin a new connection; one that is broken is closed instead.
+
+        Raises:
+            RefusedError: The fault's cause is still there.
+        """
+        try:
+            self._driver.stop()
+            self._driver.clear()
+            self._greet()
+        except RefusedError:
+            raise
+        except RobotError:
+            self._opened.close_driver()
+
+    def close(self) -> None:
+        """Ramp down and close everything; twice is harmless."""
+        self._opened.close()
+
+    # ------------------------------------------------------------------ in an episode
+
+    def arm(self) -> None:
+        """Begin to follow set-points."""
+        self._driver.arm()
+
+    def command(self, length: np.ndarray, deadline: float) -> Answer:
+        """Send lengths (n,) [m], as far as the robot file's range allows, and await the answer.
+
+        Nothing is sent while the robot is slow to answer what was sent before; measurements that
+        grow too old will tell.
+
+        Args:
+            length: (n,) [m].
+            deadline: [s] of waiting.
+
+        Raises:
+            RobotFaultError: The robot has stopped.
+        """
+        allowed, answer = np.clip(length, *self._range), None
+        with suppress(UnansweredError):
+            answer = self._driver.wait_for(self._driver.command(allowed), deadline)
+        if self._driver.fault is not None:
+            raise RobotFaultError(self._driver.fault)
+        limited = bool(np.any(allowed != length))
+        return Answer(limited, None if answer is None else answer.round_trip)
+
+    @property
+    def reading(self) -> Reading:
+        """What the microcontroller said last."""
+        return self._driver.reading
+
+    def sight(self) -> Sight | None:
+        """The newest measurement of the tip."""
+        reading = self._driver.reading
+        if reading is None:
+            return self._tip.latest(None, monotonic())
+        return self._tip.latest(tuple(reading.adc.tolist()), reading.taken)
+
+    def link(self) -> dict[str, Any]:
+        """Counters of the line."""
+        return self._driver.link
+
+    def end(self) -> None:
+        """Ramp down; a line that is lost is left to the watchdog."""
+        with suppress(RobotError):
+            self._driver.stop()
+
+    def emergency_stop(self) -> None:
+        """Cut the power, and wait a little for the robot to say that it has.
+
+        A line that is lost is left to the watchdog.
+        """
+        if self._driver is None:
+            return
+        end = monotonic() + _ESTOP_ECHO
+        with suppress(RobotError):
+            self._driver.estop()
+            while self._driver.fault is None and monotonic() < end:
+                sleep(_POLL)
+
+
+def _open_tip(named: Tip) -> TipSource:
+    try:
+        return make_tip_source(named.kind, named.options)
+    except OSError as error:
+        raise LinkError(f"the tip source does not open: {error}") from error
+
+
+def _abandon(opened: _Opened, owner: int) -> None:
+    """Close what a lost session has left open, in the process that opened it.
+
+    Garbage is collected by any thread, also by the one that listens to the robot, whose help
+    closing needs.
+    """
+    if os.getpid() != owner:
+        return
+    if current_thread() is main_thread():
+        opened.close()
+    else:
+        Thread(target=opened.close, name="close robot").start()

@@ -1,0 +1,290 @@
+"""Pictures of a running simulation, drawn from a scene of their own.
+
+The simulated scene has nothing to see. A renderer builds the visible scene of the same robot,
+copies the posture into it, and adds the reference, the target and the trail of the tip.
+"""
+
+import threading
+import time
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from math import degrees
+from typing import Protocol
+
+import mujoco
+import numpy as np
+
+from softrobot_env.envs.rendering.opengl import OffscreenContext, RenderError, check_display
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.chain import TIP_SITE
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.extras import TENDON_LINE, TENDON_WIDTH
+from softrobot_env.scene.view import FRONT_CAMERA, visible
+
+__all__ = ["Frame", "RenderError", "Renderer", "make_renderer"]
+
+_MAX_GEOMS = 2000
+_PATH_POINTS = 50
+_TRAIL_POINTS = 300
+_TRAIL_STEP = 0.008  # m between two points of the trail
+_FULL_SIZE = 0.4  # m of reach from which on target and tip are drawn in full size
+
+_SLACK = np.array([0.62, 0.67, 0.76, 1.0])
+_TIGHT = np.array([0.75, 0.0, 0.10, 1.0])
+_PATH = np.array([0.40, 0.42, 0.48, 1.0])
+_TARGET = np.array([0.05, 0.65, 0.30, 1.0])
+_WHITE = np.array([1.0, 1.0, 1.0, 1.0])
+_TRAIL = np.array([0.05, 0.30, 0.90, 1.0])
+
+
+@dataclass(frozen=True)
+class Frame:
+    """What a picture shows.
+
+    Attributes:
+        episode: Number of the episode; a new one clears the trail.
+        time: [s] since the episode began.
+        qpos: (nq,) [rad].
+        tension: (n_tendons,) [N].
+        target: (3,) [m], the reference now.
+        path: (k, 3) [m], the whole reference; two points are shown as points.
+        jumps: Whether the reference jumps between the points of its path; then all are points.
+    """
+
+    episode: int
+    time: float
+    qpos: np.ndarray
+    tension: np.ndarray
+    target: np.ndarray
+    path: np.ndarray
+    jumps: bool = False
+
+
+class Renderer(Protocol):
+    """Draws frames."""
+
+    def draw(self, frame: Frame) -> np.ndarray | None:
+        """Picture (height, width, 3) uint8, or None where it goes to a window."""
+
+    def close(self) -> None:
+        """Free what the renderer holds; closing twice is harmless."""
+
+
+def make_renderer(mode: str, config: SceneConfig, frame_size: tuple[int, int]) -> Renderer:
+    """Renderer of a render mode.
+
+    Args:
+        mode: "rgb_array" or "human".
+        config: The simulated scene.
+        frame_size: (width, height) of a picture in pixels.
+
+    Raises:
+        RenderError: There is no OpenGL, or in mode "human" no display.
+    """
+    if mode == "human":
+        return WindowRenderer(config)
+    return OffscreenRenderer(config, *frame_size)
+
+
+class OffscreenRenderer:
+    """Renders into arrays."""
+
+    def __init__(self, config: SceneConfig, width: int, height: int) -> None:
+        self._view = _View(config, width / height)
+        model = self._view.model
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        self._context = OffscreenContext(model, width, height)
+        self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
+        self._option = mujoco.MjvOption()
+        self._camera = mujoco.MjvCamera()
+        self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        self._camera.fixedcamid = model.camera(FRONT_CAMERA).id
+
+    def draw(self, frame: Frame) -> np.ndarray:
+        """Picture (height, width, 3) uint8."""
+        view = self._view
+        view.update(frame)
+        mujoco.mjv_updateScene(
+            view.model,
+            view.data,
+            self._option,
+            None,
+            self._camera,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self._scene,
+        )
+        view.decorate(self._scene, frame)
+        return self._context.draw(self._scene)
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._context.close()
+
+
+class WindowRenderer:
+    """Shows frames in MuJoCo's viewer, not faster than real time."""
+
+    def __init__(self, config: SceneConfig) -> None:
+        """Open the window.
+
+        Raises:
+            RenderError: There is no display.
+        """
+        try:
+            check_display()  # the viewer's thread would wait for ever after a failure
+        except RenderError as error:
+            raise RenderError(
+                f'{error}; render_mode="human" needs one, render_mode="rgb_array" does not'
+            ) from None
+        from mujoco import viewer
+
+        self._view = _View(config, 4 / 3)
+        others = set(threading.enumerate())
+        self._window = viewer.launch_passive(
+            self._view.model, self._view.data, show_left_ui=False, show_right_ui=False
+        )
+        camera = self._window.cam
+        reach = config.robot.reach
+        camera.lookat[:] = (0.0, 0.0, reach / 2)
+        camera.distance, camera.azimuth = 2.2 * reach, 90.0
+        camera.elevation = -degrees(self._view.camera.elevation)
+        self._threads = set(threading.enumerate()) - others
+        self._last = (0.0, 0.0)  # simulated and wall-clock time [s] of the last frame
+
+    def draw(self, frame: Frame) -> None:
+        """Update the window, after waiting until the frame is due."""
+        if not self._window.is_running():
+            return
+        self._wait(frame.time)
+        with self._window.lock():
+            self._view.update(frame)
+            self._window.user_scn.ngeom = 0
+            self._view.decorate(self._window.user_scn, frame)
+        self._window.sync()
+
+    def _wait(self, now: float) -> None:
+        simulated, wall = self._last
+        if now > simulated:
+            time.sleep(max(0.0, now - simulated - (time.perf_counter() - wall)))
+        self._last = (now, time.perf_counter())
+
+    def close(self) -> None:
+        """Close the window."""
+        self._window.close()
+        for thread in self._threads:  # still in OpenGL; leaving Python under it would crash
+            thread.join(timeout=5.0)
+
+
+class _View:
+    """The visible scene, its posture, and the trail of the tip."""
+
+    def __init__(self, config: SceneConfig, aspect: float) -> None:
+        drawn = replace(
+            visible(config, aspect),
+            timestep=None,
+            integrator="discrete",  # stable for every robot; the view never integrates
+            sensors=(),
+        )
+        self.camera = drawn.cameras[0]
+        self.model = build_scene(drawn).model
+        self.data = mujoco.MjData(self.model)
+        # Layers lie in front of the body, which in space comes nearer by up to its reach. Moved
+        # along the line of sight they stay where they are in the picture.
+        room = config.robot.reach if config.bending == "spatial" else 0.0
+        self._front = config.robot.outer_radius + room
+        self._disc_size = min(1.0, config.robot.reach / _FULL_SIZE)
+        self._limit = np.array([t.tension_limit for t in config.robot.tendons])
+        self._lines = [_line_id(self.model, t.name) for t in config.robot.tendons]
+        self._tip = self.data.site(TIP_SITE).xpos
+        self._trail: list[np.ndarray] = []
+        self._episode = 0
+
+    def update(self, frame: Frame) -> None:
+        """Take over posture and tensions; a diverged posture leaves the last one standing."""
+        if np.all(np.isfinite(frame.qpos)):
+            self.data.qpos[:] = frame.qpos
+        mujoco.mj_fwdPosition(self.model, self.data)
+        # The root shows small tensions, which are the usual ones.
+        share = np.sqrt(np.clip(frame.tension / self._limit, 0, 1))[:, None]
+        self.model.tendon_rgba[self._lines] = _SLACK + share * (_TIGHT - _SLACK)
+        self.model.tendon_width[self._lines] = TENDON_WIDTH * (0.8 + 0.7 * share[:, 0])
+        self._extend_trail(frame.episode)
+
+    def _extend_trail(self, episode: int) -> None:
+        if episode != self._episode:
+            self._trail.clear()
+        self._episode = episode
+        tip = self._tip.copy()
+        if not self._trail or np.linalg.norm(tip - self._trail[-1]) > _TRAIL_STEP * self._disc_size:
+            self._trail.append(tip)
+            del self._trail[:-_TRAIL_POINTS]
+
+    def decorate(self, scene: mujoco.MjvScene, frame: Frame) -> None:
+        """Add reference, target, trail and tip, in layers in front of the body."""
+        towards = np.array(self.camera.towards)
+        layer = (self._front + 0.008 + 0.004 * np.arange(6))[:, None] * towards
+        disc = partial(_add_disc, scene, up=np.array(self.camera.up), towards=towards)
+        size = self._disc_size
+        if len(frame.path) > 2 and not frame.jumps:
+            _add_line(scene, _thinned(frame.path) + layer[0], 0.0016, _PATH)
+        else:
+            for point in frame.path:
+                disc(point + layer[0], 0.005 * size, _PATH)
+        disc(frame.target + layer[1], 0.014 * size, _TARGET)
+        disc(frame.target + layer[2], 0.010 * size, _WHITE)
+        trail = np.array([*self._trail, self._tip])
+        _add_line(scene, trail + layer[3], 0.0022 * size, _TRAIL)
+        disc(self._tip + layer[5], 0.006 * size, _TRAIL)
+
+
+def _line_id(model: mujoco.MjModel, tendon: str) -> int:
+    """The drawn line of a tendon: its own for a channel, itself for guides."""
+    line = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_TENDON.value, TENDON_LINE.format(tendon))
+    return line if line >= 0 else model.tendon(tendon).id
+
+
+def _thinned(path: np.ndarray) -> np.ndarray:
+    """At most about `_PATH_POINTS` of a path's points, ends included."""
+    stride = max(1, len(path) // _PATH_POINTS)
+    return np.concatenate((path[:-1:stride], path[-1:]))
+
+
+def _add_line(scene: mujoco.MjvScene, points: np.ndarray, radius: float, rgba: np.ndarray) -> None:
+    for start, end in pairwise(points):
+        geom = _next_geom(scene, mujoco.mjtGeom.mjGEOM_CAPSULE, np.zeros(3), rgba)
+        if geom is None:
+            return
+        mujoco.mjv_connector(geom, mujoco.mjtGeom.mjGEOM_CAPSULE.value, radius, start, end)
+
+
+def _add_disc(
+    scene: mujoco.MjvScene,
+    center: np.ndarray,
+    radius: float,
+    rgba: np.ndarray,
+    up: np.ndarray,
+    towards: np.ndarray,
+) -> None:
+    """Thin disc facing the camera, in the direction `towards` (3,)."""
+    size = np.array([radius, 0.0005, 0.0])
+    geom = _next_geom(scene, mujoco.mjtGeom.mjGEOM_CYLINDER, size, rgba)
+    if geom is not None:
+        geom.pos[:] = center
+        geom.mat[:] = np.stack([np.cross(up, towards), up, towards], axis=1)
+
+
+def _next_geom(
+    scene: mujoco.MjvScene, kind: mujoco.mjtGeom, size: np.ndarray, rgba: np.ndarray
+) -> mujoco.MjvGeom | None:
+    """A fresh geom at the end of the scene's list, or None when that is full."""
+    if scene.ngeom >= scene.maxgeom:
+        return None
+    geom = scene.geoms[scene.ngeom]
+    mujoco.mjv_initGeom(
+        geom, kind.value, size, np.zeros(3), np.eye(3).ravel(), rgba.astype(np.float32)
+    )
+    geom.emission = 0.3  # lines keep their colour in any light
+    geom.category = mujoco.mjtCatBit.mjCAT_DECOR.value
+    scene.ngeom += 1
+    return geom

@@ -1,0 +1,1 @@
+"""What environments advance: MuJoCo chains, single and in batches, beam models, servos."""

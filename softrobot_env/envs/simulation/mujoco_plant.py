@@ -1,0 +1,71 @@
+"""The MuJoCo chain as the plant of an environment."""
+
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from softrobot_env.envs.observations.readout import Readout
+from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import Scene, at_timestep_of, build_scene
+from softrobot_env.scene.config import SceneConfig, TipSensors
+from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.statics import equilibrium
+
+
+class MujocoPlant:
+    """Builds simulations of a robot and of its variations.
+
+    Attributes:
+        robot: The nominal robot.
+        nominal: Its scene.
+    """
+
+    def __init__(self, robot: RobotParams, control_period: float, **scene_options: Any) -> None:
+        self.robot = robot
+        self._options = {"control_period": control_period, **scene_options}
+        self.nominal = self._build(robot)
+
+    def _build(self, robot: RobotParams) -> Scene:
+        return build_scene(SceneConfig(robot=robot, sensors=(TipSensors(),), **self._options))
+
+    @property
+    def layout(self) -> HingeLayout:
+        """Where the hinges stand."""
+        return self.nominal.layout
+
+    @property
+    def config(self) -> SceneConfig:
+        """The scene to draw."""
+        return self.nominal.config
+
+    def widen(self, space: spaces.Dict) -> spaces.Dict:
+        """The observation space as it is: the chain is inextensible."""
+        return space
+
+    def equilibrium(self, tension: np.ndarray) -> np.ndarray:
+        """Hinge angles (nq,) [rad] at rest under tensions (n_tendons,) [N]."""
+        return equilibrium(self.nominal.model, tension)
+
+    def bent(self, curvature: np.ndarray) -> np.ndarray:
+        """Hinge angles (nq,) [rad] for a curvature (n_pieces,) [1/m]."""
+        return curvature[self.layout.piece] * self.layout.weights
+
+    def simulation(self, vary: dict[str, float]) -> Simulation:
+        """New simulation of the nominal robot, or of a variation of it at the same timestep.
+
+        Were the timestep chosen anew, variations would differ by its error too, and from those of
+        many environments, which share one. It is chosen anew only where it would be unstable.
+        """
+        if not vary:
+            return Simulation(self.nominal)
+        return Simulation(at_timestep_of(self._build(self.robot.vary(**vary)), self.nominal))
+
+    def readout(self, simulation: Simulation) -> Readout:
+        """Measurements of a simulation."""
+        return Readout(simulation, self.robot)
+
+    def adopt(self, simulation: Simulation) -> None:
+        """Share the scene of a copied simulation of the nominal robot."""
+        self.nominal = simulation.scene

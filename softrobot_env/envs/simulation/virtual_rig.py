@@ -1,0 +1,108 @@
+"""A twin of the rig as hardware sees it: pulses in, lengths, forces, voltages and pictures out."""
+
+import numpy as np
+
+from softrobot_env.envs.observations.rig import FARTHEST
+from softrobot_env.envs.observations.rig_readout import RigReadout
+from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.envs.simulation.servos import Servos
+from softrobot_env.robots.twin import FRAME, Twin
+from softrobot_env.scene.registry import RIG_PIECES
+
+#: Optical curvature sensors, one in each bending direction and sense: counts at rest, and counts
+#: per curvature [m] over a span of 1930 of 4096 counts for the rig's usable range (S).
+ADC_REST, ADC_SLOPE = 2048.0, 120.0
+ADC_NOISE, _ADC_TOP = 1.4, 4095
+
+#: Supply [V] of the servos.
+SUPPLY = 6.0
+
+
+class VirtualRig:
+    """The simulated rig, advanced a few milliseconds at a time.
+
+    Attributes:
+        tick: [s] of an `advance`.
+        time: [s] since the start.
+        stuck: Numbers of tendons whose servos do not move any more; to be changed by tests.
+    """
+
+    def __init__(self, twin: Twin, tick: float = 0.001, seed: int = 0) -> None:
+        """A rig at rest, straight and pretensioned.
+
+        Args:
+            twin: What is simulated, its servos and its camera included.
+            tick: [s].
+            seed: Of the noise of camera and sensors.
+        """
+        self.twin, self.tick, self.time = twin, tick, 0.0
+        self.stuck: set[int] = set()
+        plant = MujocoPlant(
+            twin.robot, tick, pieces=RIG_PIECES, bending="spatial", actuation="length"
+        )
+        self._simulation = plant.simulation({})
+        self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)
+        start = np.zeros(len(twin.robot.tendons))
+        self._servos.start(start)
+        posture = plant.equilibrium(start + np.array(twin.servo_offset))
+        self._simulation.reset(posture, self._servos.horn)
+        self._readout = RigReadout(self._simulation, twin.robot, self._servos)
+        self._rng = np.random.default_rng(seed)
+        self._pictures: list[tuple[float, np.ndarray]] = []
+        self._next_picture = 0.0
+
+    def advance(self, command: np.ndarray | None) -> str | None:
+        """Go on for a tick.
+
+        Args:
+            command: (n,) [m], where the servos shall go; None without power: then they stay.
+
+        Returns:
+            What went wrong, or None.
+        """
+        stay = self._servos.reading
+        wanted = stay if command is None else np.array(command, float)
+        for channel in self.stuck:
+            wanted[channel] = stay[channel]
+        horns = self._servos.move(wanted, self._simulation.step_times)
+        healthy = self._simulation.advance_through(horns)
+        self.time += self.tick
+        outside = self._readout.update()
+        self._photograph()
+        return self._simulation.failure() if not healthy else outside
+
+    def _photograph(self) -> None:
+        if self.time < self._next_picture:
+            return
+        self._next_picture += FRAME
+        normal = np.clip(self._rng.standard_normal(2), -FARTHEST, FARTHEST)
+        seen = np.array(self._readout.tip) + self.twin.camera_noise * normal
+        self._pictures.append((self.time, seen))
+
+    def developed(self) -> list[tuple[float, np.ndarray]]:
+        """Pictures that have become available: age [s] and tip (2,) [m] each, older first."""
+        due = [p for p in self._pictures if self.time - p[0] >= self.twin.camera_delay]
+        self._pictures = self._pictures[len(due) :]
+        return [(self.time - taken, seen) for taken, seen in due]
+
+    @property
+    def tip(self) -> np.ndarray:
+        """Where the tip is, (2,) [m]."""
+        return np.array(self._readout.tip)
+
+    @property
+    def length(self) -> np.ndarray:
+        """Positions (n,) [m] of the servos, as their potentiometers tell."""
+        return self._servos.reading
+
+    @property
+    def tension(self) -> np.ndarray:
+        """(n,) [N]."""
+        return self._readout.tendon_tension()
+
+    def adc(self) -> tuple[int, ...]:
+        """Counts of the four optical sensors."""
+        beta, gamma = self._readout.curvature[-2:]
+        bent = np.array([beta, gamma, -beta, -gamma])
+        counts = ADC_REST + ADC_SLOPE * bent + ADC_NOISE * self._rng.standard_normal(4)
+        return tuple(int(c) for c in np.clip(np.rint(counts), 0, _ADC_TOP))

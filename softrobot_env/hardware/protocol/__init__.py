@@ -1,0 +1,1 @@
+"""The protocol between host and robot: frames, messages, handshake, session; no port, no clock."""

@@ -1,0 +1,107 @@
+"""Who answered a hello, and whether it fits."""
+
+from secrets import randbits
+from time import monotonic
+
+from softrobot_env.hardware.errors import LinkError, ProtocolMismatchError, RobotError
+from softrobot_env.hardware.protocol.framing import Decoder, encode
+from softrobot_env.hardware.protocol.messages import (
+    PROTOCOL,
+    SCHEMA,
+    Capability,
+    Hello,
+    HelloAck,
+    Reset,
+)
+from softrobot_env.hardware.protocol.readings import DeviceInfo
+from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.transport import Transport
+
+_RETRY, _POLL = 0.25, 0.02  # s
+
+_REMEDY = "flash the firmware that belongs to this package"
+
+
+def introduced(ack: HelloAck) -> DeviceInfo:
+    """Who answered.
+
+    Raises:
+        ProtocolMismatchError: Another protocol, or the same with another table of messages.
+    """
+    _check_versions(ack)
+    return DeviceInfo(
+        boot_id=ack.boot_id,
+        firmware=_version(ack),
+        protocols=(ack.min_protocol, ack.max_protocol),
+        schema=ack.schema,
+        tendons=ack.n,
+        capabilities=Capability(ack.capabilities),
+        reset_cause=Reset(ack.reset_cause),
+    )
+
+
+def check_needs(robot: RobotFile, info: DeviceInfo) -> None:
+    """Refuse a board that does not fit to a robot file.
+
+    Raises:
+        RobotError: Another number of servos, or it does not measure what is to be watched.
+    """
+    if info.tendons != len(robot.tendons):
+        raise RobotError(
+            f"the board drives {info.tendons} servos, robot {robot.name!r} has "
+            f"{len(robot.tendons)} tendons"
+        )
+    for what, key in robot.needs().items():
+        if what not in info.capabilities:
+            raise RobotError(
+                f"robot {robot.name!r} asks for {key}, but the board does not measure "
+                f"{what.name.lower()}: set it to nothing in the robot file, or use another board"
+            )
+
+
+def identify(transport: Transport, timeout: float = 2.0) -> DeviceInfo:
+    """Ask who is at the other end; a robot that moves ramps down.
+
+    Raises:
+        LinkError: Nobody answers within `timeout` [s].
+        ProtocolMismatchError: See `introduced`.
+    """
+    hello, decoder = Hello(randbits(32), PROTOCOL, PROTOCOL), Decoder()
+    end = monotonic() + timeout
+    while monotonic() < end:
+        transport.write(encode(hello, 0))
+        retry = min(end, monotonic() + _RETRY)
+        while monotonic() < retry:
+            for message, _ in decoder.feed(transport.read(_POLL)):
+                if isinstance(message, HelloAck) and message.nonce == hello.nonce:
+                    return introduced(message)
+    raise LinkError(f"no robot has answered within {timeout:g} s")
+
+
+def told_loss(before: DeviceInfo, now: DeviceInfo) -> str:
+    """Why a session was lost, from who answered at its beginning and who answers now."""
+    if before.boot_id == now.boot_id:
+        return "the robot dropped the session without starting again: call connect()"
+    cause = now.reset_cause.name.lower().replace("_", "-")
+    return (
+        f"the microcontroller started again (cause: {cause}; boot {before.boot_id:08x}, now "
+        f"{now.boot_id:08x}): call connect()"
+    )
+
+
+def _check_versions(ack: HelloAck) -> None:
+    firmware = f"firmware {_version(ack)}"
+    if not ack.min_protocol <= PROTOCOL <= ack.max_protocol:
+        raise ProtocolMismatchError(
+            f"{firmware} speaks protocol {ack.min_protocol} to {ack.max_protocol}, this package "
+            f"{PROTOCOL}: {_REMEDY}"
+        )
+    if ack.schema != SCHEMA:
+        raise ProtocolMismatchError(
+            f"{firmware} and this package both speak protocol {PROTOCOL}, but with different "
+            f"tables of messages (schema {ack.schema:08x} and {SCHEMA:08x}): {_REMEDY}"
+        )
+
+
+def _version(ack: HelloAck) -> str:
+    return f"{ack.firmware >> 8}.{ack.firmware & 255}"

@@ -1,0 +1,279 @@
+"""The host's side of the protocol: bytes in, bytes out; no clock, no threads, no port."""
+
+from collections import deque
+from zlib import crc32
+
+import numpy as np
+
+from softrobot_env.hardware.errors import LinkError, RobotError, RobotFaultError, SessionLostError
+from softrobot_env.hardware.protocol import messages as m
+from softrobot_env.hardware.protocol.device_clock import DeviceClock
+from softrobot_env.hardware.protocol.framing import Decoder, encode
+from softrobot_env.hardware.protocol.handshake import check_needs, introduced, told_loss
+from softrobot_env.hardware.protocol.in_flight import Flight
+from softrobot_env.hardware.protocol.link import LinkCounters, newer
+from softrobot_env.hardware.protocol.phase import Phase, next_phase
+from softrobot_env.hardware.protocol.readings import DeviceInfo, FaultInfo, Reading
+from softrobot_env.hardware.protocol.unit_conversion import Arrival, Wire, faults, kind_of_fault
+from softrobot_env.hardware.robot_file.model import RobotFile
+
+_KEPT = 16  # readings
+_CLOCK, _SEQ = 1 << 32, 1 << 16
+
+
+class Session:
+    """What a host knows of a robot, and what it may say next.
+
+    It never arms by itself: after a fault, a restart or a stop only `arm` begins anew.
+
+    Attributes:
+        robot: What the microcontroller is configured with.
+        phase: How far it has come.
+        info: Who answered, None before.
+        readings: The newest ones, the last one last.
+        fault: What stopped the robot, None if nothing does.
+        fault_told: Whether `fault` is the robot's report, and not only its kind from a state.
+        link: Counters.
+    """
+
+    def __init__(self, robot: RobotFile, nonce: int) -> None:
+        """Begin with a random number of 32 bits that tells this host's hello from others."""
+        self.robot = robot
+        self.phase = Phase.NEW
+        self.info: DeviceInfo | None = None
+        self.readings: deque[Reading] = deque(maxlen=_KEPT)
+        self.fault: FaultInfo | None = None
+        self.fault_told = False
+        self.link = LinkCounters()
+        self._wire, self._decoder = Wire(robot), Decoder()
+        self._config = robot.to_message()
+        self._config_crc = crc32(m.pack(self._config, 0)[m.HEADER_SIZE :])
+        self._nonce, self._number, self._seq = nonce, 0, 0
+        self._flight, self._clock = Flight(), DeviceClock()
+        self._refusals: dict[int, int] = {}  # type of message -> why it was refused
+
+    # What the host says.
+
+    def hello(self) -> bytes:
+        """Ask who is there; ends whatever the robot is doing with its ramp."""
+        return self._frame(m.Hello(self._nonce, m.PROTOCOL, m.PROTOCOL))
+
+    def configure(self) -> bytes:
+        """Send calibration and limits."""
+        self._need(Phase.GREETED)
+        return self._frame(self._config)
+
+    def arm(self, number: int) -> bytes:
+        """Begin a session with a random number from 1 to 65535.
+
+        Raises:
+            RobotFaultError: A fault is latched.
+            RobotError: Not configured, or armed already.
+        """
+        self._refuse_faults()
+        if self.phase not in (Phase.CONFIGURED, Phase.ARMING):
+            raise RobotError(
+                f"arm() needs a robot that is configured, it is {self.phase.name.lower()}"
+            )
+        self._number, self._flight = number, Flight()
+        self.phase = Phase.ARMING
+        return self._frame(m.Arm(number, self._config_crc))
+
+    def setpoint(self, length: np.ndarray, mode: int, now: float) -> tuple[int, bytes]:
+        """Sequence number and frame of a set-point (n,) [m], at `now` [s].
+
+        Raises:
+            ValueError: Unknown mode, another shape, or outside the robot file's range.
+            UnansweredError: Three set-points are under way.
+            LinkError: The session is lost.
+            RobotFaultError: A fault stopped the robot.
+            RobotError: Not armed.
+        """
+        if mode != m.MODE_LENGTH:
+            raise ValueError(f"mode must be {m.MODE_LENGTH} (lengths), got {mode!r}")
+        target = self._wire.target(length)
+        self._refuse_faults()
+        if self.phase not in (Phase.ARMED, Phase.RUNNING):
+            raise RobotError(f"a set-point needs an armed robot, it is {self.phase.name.lower()}")
+        self._flight.check_room(now, self.robot.ttl)
+        message = m.Setpoint(
+            session=self._number,
+            t_host=round(now / m.CLOCK_UNIT) % _CLOCK,
+            ttl_ms=round(1e3 * self.robot.ttl),
+            mode=mode,
+            n=len(target),
+            target=target,
+        )
+        frame = self._frame(message)
+        self._flight.add(self._seq, now)
+        return self._seq, frame
+
+    def stop(self) -> bytes:
+        """Ramp to rest, then off."""
+        return self._end(m.Stop(self._number, 0))
+
+    def disarm(self) -> bytes:
+        """End the session."""
+        return self._end(m.Disarm(self._number))
+
+    def estop(self) -> bytes:
+        """Cut the outputs at once."""
+        return self._frame(m.EStop())
+
+    def clear(self) -> bytes:
+        """Clear the latched fault.
+
+        Raises:
+            RobotError: There is none.
+        """
+        if self.fault is None:
+            raise RobotError("there is no fault to clear")
+        return self._frame(m.Clear(self.fault.code))
+
+    def check_target(self, length: np.ndarray) -> None:
+        """Refuse lengths (n,) [m] that `setpoint` would refuse.
+
+        Raises:
+            ValueError: Another shape, or outside the robot file's range.
+        """
+        self._wire.target(length)
+
+    # What the robot says.
+
+    @property
+    def reading(self) -> Reading | None:
+        """The newest one."""
+        return self.readings[-1] if self.readings else None
+
+    def present_target(self) -> np.ndarray:
+        """Lengths (n,) [m] inside the range, nearest to where the robot is.
+
+        Raises:
+            LinkError: No reading yet.
+        """
+        if self.reading is None:
+            raise LinkError("the robot has not told its position")
+        measures = m.Capability.LENGTH in self.info.capabilities
+        return self._wire.nearest_target(self.reading.length if measures else self.reading.applied)
+
+    def echo(self, seq: int) -> Reading | None:
+        """First reading kept that answers a set-point or a later one."""
+        for reading in tuple(self.readings):  # others may append meanwhile
+            if reading.seq is not None and newer(reading.seq, seq) >= 0:
+                return reading
+        return None
+
+    def refusal(self, kind: type[m.Message]) -> int | None:
+        """Why the last message of a type was refused, None if it was not."""
+        return self._refusals.get(kind.number)
+
+    def receive(self, data: bytes, now: float) -> bytes:
+        """Take in bytes that arrived at `now` [s]; returns bytes to send.
+
+        Raises:
+            ProtocolMismatchError: The firmware does not fit to this package.
+            SessionLostError: The microcontroller started again.
+            RobotError: See `check_needs`; or it got another configuration.
+        """
+        replies = [
+            self._take(message, now)
+            for message, seq in self._decoder.feed(data)
+            if self.link.note_arrival(seq)
+        ]
+        self.link.crc_errors = self._decoder.crc_errors
+        self.link.frame_errors = self._decoder.frame_errors
+        return b"".join(replies)
+
+    def _take(self, message: m.Message, now: float) -> bytes:
+        match message:
+            case m.HelloAck():
+                self._greeted(message)
+            case m.ConfigAck():
+                self._configured(message)
+            case m.State() if self.info is not None:
+                return self._measured(message, now)
+            case m.FaultReport() if self.info is not None:
+                self._stopped(self._wire.fault(message), told=True)
+            case m.Nack():
+                self._refused(message)
+        return b""
+
+    def _greeted(self, ack: m.HelloAck) -> None:
+        if ack.nonce != self._nonce:
+            return
+        info, before = introduced(ack), self.info
+        check_needs(self.robot, info)
+        if self.phase == Phase.LOST or (before is not None and before.boot_id != info.boot_id):
+            raise SessionLostError(told_loss(before, info))
+        self.info = info
+        self.phase = max(self.phase, Phase.GREETED)
+
+    def _configured(self, ack: m.ConfigAck) -> None:
+        if self.phase != Phase.GREETED:
+            return
+        if ack.crc != self._config_crc:
+            raise RobotError("the robot acknowledged another configuration than was sent")
+        self.phase = Phase.CONFIGURED
+
+    def _measured(self, state: m.State, now: float) -> bytes:
+        self.link.device_crc_errors = state.crc_errors
+        self.link.device_frame_errors = state.frame_errors
+        ours = self._number != 0 and state.session == self._number
+        round_trip = self._echo(state.last_seq, now) if ours else None
+        arrival = Arrival(now, self._clock.taken(state.t_dev, now))
+        self.link.note_delay(arrival.time - arrival.taken)
+        self.readings.append(self._wire.reading(state, arrival, self._flight.echoed, round_trip))
+        found = faults(state)
+        if not found:
+            self.fault = None
+        elif self.fault is None:
+            self._stopped(kind_of_fault(found[0]), told=False)
+        return self._follow(m.DeviceState(state.state), ours)
+
+    def _follow(self, state: m.DeviceState, ours: bool) -> bytes:
+        """Go on to the phase that the robot is in; ask who it is if it has forgotten us."""
+        before, self.phase = self.phase, next_phase(self.phase, state, ours)
+        if before >= Phase.ARMING > self.phase:
+            self._forget_session()
+        return self.hello() if self.phase == Phase.LOST != before else b""
+
+    def _echo(self, seq: int, now: float) -> float | None:
+        round_trip = self._flight.echo(seq, now)
+        if round_trip is not None:
+            self.link.note_round_trip(round_trip)
+        return round_trip
+
+    def _stopped(self, fault: FaultInfo, told: bool) -> None:
+        self.fault, self.fault_told = fault, told
+        self.phase = min(self.phase, Phase.CONFIGURED)
+        self._forget_session()
+
+    def _refused(self, nack: m.Nack) -> None:
+        self.link.note_refusal(nack.reason)
+        self._refusals[nack.about] = nack.reason
+        if nack.about == m.Setpoint.number:
+            self._flight.refuse(nack.about_seq)
+
+    def _forget_session(self) -> None:
+        self._number, self._flight = 0, Flight()
+
+    def _end(self, message: m.Stop | m.Disarm) -> bytes:
+        if self.phase >= Phase.ARMING:
+            self.phase = Phase.STOPPING
+        return self._frame(message)
+
+    def _frame(self, message: m.Message) -> bytes:
+        self._seq = (self._seq + 1) % _SEQ
+        self.link.sent += 1
+        self._refusals.pop(message.number, None)
+        return encode(message, self._seq)
+
+    def _need(self, phase: Phase) -> None:
+        if self.phase < phase:
+            raise RobotError(f"needs a robot that is {phase.name.lower()}: call connect()")
+
+    def _refuse_faults(self) -> None:
+        if self.phase == Phase.LOST:
+            raise SessionLostError("the robot no longer knows this session: call connect()")
+        if self.fault is not None:
+            raise RobotFaultError(self.fault)

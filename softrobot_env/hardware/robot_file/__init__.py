@@ -1,0 +1,1 @@
+"""Robot files: what is known of a real robot before it moves."""

@@ -1,0 +1,103 @@
+"""Robot files: TOML with units in its keys."""
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from softrobot_env.hardware.robot_file.keys import RobotFileError, as_table, from_table
+from softrobot_env.hardware.robot_file.model import RobotFile, Servo, Supervision, Tip
+
+_TENDONS, _SUPERVISION, _TIP = "tendons", "supervision", "tip"
+
+
+def read_robot_file(path: Path) -> RobotFile:
+    """Robot that a TOML file describes.
+
+    Raises:
+        RobotFileError: The file is no TOML or says what is not allowed; names file and key.
+        OSError: The file cannot be read.
+    """
+    with _told_of(str(path)):
+        try:
+            table = tomllib.loads(path.read_text("utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            raise RobotFileError(f"no TOML: {error}") from None
+        return _robot(table)
+
+
+def write_robot_file(robot: RobotFile, path: Path) -> None:
+    """Write a robot to a TOML file that `read_robot_file` reads as the same robot."""
+    table = as_table(robot)
+    servos, supervision, tip = table.pop(_TENDONS), table.pop(_SUPERVISION), table.pop(_TIP)
+    blocks = [_lines(table)]
+    blocks += [f"[[{_TENDONS}]]\n{_lines(as_table(servo))}" for servo in servos]
+    blocks.append(f"[{_SUPERVISION}]\n{_lines(as_table(supervision))}")
+    blocks.append(f"[{_TIP}]\n{_lines({'kind': tip.kind, **tip.options})}")
+    path.write_text("\n".join(blocks), "utf-8")
+
+
+def _lines(table: Mapping[str, Any]) -> str:
+    return "".join(f"{_key(name)} = {_value(value)}\n" for name, value in table.items())
+
+
+def _key(name: str) -> str:
+    return name if name.isidentifier() and name.isascii() else json.dumps(name, ensure_ascii=False)
+
+
+def _value(value: Any) -> str:
+    """A value; texts, numbers and lists of them are written alike in JSON and TOML."""
+    if isinstance(value, Mapping):
+        pairs = (f"{_key(name)} = {_value(inner)}" for name, inner in value.items())
+        return f"{{{', '.join(pairs)}}}"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _robot(table: Mapping[str, Any]) -> RobotFile:
+    rest = dict(table)
+    tendons = _tables(rest.pop(_TENDONS, []), _TENDONS)
+    parts = {_TENDONS: tuple(_servo(k, tendon) for k, tendon in enumerate(tendons))}
+    for name, build in ((_SUPERVISION, _supervision), (_TIP, _tip)):
+        if name in rest:
+            with _told_of(name):
+                parts[name] = build(_table(rest[name]))
+    return RobotFile(**from_table(RobotFile, rest | parts))
+
+
+def _servo(index: int, table: Mapping[str, Any]) -> Servo:
+    with _told_of(f"tendon {index + 1}"):
+        return Servo(**from_table(Servo, table))
+
+
+def _supervision(table: dict[str, Any]) -> Supervision:
+    channels = table.get("adc_channels", [])
+    if not isinstance(channels, list):
+        raise RobotFileError(f"adc_channels must be a list, got {channels!r}")
+    return Supervision(**from_table(Supervision, table | {"adc_channels": tuple(channels)}))
+
+
+def _tip(table: dict[str, Any]) -> Tip:
+    return Tip(table.pop("kind", None), table)
+
+
+def _table(value: Any) -> dict[str, Any]:
+    if not isinstance(value, Mapping):
+        raise RobotFileError(f"must be a table, got {value!r}")
+    return dict(value)
+
+
+def _tables(value: Any, name: str) -> list[Mapping[str, Any]]:
+    if not isinstance(value, list) or not all(isinstance(x, Mapping) for x in value):
+        raise RobotFileError(f"{name} must be tables, each begun with [[{name}]]")
+    return value
+
+
+@contextmanager
+def _told_of(where: str) -> Iterator[None]:
+    """Name the place in what goes wrong inside."""
+    try:
+        yield
+    except RobotFileError as error:
+        raise RobotFileError(f"{where}: {error}") from None

@@ -1,0 +1,1 @@
+"""A virtual robot: the firmware's own program in this process."""

@@ -1,0 +1,1 @@
+"""From measurements of a rig to what its controllers know of it."""

@@ -1,0 +1,158 @@
+"""Quasi-static data of the spatial rig: where to go, by which lengths, and what is measured.
+
+Thesis sec. 3.2.2. Points are spread evenly over the workspace; the statics of the nominal rig, one
+piece of constant curvature, tell the lengths that put its output there with the least tensions
+(the set S_red of sec. 3.1.2). The rig visits these lengths in turn and its output is measured.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+
+from softrobot_env.control.rig.servo_constraints import ServoConstraints
+from softrobot_env.learned.early_stopping import Dataset
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.three_tendons import Tripod
+
+#: Number of points, and radius [m] of the disk they fill (audit: usable workspace).
+POINTS = 926
+RADIUS = 0.121
+
+#: Shares of the data to validate and to test with; the rest is for training.
+_VALIDATION, _TEST = 0.15, 0.15
+
+_GOLDEN_ANGLE = pi * (3 - sqrt(5))
+
+#: Outputs (n, 2) [m] beside the axis at lengths (n, 3) [m] pulled in, visited in turn from the
+#: straight rig on. Friction makes the order matter, and the rig sways for seconds: move slowly from
+#: each to the next, on a straight line in the lengths, and wait for rest before measuring.
+Measure = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class RigData:
+    """What a visit of all points found; rows in the order of the visit.
+
+    Attributes:
+        lengths: s (n, 3) [m], pulled in.
+        nominal: (n, 2) [m], output of the nominal rig.
+        measured: z (n, 2) [m].
+    """
+
+    lengths: np.ndarray
+    nominal: np.ndarray
+    measured: np.ndarray
+
+    @property
+    def forward(self) -> Dataset:
+        """For a network s -> z."""
+        return Dataset(self.lengths, self.measured)
+
+    @property
+    def inverse(self) -> Dataset:
+        """For a network z -> s."""
+        return Dataset(self.measured, self.lengths)
+
+
+@dataclass(frozen=True)
+class Split:
+    """Indices of the samples for each purpose, in random order."""
+
+    training: np.ndarray
+    validation: np.ndarray
+    test: np.ndarray
+
+
+def disk_points(count: int = POINTS, radius: float = RADIUS) -> np.ndarray:
+    """Points (count, 2) [m] that fill a disk evenly: Vogel's sunflower.
+
+    Each stands for the same area: point i is in the middle of the i-th of `count` rings of equal
+    area, and the golden angle further round than the one before (Vogel, Mathematical Biosciences
+    44 (1979) 179-189).
+
+    Raises:
+        ValueError: No points, or no positive radius.
+    """
+    if count < 1 or not 0 < radius < np.inf:
+        raise ValueError(
+            f"need one point or more and a positive radius, got {count} and {radius} m"
+        )
+    i = np.arange(count)
+    distance = radius * np.sqrt((i + 0.5) / count)
+    angle = _GOLDEN_ANGLE * i
+    return np.column_stack([distance * np.cos(angle), distance * np.sin(angle)])
+
+
+def nominal_lengths(
+    robot: RobotParams, points: np.ndarray, total: float | None = None
+) -> np.ndarray:
+    """Lengths (n, 3) [m] that hold the output of a rig at points (n, 2) [m].
+
+    Args:
+        robot: The rig.
+        points: Where its output is to be.
+        total: Sum of the tensions [N] that chooses one of the many solutions, as in thesis sec.
+            5.1. Unless given it is the least tensions that respect the pretension, S_red; these
+            have kinks where another tendon becomes the loosest, which smooth networks round off.
+
+    Raises:
+        OutOfReachError: A point is out of reach.
+        ValueError: The robot is no rig with three elastic tendons, or the sum is too small.
+    """
+    still = np.zeros_like(points)
+    servo = ServoConstraints(robot)
+    inverse = servo.plan(points, still, still)
+    if total is None:
+        return inverse.pulled
+    tripod = Tripod(robot)
+    return tripod.pulled(tripod.tension(inverse.reduced, total), servo.curvature(inverse.y))
+
+
+def collect(
+    robot: RobotParams,
+    measure: Measure,
+    rng: np.random.Generator,
+    points: np.ndarray | None = None,
+    total: float | None = None,
+) -> RigData:
+    """Visit points in random order and measure.
+
+    In the sunflower's own order every point is reached from the same side, as seen from the
+    centre, and the network learns the hysteresis of that side as if it were statics.
+
+    Args:
+        robot: The nominal rig.
+        measure: See `Measure`.
+        rng: Source of the order.
+        points: (n, 2) [m]; `disk_points` unless given.
+        total: See `nominal_lengths`.
+
+    Raises:
+        OutOfReachError: A point is out of the nominal rig's reach.
+        ValueError: As `nominal_lengths`, or the measurement is not finite or of another shape than
+            (n, 2).
+    """
+    wanted = rng.permutation(disk_points() if points is None else points)
+    lengths = nominal_lengths(robot, wanted, total)
+    measured = np.asarray(measure(lengths), dtype=float)
+    if measured.shape != wanted.shape or not np.all(np.isfinite(measured)):
+        raise ValueError(
+            f"measure must return finite outputs of shape {wanted.shape}, got shape "
+            f"{measured.shape} with {np.sum(~np.isfinite(measured))} values that are not finite"
+        )
+    return RigData(lengths, wanted, measured)
+
+
+def split(count: int, rng: np.random.Generator) -> Split:
+    """70 % of the samples to train, 15 % each to validate and to test.
+
+    Raises:
+        ValueError: Too few samples for one of each.
+    """
+    validation, test = round(_VALIDATION * count), round(_TEST * count)
+    training = count - validation - test
+    if min(training, validation, test) < 1:
+        raise ValueError(f"cannot split {count} samples 70/15/15; give at least 4")
+    return Split(*np.split(rng.permutation(count), [training, training + validation]))

@@ -1,0 +1,61 @@
+"""Quasi-static networks of the spatial rig: s -> z (thesis sec. 3.2) and z -> s (sec. 5.1)."""
+
+import numpy as np
+
+from softrobot_env.identification.data import RigData
+from softrobot_env.learned import early_stopping
+from softrobot_env.learned.early_stopping import Dataset, Fit
+from softrobot_env.learned.network import Network, Scaling, initial_network
+
+#: Neurons of the hidden layers.
+HIDDEN = (10, 10)
+
+#: Samples to train, and to stop the training with.
+TRAINING, VALIDATION = 150, 32
+
+#: Name -> data of a network.
+DIRECTIONS = {"forward": lambda data: data.forward, "inverse": lambda data: data.inverse}
+
+
+def direction_of(data: RigData, name: str) -> Dataset:
+    """Inputs and outputs of the network of one of `DIRECTIONS`.
+
+    Raises:
+        ValueError: Unknown name.
+    """
+    if name not in DIRECTIONS:
+        raise ValueError(f"unknown direction {name!r}; choose from {', '.join(DIRECTIONS)}")
+    return DIRECTIONS[name](data)
+
+
+def fit(
+    training: Dataset,
+    validation: Dataset,
+    rng: np.random.Generator,
+    hidden: tuple[int, ...] = HIDDEN,
+    iterations: int = 1000,
+) -> Fit:
+    """Train a new network, its inputs and outputs scaled by the range of the training data.
+
+    Args:
+        training, validation: Data, see `early_stopping.train`.
+        rng: Source of the initial parameters.
+        hidden: Neurons of each hidden layer.
+        iterations: Largest number of steps.
+
+    Raises:
+        ValueError: As `early_stopping.train`, or fewer than two different values of a quantity.
+    """
+    inputs, outputs = Scaling.of(training.inputs), Scaling.of(training.outputs)
+    network = initial_network(hidden, inputs, outputs, rng)
+    return early_stopping.train(network, training, validation, iterations)
+
+
+def distances(network: Network, data: Dataset) -> np.ndarray:
+    """Norms (k,) of the errors of the outputs, in their unit."""
+    return np.linalg.norm(network(data.inputs) - data.outputs, axis=1)
+
+
+def rms(network: Network, data: Dataset) -> float:
+    """Root of the mean squared norm of the errors, (3.6) and (5.1), in the outputs' unit."""
+    return float(np.sqrt(np.mean(distances(network, data) ** 2)))

@@ -1,0 +1,50 @@
+"""Robots as data: parameters, tendons, loads, how tendons are driven, and the named robots.
+
+The names here are what other parts import; `robots.twin`, `robots.actuation` and
+`robots.three_tendons` hold the rest.
+"""
+
+from softrobot_env.robots.arm import ARM
+from softrobot_env.robots.cantilevers import CANTILEVER_STIFF, CANTILEVER_WEAK
+from softrobot_env.robots.parameters import (
+    MAY_VANISH,
+    NEUTRAL,
+    VARIABLE,
+    Head,
+    RobotParams,
+    Tendon,
+    as_number,
+    centerline,
+    check_number,
+)
+from softrobot_env.robots.registry import ROBOTS
+from softrobot_env.robots.rig import (
+    EQUIVALENT,
+    EQUIVALENT_RIG,
+    LENGTH_SCALE,
+    RIG,
+    SERVO_SPEED,
+    WORKSPACE,
+)
+
+__all__ = [
+    "ARM",
+    "CANTILEVER_STIFF",
+    "CANTILEVER_WEAK",
+    "EQUIVALENT",
+    "EQUIVALENT_RIG",
+    "LENGTH_SCALE",
+    "MAY_VANISH",
+    "NEUTRAL",
+    "RIG",
+    "ROBOTS",
+    "SERVO_SPEED",
+    "VARIABLE",
+    "WORKSPACE",
+    "Head",
+    "RobotParams",
+    "Tendon",
+    "as_number",
+    "centerline",
+    "check_number",
+]

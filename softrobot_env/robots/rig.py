@@ -1,0 +1,61 @@
+"""The spatial test rig of ch. 3 and 5.
+
+"T" marks a value printed in the thesis, "I" one inferred from it by recomputation, "S" an
+assumption of this package.
+"""
+
+from dataclasses import replace
+from math import cos, pi, sin
+
+from softrobot_env.robots.parameters import Head, RobotParams, Tendon
+
+#: Spatial test rig of ch. 3 and 5, upright under gravity. EI, damping and the masses are printed
+#: (Tab. 5.1; audit: damping in N s, inertia in 1e-6 kg m2): 40 g of silicone per 60 mm with the
+#: inertia of a cylinder of 14 mm radius, and 55 g more at 198 mm, the cube with the markers (I: the
+#: third subpiece is both together). Of tendon radius and stiffness only c r_t^2 follows from the
+#: results (I: split by the 20 mm of travel). Pretension and limit (S).
+_RIG_RADIUS, _RIG_SHARE = 0.014, 0.04 / 0.06
+_RIG_EI, _RIG_DAMPING = 18.3e-3, 3.77e-3
+_RIG_TENDON_RADIUS = 5.5e-3
+RIG = RobotParams(
+    name="rig",
+    length=0.180,
+    outer_radius=_RIG_RADIUS,
+    inner_radius=0.0,
+    youngs_modulus=_RIG_EI / (pi / 4 * _RIG_RADIUS**4),
+    density=_RIG_SHARE / (pi * _RIG_RADIUS**2),
+    damping_time=_RIG_DAMPING * 0.180 / _RIG_EI,
+    pieces=1,
+    tendons=tuple(
+        Tendon(
+            f"tendon{k + 1}",
+            (
+                _RIG_TENDON_RADIUS * cos(2 * pi * k / 3),
+                _RIG_TENDON_RADIUS * sin(2 * pi * k / 3),
+            ),
+            end=0.180,
+            group=0,
+            tension_limit=40.0,
+            stiffness=980.0,
+            pretension=0.5,
+        )
+        for k in range(3)
+    ),
+    gravity=(0.0, 0.0, -9.81),
+    head=Head(mass=0.055, centre=0.018, inertia=(6.2e-6, 6.2e-6, 6.2e-6), output=0.022),
+)
+
+#: Young's modulus of a beam over that of the one-piece model of the same rig [1], see `twin`.
+EQUIVALENT = 1.2
+
+#: A rig that, as a beam, stands and calms down as the one-piece model of `RIG` does.
+EQUIVALENT_RIG = replace(RIG, name="rig_equivalent", youngs_modulus=EQUIVALENT * RIG.youngs_modulus)
+
+#: Radius [m] of the rig's usable workspace (audit).
+WORKSPACE = 0.121
+
+#: [m], pulled in by a full-scale action.
+LENGTH_SCALE = 0.03
+
+#: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
+SERVO_SPEED = pi / 3 / 0.16 * 0.020

@@ -1,0 +1,173 @@
+"""Closed forms against the thesis audit's numbers and against each other."""
+
+import numpy as np
+import pytest
+from scipy.integrate import trapezoid
+from scipy.optimize import brentq
+from scipy.special import ellipk, ellipkinc
+
+from softrobot_env.beams.exact import analytic
+from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK
+
+G = 9.81
+
+
+def self_weight(robot):
+    return robot.mass_per_length * G
+
+
+# Audit, "Reference numbers": elastica deflection w and axial tip position [mm]. Its last printed
+# digit is 0.01 mm (weak, tip) and 0.001 mm (w of the stiff one).
+@pytest.mark.parametrize(
+    ("robot", "deflection", "axial"),
+    [(CANTILEVER_WEAK, 387.78, 273.71), (CANTILEVER_STIFF, 12.698, 199.54)],
+    ids=["weak", "stiff"],
+)
+def test_elastica_under_self_weight_is_the_audits(robot, deflection, axial):
+    rod = analytic.elastica(
+        robot.length, robot.bending_stiffness, weight=(-self_weight(robot), 0.0)
+    )
+    np.testing.assert_allclose(1e3 * rod.tip, [-deflection, axial], rtol=0, atol=0.0051)
+
+
+def test_euler_bernoulli_and_timoshenko_deflections_are_the_audits():
+    robot = CANTILEVER_STIFF
+    arguments = (robot.length, robot.bending_stiffness)
+    shear = 0.75 * robot.youngs_modulus / 2 * robot.area  # Poisson ratio 0
+    q = self_weight(robot)
+    assert 1e3 * analytic.euler_bernoulli_deflection(*arguments, q) == pytest.approx(
+        12.739, abs=5e-4
+    )
+    assert 1e3 * analytic.timoshenko_deflection(*arguments, shear, q) == pytest.approx(
+        14.098, abs=6e-4
+    )
+
+
+@pytest.mark.parametrize(
+    ("robot", "slender", "rotary"),
+    [(CANTILEVER_WEAK, 0.6588, 0.6574), (CANTILEVER_STIFF, 5.4903, 5.367)],
+    ids=["weak", "stiff"],
+)
+def test_first_frequencies_are_the_audits(robot, slender, rotary):
+    beam = (robot.length, robot.bending_stiffness, robot.mass_per_length)
+    assert analytic.euler_bernoulli_frequency(*beam) == pytest.approx(slender, abs=5.1e-5)
+    # The audit's "Timoshenko, no shear", printed to four digits.
+    found = analytic.rayleigh_frequency(*beam, robot.density * robot.second_moment)
+    assert found == pytest.approx(rotary, rel=1.5e-4)
+
+
+def test_roots_are_the_tabulated_ones_and_solve_their_equation():
+    # Blevins, Formulas for Natural Frequency and Mode Shape, Tab. 8-1.
+    table = [1.87510407, 4.69409113, 7.85475744, 10.99554073, 14.13716839]
+    found = [analytic.clamped_free_root(n) for n in range(1, 6)]
+    np.testing.assert_allclose(found, table, atol=6e-9)
+    with pytest.raises(ValueError, match="from 1"):
+        analytic.clamped_free_root(0)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_rotary_inertia_vanishes_with_the_thickness(n):
+    beam = (0.7, 2.0, 0.3)
+    slender = analytic.euler_bernoulli_frequency(*beam, n)
+    drops = [1 - analytic.rayleigh_frequency(*beam, i, n) / slender for i in (1e-5, 1e-6)]
+    # First-order perturbation: the drop is proportional to the rotary inertia.
+    assert drops[1] > 0
+    assert drops[0] / drops[1] == pytest.approx(10, rel=0.05)
+
+
+@pytest.mark.parametrize("turn", [-3.0, 1e-9, 0.0, 0.5, 2 * np.pi])
+def test_pure_moment_bends_the_elastica_to_a_circular_arc(turn):
+    length, stiffness = 0.4, 0.2
+    rod = analytic.elastica(length, stiffness, moment=turn * stiffness / length)
+    np.testing.assert_allclose(rod.curvature, turn / length, atol=1e-8)
+    np.testing.assert_allclose(rod.tip, analytic.arc_tip(length, turn / length), atol=1e-8)
+
+
+def test_full_circle_returns_to_the_clamp():
+    np.testing.assert_allclose(analytic.arc_tip(0.4, 2 * np.pi / 0.4), 0, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    "loads", [{"distributed": 1.0}, {"force": 1.0}, {"moment": 1.0}], ids=lambda d: next(iter(d))
+)
+def test_small_loads_bend_the_elastica_as_euler_and_bernoulli_say(loads):
+    length, stiffness, small = 0.5, 0.25, 1e-4
+    linear = small * analytic.euler_bernoulli_deflection(length, stiffness, **loads)
+    rod = analytic.elastica(
+        length,
+        stiffness,
+        weight=(small * loads.get("distributed", 0.0), 0.0),
+        force=(small * loads.get("force", 0.0), 0.0),
+        moment=small * loads.get("moment", 0.0),
+    )
+    # The next term is of relative order (deflection / length)^2 < 1e-7.
+    assert rod.tip[0] == pytest.approx(linear, rel=1e-6)
+
+
+def bisshopp_drucker(alpha):
+    """Tip (x, z) / L under lateral force F, alpha^2 = F L^2 / EI, by elliptic integrals.
+
+    Bisshopp and Drucker, Large deflection of cantilever beams, Q. Appl. Math. 3 (1945). With tip
+    angle a and k^2 = (1 + sin a) / 2, sin p = 1 / (k sqrt 2): alpha = K(k) - F(p, k) and
+    z / L = sqrt(2 sin a) / alpha; x follows from the moment balance by quadrature.
+    """
+
+    def mismatch(angle):
+        k2 = (1 + np.sin(angle)) / 2
+        return ellipk(k2) - ellipkinc(np.arcsin(1 / np.sqrt(2 * k2)), k2) - alpha
+
+    tip = brentq(mismatch, 1e-6, np.pi / 2 - 1e-6, xtol=1e-14)
+    # x = int sin t dt / t', t'^2 = 2 alpha^2 (sin a - sin t); sin t = (1 - u^2) sin a smooths it.
+    u, w = np.polynomial.legendre.leggauss(200)
+    u, w = (u + 1) / 2, w / 2
+    sine = (1 - u**2) * np.sin(tip)
+    x = np.sum(w * sine * 2 * np.sqrt(np.sin(tip)) / np.sqrt(1 - sine**2)) / (np.sqrt(2) * alpha)
+    return np.array([x, np.sqrt(2 * np.sin(tip)) / alpha])
+
+
+@pytest.mark.parametrize("alpha", [0.5, 1.0, 2.0, 3.0])
+def test_lateral_tip_force_matches_the_elliptic_integrals(alpha):
+    length, stiffness = 0.5, 0.25
+    rod = analytic.elastica(length, stiffness, force=(alpha**2 * stiffness / length**2, 0.0))
+    np.testing.assert_allclose(rod.tip / length, bisshopp_drucker(alpha), atol=1e-7)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.9], ids=["half", "near_buckling"])
+def test_axial_compression_softens_as_beam_columns_do(ratio):
+    """w = F (tan kL - kL) / (k P) with k^2 = P / EI (Timoshenko and Gere, Elastic Stability)."""
+    length, stiffness = 0.5, 0.25
+    push = ratio * (np.pi / (2 * length)) ** 2 * stiffness
+    force, k = 1e-4 * push, np.sqrt(push / stiffness)
+    linear = force * (np.tan(k * length) - k * length) / (k * push)
+    rod = analytic.elastica(length, stiffness, force=(force, -push))
+    # The cubic terms are of relative order (slope)^2 / (1 - ratio) < 1e-4.
+    assert rod.tip[0] == pytest.approx(linear, rel=1e-4)
+
+
+def test_clamp_carries_the_moment_of_all_loads():
+    """Moments about the clamp from the deformed shape: an integral, not the equation solved."""
+    length, stiffness, q, f, m = 0.5, 0.25, (-8.0, 3.0), (1.0, -2.0), 0.3
+    rod = analytic.elastica(length, stiffness, weight=q, force=f, moment=m)
+    x, z = rod.position.T
+    distributed = trapezoid(z * q[0] - x * q[1], rod.station)
+    clamp = m + rod.tip[1] * f[0] - rod.tip[0] * f[1] + distributed
+    assert stiffness * rod.curvature[0] == pytest.approx(clamp, abs=1e-4 * abs(distributed))
+
+
+def test_shape_is_inextensible_and_clamped():
+    rod = analytic.elastica(0.5, 0.25, weight=(-20.0, 3.0), force=(1.0, 2.0), moment=0.3)
+    assert rod.station[0] == 0
+    assert rod.station[-1] == pytest.approx(0.5)
+    assert rod.angle[0] == pytest.approx(0, abs=1e-12)
+    chords = np.linalg.norm(np.diff(rod.position, axis=0), axis=1)
+    steps = np.diff(rod.station)
+    # A chord of an arc is shorter than the arc by the 24th part of (turn)^2.
+    turn = np.max(np.abs(rod.curvature)) * steps
+    assert np.all(chords <= steps * (1 + 1e-7))
+    assert np.all(chords >= steps * (1 - turn**2 / 20 - 1e-7))
+
+
+def test_elastica_says_when_it_fails(monkeypatch):
+    monkeypatch.setattr(analytic, "_MAX_NODES", 101)
+    with pytest.raises(analytic.ElasticaError, match="of the load"):
+        analytic.elastica(0.5, 0.01, weight=(-50.0, 0.0), load_steps=1)

@@ -1,0 +1,405 @@
+"""The beam models against each other and against closed forms, through their common class."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from softrobot_env.beams import signals
+from softrobot_env.beams.ancf import ANCF
+from softrobot_env.beams.cosserat import CosseratRod
+from softrobot_env.beams.exact.continuum_arc import continuum_arc
+from softrobot_env.beams.model import IntegrationError, State
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.statics import EquilibriumError
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
+from softrobot_env.robots.loads import Load
+
+FREE = (0.0, 0.0, 0.0)
+LENGTH = CANTILEVER_WEAK.length
+WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=FREE)
+
+#: Guides every 25 mm and tendons that can be driven by length.
+GUIDED = replace(
+    WEIGHTLESS,
+    tendons=tuple(
+        Tendon(
+            f"t{k}",
+            (0.03 * np.cos(a), 0.03 * np.sin(a)),
+            LENGTH,
+            0,
+            50.0,
+            guides=tuple(np.arange(1, 20) * LENGTH / 20),
+            stiffness=2e3,
+            pretension=0.5,
+        )
+        for k, a in enumerate(np.deg2rad([0, 120, 240]))
+    ),
+)
+
+
+def rigid_in_shear(robot, pieces, coefficient=50.0):
+    """A Cosserat rod that hardly shears: the physics of the PCC model but for its stretch."""
+    return CosseratRod(robot, pieces, shear_coefficient=coefficient)
+
+
+def models(robot, n, **options):
+    return {
+        "pcc": PCC(robot, n, axes="torsion", inertia="distributed", **options),
+        "cosserat": CosseratRod(robot, n, **options),
+        "ancf": ANCF(robot, n, **options),
+    }
+
+
+def tips(robot, n, u=None, **options):
+    return {
+        name: model.tip(model.equilibrium(u, load_step=0.25, check_stability=False))
+        for name, model in models(robot, n, **options).items()
+    }
+
+
+def worst(points):
+    values = list(points.values())
+    return max(np.linalg.norm(a - b) for a in values for b in values)
+
+
+# ---------------------------------------------------------------- statics
+
+
+@pytest.mark.parametrize("n", [12, 24])
+def test_models_agree_under_self_weight_within_the_shear(n):
+    """Shear adds about 5 mm of 390 (Timoshenko: q L^2 / 2 kGA = 7 mm for small deflections)."""
+    found = tips(CANTILEVER_WEAK, n)
+    robot = CANTILEVER_WEAK
+    shear_stiffness = 0.75 * robot.youngs_modulus / 2 * robot.area
+    bound = robot.mass * 9.81 * LENGTH / 2 / shear_stiffness
+    assert worst(found) < bound + 0.02 * LENGTH * (12 / n) ** 2
+    stiffened = rigid_in_shear(robot, 2 * n)
+    tip = stiffened.tip(stiffened.equilibrium(load_step=0.25, check_stability=False))
+    # The rest is the rod's stretch, weight over EA = 1.3e-2 of the length where it hangs.
+    assert np.linalg.norm(tip - found["pcc"]) < 0.01 * LENGTH
+
+
+def test_models_agree_in_space_under_a_force_and_a_moment():
+    force = np.array([0.3, -0.2, -0.1])
+    load = Load("load", LENGTH, force=tuple(force), moment=(0.05, 0.1, 0.08))
+    found = tips(WEIGHTLESS, 16, [1.0], loads=(load,))
+    shear_stiffness = 0.75 * WEIGHTLESS.youngs_modulus / 2 * WEIGHTLESS.area
+    shear = np.linalg.norm(force) * LENGTH / shear_stiffness
+    assert np.linalg.norm(found["cosserat"] - found["ancf"]) < 1e-3 * LENGTH
+    assert worst(found) < shear + 1e-3 * LENGTH
+
+
+def test_moment_at_mid_length_bends_the_lower_half_only():
+    moment = 0.4
+    load = Load("load", LENGTH / 2, moment=(0.0, moment, 0.0))
+    angle = moment / WEIGHTLESS.bending_stiffness * LENGTH / 2
+    chord = LENGTH / 2 * np.sinc(angle / 2 / np.pi)
+    truth = chord * np.array([np.sin(angle / 2), 0, np.cos(angle / 2)])
+    truth += LENGTH / 2 * np.array([np.sin(angle), 0, np.cos(angle)])
+    for name, tip in tips(WEIGHTLESS, 16, [1.0], loads=(load,)).items():
+        assert np.linalg.norm(tip - truth) < 1.5e-3 * LENGTH, name
+
+
+def test_follower_moment_makes_the_same_circle_as_a_dead_one_in_the_plane():
+    bend = 2 * np.pi * 0.6 * WEIGHTLESS.bending_stiffness / LENGTH
+    for follows in (False, True):
+        load = Load("load", LENGTH, moment=(0.0, bend, 0.0), follows=follows)
+        model = PCC(WEIGHTLESS, 4, loads=(load,))
+        q = model.equilibrium([1.0], load_step=0.2)
+        np.testing.assert_allclose(model.curvature(q)[:, 1], 2 * np.pi * 0.6 / LENGTH, rtol=1e-9)
+
+
+def bent_tip(pieces):
+    """Tip (3,) of arcs in the plane, each (reference length, stretch, curvature per reference)."""
+    z, angle = 0.0, 0.0
+    for length, stretch, curvature in pieces:
+        half = curvature * length / 2
+        z += stretch * length * np.sinc(half / np.pi) * np.exp(1j * (angle + half))
+        angle += 2 * half
+    return np.array([z.imag, 0.0, z.real])
+
+
+def test_tendons_in_channels_bend_every_model_as_its_physics_asks():
+    """Inextensible; linear in stretch and curvature; St. Venant-Kirchhoff. Tips within 0.1 %."""
+    found = tips(ARM, 24, np.array([4.0, 0, 3.0, 0, 5.0, 0]))
+    tensions, part = (12.0, 8.0, 5.0), ARM.length / 3
+    stiffness = ARM.youngs_modulus * ARM.area
+    bend = ARM.outer_radius / ARM.bending_stiffness
+    truths = {
+        "pcc": [(part, 1.0, f * bend) for f in tensions],
+        "cosserat": [(part, 1 - f / stiffness, f * bend) for f in tensions],
+        "ancf": [(part, *continuum_arc(ARM, 0.0, f, ARM.outer_radius)) for f in tensions],
+    }
+    for name, pieces in truths.items():
+        assert np.linalg.norm(found[name] - bent_tip(pieces)) < 1e-3 * ARM.length, name
+
+
+def test_a_moment_bends_the_continuum_as_its_material_asks():
+    """One and a quarter turns of a rod of 40 radii; at this strain it is 6 % softer than a beam."""
+    robot = replace(ARM, tendons=(), outer_radius=ARM.length / 40, inner_radius=0.0)
+    moment = 2 * np.pi * 1.25 * robot.bending_stiffness / robot.length
+    load = Load("load", robot.length, moment=(0.0, moment, 0.0), follows=True)
+    coarse, fine = (
+        model.tip(model.equilibrium([1.0], load_step=0.1, check_stability=False))
+        for model in (ANCF(robot, n, dimension=2, loads=(load,)) for n in (24, 48))
+    )
+    truth = bent_tip([(robot.length, *continuum_arc(robot, moment))])
+    assert np.linalg.norm(fine - truth) < 5e-3 * robot.length
+    assert np.linalg.norm(fine + (fine - coarse) / 3 - truth) < 1e-3 * robot.length
+
+
+def test_guided_tendons_bend_all_models_alike():
+    """They differ by the compression e, and St. Venant-Kirchhoff is softer in bending by 3 e."""
+    found = tips(GUIDED, 20, np.array([6.0, 2.0, 0.0]))
+    compression = 8.0 / (WEIGHTLESS.youngs_modulus * WEIGHTLESS.area)
+    lateral = np.linalg.norm(found["pcc"][:2])
+    pcc, cosserat, ancf = (found[name] for name in ("pcc", "cosserat", "ancf"))
+    assert np.linalg.norm(pcc - cosserat) < compression * LENGTH + 1e-3 * LENGTH
+    assert np.linalg.norm(cosserat - ancf) < 3 * compression * lateral + 1e-3 * LENGTH
+
+
+def test_length_drive_is_the_tension_drive_at_the_tension_it_causes():
+    for name, model in models(GUIDED, 20, drive="length").items():
+        pull = np.array([0.02, 0.0, -0.01])
+        q = model.equilibrium(pull, load_step=0.25)
+        tension = model.tendon_tension(q, pull)
+        assert tension.min() >= 0, name
+        assert tension.max() > 1, name
+        straight = GUIDED.tendons[0].end
+        stretch = pull - straight + model.tendon_length(q)
+        np.testing.assert_allclose(tension, np.maximum(0, 0.5 + 2e3 * stretch), atol=1e-9)
+        other = type(model)(GUIDED, 20, **({"axes": "torsion"} if name == "pcc" else {}))
+        same = other.equilibrium(tension, guess=q)
+        assert np.linalg.norm(other.tip(same) - model.tip(q)) < 1e-8, name
+
+
+def test_unstable_equilibrium_is_refused():
+    """A column under more than Euler's load pi^2 EI / (2 L)^2 buckles."""
+    load = Load("press", LENGTH, force=(0.0, 0.0, -1.0))
+    critical = np.pi**2 * WEIGHTLESS.bending_stiffness / (2 * LENGTH) ** 2
+    model = PCC(WEIGHTLESS, 8, loads=(load,))
+    assert np.all(model.equilibrium([0.98 * critical]) == 0)
+    with pytest.raises(EquilibriumError, match="unstable"):
+        model.equilibrium([1.02 * critical])
+
+
+def test_statics_say_where_they_failed():
+    """A follower force that has no equilibrium: the rod would spin (tip force along a lever)."""
+    load = Load("push", LENGTH, force=(0.0, 0.0, -1.0), follows=True)
+    model = PCC(WEIGHTLESS, 4, loads=(load, Load("kick", LENGTH, force=(1.0, 0.0, 0.0))))
+    with pytest.raises(EquilibriumError, match=r"of the loads|unstable"):
+        model.equilibrium([2e3, 5.0])
+
+
+# ---------------------------------------------------------------- dynamics
+
+
+def falling(model, **options):
+    return model.simulate(0.5, samples=0.05, **options)
+
+
+@pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
+def test_energy_of_an_undamped_fall_is_conserved(name):
+    model = models(replace(CANTILEVER_WEAK, damping_time=0.0), 3)[name]
+    motion = falling(model, method="dormand_prince", tolerance=1e-9)
+    energy = [
+        model.kinetic_energy(q, v) + model.potential_energy(q)
+        for q, v in zip(motion.q, motion.v, strict=True)
+    ]
+    exchanged = max(model.kinetic_energy(q, v) for q, v in zip(motion.q, motion.v, strict=True))
+    assert exchanged > 1.0
+    assert np.ptp(energy) < 1e-5 * exchanged
+
+
+@pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
+def test_scipy_solves_the_same_right_hand_side(name):
+    model = models(CANTILEVER_WEAK, 2)[name]
+    start = model.start()
+    motion = falling(model, tolerance=1e-7)
+    y0 = np.concatenate(start)
+    found = solve_ivp(
+        model.first_order(np.zeros(model.n_inputs)), (0, 0.5), y0, "LSODA", rtol=1e-8, atol=1e-9
+    )
+    end = model.tip(found.y[: model.n, -1])
+    assert np.linalg.norm(end - model.tip(motion.q)[-1]) < 2e-5
+
+
+def limit_of_fall(make):
+    """Tip's path in the limit of many pieces, of second order, from 12 and 24."""
+    coarse, fine = (model.tip(falling(model).q) for model in (make(12), make(24)))
+    return fine + (fine - coarse) / 3
+
+
+def test_models_fall_alike():
+    """Without shear they agree within 0.1 % of the length; shear slows the rod as it should.
+
+    Half a second of the stiff cantilever's fall. The first frequencies are 5.084 Hz with shear
+    (Timoshenko, coefficient 0.75) and 5.367 Hz without (the audit), so the phases part by up to
+    0.9 rad, of an amplitude of 12.7 mm.
+    """
+    robot = CANTILEVER_STIFF
+    pcc = limit_of_fall(lambda n: PCC(robot, n, axes="planar", inertia="distributed"))
+    rigid = limit_of_fall(lambda n: rigid_in_shear(robot, n, 1e3))
+    rod = limit_of_fall(lambda n: CosseratRod(robot, n))
+    ancf = limit_of_fall(lambda n: ANCF(robot, n, dimension=2))
+    assert np.max(np.linalg.norm(rigid - pcc, axis=1)) < 1e-3 * robot.length
+    apart = np.max(np.linalg.norm(rod - pcc, axis=1))
+    assert 0.3 * 0.9 * 12.7e-3 < apart < 0.9 * 12.7e-3 + 2e-3
+    assert np.max(np.linalg.norm(rod - ancf, axis=1)) < 0.2 * 12.7e-3 + 1e-3
+
+
+@pytest.mark.parametrize(("weight", "share"), [(1.0, 2e-3), (0.1, 1e-4)])
+def test_continuum_falls_like_a_rod_of_coefficient_1_while_strains_are_small(weight, share):
+    """The rest are the large strains' terms, of second order in the load."""
+    robot = replace(CANTILEVER_STIFF, gravity=(-9.81 * weight, 0.0, 0.0))
+    rod = limit_of_fall(lambda n: CosseratRod(robot, n, shear_coefficient=1.0))
+    ancf = limit_of_fall(lambda n: ANCF(robot, n, dimension=2))
+    assert np.max(np.linalg.norm(rod - ancf, axis=1)) < share * robot.length
+
+
+@pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
+def test_linear_model_predicts_small_motions(name):
+    load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
+    model = models(WEIGHTLESS, 4, loads=(load,))[name]
+    q = model.equilibrium([0.2])
+    space = model.linearize(State(q, np.zeros(model.n)), [0.2])
+    assert space.poles().real.max() < 1e-6
+    small, duration = 1e-4, 0.3
+    motion = model.simulate(
+        duration, [0.2 + small], State(q, np.zeros(model.n)), tolerance=1e-9, samples=0.03
+    )
+    moved = model.tip(motion.q) - model.tip(q)
+    m = space.a.shape[0]
+    augmented = np.zeros((m + 1, m + 1))
+    augmented[:m, :m], augmented[:m, m:] = space.a, space.b * small
+    from scipy.linalg import expm
+
+    flow, x = expm(augmented * 0.03), np.append(np.zeros(m), 1.0)
+    predicted = [np.zeros(3)]
+    for _ in motion.time[1:]:
+        x = flow @ x
+        predicted.append(space.c @ x[:m])
+    assert np.max(np.abs(moved - predicted)) < 2e-3 * np.max(np.abs(moved))
+
+
+def test_control_affine_form_is_the_equation_of_motion():
+    rng = np.random.default_rng(1)
+    for drive in ("tension", "length"):
+        model = PCC(GUIDED, 5, axes="torsion", drive=drive)
+        q, v, a = (rng.normal(size=model.n) * s for s in (0.5, 5, 50))
+        u = np.array([6.0, 2.0, 4.0]) if drive == "tension" else np.full(3, 0.015)
+        form = model.control_affine(q, v)
+        assert drive == "tension" or model.tendon_tension(q, u).min() > 0
+        balance = form.mass @ a + form.gyroscopic - form.force - form.inputs @ u
+        np.testing.assert_allclose(balance, model.residual(q, v, a, u), rtol=1e-9, atol=1e-10)
+
+
+def test_a_signal_moves_the_rod_as_its_pieces_do():
+    load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
+    model = PCC(WEIGHTLESS, 2, loads=(load,))
+    values = np.array([[0.3], [-0.2], [0.1]])
+    whole = model.simulate(0.3, signals.held(values, 0.1), method="sdirk2", step=1e-3)
+    state = model.start()
+    for value in values:
+        state = model.simulate(0.1, value, state, method="sdirk2", step=1e-3).end
+    np.testing.assert_allclose(state.q, whole.q[-1], atol=1e-7)
+
+
+# ---------------------------------------------------------------- arguments and failures
+
+
+def test_bad_arguments_name_what_is_allowed():
+    load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
+    model = PCC(WEIGHTLESS, 2, loads=(load,))
+    with pytest.raises(ValueError, match=r"shape \(1,\) for push"):
+        model.acceleration(model.rest(), model.rest(), [1.0, 2.0])
+    with pytest.raises(ValueError, match="choose from implicit_euler"):
+        model.simulate(1.0, method="euler")
+    with pytest.raises(ValueError, match="needs a step"):
+        model.simulate(1.0, method="implicit_euler")
+    with pytest.raises(ValueError, match="positive"):
+        model.simulate(0.0)
+    with pytest.raises(ValueError, match="start at 0"):
+        model.simulate(1.0, samples=np.array([0.5, 1.0]))
+    with pytest.raises(ValueError, match="signal has 2 inputs"):
+        model.simulate(1.0, signals.constant([1.0, 2.0]))
+    with pytest.raises(ValueError, match="off the robot"):
+        PCC(WEIGHTLESS, 2, loads=(replace(load, station=0.6),))
+    with pytest.raises(ValueError, match="distinct names"):
+        PCC(WEIGHTLESS, 2, loads=(load, load))
+    with pytest.raises(ValueError, match="finite stiffness"):
+        PCC(ARM, drive="length")
+    with pytest.raises(ValueError, match="tension, length"):
+        PCC(ARM, drive="current")
+
+
+def test_divergence_is_reported_with_its_time():
+    model = PCC(CANTILEVER_STIFF, 8)
+    with pytest.raises(IntegrationError, match="diverged at t") as caught:
+        model.simulate(1.0, method="rk4", step=0.02)
+    assert 0 <= caught.value.time < 1.0
+
+
+def test_short_pulses_are_not_jumped_over():
+    """At rest the error estimate is zero, so only the inputs' own instants stop the step."""
+    load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
+    model = PCC(WEIGHTLESS, 2, axes="planar", loads=(load,))
+    for begin in (60, 90, 130):
+        values = np.zeros((200, 1))
+        values[begin : begin + 3] = 2.0
+        pulse = signals.held(values, 0.05)
+        adapted = model.simulate(10.0, pulse, samples=0.05, tolerance=1e-7)
+        fixed = model.simulate(10.0, pulse, samples=0.05, method="sdirk4", step=0.005)
+        assert np.max(np.abs(fixed.q)) > 0.5
+        np.testing.assert_allclose(adapted.q, fixed.q, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("method", "step"),
+    [("sdirk4", 0.02), ("implicit_midpoint", 0.02), ("sdirk2", 0.02), ("dormand_prince", 0.004)],
+)
+def test_samples_beside_a_jump_know_nothing_of_what_comes(method, step):
+    load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
+    model = PCC(WEIGHTLESS, 2, axes="planar", loads=(load,))
+    jump = signals.held(np.array([[0.0], [1.0]]), 0.1)
+    coarse = model.simulate(0.2, jump, method=method, step=step, samples=0.004)
+    assert np.max(np.abs(coarse.q[:26])) < 1e-12
+    # Right after it the quintic is as good as the steps themselves.
+    fine = model.simulate(0.2, jump, tolerance=1e-9, samples=0.004)
+    at_steps = np.max(np.abs((coarse.q - fine.q)[::5]))
+    assert np.max(np.abs(coarse.q - fine.q)) < 3 * at_steps + 1e-4
+
+
+def test_fixed_steps_end_at_the_end():
+    model = PCC(replace(CANTILEVER_STIFF, gravity=FREE), 1, axes="planar")
+    for duration, step in ((20.0, 1e-3), (5.0, 5e-4)):
+        motion = model.simulate(duration, method="sdirk2", step=step)
+        assert motion.steps == round(duration / step)
+
+
+def test_shapes_and_places_are_checked():
+    model = PCC(WEIGHTLESS, 3)
+    with pytest.raises(ValueError, match=r"shape \(6,\)"):
+        model.acceleration(np.zeros(2), np.zeros(6))
+    with pytest.raises(ValueError, match=r"shape \(6,\)"):
+        model.simulate(0.1, start=State(np.zeros(2), np.zeros(2)))
+    with pytest.raises(ValueError, match=r"between 0 and 0\.5"):
+        model.positions(model.rest(), [0.2, 5.0])
+    with pytest.raises(ValueError, match="must divide"):
+        model.simulate(1.0, samples=0.4)
+    with pytest.raises(ValueError, match="end at the duration"):
+        model.simulate(1.0, samples=[0, 0.2])
+    with pytest.raises(ValueError, match="share"):
+        model.equilibrium(load_step=0.0)
+
+
+@pytest.mark.parametrize("pieces", [8, 48])
+def test_fine_models_refuse_what_coarse_ones_do(pieces):
+    load = Load("press", LENGTH, force=(0.0, 0.0, -1.0))
+    model = ANCF(WEIGHTLESS, pieces, dimension=2, loads=(load,))
+    critical = np.pi**2 * WEIGHTLESS.bending_stiffness / (2 * LENGTH) ** 2
+    model.equilibrium([0.9 * critical])
+    with pytest.raises(EquilibriumError, match="unstable"):
+        model.equilibrium([1.1 * critical])

@@ -1,0 +1,82 @@
+"""Kernels are compiled once, and never run stale."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+import softrobot_env
+from softrobot_env.beams.numerics.compilation import kernel, reference, structure
+
+
+@structure
+class Inner(NamedTuple):
+    values: np.ndarray
+
+
+@structure
+class Outer(NamedTuple):
+    factor: float
+    inner: Inner
+
+
+@kernel
+def _sum(data):
+    return data.factor * data.inner.values.sum()
+
+
+def test_structures_are_passed_by_reference():
+    data = reference(Outer(2.0, Inner(np.ones(3))))
+    assert _sum(data) == 6.0
+    data.inner.values[0] = 4.0  # the arrays are shared
+    assert _sum(data) == 12.0
+    assert _sum(data._replace(factor=1.0)) == 6.0
+    assert data.factor == 2.0
+
+
+def test_kernels_of_foreign_structures_are_not_stored():
+    _sum(reference(Outer(2.0, Inner(np.ones(3)))))
+    assert not list((Path(__file__).parent / "__pycache__").glob("test_compilation._sum*.nbc"))
+
+
+def test_an_edit_of_any_source_recompiles_what_uses_it(tmp_path):
+    """`path_lengths` calls nothing; its user `tendon_lengths` stands in another file."""
+    package = tmp_path / "softrobot_env"
+    ignored = shutil.ignore_patterns("__pycache__", "benchmarks", "envs")
+    shutil.copytree(Path(softrobot_env.__file__).parent, package, ignore=ignored)
+    beams = package / "beams"
+    (beams / "first.py").write_text(
+        "from softrobot_env.beams.numerics.compilation import kernel\n\n\n"
+        "@kernel\ndef value(x):\n    return x + 1\n"
+    )
+    (beams / "second.py").write_text(
+        "from softrobot_env.beams.numerics.compilation import kernel\n"
+        "from softrobot_env.beams.first import value\n\n\n"
+        "@kernel\ndef twice(x):\n    return 2 * value(x)\n"
+    )
+
+    def run():
+        code = (
+            "from softrobot_env.beams.second import twice; print(twice(1)); "
+            "print(sum(twice.stats.cache_hits.values()))"
+        )
+        environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
+        result = subprocess.run(
+            [sys.executable, "-c", code],
+            cwd=tmp_path,
+            env=environment | {"PYTHONPATH": str(tmp_path)},
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        return [int(x) for x in result.stdout.split()]
+
+    assert run() == [4, 0]
+    assert run() == [4, 1]
+    first = beams / "first.py"
+    first.write_text(first.read_text().replace("x + 1", "x + 2"))
+    assert run() == [6, 0]

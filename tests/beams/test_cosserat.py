@@ -1,0 +1,607 @@
+"""Cosserat rod against rigid-body mechanics, closed forms, the audit's numbers and itself halved.
+
+Derivatives for comparison are taken by complex steps through the kernels' outputs.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from softrobot_env.beams import mechanics
+from softrobot_env.beams.cosserat import CosseratRod
+from softrobot_env.beams.cosserat import actuation as cosserat_actuation
+from softrobot_env.beams.cosserat import dynamics as cosserat_dynamics
+from softrobot_env.beams.exact import analytic
+from softrobot_env.beams.numerics import quaternions
+from softrobot_env.beams.numerics.linearization import residual_derivatives
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
+from softrobot_env.robots.loads import Load
+
+STEP = 1e-30
+WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
+TWISTY = replace(WEIGHTLESS, poisson_ratio=0.49, gravity=(1.0, -2.0, 3.0))
+WEIGHTINGS = [1, 2, 3, 4, 5]
+
+
+def derivative(function, x, direction):
+    return np.imag(function(x + 1j * STEP * direction)) / STEP
+
+
+def jacobian(function, x):
+    return np.stack([derivative(function, x, e) for e in np.eye(len(x))], axis=-1)
+
+
+def filled(kernel, shape):
+    """Function of complex arguments around a kernel that fills its last argument."""
+
+    def function(data, *arguments):
+        out = np.zeros(shape, complex)
+        kernel(data, *(np.asarray(x, complex) for x in arguments), out)
+        return out
+
+    return function
+
+
+def shaken(model, seed=0, size=0.25, unit=True):
+    """A strongly deformed, moving state; quaternions normalised or not."""
+    rng = np.random.default_rng(seed)
+    n, blocks = model.n, slice(0, 7 * model.pieces)
+    q, v = model.rest(), rng.normal(size=n)
+    scale = np.tile([0.1 * model.data.spacing] * 3 + [size] * 4, model.pieces)
+    q[blocks] += scale * rng.normal(size=len(scale))
+    if unit:
+        cosserat_dynamics.project(model.data, q, v)
+    return q, v
+
+
+def section(q, k):
+    """Rotation matrix of segment k, by Rodrigues' formula."""
+    p = q[7 * k + 3 : 7 * k + 7]
+    p0, p1, p2, p3 = p / np.linalg.norm(p)
+    cross = np.array([[0, -p3, p2], [p3, 0, -p1], [-p2, p1, 0]])
+    return np.eye(3) + 2 * p0 * cross + 2 * cross @ cross
+
+
+def turned(q, rotation, pieces):
+    """The pose q turned about the origin by a unit quaternion."""
+    r0, r1, r2, r3 = rotation
+    left = np.array([[r0, -r1, -r2, -r3], [r1, r0, -r3, r2], [r2, r3, r0, -r1], [r3, -r2, r1, r0]])
+    matrix = section(np.concatenate((np.zeros(3), rotation)), 0)
+    out = q.copy()
+    for k in range(pieces):
+        out[7 * k : 7 * k + 3] = matrix @ q[7 * k : 7 * k + 3]
+        out[7 * k + 3 : 7 * k + 7] = left @ q[7 * k + 3 : 7 * k + 7]
+    out[7 * pieces :] = matrix @ q[7 * pieces :] if len(q) > 7 * pieces else []
+    return out
+
+
+def arc(model, curvature):
+    """Coordinates of a chain of unstretched segments at angles curvature * s in the x-z plane."""
+    q, d = model.rest(), model.data.spacing
+    x = np.zeros(3)
+    for k in range(model.pieces):
+        angle = curvature * (k + 0.5) * d
+        x = x + d * np.array([np.sin(angle), 0, np.cos(angle)])
+        q[7 * k : 7 * k + 7] = *x, np.cos(angle / 2), 0, np.sin(angle / 2), 0
+    return q
+
+
+def twisted(model, rate):
+    """Coordinates of the straight rod twisted by rate * s."""
+    q = model.rest()
+    for k in range(model.pieces):
+        angle = rate * (k + 0.5) * model.data.spacing
+        q[7 * k + 3 : 7 * k + 7] = np.cos(angle / 2), 0, 0, np.sin(angle / 2)
+    return q
+
+
+def sag(model):
+    q = model.equilibrium(load_step=0.25, check_stability=False)
+    return -1e3 * model.tip(q)[0]
+
+
+# ---------------------------------------------------------------- rotations
+
+
+@pytest.mark.parametrize("angle", [1e-6, 0.05, 0.0999, 0.1002, 0.7, 1.5])
+def test_weightings_are_those_of_the_thesis(angle):
+    c = np.cos(angle)
+    expected = [1, np.sqrt(2 / (1 + c)), 1 / c, 2 / (1 + c), angle / np.sin(angle)]
+    axis = np.sin(angle) * np.array([2, -1, 2]) / 3
+    for kind, xi in zip(WEIGHTINGS, expected, strict=True):
+        found, slope = quaternions.weighting(kind, (c, *axis))
+        assert found == pytest.approx(xi, rel=1e-14)
+        # By theta, along which the real part falls with -sin(theta).
+        moved = np.cos(angle + 1j * STEP), *(axis * (1 + 1j * STEP * c / np.sin(angle)))
+        by_angle = quaternions.weighting(kind, moved)[0].imag / STEP
+        assert -slope * np.sin(angle) == pytest.approx(by_angle, rel=1e-10, abs=1e-13)
+
+
+def test_opposite_quaternions_are_the_same_rotation():
+    model = CosseratRod(TWISTY, 4)
+    q, v = shaken(model)
+    a = model.acceleration(q, v)
+    flipped, sign = q.copy(), np.ones(model.n)
+    sign[7 + 3 : 14] = -1
+    flipped *= sign
+    np.testing.assert_allclose(model.acceleration(flipped, sign * v) * sign, a, rtol=1e-9)
+    assert model.potential_energy(flipped) == pytest.approx(model.potential_energy(q), rel=1e-13)
+
+
+def test_a_rigid_motion_changes_no_strain():
+    model = CosseratRod(WEIGHTLESS, 4, clamped=False)
+    q, _ = shaken(model)
+    moved = turned(q, np.array([1, -2, 3, 4]) / np.sqrt(30), 4)
+    moved.reshape(-1)[np.add.outer(7 * np.arange(4), range(3))] += [1, 2, 3]
+    moved[28:] += [1, 2, 3]
+    np.testing.assert_allclose(model.curvature(moved), model.curvature(q), rtol=1e-12)
+    assert model.potential_energy(moved) == pytest.approx(model.potential_energy(q), rel=1e-11)
+
+
+def test_curvature_is_the_angle_per_length():
+    model = CosseratRod(WEIGHTLESS, 3)
+    np.testing.assert_allclose(model.curvature(arc(model, 7.0)), [[0, 7.0, 0]] * 3, atol=1e-12)
+    np.testing.assert_allclose(model.curvature(twisted(model, 7.0)), [[0, 0, 7.0]] * 3, atol=1e-12)
+    assert model.twist(twisted(model, 7.0)) == pytest.approx(3.5, rel=1e-13)
+
+
+# ---------------------------------------------------------------- equations of motion
+
+
+def test_a_free_section_precesses_as_euler_says():
+    # Next to no elasticity: the section moves on its own. A disc, J = (1, 1, 2) J_x, spinning
+    # with w_z nods in its frame with (J_z - J_x) / J_x w_z = w_z.
+    model = CosseratRod(replace(WEIGHTLESS, youngs_modulus=1e-12, damping_time=0.0), 1)
+    rate, nod = 3.0, 2.0
+    start = model.start()
+    start.v[3:7] = 0, nod / 2, 0, rate / 2
+    time = 1.3
+    end = model.simulate(time, start=start, method="rk4", step=1e-3).end
+    p, dp = end.q[3:7], end.v[3:7]
+    w = 2 * np.array(quaternions.quotient(tuple(p), tuple(dp))[1:])
+    np.testing.assert_allclose(w, [nod * np.cos(rate * time), nod * np.sin(rate * time), rate])
+    np.testing.assert_allclose(
+        section(end.q, 0) @ (np.array([1, 1, 2]) * w), [nod, 0, 2 * rate], atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("moments", ["conservative", "printed"])
+def test_gravity_alone_changes_the_momentum_of_a_free_rod(moments):
+    # Damped, so that internal damping forces are shown to balance, too.
+    model = CosseratRod(TWISTY, 4, weighting=2, moments=moments, clamped=False)
+    q, v = shaken(model)
+    a = model.acceleration(q, v)
+    function = filled(cosserat_dynamics.momentum, 6)
+    rate = derivative(
+        lambda x: function(model.data, x[: model.n], x[model.n :]),
+        np.concatenate((q, v)).astype(complex),
+        np.concatenate((v, a)),
+    )
+    x = np.concatenate((q[28:], q[:28].reshape(4, 7)[:, :3].ravel())).reshape(5, 3)
+    weight = np.outer([0.5, 1, 1, 1, 0.5], TWISTY.gravity) * TWISTY.mass / 4
+    internal = np.abs(a).max() * TWISTY.mass
+    np.testing.assert_allclose(rate[:3], weight.sum(axis=0), atol=1e-13 * internal)
+    np.testing.assert_allclose(rate[3:], np.cross(x, weight).sum(axis=0), atol=1e-13 * internal)
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_elastic_forces_are_the_gradient_of_the_energy(weighting):
+    for moments in ("conservative",) if weighting > 1 else ("conservative", "printed"):
+        model = CosseratRod(TWISTY, 4, weighting=weighting, moments=moments)
+        q, _ = shaken(model, seed=weighting, unit=False)
+        zero = np.zeros(model.n)
+        gradient = jacobian(lambda x, m=model: cosserat_dynamics.potential(m.data, x), q)
+        force = model.residual(q, zero, zero)
+        # The acceleration-level constraint adds nothing at rest.
+        np.testing.assert_allclose(force, gradient, atol=1e-12 * np.abs(gradient).max())
+
+
+def test_damping_takes_its_power_from_the_strain_rates():
+    damped = CosseratRod(TWISTY, 4)
+    undamped = CosseratRod(replace(TWISTY, damping_time=0.0), 4)
+    q, v = shaken(damped)
+    zero = np.zeros(damped.n)
+    power = v @ (damped.residual(q, v, zero) - undamped.residual(q, v, zero))
+    d, robot = damped.data.spacing, TWISTY
+
+    def strains(x):
+        kappa = cosserat_dynamics.curvatures(cosserat_dynamics.sections(x, 4), -1, d, 5)
+        blocks = x.reshape(4, 7)
+        edges = np.diff(np.vstack((np.zeros(3), blocks[:, :3])), axis=0) / d
+        p = blocks[:, 3:] / np.sqrt((blocks[:, 3:] ** 2).sum(axis=1))[:, None]
+        gamma = [
+            np.array(quaternions.rotate_back(tuple(r), tuple(e)))
+            for r, e in zip(p, edges, strict=True)
+        ]
+        return np.concatenate((kappa[:4], gamma))
+
+    rates = derivative(strains, q, v)
+    shear = robot.youngs_modulus / 2 / 1.49 * robot.area
+    bending = [robot.bending_stiffness] * 2 + [robot.torsional_stiffness]
+    stretching = [0.75 * shear] * 2 + [robot.youngs_modulus * robot.area]
+    lengths = d * np.array([0.5, 1, 1, 1])
+    expected = lengths @ rates[:4] ** 2 @ bending + d * (rates[4:] ** 2).sum(axis=0) @ stretching
+    assert power == pytest.approx(robot.damping_time * expected, rel=1e-10)
+
+
+@pytest.mark.parametrize("weighting", WEIGHTINGS)
+def test_an_undamped_rod_keeps_its_energy(weighting):
+    model = CosseratRod(replace(TWISTY, damping_time=0.0), 4, weighting=weighting)
+    q, v = shaken(model)
+    a = model.acceleration(q, v)
+    n = model.n
+
+    def energy(x):
+        kinetic = mechanics.kinetic_energy(model.data, x[:n], x[n:])
+        return kinetic + cosserat_dynamics.potential(model.data, x[:n])
+
+    change = derivative(energy, np.concatenate((q, v)), np.concatenate((v, a)))
+    power = np.abs(v) @ np.abs(model.residual(q, v, np.zeros(n)))
+    assert abs(change) < 1e-11 * power
+
+
+def test_a_thrown_rod_keeps_momentum_and_energy():
+    robot = replace(CANTILEVER_WEAK, damping_time=0.0)
+    model = CosseratRod(robot, 3, clamped=False)
+    q, v = model.rest(), np.zeros(model.n)
+    x = q[:21].reshape(3, 7)
+    v[:21].reshape(3, 7)[:, :3] = np.array([0.5, 0, 0]) + np.cross([0, 6, 4], x[:, :3])
+    v[:21].reshape(3, 7)[:, 3:] = 0, 0, 3, 2
+    v[21:] = 0.5, 0, 0
+    v[7:10] += 1, 2, 3
+    end = model.simulate(0.2, start=(q, v), method="rk4", step=5e-5).end
+    before, after = model.momentum(q, v), model.momentum(*end)
+    weight = robot.mass * np.array(robot.gravity)
+    np.testing.assert_allclose(after[:3], before[:3] + 0.2 * weight, rtol=1e-9, atol=1e-12)
+    # Gravity acts in the centre of mass, which flies on a parabola.
+    centre = robot.mass * np.array([0, 0, 0.25]) * 0.2 + before[:3] * 0.2**2 / 2
+    torque = np.cross(centre, robot.gravity)
+    np.testing.assert_allclose(after[3:], before[3:] + torque, rtol=1e-7, atol=1e-9)
+    total = [model.kinetic_energy(*s) + model.potential_energy(s[0]) for s in ((q, v), tuple(end))]
+    assert total[1] == pytest.approx(total[0], rel=1e-6)
+    assert model.potential_energy(end.q) != pytest.approx(0, abs=0.05 * total[0])
+
+
+@pytest.mark.parametrize("clamped", [True, False])
+def test_accelerations_balance_all_forces(clamped):
+    model = CosseratRod(TWISTY, 3, clamped=clamped, baumgarte=5.0)
+    q, v = shaken(model, unit=False)
+    a = model.acceleration(q, v)
+    missing = model.residual(q, v, a)
+    size = np.abs(model.residual(q, v, np.zeros(model.n))).max()
+    np.testing.assert_allclose(missing, 0, atol=1e-12 * size)
+
+
+# ---------------------------------------------------------------- quaternion norm
+
+
+@pytest.mark.parametrize("rate", [0.0, 8.0])
+def test_the_norm_drifts_or_decays(rate):
+    model = CosseratRod(WEIGHTLESS, 2, baumgarte=rate)
+    start = model.rest()
+    start[3:7] *= 1.01
+    time, excess = 0.3, 1.01**2 - 1
+    # By SciPy: our integrators project the drift away.
+    y, right_side = np.append(start, 0 * start), model.first_order(np.empty(0))
+    solution = solve_ivp(right_side, (0, time), y, rtol=1e-8, atol=1e-12)
+    end = solution.y[:14, -1]
+    expected = excess * (1 + rate * time) * np.exp(-rate * time)
+    assert end[3:7] @ end[3:7] - 1 == pytest.approx(expected, rel=1e-5)
+    # Unit quaternions are not disturbed, nor is the pose by the wrong one.
+    np.testing.assert_allclose(end[10:14], [1, 0, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(end[[2, 9]], [0.25, 0.5], rtol=1e-12)
+
+
+def test_projection_normalises_and_leaves_the_motion():
+    model = CosseratRod(TWISTY, 3)
+    q, v = shaken(model, unit=False)
+    assert model.constraint_drift(q) > 0.01
+    projected, velocity = q.copy(), v.copy()
+    cosserat_dynamics.project(model.data, projected, velocity)
+    assert model.constraint_drift(projected) < 1e-15
+    blocks = projected.reshape(3, 7)[:, 3:], velocity.reshape(3, 7)[:, 3:]
+    np.testing.assert_allclose((blocks[0] * blocks[1]).sum(axis=1), 0, atol=1e-14)
+    before, after = model.momentum(q, v), model.momentum(projected, velocity)
+    np.testing.assert_allclose(after, before, rtol=1e-12)
+    assert model.potential_energy(projected) == pytest.approx(model.potential_energy(q), rel=1e-12)
+
+
+def test_tangent_spans_the_directions_that_keep_the_norm():
+    model = CosseratRod(TWISTY, 3, clamped=False)
+    q, _ = shaken(model)
+    tangent = model.tangent(q)
+    assert tangent.shape == (24, 21)
+    assert np.linalg.matrix_rank(tangent) == 21
+    for k in range(3):
+        norm = np.zeros(24)
+        norm[7 * k + 3 : 7 * k + 7] = q[7 * k + 3 : 7 * k + 7]
+        np.testing.assert_allclose(norm @ tangent, 0, atol=1e-15)
+
+
+# ---------------------------------------------------------------- points, loads and tendons
+
+PLACES = np.array([0.0, 0.03, 0.125, 0.2, 0.3, 0.41, 0.5])
+SIDES = np.array([[0.02, -0.01]] * 3 + [[0.0, 0.0]] + [[0.01, 0.03]] * 3)
+
+
+@pytest.mark.parametrize("clamped", [True, False])
+@pytest.mark.parametrize("pieces", [1, 2, 4])
+def test_forces_on_points_are_the_transpose_of_their_motion(pieces, clamped):
+    model = CosseratRod(TWISTY, pieces, clamped=clamped)
+    data = model.probe(PLACES, SIDES)
+    q, _ = shaken(model, unit=False)
+    moves = jacobian(lambda x: filled(cosserat_actuation.locate, (7, 3))(data, x), q)
+    forces, out = np.random.default_rng(1).normal(size=(7, 3)), np.zeros(model.n)
+    cosserat_actuation.add_forces(data, q, forces, out)
+    np.testing.assert_allclose(out, np.einsum("kin,ki->n", moves, forces), atol=1e-13)
+
+
+@pytest.mark.parametrize("clamped", [True, False])
+@pytest.mark.parametrize("pieces", [2, 5])
+def test_points_follow_a_linear_twist_up_to_the_ends(pieces, clamped):
+    model = CosseratRod(WEIGHTLESS, pieces, clamped=clamped)
+    rate = 1e-6
+    points = model.positions(twisted(model, rate), PLACES, SIDES)
+    expected = np.column_stack((SIDES, PLACES))
+    expected[:, 0] -= rate * PLACES * SIDES[:, 1]
+    expected[:, 1] += rate * PLACES * SIDES[:, 0]
+    np.testing.assert_allclose(points, expected, atol=1e-13)
+
+
+def test_points_of_one_segment_turn_with_it():
+    model = CosseratRod(WEIGHTLESS, 1, clamped=False)
+    q = turned(model.rest(), np.array([1, -2, 3, 4]) / np.sqrt(30), 1)
+    expected = np.column_stack((SIDES, PLACES)) @ section(q, 0).T
+    np.testing.assert_allclose(model.positions(q, PLACES, SIDES), expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.03, 0.3, 0.6, 0.875])
+def test_a_moment_twists_up_to_where_it_acts(share):
+    load = Load("turn", 0.5 * share, moment=(0.0, 0.0, 0.01))
+    model = CosseratRod(WEIGHTLESS, 4, loads=[load])
+    q = model.equilibrium([1.0])
+    angle = 2 * np.arctan2(q[-1], q[-4])
+    assert angle == pytest.approx(0.01 * load.station / WEIGHTLESS.torsional_stiffness, abs=1e-12)
+
+
+@pytest.mark.parametrize("pieces", [1, 2, 5])
+def test_a_tip_moment_twists_as_the_audit_says(pieces):
+    model = CosseratRod(WEIGHTLESS, pieces, loads=[Load("m", 0.5, moment=(0.0, 0.0, 0.01))])
+    q = model.equilibrium([1.0])
+    closed = 0.01 * 0.5 / WEIGHTLESS.torsional_stiffness
+    assert 1e3 * closed == pytest.approx(19.08, abs=0.005)
+    last = 2 * np.arctan2(q[-1], q[-4])
+    assert last == pytest.approx(closed * (1 - 1 / (2 * pieces)), rel=1e-9)
+    assert model.twist(q) == pytest.approx(closed, rel=1e-9)
+
+
+def test_following_loads_turn_with_the_section():
+    loads = [
+        Load("f", 0.5, force=(1.0, 2.0, 3.0), moment=(0.3, 0.2, 0.1), follows=True),
+        Load("g", 0.2, force=(1.0, 2.0, 3.0), moment=(0.3, 0.2, 0.1), follows=True),
+    ]
+    model = CosseratRod(WEIGHTLESS, 4, loads=loads, clamped=False)
+    dead = CosseratRod(
+        WEIGHTLESS, 4, loads=[replace(x, follows=False) for x in loads], clamped=False
+    )
+    rest, zero, u = model.rest(), np.zeros(model.n), np.array([1.0, -0.5])
+    r = np.array([1, -2, 3, 4]) / np.sqrt(30)
+    applied = model.residual(turned(rest, r, 4), zero, zero, u)
+    np.testing.assert_allclose(
+        applied, turned(dead.residual(rest, zero, zero, u), r, 4), atol=1e-11
+    )
+
+
+def test_following_axes_are_extrapolated_to_the_tip():
+    load = Load("f", 0.5, force=(1.0, 0.0, 0.0), follows=True)
+    model = CosseratRod(WEIGHTLESS, 5, loads=[load])
+    axes = np.empty((1, 3, 3))
+    errors = []
+    for curvature in (1e-3, 1.0):
+        cosserat_actuation.load_axes(model.data, arc(model, curvature), axes)
+        np.testing.assert_allclose(axes[0] @ axes[0].T, np.eye(3), atol=1e-14)
+        errors.append(abs(np.arctan2(axes[0, 0, 2], axes[0, 0, 0]) - 0.5 * curvature))
+    assert errors[0] < 1e-9
+    assert errors[1] < 1e-4  # third order of the half segment's angle, 0.05
+
+
+def channelled(ends, offsets):
+    tendons = tuple(
+        Tendon(f"t{k}", offset, end, 0, 100.0)
+        for k, (end, offset) in enumerate(zip(ends, offsets, strict=True))
+    )
+    return replace(WEIGHTLESS, tendons=tendons)
+
+
+CHANNELS = channelled([0.5, 0.3, 0.21, 0.03], [(0.02, 0.01), (0.0, 0.02), (-0.01, 0.02), (0.02, 0)])
+
+
+@pytest.mark.parametrize("clamped", [True, False])
+@pytest.mark.parametrize("weighting", [2, 5])
+def test_channel_forces_are_the_negative_gradient_of_length(weighting, clamped):
+    model = CosseratRod(CHANNELS, 4, weighting=weighting, clamped=clamped)
+    q, _ = shaken(model, unit=False)
+    slopes = jacobian(lambda x: filled(cosserat_actuation.channel_lengths, 4)(model.data, x), q)
+    tension, out = np.array([3.0, 1.0, 4.0, 2.0]), np.zeros(model.n)
+    cosserat_actuation.add_channel_forces(model.data, q, tension, out)
+    np.testing.assert_allclose(out, -tension @ slopes, atol=1e-12)
+
+
+def test_channels_shorten_on_the_inner_side_of_a_bend():
+    ends = np.array([0.03, 0.125, 0.2, 0.4375])
+    robot = channelled(ends, [(0.02, 0.01)] * 4)
+    model = CosseratRod(robot, 4)
+    np.testing.assert_allclose(model.tendon_length(model.rest()), ends, rtol=1e-14)
+    np.testing.assert_allclose(model.tendon_length(arc(model, 3.0)), ends * (1 - 0.06), rtol=1e-13)
+    # Helix: the tangent has the axial part 1 and the circumferential part rate * radius.
+    helix = ends * np.hypot(1, 8.0 * np.hypot(0.02, 0.01))
+    np.testing.assert_allclose(model.tendon_length(twisted(model, 8.0)), helix, rtol=1e-13)
+
+
+def test_a_tendon_bends_to_constant_curvature():
+    model = CosseratRod(ARM)
+    u = np.zeros(6)
+    u[4] = 20.0
+    q = model.equilibrium(u)
+    curvature = 20 * 0.025 / ARM.bending_stiffness
+    np.testing.assert_allclose(model.curvature(q)[:, 1], curvature, rtol=1e-9)
+    q = model.equilibrium(np.array([0, 0, 20.0, 0, 0, 0]))
+    # The tendon ends at the fourth vertex, whose cell is half inside.
+    found = model.vertex_curvature(q)[:, 1] / curvature
+    np.testing.assert_allclose(found, [1, 1, 1, 1, 0.5, 0], atol=1e-9)
+
+
+def disc(tendon, distance):
+    guides = np.arange(distance, tendon.end - distance / 2, distance)
+    return replace(tendon, guides=tuple(float(x) for x in guides))
+
+
+def test_discs_at_the_tip_bend_the_last_piece_as_the_others():
+    robot = replace(ARM, tendons=tuple(disc(t, 0.5 / 12) for t in ARM.tendons[4:]))
+    model = CosseratRod(robot, 12)
+    q = model.equilibrium(np.array([5.0, 0.0]))
+    curvature = model.vertex_curvature(q)[:, 1]
+    np.testing.assert_allclose(curvature[1:], 5 * 0.025 / ARM.bending_stiffness, rtol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("robot", "options"),
+    [
+        (WEIGHTLESS, {}),
+        (WEIGHTLESS, {"clamped": False}),
+        (WEIGHTLESS, {"moments": "printed", "weighting": 2, "baumgarte": 10.0}),
+        (
+            WEIGHTLESS,
+            {"loads": [Load("f", 0.29, force=(1, 2, 3), moment=(0.1, 0.2, 0.3), follows=True)]},
+        ),
+        (CHANNELS, {}),
+        (replace(ARM, tendons=tuple(disc(t, 0.13) for t in ARM.tendons)), {}),
+        (replace(ARM, tendons=tuple(replace(t, stiffness=1e3) for t in ARM.tendons)), {"drive": 1}),
+    ],
+    ids=["plain", "free", "printed", "follower", "channels", "discs", "length"],
+)
+def test_the_iteration_matrix_reaches_far_enough(robot, options):
+    options = {k: "length" if k == "drive" else v for k, v in options.items()}
+    model = CosseratRod(robot, 8, **options)
+    q, v = shaken(model, size=0.05)
+    n, width, data = model.n, mechanics.bandwidth(model.data), model.data
+    a, u = 10 * v, (0.005 if model.drive == "length" else 3.0) * np.arange(1.0, model.n_inputs + 1)
+    by_q, by_v, by_a = np.empty((3, n, n))
+    residual_derivatives(data, q, v, a, u, by_q, by_v, by_a)
+    exact = by_q + 7 * by_v + 30 * by_a
+    matrix = np.empty((n, 3 * width + 1))
+    mechanics.iteration_matrix(data, q, v, a, u, 7.0, 30.0, matrix)
+    found = np.zeros((n, n))
+    for i in range(n):
+        for j in range(max(0, i - width), min(n, i + width + 1)):
+            found[i, j] = matrix[i, j - i + width]
+    block = np.arange(n) // 7
+    distance = np.abs(block[:, None] - block)
+    assert not np.any(exact[distance > data.reach])
+    assert np.any(exact[distance == min(data.reach, block[-1])])
+    np.testing.assert_allclose(found, exact, rtol=1e-5, atol=1e-6 * np.abs(exact).max())
+
+
+# ---------------------------------------------------------------- convergence and the audit
+
+CR_SAG = {
+    "weak": [482.4, 450.7, 426.5, 413.3, 406.3, 398.3],
+    "stiff": [26.59, 17.21, 15.46, 14.84, 14.56, 14.25],
+}
+
+
+@pytest.mark.parametrize("robot", [CANTILEVER_WEAK, CANTILEVER_STIFF], ids=CR_SAG)
+def test_self_weight_deflections_are_the_audits(robot):
+    pieces = [1, 2, 3, 4, 5, 8]
+    found = [sag(CosseratRod(robot, n, weighting=2, moments="printed")) for n in pieces]
+    expected = CR_SAG[robot.name.removeprefix("cantilever_")]
+    digit = 0.051 if robot.name == "cantilever_weak" else 0.0051
+    np.testing.assert_allclose(found, expected, rtol=0, atol=digit)
+
+
+def test_weighting_study_is_the_audits():
+    table = {
+        3: [427.95, 426.45, 422.14, 425.00, 425.97],
+        5: [406.90, 406.32, 404.60, 405.74, 406.13],
+    }
+    for pieces, expected in table.items():
+        found = [
+            sag(CosseratRod(CANTILEVER_WEAK, pieces, weighting=k, moments="printed"))
+            for k in WEIGHTINGS
+        ]
+        np.testing.assert_allclose(found, expected, rtol=0, atol=0.0051)
+
+
+@pytest.mark.parametrize(
+    ("robot", "bending", "torsion"),
+    [
+        (CANTILEVER_WEAK, [0.3735, 0.5997, 0.6330, 0.6511], [6.246, 6.761, 6.859, 6.909]),
+        (CANTILEVER_STIFF, [3.016, 4.706, 4.940, 5.065], [15.62, 16.90, 17.15, 17.27]),
+    ],
+    ids=["weak", "stiff"],
+)
+def test_frequencies_are_the_audits(robot, bending, torsion):
+    robot = replace(robot, gravity=(0.0, 0.0, 0.0))
+    for pieces, expected in zip([1, 3, 5, 14], bending, strict=True):
+        model = CosseratRod(robot, pieces)
+        found = model.linearize(model.start()).frequencies()[0]
+        assert found == pytest.approx(expected, rel=2e-4)
+    for pieces, expected in zip([1, 2, 3, 5], torsion, strict=True):
+        model = CosseratRod(robot, pieces)
+        space = model.linearize(model.start())
+        twists = np.arange(5, 6 * pieces, 6)  # the straight rod's torsion is its own
+        k, m = (x[np.ix_(twists, twists)] for x in (space.stiffness, space.mass))
+        found = np.sqrt(np.linalg.eigvals(np.linalg.solve(m, k)).real.min()) / (2 * np.pi)
+        assert found == pytest.approx(expected, rel=4e-4)
+
+
+@pytest.mark.parametrize("moments", ["conservative", "printed"])
+def test_deflection_converges_to_the_geometrically_exact_one(moments):
+    coarse, fine = (sag(CosseratRod(CANTILEVER_WEAK, n, moments=moments)) for n in (20, 40))
+    # Audit: 392.73 mm with shear. The extrapolation leaves fourth-order terms.
+    assert (4 * fine - coarse) / 3 == pytest.approx(392.73, abs=0.02)
+
+
+def test_small_deflections_converge_to_timoshenkos():
+    robot = replace(CANTILEVER_STIFF, gravity=(-9.81e-3, 0.0, 0.0))
+    shear = 0.75 * robot.youngs_modulus / 2 * robot.area
+    weight = robot.mass_per_length * 9.81e-3
+    expected = 1e3 * analytic.timoshenko_deflection(
+        robot.length, robot.bending_stiffness, shear, weight
+    )
+    coarse, fine = (sag(CosseratRod(robot, n)) for n in (8, 16))
+    assert (4 * fine - coarse) / 3 == pytest.approx(expected, rel=1e-6)
+
+
+def test_tip_moment_bends_to_a_circle_with_second_order():
+    turn = np.pi
+    load = Load("m", 0.5, moment=(0.0, turn * WEIGHTLESS.bending_stiffness / 0.5, 0.0))
+    x, z = analytic.arc_tip(0.5, turn / 0.5)
+    errors = []
+    for pieces in (6, 12, 24):
+        model = CosseratRod(WEIGHTLESS, pieces, loads=[load])
+        q = model.equilibrium([1.0], load_step=0.1, check_stability=False)
+        np.testing.assert_allclose(model.curvature(q)[:, 1], turn / 0.5, rtol=1e-9)
+        errors.append(np.linalg.norm(model.tip(q) - [x, 0, z]))
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4, rtol=0.03)
+
+
+# ---------------------------------------------------------------- arguments
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"pieces": 0}, "pieces must be a whole number"),
+        ({"pieces": 2.5}, "pieces must be a whole number"),
+        ({"weighting": 6}, "weighting must be 1, 2, 3, 4 or 5"),
+        ({"moments": "exact"}, "choose from conservative, printed"),
+        ({"shear_coefficient": 0.0}, "shear_coefficient must be positive"),
+        ({"baumgarte": -1.0}, "baumgarte must be zero or a positive rate"),
+    ],
+)
+def test_wrong_options_are_named(options, message):
+    with pytest.raises(ValueError, match=message):
+        CosseratRod(WEIGHTLESS, **options)

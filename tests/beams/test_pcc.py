@@ -1,0 +1,586 @@
+"""Piecewise constant curvature against matrix exponentials, closed forms and the audit."""
+
+from dataclasses import replace
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.linalg import eigh, expm
+
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.exact import analytic
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.pcc import actuation as pcc_actuation
+from softrobot_env.beams.pcc import dynamics as pcc_dynamics
+from softrobot_env.beams.pcc.constant_strain import stumpff
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams, Tendon
+from softrobot_env.robots.loads import Load
+
+STEP = 1e-30  # of derivatives along the imaginary axis
+TILTED = replace(
+    CANTILEVER_WEAK, poisson_ratio=0.3, gravity=(-9.0, 2.0, 3.0), damping_time=0.01, pieces=3
+)
+#: Bodies inside and at the ends of the pieces, none with equal moments of inertia.
+BODIES = (
+    (0.05, 0.3, (4e-4, 2e-4, 3e-4)),
+    (0.25, 0.2, (1e-4, 3e-4, 2e-4)),
+    (0.31, 0.4, (3e-4, 1e-4, 5e-4)),
+    (0.5, 0.1, (2e-4, 6e-4, 1e-4)),
+)
+VARIANTS = [
+    ("planar", "lumped"),
+    ("spatial", "lumped"),
+    ("torsion", "lumped"),
+    ("spatial", "distributed"),
+    ("torsion", BODIES),
+]
+
+
+@pytest.fixture(params=VARIANTS, ids=lambda v: f"{v[0]}-{v[1] if isinstance(v[1], str) else 'own'}")
+def model(request):
+    axes, inertia = request.param
+    return PCC(TILTED, axes=axes, inertia=inertia)
+
+
+def states(model, count=2):
+    """Random states; pieces turn by up to about 90 degrees."""
+    rng = np.random.default_rng(7)
+    for _ in range(count):
+        yield rng.normal(scale=5.0, size=model.n), rng.normal(scale=20.0, size=model.n)
+
+
+def gradient(function, q):
+    """Derivatives (n, ...) of a real-analytic function by complex steps."""
+    return np.array([np.imag(function(q + 1j * STEP * e)) / STEP for e in np.eye(len(q))])
+
+
+# ---------------------------------------------------------------- truth from exponentials
+
+
+def cross_matrix(w):
+    return np.array([[0, -w[2], w[1]], [w[2], 0, -w[0]], [-w[1], w[0], 0]])
+
+
+def strains(model, q):
+    """(pieces, 3) strain, from the coordinates' definition."""
+    q = np.reshape(q, (model.pieces, -1))
+    beta, gamma, tau = np.concatenate([q, np.zeros((len(q), 2))], axis=1)[:, :3].T
+    if q.shape[1] == 1:
+        gamma = tau = 0 * beta
+    if q.shape[1] == 2:
+        tau = 0 * beta
+    return np.stack([-gamma, beta, tau], axis=1)
+
+
+def pose(model, q, s):
+    """Pose (4, 4) of the section at arc length s: product of exponentials of constant twists."""
+    length, out = model.robot.length / model.pieces, np.eye(4)
+    for i, k in enumerate(strains(model, q)):
+        part = min(max(s - i * length, 0.0), length)
+        twist = np.zeros((4, 4), dtype=k.dtype)
+        twist[:3, :3], twist[2, 3] = cross_matrix(k), 1.0
+        out = out @ expm(part * twist)
+    return out
+
+
+def bodies(model):
+    """Arc length, mass and principal moments of all bodies of a model."""
+    robot = model.robot
+    turning = robot.density * robot.second_moment * np.array([1.0, 1.0, 2.0])
+    if model.inertia == "lumped":
+        piece = robot.length / model.pieces
+        sizes = [piece] * (model.pieces - 1) + [piece / 2]
+        for i, size in enumerate(sizes):
+            yield (i + 1) * piece, size * robot.mass_per_length, size * turning
+    elif model.inertia == "distributed":
+        x, w = np.polynomial.legendre.leggauss(8)
+        piece = robot.length / model.pieces
+        for i in range(model.pieces):
+            for u, size in zip((x + 1) / 2, piece * w / 2, strict=True):
+                yield (i + u) * piece, size * robot.mass_per_length, size * turning
+    else:
+        for s, mass, moments in model.inertia:
+            yield s, mass, np.array(moments)
+
+
+def jacobians(model, q, s):
+    """Derivatives (3, n) of position and of rotation (world axes) of a section."""
+    home = pose(model, q, s)
+    changes = gradient(lambda p: pose(model, p, s), q)
+    spins = [c[:3, :3] @ home[:3, :3].T for c in changes]
+    return changes[:, :3, 3].T, np.array([[w[2, 1], w[0, 2], w[1, 0]] for w in spins]).T
+
+
+def reference_mass(model, q):
+    total = np.zeros((model.n, model.n))
+    for s, mass, moments in bodies(model):
+        shift, spin = jacobians(model, q, s)
+        axes = pose(model, q, s)[:3, :3]
+        total += mass * shift.T @ shift + spin.T @ axes @ np.diag(moments) @ axes.T @ spin
+    return total
+
+
+# ---------------------------------------------------------------- kinematics
+
+
+@pytest.mark.parametrize("x", [0.0, 1e-24, 1e-8, 0.3, 3.999999, 4.0, 9.0, 45.0, 400.0])
+def test_stumpff_functions_and_slopes_are_the_series(x):
+    with mpmath.workdps(60):
+        y = mpmath.mpf(x)
+        terms = [[(-1) ** j / mpmath.factorial(2 * j + k) for j in range(90)] for k in range(8)]
+        value = [float(mpmath.polyval(t[::-1], y)) for t in terms]
+        slope = [float(mpmath.polyval([j * c for j, c in enumerate(t)][:0:-1], y)) for t in terms]
+    np.testing.assert_allclose(stumpff(x), value, rtol=2e-14, atol=1e-16)
+    found = np.imag(stumpff(x + 1j * STEP)) / STEP
+    np.testing.assert_allclose(found, slope, rtol=1e-13, atol=1e-16)
+
+
+@pytest.mark.parametrize("turn", [0.0, 1e-12, 1e-8, 1e-4, 1.9999, 2.0001, 4.0, 9.0, -14.0])
+def test_pose_and_its_derivatives_are_those_of_the_exponential(turn):
+    model = PCC(TILTED, 2, axes="torsion")
+    q = turn / 0.25 * np.array([0.8, -0.6, 0.3, -0.2, 0.5, 0.9])
+    for s, offset in [(0.07, (0.02, -0.01)), (0.25, (0.0, 0.03)), (0.5, (0.0, 0.0))]:
+        local = np.array([*offset, 0.0, 1.0])
+
+        def place(p, s=s, offset=offset):
+            out = np.empty((1, 3), p.dtype)
+            data = model.probe([s], np.array([offset]))
+            pcc_actuation.locate(data, p, out)
+            return out[0]
+
+        np.testing.assert_allclose(place(q), (pose(model, q, s) @ local)[:3], atol=1e-14)
+        expected = gradient(lambda p, s=s, x=local: (pose(model, p, s) @ x)[:3], q)
+        np.testing.assert_allclose(gradient(place, q), expected, atol=2e-14)
+
+
+def test_clamp_is_fixed_and_takes_any_force():
+    model = PCC(TILTED, axes="torsion", loads=[Load("base", 0.0, (1.0, 2.0, 3.0))])
+    for q, v in states(model):
+        np.testing.assert_array_equal(model.positions(q, [0.0], [(0.01, 0.02)]), [[0.01, 0.02, 0]])
+        np.testing.assert_array_equal(
+            model.acceleration(q, v, np.ones(1)), model.acceleration(q, v, np.zeros(1))
+        )
+
+
+# ---------------------------------------------------------------- equations of motion
+
+
+def mass_matrix(model, q):
+    out = np.empty((model.n, model.n), q.dtype)
+    pcc_dynamics.mass_matrix(model.data, q, out)
+    return out
+
+
+def test_mass_matrix_is_that_of_the_bodies(model):
+    for q, _ in states(model):
+        expected = reference_mass(model, q)
+        mass = mass_matrix(model, q)
+        # Quadrature of the distributed mass: four points against eight.
+        tolerance = 1e-5 if model.inertia == "distributed" else 1e-13
+        np.testing.assert_allclose(mass, expected, atol=tolerance * np.max(expected))
+        assert np.linalg.eigvalsh(mass)[0] > 0
+
+
+def test_mass_matrix_is_what_the_residual_multiplies_and_solve_divides_by(model):
+    for q, v in states(model):
+        mass = mass_matrix(model, q)
+        np.testing.assert_array_equal(mass, mass.T)
+        still = model.residual(q, v, 0 * v)
+        columns = [model.residual(q, v, e) - still for e in np.eye(model.n)]
+        np.testing.assert_allclose(columns, mass, rtol=1e-9, atol=1e-12 * np.max(np.abs(still)))
+        a = model.acceleration(q, v)
+        scale = np.max(np.abs(still))
+        np.testing.assert_allclose(model.residual(q, v, a), 0 * a, atol=1e-11 * scale)
+
+
+def potential(model, q):
+    return pcc_dynamics.potential(model.data, q)
+
+
+def test_static_residual_is_the_slope_of_the_potential(model):
+    for q, _ in states(model):
+        expected = gradient(lambda p: potential(model, p), q)
+        found = model.residual(q, 0 * q, 0 * q)
+        np.testing.assert_allclose(found, expected, atol=1e-14 * np.max(np.abs(expected)))
+
+
+def test_potential_is_the_springs_and_the_heights(model):
+    robot, piece = model.robot, model.robot.length / model.pieces
+    for q, _ in states(model):
+        k = strains(model, q)
+        bend, twist = robot.bending_stiffness, robot.torsional_stiffness
+        expected = piece / 2 * np.sum(k**2 @ [bend, bend, twist])
+        for s, mass, _ in bodies(model):
+            expected -= mass * np.dot(robot.gravity, pose(model, q, s)[:3, 3] - [0, 0, s])
+        tolerance = 1e-6 if model.inertia == "distributed" else 1e-13
+        assert model.potential_energy(q) == pytest.approx(expected, rel=tolerance)
+    assert model.potential_energy(model.rest()) == pytest.approx(0.0, abs=1e-15)
+
+
+def test_inertial_forces_are_lagranges(model):
+    """M a + dM/dt v - d(v M v / 2)/dq, with derivatives of the mass matrix by complex steps."""
+    for q, v in states(model):
+        a = 30.0 * np.cos(np.arange(model.n))
+        slopes = gradient(lambda p: mass_matrix(model, p), q)
+        inertial = mass_matrix(model, q) @ a
+        inertial += np.einsum("kij,k,j->i", slopes, v, v) - 0.5 * np.einsum(
+            "kij,i,j->k", slopes, v, v
+        )
+        stiffness = elastic(model)
+        expected = inertial + stiffness * model.robot.damping_time * v
+        found = model.residual(q, v, a) - model.residual(q, 0 * v, 0 * a)
+        np.testing.assert_allclose(found, expected, atol=1e-13 * np.max(np.abs(expected)))
+
+
+def elastic(model):
+    """Generalised stiffness (n,) of the coordinates."""
+    bend, twist = model.robot.bending_stiffness, model.robot.torsional_stiffness
+    block = np.array([bend, bend, twist])[: model.n // model.pieces]
+    return model.robot.length / model.pieces * np.tile(block, model.pieces)
+
+
+def test_energy_is_lost_by_damping_only(model):
+    for q, v in states(model):
+        a = model.acceleration(q, v)
+        kinetic = np.imag(
+            (v + 1j * STEP * a) @ mass_matrix(model, q + 1j * STEP * v) @ (v + 1j * STEP * a) / 2
+        )
+        change = (kinetic + np.imag(potential(model, q + 1j * STEP * v))) / STEP
+        lost = model.robot.damping_time * np.sum(elastic(model) * v**2)
+        assert change == pytest.approx(-lost, rel=1e-11)
+
+
+def test_momentum_is_that_of_the_bodies(model):
+    for q, v in states(model):
+        expected = np.zeros(6)
+        for s, mass, moments in bodies(model):
+            shift, spin = jacobians(model, q, s)
+            home = pose(model, q, s)
+            axes, linear = home[:3, :3], mass * shift @ v
+            own = axes @ (moments * (axes.T @ spin @ v))
+            expected += [*linear, *(np.cross(home[:3, 3], linear) + own)]
+        tolerance = 1e-5 if model.inertia == "distributed" else 1e-13
+        np.testing.assert_allclose(
+            model.momentum(q, v), expected, atol=tolerance * np.max(np.abs(expected))
+        )
+
+
+@pytest.mark.parametrize("turn", [-2.5, 0.3, 1.9, 2.1, 5.0, 9.0])
+def test_single_planar_piece_obeys_its_handwritten_equation(turn):
+    """Half the mass at the end of one arc of angle t: with P(t) = |dp/dt|^2 / L^2 =
+    (t^2 + 2 - 2 cos t - 2 t sin t) / t^4, (m L^2 P + I) t.. + m L^2 P' t.^2 / 2
+    + (EI / L) (t + mu t.) = m L g_x (t sin t - 1 + cos t) / t^2 + m L g_z (t cos t - sin t) / t^2.
+    """
+    model = PCC(TILTED, 1, axes="planar")
+    robot, t, rate, second = TILTED, turn, 4.0, -30.0
+    length, mass = robot.length, robot.mass / 2
+    turning = robot.density * robot.second_moment * length / 2
+    p = (t**2 + 2 - 2 * np.cos(t) - 2 * t * np.sin(t)) / t**4
+    slope = 2 * (1 - np.cos(t)) / t**3 - 4 * p / t
+    gx, _, gz = robot.gravity
+    moment = (mass * length**2 * p + turning) * second + mass * length**2 * slope * rate**2 / 2
+    moment += robot.bending_stiffness / length * (t + robot.damping_time * rate)
+    moment -= mass * length * gx * (t * np.sin(t) - 1 + np.cos(t)) / t**2
+    moment -= mass * length * gz * (t * np.cos(t) - np.sin(t)) / t**2
+    found = model.residual(*(np.array([x / length]) for x in (t, rate, second)))
+    assert found[0] == pytest.approx(length * moment, rel=1e-12)
+
+
+@pytest.mark.parametrize("inertia", ["lumped", "distributed"])
+def test_planar_motion_is_the_same_in_the_plane_and_in_space(inertia):
+    robot = replace(TILTED, gravity=(-9.0, 0.0, 3.0))
+    plane, space, twist = (
+        PCC(robot, axes=axes, inertia=inertia) for axes in ("planar", "spatial", "torsion")
+    )
+    for q, v in states(plane):
+        expected = plane.acceleration(q, v)
+        for other, block in ((space, 2), (twist, 3)):
+            padded = [np.kron(x, np.eye(block)[0]) for x in (q, v)]
+            found = other.acceleration(*padded).reshape(-1, block)
+            np.testing.assert_allclose(found[:, 0], expected, rtol=1e-10)
+            np.testing.assert_allclose(found[:, 1:], 0, atol=1e-9 * np.max(np.abs(expected)))
+
+
+# ---------------------------------------------------------------- actuation
+
+ROUTED = replace(
+    TILTED,
+    tendons=(
+        Tendon("channel_whole", (0.02, 0.0), 0.5, 0, 50.0, stiffness=800.0, pretension=5.0),
+        Tendon("channel_part", (-0.01, 0.02), 0.41, 0, 50.0, stiffness=800.0, pretension=5.0),
+        Tendon("guided", (0.0, 0.025), 0.45, 0, 50.0, (0.1, 0.2, 1 / 3), 800.0, 5.0),
+    ),
+)
+LOADS = (
+    Load("tip", 0.5, (0.3, -0.2, 0.5), (0.02, 0.01, -0.03)),
+    Load("inner", 0.23, (-0.4, 0.1, 0.2), (0.01, -0.02, 0.02), follows=True),
+)
+
+
+@pytest.mark.parametrize("axes", ["planar", "spatial", "torsion"])
+def test_forces_on_points_are_the_transpose_of_their_motion(axes):
+    model = PCC(ROUTED, axes=axes, loads=LOADS)
+    count = len(model.data.actuation.point_station)
+    forces = np.random.default_rng(3).normal(size=(count, 3))
+
+    def work(q):
+        out = np.empty((count, 3), q.dtype)
+        pcc_actuation.locate(model.data, q, out)
+        return np.sum(forces * out)
+
+    for q, _ in states(model):
+        found = np.ones(model.n)  # the kernel adds
+        pcc_actuation.add_forces(model.data, q, forces, found)
+        np.testing.assert_allclose(found - 1, gradient(work, q), atol=1e-14)
+
+
+@pytest.mark.parametrize("axes", ["planar", "spatial", "torsion"])
+def test_moments_and_axes_are_those_of_the_sections(axes):
+    model = PCC(ROUTED, axes=axes, loads=LOADS)
+    moments = np.random.default_rng(3).normal(size=(2, 3))
+    for q, _ in states(model):
+        found, frames = np.ones(model.n), np.empty((2, 3, 3))
+        pcc_actuation.add_moments(model.data, q, moments, found)
+        pcc_actuation.load_axes(model.data, q, frames)
+        expected = np.zeros(model.n)
+        for load, moment, frame in zip(LOADS, moments, frames, strict=True):
+            np.testing.assert_allclose(frame, pose(model, q, load.station)[:3, :3], atol=1e-14)
+            expected += jacobians(model, q, load.station)[1].T @ moment
+        np.testing.assert_allclose(found - 1, expected, atol=1e-14)
+
+
+@pytest.mark.parametrize("axes", ["planar", "spatial", "torsion"])
+def test_channels_have_their_curves_length_and_pull_along_its_slope(axes):
+    model = PCC(ROUTED, axes=axes)
+    tension = np.array([3.0, 7.0])
+
+    def lengths(q):
+        out = np.empty(2, q.dtype)
+        pcc_actuation.channel_lengths(model.data, q, out)
+        return out
+
+    for q, _ in states(model):
+        found = np.ones(model.n)
+        pcc_actuation.add_channel_forces(model.data, q, tension, found)
+        np.testing.assert_allclose(1 - found, gradient(lengths, q) @ tension, atol=1e-14)
+        for length, tendon in zip(lengths(q), ROUTED.tendons[:2], strict=True):
+            assert length == pytest.approx(curve_length(model, q, tendon), rel=1e-6)
+
+
+def curve_length(model, q, tendon, parts=800):
+    """Length of the polygon through points of a channel, its error removed by extrapolation."""
+    fine = np.concatenate([np.linspace(0, tendon.end, parts + 1), model_joints(model, tendon.end)])
+    fine = np.unique(fine)
+    halves = np.unique(np.concatenate([fine, (fine[1:] + fine[:-1]) / 2]))
+    sums = []
+    for stations in (fine, halves):
+        path = model.positions(q, stations, np.tile(tendon.offset, (len(stations), 1)))
+        sums.append(np.sum(np.linalg.norm(np.diff(path, axis=0), axis=1)))
+    return sums[1] + (sums[1] - sums[0]) / 3
+
+
+def model_joints(model, end):
+    joints = np.arange(1, model.pieces) * model.robot.length / model.pieces
+    return joints[joints < end]
+
+
+def test_tendon_at_plus_x_bends_towards_plus_x():
+    model = PCC(replace(ROUTED, gravity=(0, 0, 0)))
+    q = model.equilibrium(np.array([2.0, 0.0, 0.0]))
+    np.testing.assert_allclose(q[::2], 2.0 * 0.02 / ROUTED.bending_stiffness, rtol=1e-9)
+    np.testing.assert_allclose(q[1::2], 0.0, atol=1e-12)
+    assert model.tip(q)[0] > 0.01
+    np.testing.assert_allclose(model.curvature(q)[:, 1], q[::2])
+
+
+def test_tendon_work_is_the_loss_of_length():
+    model = PCC(ROUTED, axes="torsion")
+    for q, _ in states(model):
+        force = model.residual(q, 0 * q, 0 * q) - model.residual(q, 0 * q, 0 * q, np.ones(3))
+        v = np.sin(1.0 + np.arange(model.n))
+        step = 1e-4
+        change = model.tendon_length(q + step * v) - model.tendon_length(q - step * v)
+        assert force @ v == pytest.approx(-np.sum(change) / (2 * step), rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "reduced", [(0, 0, 20), (20, 0, 0), (5, -5, 5), (20, 20, 20), (-30, 12, 40)]
+)
+def test_arm_in_equilibrium_is_constant_curvature_statics(reduced):
+    model, statics = PCC(ARM, axes="planar"), ConstantCurvatureStatics(ARM)
+    tensions = np.ravel([(max(f, 0), max(-f, 0)) for f in reduced]).astype(float)
+    q = model.equilibrium(tensions)
+    middles = (np.arange(6) + 0.5) / 12
+    np.testing.assert_allclose(q, statics.curvature(np.array(reduced), middles), atol=1e-8)
+    np.testing.assert_allclose(model.tip(q)[[0, 2]], statics.tip(np.array(reduced)), atol=1e-9)
+
+
+# ---------------------------------------------------------------- statics
+
+
+@pytest.mark.parametrize("pieces", [1, 4])
+@pytest.mark.parametrize("turns", [0.5, 1.7])
+def test_tip_moment_bends_to_the_exact_circle(pieces, turns):
+    moment = 2 * np.pi * turns * CANTILEVER_WEAK.bending_stiffness / CANTILEVER_WEAK.length
+    load = Load("end", 0.5, moment=(0.0, moment, 0.0))
+    robot = replace(CANTILEVER_WEAK, gravity=(0, 0, 0))
+    model = PCC(robot, pieces, loads=[load])
+    q = model.equilibrium(np.ones(1), load_step=0.1, check_stability=False)
+    expected = analytic.arc_tip(robot.length, 2 * np.pi * turns / robot.length)
+    np.testing.assert_allclose(model.tip(q)[[0, 2]], expected, atol=1e-9)
+    np.testing.assert_allclose(model.tip(q)[1], 0, atol=1e-12)
+
+
+@pytest.mark.parametrize("pieces", [1, 3])
+def test_tip_moment_bends_and_twists_to_the_exact_helix(pieces):
+    """With GJ = EI a moment fixed in space gives the strain M / EI everywhere."""
+    robot = replace(CANTILEVER_WEAK, gravity=(0, 0, 0))
+    moment = np.array([0.5, -1.0, 1.6])
+    load = Load("end", 0.5, moment=tuple(moment))
+    model = PCC(robot, pieces, axes="torsion", loads=[load])
+    q = model.equilibrium(np.ones(1), load_step=0.1, check_stability=False)
+    strain = moment / robot.bending_stiffness
+    np.testing.assert_allclose(model.curvature(q), np.tile(strain, (pieces, 1)), rtol=1e-7)
+    # Helix about the moment: the tangent turns about it, t = n (n t0) + ...
+    k, n, s = np.linalg.norm(strain), moment / np.linalg.norm(moment), robot.length
+    start = np.array([0.0, 0.0, 1.0])
+    along, across = n * n[2], start - n * n[2]
+    tip = s * along + np.sin(k * s) / k * across + (1 - np.cos(k * s)) / k * np.cross(n, start)
+    np.testing.assert_allclose(model.tip(q), tip, atol=1e-8)
+
+
+# Audit, "Reference numbers", printed to 0.1 mm and 0.01 mm.
+@pytest.mark.parametrize(
+    ("robot", "deflections", "digit"),
+    [
+        (CANTILEVER_WEAK, {1: 320.8, 2: 368.0, 3: 378.8, 5: 384.6, 8: 386.5}, 0.1),
+        (CANTILEVER_STIFF, {1: 12.67, 2: 12.69, 3: 12.70, 5: 12.70, 8: 12.70}, 0.01),
+    ],
+    ids=["weak", "stiff"],
+)
+def test_self_weight_is_the_audits(robot, deflections, digit):
+    found = {}
+    for n in deflections:
+        model = PCC(robot, n, axes="planar")
+        found[n] = -1e3 * model.tip(model.equilibrium())[0]
+    for n, expected in deflections.items():
+        assert found[n] == pytest.approx(expected, abs=0.51 * digit), n
+
+
+def test_self_weight_converges_to_the_elastica():
+    robot = CANTILEVER_WEAK
+    weight = (-9.81 * robot.mass_per_length, 0.0)
+    exact = analytic.elastica(robot.length, robot.bending_stiffness, weight=weight).tip
+    errors = []
+    for n in (5, 10, 20):
+        model = PCC(robot, n, axes="planar", inertia="distributed")
+        errors.append(np.linalg.norm(model.tip(model.equilibrium())[[0, 2]] - exact))
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 4, rtol=0.1)
+
+
+# ---------------------------------------------------------------- vibration
+
+
+def frequencies(model):
+    """Undamped frequencies [Hz] about the straight pose without gravity, ascending."""
+    mass = mass_matrix(model, model.rest())
+    square = eigh(np.diag(elastic(model)), mass, eigvals_only=True)
+    return np.sqrt(square) / (2 * np.pi)
+
+
+@pytest.mark.parametrize(
+    ("robot", "bending", "torsion"),
+    [
+        (
+            CANTILEVER_WEAK,
+            {1: 0.5290, 3: 0.6382, 5: 0.6505, 14: 0.6566},
+            {1: 6.246, 2: 6.761, 3: 6.859, 5: 6.909},
+        ),
+        (
+            CANTILEVER_STIFF,
+            {1: 4.331, 3: 5.209, 5: 5.310, 14: 5.359},
+            {1: 15.62, 2: 16.90, 3: 17.15, 5: 17.27},
+        ),
+    ],
+    ids=["weak", "stiff"],
+)
+def test_frequencies_are_the_audits(robot, bending, torsion):
+    for n, expected in bending.items():
+        assert frequencies(PCC(robot, n))[0] == pytest.approx(expected, rel=1.2e-4), n
+    for n, expected in torsion.items():
+        model = PCC(robot, n, axes="torsion")
+        mass = mass_matrix(model, model.rest())[2::3, 2::3]
+        square = eigh(np.diag(elastic(model)[2::3]), mass, eigvals_only=True)
+        assert np.sqrt(square[0]) / (2 * np.pi) == pytest.approx(expected, rel=3.5e-4), n
+
+
+def test_distributed_inertia_converges_to_rayleighs_beam_from_above():
+    """The pieces are a Ritz approximation: frequencies fall to the limit with order two."""
+    robot = CANTILEVER_STIFF
+    beam = (robot.length, robot.bending_stiffness, robot.mass_per_length)
+    for mode in (1, 2):
+        exact = analytic.rayleigh_frequency(*beam, robot.density * robot.second_moment, mode)
+        errors = [
+            frequencies(PCC(robot, n, axes="planar", inertia="distributed"))[mode - 1] / exact - 1
+            for n in (8, 16)
+        ]
+        assert 0 < errors[1] < 0.02
+        assert errors[0] / errors[1] == pytest.approx(4, rel=0.1)
+
+
+def test_rig_of_chapter_5_has_the_audits_stiffness_and_mass():
+    """Audit, "rig3d": one piece and three bodies, as functions of the bending angle."""
+    radius, length = 0.014, 0.18
+    robot = RobotParams(
+        name="rig",
+        length=length,
+        outer_radius=radius,
+        inner_radius=0.0,
+        youngs_modulus=18.3e-3 / (np.pi / 4 * radius**4),
+        density=1070.0,
+        damping_time=0.037,
+        pieces=1,
+        gravity=(0.0, 0.0, -9.81),
+    )
+    turning = [(13.96e-6, 13.96e-6, 3.99e-6), (13.96e-6, 13.96e-6, 3.99e-6)]
+    turning.append((70.04e-6, 70.04e-6, 9.88e-6))
+    bodies = zip((0.032, 0.092, 0.1786), (0.04, 0.04, 0.095), turning, strict=True)
+    model = PCC(robot, inertia=tuple(bodies))
+    zero, step = np.zeros(2), 1e-5
+    mass = mass_matrix(model, zero) / length**2
+    np.testing.assert_allclose(mass, 8.41e-4 * np.eye(2), rtol=1e-3, atol=1e-12)
+    bend = np.array([step / length, 0.0])
+    stiffness = model.residual(bend, zero, zero)[0] / length / step
+    assert stiffness == pytest.approx(0.0438, abs=6e-5)
+    assert np.sqrt(stiffness / mass[0, 0]) == pytest.approx(7.21, abs=0.01)
+
+
+# ---------------------------------------------------------------- options
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"axes": "all"}, "unknown axes 'all'; choose from planar, spatial, torsion"),
+        ({"inertia": "point"}, "unknown inertia 'point'; choose from lumped, distributed"),
+        ({"pieces": 0}, "at least one, got 0"),
+        ({"pieces": 2.5}, "whole number of pieces"),
+        ({"inertia": [(0.6, 1.0, (0, 0, 0))]}, "off the robot"),
+        ({"inertia": [(0.5, -1.0, (0, 0, 0))]}, "zero or more"),
+        ({"inertia": [(0.5, 1.0, (0, 0))]}, "three moments"),
+        ({"inertia": [(0.5, np.nan, (0, 0, 0))]}, "finite mass"),
+        ({"inertia": [(0.1, 1.0, (1e-3, 1e-3, 1e-3))]}, "without inertia"),
+        ({"inertia": []}, "without inertia"),
+    ],
+)
+def test_wrong_options_are_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        PCC(CANTILEVER_WEAK, **options)
+
+
+def test_mean_curvatures_and_rest():
+    model = PCC(CANTILEVER_WEAK, 2, axes="torsion")
+    q = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    np.testing.assert_array_equal(model.curvature(q), [[-2, 1, 3], [-5, 4, 6]])
+    np.testing.assert_allclose(model.tip(model.rest()), [0, 0, 0.5], atol=1e-15)
+    np.testing.assert_array_equal(model.tangent(q), np.eye(6))

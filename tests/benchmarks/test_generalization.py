@@ -1,0 +1,200 @@
+"""The generalization benchmark: its cases, rows, tables and figures; a small run."""
+
+import json
+from io import StringIO
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from softrobot_env.benchmarks.controllers.rows import select
+from softrobot_env.benchmarks.generalization import run as generalization
+from softrobot_env.benchmarks.generalization import tables as generalization_tables
+from softrobot_env.benchmarks.generalization.cases import (
+    DISTURBANCES,
+    NOMINAL,
+    PARAMETERS,
+    PARTS,
+    SEEDS,
+    SPEEDS,
+    TASKS,
+    Case,
+    cases,
+    policies,
+    run_case,
+    variation_name,
+)
+from softrobot_env.benchmarks.generalization.plots import plot
+from softrobot_env.cli import main
+from softrobot_env.control.registry import POLICIES, policy_environment
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.tasks import UNSEEN_TASKS
+
+METRICS = ("e_max", "e_rms", "e_mean", "e_final", "settling_time", "overshoot", "tension_max")
+
+
+def make_row(case, failure=None, **changes):
+    """A made-up episode, 10 mm off for the first seed, 11 mm for the second and so on."""
+    metrics = dict.fromkeys(METRICS, None if failure else 0.01 + 0.001 * (case.path_seed or 0))
+    return {
+        "part": case.part,
+        "task": case.task,
+        "policy": case.policy,
+        "speed": case.speed,
+        "path_seed": case.path_seed,
+        "step_width": case.step_width,
+        "variation": case.variation,
+        "failure": failure,
+        **metrics,
+        **({} if failure else changes),
+    }
+
+
+def fake_run(wanted, progress=None):
+    if progress is not None:
+        progress("done", len(wanted), len(wanted))
+    return [make_row(case) for case in wanted]
+
+
+def shown(rows):
+    page = Console(width=110, file=StringIO())
+    page.print(generalization_tables.tables(rows))
+    return page.file.getvalue()
+
+
+def table(text, title):
+    """Lines of the table of a title, with words parted by single spaces."""
+    lines = [" ".join(line.split()) for line in text.splitlines()]
+    start = next(i for i, line in enumerate(lines) if line.startswith(title))
+    end = next((i for i in range(start + 5, len(lines)) if not lines[i]), len(lines))
+    return lines[start:end]
+
+
+def test_a_full_run_covers_every_case():
+    every = list(cases())
+    assert len(set(map(str, every))) == len(every)
+    assert {case.part for case in every} == set(PARTS)
+    assert set(policies()) == set(POLICIES) - {"hold"}
+    assert set(SPEEDS) == set(UNSEEN_TASKS)
+    runs = sum(len(speeds) * (len(SEEDS) if t == "random" else 1) for t, speeds in SPEEDS.items())
+    runs += len(TASKS) * len((NOMINAL, *PARAMETERS, *DISTURBANCES))
+    for policy in policies():
+        assert sum(case.policy == policy for case in every) == runs
+
+
+def test_a_quick_run_is_a_part_of_the_full_one():
+    quick = list(cases(quick=True))
+    assert len(quick) < len(list(cases())) / 5
+    assert set(map(str, quick)) <= set(map(str, cases()))
+    assert {case.part for case in quick} == set(PARTS)
+
+
+@pytest.mark.parametrize("policy", ["lqi", "mpc_preview", "imitation"])  # 1, 5 and 10 ms
+def test_environments_accept_every_variation(policy):
+    env = TrackingEnv("step", **policy_environment(policy))
+    for variation in (*PARAMETERS, *DISTURBANCES):
+        env.reset(seed=0, options={"vary": variation})
+        assert variation_name(variation) != "nominal"
+
+
+def test_policies_left_out_are_those_not_installed(monkeypatch):
+    path = "softrobot_env.benchmarks.generalization.cases.installed_policies"
+    monkeypatch.setattr(path, lambda: ["hold", "imitation", "lqi"])
+    assert policies() == ["lqi", "imitation"]
+    assert {case.policy for case in cases()} == {"lqi", "imitation"}
+
+
+SMALL = [
+    Case("unseen", "imitation", "circle", speed=0.4),
+    Case("unseen", "feedforward", "random", speed=0.4, path_seed=3),
+    Case("disturbed", "imitation", "step", step_width=0.05, variation={"delay": 0.02}),
+    Case("disturbed", "imitation", "step", step_width=0.05),
+]
+
+
+def test_a_small_run_in_processes_is_that_in_this_one():
+    told = []
+    rows = generalization.run_cases(SMALL, lambda *args: told.append(args), processes=2)
+    assert [count for _, *count in told] == [[i, len(SMALL)] for i in range(1, len(SMALL) + 1)]
+    assert sorted(label for label, *_ in told) == sorted(case.label for case in SMALL)
+    for case, row in zip(SMALL, rows, strict=True):
+        for name in ("part", "policy", "task", "speed", "path_seed", "step_width", "variation"):
+            assert row[name] == getattr(case, name)
+        assert row["failure"] is None
+        assert row["policy_time_median"] > 0
+    here = run_case(SMALL[0])
+    assert [here[name] for name in METRICS] == [rows[0][name] for name in METRICS]
+    # A delay of a fifth of the rise time matters.
+    assert rows[2]["overshoot"] > 2 * rows[3]["overshoot"]
+    json.dumps(rows, allow_nan=False)
+
+
+def test_an_error_in_a_process_is_raised():
+    with pytest.raises(ValueError, match="unknown task"):
+        generalization.run_cases([Case("unseen", "hold", "spiral")], processes=1)
+
+
+def test_tables_have_a_line_per_policy_and_fit_a_report():
+    text = shown(fake_run(list(cases())))
+    assert all(len(line) <= 110 for line in text.splitlines())
+    assert "\u2026" not in text
+    circle = table(text, "Unseen references: largest error")
+    assert circle[-len(policies()) :] == [f"{p}{' 10.0' * 8}" for p in policies()]
+    seeds = table(text, "Random paths: median / worst")
+    assert seeds[-1] == f"{policies()[-1]}{' 12.0 / 14.0' * 6}"
+    disturbed = table(text, "L-shape on disturbed drives and sensors: largest error")
+    assert disturbed[-1] == f"{policies()[-1]}{' 10.0' * 9}"
+    for name in ("overshoot in %", "settling time in s"):
+        assert table(text, f"Step of 50 mm on a robot of other parameters: {name}")
+    assert "\nFailed" not in text
+
+
+def test_failed_runs_are_named():
+    wanted = [case for case in cases() if case.policy in ("lqi", "mpc")]
+    rows = fake_run(wanted)
+    lost = [
+        ("circle", 0.4, None, NOMINAL),
+        ("random", 0.2, 1, NOMINAL),
+        ("swing", None, None, {"delay": 0.02}),
+    ]
+    for i, case in enumerate(wanted):
+        if (case.task, case.speed, case.path_seed, case.variation) in lost and case.policy == "mpc":
+            rows[i] = make_row(case, failure="piece 3 folded")
+    text = shown(rows)
+    assert table(text, "Unseen references: largest error")[-1] == f"mpc{' 10.0' * 3} failed" + (
+        " 10.0" * 4
+    )
+    assert "1 of 5 failed" in table(text, "Random paths")[-1]
+    assert "failed" in table(text, "Swing on disturbed drives")[-1]
+    failed = table(text, "Failed")
+    assert [line for line in failed if line.startswith("mpc")] == [
+        "mpc circle 0.4 m/s nominal piece 3 folded",
+        "mpc random 1 0.2 m/s nominal piece 3 folded",
+        "mpc swing delay 20 ms piece 3 folded",
+    ]
+
+
+@pytest.mark.parametrize("kind", ["full", "quick", "unseen", "disturbed", "failed"])
+def test_figures_are_drawn_of_what_there_is(tmp_path, kind):
+    rows = fake_run(list(cases(quick=kind == "quick")))
+    if kind in PARTS:
+        rows = select(rows, part=kind)
+    if kind == "failed":
+        rows = [make_row(case, failure="diverged") for case in cases()]
+    plot(rows, tmp_path / "generalization.png")
+    names = {"unseen": "generalization.png", "disturbed": "generalization_disturbed.png"}
+    expected = {names[kind]} if kind in names else set(names.values())
+    assert {path.name for path in tmp_path.iterdir()} == expected
+
+
+def test_the_command_writes_report_and_figures(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(generalization, "run_cases", fake_run)
+    assert main(["benchmark", "generalization", "--quick", "--out", str(tmp_path)]) == 0
+    out = tmp_path / "generalization"
+    rows = json.loads((out / "report.json").read_text())["rows"]
+    assert len(rows) == len(list(cases(quick=True)))
+    assert np.all([row["e_max"] is not None for row in rows])
+    written = {path.name for path in out.iterdir()}
+    expected = {"report.json", "report.md", "generalization.png", "generalization_disturbed.png"}
+    assert written == expected
+    assert "Unseen references" in capsys.readouterr().out

@@ -1,0 +1,271 @@
+"""The thesis benchmark: its rows against closed forms, the audit and known orders; its outputs."""
+
+import json
+from io import StringIO
+from math import cos, pi, sin
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from softrobot_env.benchmarks.thesis import run as thesis_figures
+from softrobot_env.benchmarks.thesis import tables as thesis_figures_tables
+from softrobot_env.benchmarks.thesis import values
+from softrobot_env.benchmarks.thesis.cosserat import project
+from softrobot_env.benchmarks.thesis.cost import (
+    evaluation_time,
+    evaluations,
+    random_states,
+    total_rows,
+)
+from softrobot_env.benchmarks.thesis.plots import plot
+from softrobot_env.benchmarks.thesis.rows import FIELDS, MODELS, build, make_row
+from softrobot_env.benchmarks.thesis.run import QUICK_PIECES
+from softrobot_env.benchmarks.thesis.spiral import DURATION, Curve, force
+from softrobot_env.robots import CANTILEVER_WEAK
+
+pytestmark = pytest.mark.timeout(900)  # kernels may have to be compiled first
+
+FIGURES = {
+    *(f"2.{k}" for k in (4, 5, 6, 8, 9, *range(11, 23))),
+    "tab2.2",
+    "tab2.3",
+}
+
+
+@pytest.fixture(scope="module")
+def calls():
+    return []
+
+
+@pytest.fixture(scope="module")
+def rows(calls):
+    return thesis_figures.run(quick=True, progress=lambda *call: calls.append(call))
+
+
+def check_rows(rows):
+    assert rows
+    json.dumps(rows, allow_nan=False)
+    for row in rows:
+        assert tuple(row) == FIELDS
+        assert (row["x"] is None) == (row["x_name"] is None)
+        assert row["y"] is not None or row["note"]
+
+
+def audited(rows, figure, y_name):
+    """Rows of a quantity with a number of the audit."""
+    found = [r for r in rows if (r["figure"], r["y_name"]) == (figure, y_name)]
+    return [r for r in found if r["audit"] is not None]
+
+
+def check_audit(rows, figure, y_name, tolerance):
+    compared = audited(rows, figure, y_name)
+    assert compared
+    for row in compared:
+        assert row["y"] == pytest.approx(row["audit"], rel=tolerance), row
+    return compared
+
+
+def value(rows, y_name, **fields):
+    found = [r for r in rows if r["y_name"] == y_name]
+    (row,) = [r for r in found if all(r[k] == v for k, v in fields.items())]
+    return row["y"]
+
+
+def test_rows_know_their_fields():
+    with pytest.raises(ValueError, match="colour"):
+        make_row("2.5", "", "pcc", 1, "y", 1.0, colour="red")
+
+
+def test_deflections_are_those_of_the_audit(rows):
+    # The audit's tolerance for discrete models is 0.5 %; its numbers are rounded to 0.05 %.
+    compared = check_audit(rows, "2.11", "tip_deflection_m", 1e-3)
+    assert {r["model"] for r in compared} >= {*MODELS, "elastica", "exact_rod", "timoshenko"}
+    for model, pieces in values.PIECES_FOR_5_PERCENT.items():
+        assert value(rows, "pieces_for_5_percent", model=model) == pieces
+    stiff = value(rows, "relative_to_euler_bernoulli", figure="2.11", model="pcc")
+    assert stiff == pytest.approx(values.ONE_PIECE_ERROR, abs=2e-4)
+
+
+def test_centrelines_end_at_the_deflections(rows):
+    for model in MODELS:
+        mine = [r for r in rows if (r["figure"], r["model"]) == ("2.12", model)]
+        assert (mine[0]["x"], mine[0]["y"]) == (0, 0)
+        assert mine[-1]["y"] == pytest.approx(values.DEFLECTION["weak", model][5], rel=1e-3)
+
+
+def test_weighting_functions_are_the_printed_ones(rows):
+    printed = {
+        "xi_1": lambda t: 1.0,
+        "xi_2": lambda t: (2 / (1 + cos(t))) ** 0.5,
+        "xi_3": lambda t: 1 / cos(t),
+        "xi_4": lambda t: 2 / (1 + cos(t)),
+        "xi_5": lambda t: t / sin(t) if t else 1.0,
+    }
+    mine = [r for r in rows if r["figure"] == "2.5"]
+    assert {r["case"] for r in mine} == set(printed)
+    for row in mine:
+        assert row["y"] == pytest.approx(printed[row["case"]](row["x"]), rel=1e-12)
+
+
+def test_weighting_matters_as_much_as_printed(rows):
+    assert len(check_audit(rows, "2.6", "tip_deflection_m", 1e-4)) == 10
+    assert len(check_audit(rows, "2.6", "spread_m", 5e-3)) == 4
+    check_audit(rows, "2.6", "change_from_3_to_5_pieces_m", 5e-3)
+    for n, spread in values.SPREAD_THESIS.items():
+        found = value(rows, "spread_m", case="printed", n=n)
+        assert found == pytest.approx(spread, rel=5e-3)
+
+
+def test_projection_stops_the_drift(rows):
+    worst = {r["case"]: r["y"] for r in rows if r["y_name"] == "largest_norm_violation"}
+    for tolerance, printed in zip(("0.001", "1e-05"), values.DRIFT, strict=True):
+        assert worst[f"Radau, projected, {tolerance}"] < printed
+        assert worst[f"Radau, not projected, {tolerance}"] > (
+            20 * worst[f"Radau, projected, {tolerance}"]
+        )
+    free = [r for r in rows if r["case"] == "BDF, not projected, 0.001" and r["x"] is not None]
+    assert free[-1]["y"] > 10 * free[0]["y"]
+
+
+def test_projection_gives_unit_quaternions_with_normal_rates():
+    rod = build("cosserat", CANTILEVER_WEAK, 3)
+    rng = np.random.default_rng(1)
+    y = np.concatenate(rod.start()) + 0.1 * rng.standard_normal(2 * rod.n)
+    out = project(rod, y)
+    p, rate = out[: rod.n].reshape(-1, 7), out[rod.n :].reshape(-1, 7)
+    np.testing.assert_allclose(np.linalg.norm(p[:, 3:], axis=1), 1, rtol=1e-14)
+    np.testing.assert_allclose(np.sum(p[:, 3:] * rate[:, 3:], axis=1), 0, atol=1e-15)
+    np.testing.assert_array_equal(p[:, :3], y[: rod.n].reshape(-1, 7)[:, :3])
+
+
+def test_quadrature_needs_order_eight_and_ours_is_exact(rows):
+    for case in ("legendre, against exact", "legendre, against order 20"):
+        assert value(rows, "first_order_below_1e-3", case=case) == values.ORDER
+    exact = value(rows, "relative_rms_error", case="chebyshev, against exact")
+    assert exact < 1e-9
+    # Gauss-Legendre integrates the square root at the rim to order 3 only.
+    errors = [
+        value(rows, "relative_rms_error", case="legendre, against exact", x=x) for x in (4.0, 8.0)
+    ]
+    assert 2 < np.log2(errors[0] / errors[1]) < 4
+    times = {r["x"]: r["y"] for r in rows if r["figure"] == "2.9" and r["case"] == "legendre"}
+    assert times[20.0] > 3 * times[4.0]
+
+
+def test_bending_frequencies_are_those_of_the_audit(rows):
+    compared = check_audit(rows, "2.13", "frequency_Hz", 5e-4)
+    assert len(compared) == 2 * (3 * 4 + 2)
+    far = {r["model"]: r["y"] for r in audited(rows, "2.13", "relative_to_euler_bernoulli")}
+    for model, found in far.items():
+        expected = values.THEORY_DISTANCE_AUDIT["stiff", model]
+        assert found == pytest.approx(expected, abs=6e-4)
+
+
+def test_torsion_is_that_of_the_closed_form(rows):
+    # One element of ANCF twists its section out of shape; it converges with the fourth power.
+    assert len(check_audit(rows, "2.14", "twist_rad", 6e-3)) == 2 + 4 * len(QUICK_PIECES)
+    assert len(check_audit(rows, "2.15", "frequency_Hz", 5e-3)) == 2 + 2 * 4 + 1
+    for ratio in (0.0, 0.49):
+        # sqrt(G / rho) / (4 L) of a shaft, which the discretised frequencies approach as 1 / n^2.
+        shear = CANTILEVER_WEAK.youngs_modulus / (2 * (1 + ratio))
+        exact = (shear / CANTILEVER_WEAK.density) ** 0.5 / (4 * CANTILEVER_WEAK.length)
+        for model in MODELS:
+            one, five = (
+                value(rows, "frequency_Hz", case=f"nu = {ratio:g}", model=model, n=n) - exact
+                for n in (1, 5)
+            )
+            assert one / five == pytest.approx(25, rel=0.1)
+
+
+def test_random_states_are_admissible_and_evaluations_counted():
+    rod = build("cosserat", CANTILEVER_WEAK, 2)
+    q, v = random_states(rod, 10)
+    assert rod.constraint_drift(q) < 1e-15
+    p, rate = (x.reshape(10, 2, 7)[..., 3:] for x in (q, v))
+    assert np.max(np.abs(np.sum(p * rate, axis=-1))) < 1e-15
+    assert evaluation_time(rod) > 1e-8
+    planar = build("pcc", CANTILEVER_WEAK, 3)
+    motion = planar.simulate(0.2, method="rk4", step=0.01)
+    # Four stages a step, the first of which is the last acceleration, which is counted then.
+    assert evaluations(planar, motion) == 4 * motion.steps
+    implicit = planar.simulate(0.2, method="implicit_euler", step=0.01)
+    assert evaluations(planar, implicit) == implicit.residuals + 4 * implicit.matrices
+
+
+def test_total_time_is_number_times_time():
+    rows = [
+        make_row("2.16", "compiled", model, n, "evaluation_time_s", 1e-6 * n)
+        for model in MODELS
+        for n in (1, 2)
+    ]
+    counts = {"pcc": (10, 10**4), "cosserat": (10**3, 10**3), "ancf": (10**3, 10**7)}
+    rows += [
+        make_row("2.17", "some", model, n, "evaluations", counts[model][n - 1])
+        for model in MODELS
+        for n in (1, 2)
+    ]
+    out = total_rows(rows)
+    check_rows(out)
+    assert value(out, "computation_time_s", model="ancf", n=2) == pytest.approx(20)
+    assert value(out, "most_pieces_in_real_time", model="ancf") == 1
+    assert value(out, "fewest_pieces_with_more_than_ancf", model="pcc") is None
+
+
+def test_spiral_is_that_of_the_audit(rows):
+    # The audit's absolute tolerance is 0.1 mm, also for differences of differences.
+    for y_name in ("largest_radius_m", "last_tip_x_m", "last_tip_y_m", "last_tip_z_m"):
+        for row in audited(rows, "2.22", y_name):
+            assert row["y"] == pytest.approx(row["audit"], abs=1e-4), row
+    for y_name in ("mean_distance_m", "largest_distance_m"):
+        compared = audited(rows, "2.20", y_name)
+        assert len(compared) == 4
+        for row in compared:
+            assert row["y"] == pytest.approx(row["audit"], abs=1e-4), row
+
+
+def test_spiral_turns_and_grows():
+    assert np.linalg.norm(force(DURATION)) == pytest.approx(20)
+    quarter = pi / 20
+    np.testing.assert_allclose(force(quarter), [20 * quarter / DURATION, 0], atol=1e-12)
+
+
+def test_distances_of_curves():
+    tip = np.zeros((301, 3))
+    tip[0] = [3.0, 4.0, 0.0]
+    assert Curve("pcc", 1, tip).distances(np.zeros((301, 3))) == (pytest.approx(5 / 301), 5.0)
+
+
+def test_implicit_euler_steps_are_the_printed_ones_in_metres(rows):
+    for step, (mean, largest) in list(
+        zip(values.STEPS["pcc"][2], values.EULER_ERRORS, strict=True)
+    )[1:]:
+        case = f"implicit_euler, {step:g} s"
+        assert value(rows, "mean_error_m", case=case) == pytest.approx(mean, abs=5e-6)
+        assert value(rows, "largest_error_m", case=case) == pytest.approx(largest, abs=5e-6)
+    for step, accuracy in zip(values.STEPS["pcc"][2], (10e-3, 1e-3, 0.1e-3), strict=True):
+        case = f"implicit_euler, {step:g} s"
+        between = value(rows, "mean_error_between_m", case=case)
+        assert between == pytest.approx(accuracy, rel=0.15)
+    for accuracy, step in ((10, 0.16), (1, 0.024)):
+        case = f"implicit_euler, {accuracy} mm"
+        found = value(rows, "step_s", model="pcc", case=case)
+        assert found == pytest.approx(step, rel=0.1)
+    for case in ("sdirk4, 0.9 mm", "dormand_prince, 0.9 mm"):
+        assert value(rows, "mean_error_m", model="pcc", case=case) < 0.9e-3
+
+
+def test_quick_run_covers_every_figure_and_fits_a_terminal(rows, calls, tmp_path):
+    check_rows(rows)
+    assert {r["figure"] for r in rows} == FIGURES
+    assert [done for _, done, _ in calls] == list(range(calls[-1][2] + 1))
+    text = StringIO()
+    Console(file=text, width=100).print(thesis_figures_tables.tables(rows))
+    lines = text.getvalue().splitlines()
+    assert max(map(len, lines)) <= 100 and not any("…" in line for line in lines)
+    pytest.importorskip("matplotlib")
+    plot(rows, tmp_path / "thesis.png")
+    pictures = {p.name: p.stat().st_size for p in tmp_path.iterdir()}
+    names = ("", "_cosserat", "_quadrature", "_cost", "_spiral")
+    assert set(pictures) == {f"thesis{name}.png" for name in names}
+    assert all(2e4 < size < 3e5 for size in pictures.values())

@@ -1,0 +1,179 @@
+import json
+import subprocess
+import sys
+
+import pytest
+
+from softrobot_env.cli import COMMANDS, main
+from softrobot_env.commands.evaluate import cases as evaluate_cases
+
+
+def test_evaluate_writes_report_and_plots(tmp_path, capsys):
+    arguments = [
+        "--tasks",
+        "lshape",
+        "--policies",
+        "hold",
+        "feedforward",
+        "--control-period",
+        "0.1",
+    ]
+    assert main(["evaluate", *arguments, "--save-rollouts", "--out", str(tmp_path)]) == 0
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["meta"]["command"].startswith("softrobot evaluate --tasks lshape")
+    rows = report["rows"]
+    assert [row["policy"] for row in rows] == ["hold", "feedforward"]
+    assert rows[0]["e_max"] > rows[1]["e_max"] > 0
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written >= {"report.md", "lshape_tip.png", "lshape_inputs.png", "lshape_shapes.png"}
+    assert "lshape_hold.npz" in written
+    assert "feedforward" in capsys.readouterr().out
+
+
+def test_evaluate_varies_the_plant(tmp_path):
+    arguments = ["--tasks", "step", "--step-widths", "0.1", "--policies", "feedforward"]
+    vary = ["--vary", "youngs_modulus=0.75,1", "--control-period", "0.1"]
+    assert main(["evaluate", *arguments, *vary, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert [row["variation"] for row in rows] == [{"youngs_modulus": 0.75}, {}]
+    assert rows[0]["steady_state_error"] > 10 * rows[1]["steady_state_error"]
+    assert (tmp_path / "step_100_mm_feedforward_varied_tip.png").exists()
+
+
+def test_repeated_variations_add_up(tmp_path):
+    vary = ["--vary", "youngs_modulus=0.5", "--vary", "youngs_modulus=2", "--vary", "density=1,2"]
+    arguments = ["--tasks", "lshape", "--policies", "hold", "--control-period", "0.2", "--no-plots"]
+    assert main(["evaluate", *arguments, *vary, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert [row["variation"] for row in rows] == [
+        {"youngs_modulus": 0.5},
+        {"youngs_modulus": 0.5, "density": 2.0},
+        {"youngs_modulus": 2.0},
+        {"youngs_modulus": 2.0, "density": 2.0},
+    ]
+
+
+def test_no_number_of_a_table_is_cut_short(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    vary = ["--vary", "youngs_modulus=0.5", "--vary", "density=2"]
+    arguments = ["--tasks", "swing", "step", "--step-widths", "0.05", "--control-period", "0.1"]
+    arguments += ["--policies", "hold", "feedforward", "feedforward_pi"]
+    main(["evaluate", *arguments, *vary, "--no-plots", "--out", str(tmp_path)])
+    out = capsys.readouterr().out
+    assert "\u2026" not in out
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    shown = [r for r in rows if r["task"] == "swing"]
+    assert all(f"{1e3 * row['e_max']:.2f}" in out for row in shown)
+
+
+def test_policies_without_their_package_are_left_out_of_all(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(evaluate_cases, "installed_policies", lambda: ["hold"])
+    arguments = ["--tasks", "lshape", "--control-period", "0.2", "--no-plots"]
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
+    out = capsys.readouterr().out
+    assert "Left out feedforward" in out and "softrobot_env[mpc]" in out
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert [row["policy"] for row in rows] == ["hold"]
+
+
+def test_an_unusable_folder_is_told_before_any_work(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    assert main(["evaluate", "--out", str(tmp_path / "file")]) == 2
+    assert "file" in capsys.readouterr().err
+
+
+def test_without_matplotlib_the_results_still_come(tmp_path, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)  # as if it were not installed
+    arguments = ["--tasks", "lshape", "--policies", "hold", "--control-period", "0.2"]
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 2
+    out, err = capsys.readouterr()
+    assert "softrobot_env[viz]" in err
+    assert "hold" in out and (tmp_path / "report.json").exists()
+
+
+def test_a_failed_episode_sets_the_exit_status(tmp_path):
+    from softrobot_env.scene.timestep import TimestepWarning
+
+    diverging = ["--integrator", "RK4", "--timestep", "0.02", "--control-period", "0.02"]
+    arguments = ["--tasks", "swing", "--policies", "feedforward", "--vary", "damping_time=0"]
+    with pytest.warns(TimestepWarning):
+        status = main(["evaluate", *arguments, *diverging, "--no-plots", "--out", str(tmp_path)])
+    assert status == 1
+    assert "failed" in (tmp_path / "report.md").read_text()
+
+
+def test_inspect_tells_what_a_scene_leaves_out(capsys):
+    assert main(["inspect", "--task", "swing"]) == 0
+    out = capsys.readouterr().out
+    for text in ("12 hinges", "contacts", "constraint solver", "implicitfast", "pair1_up", "us"):
+        assert text in out
+
+
+def test_inspect_follows_the_scene_options(capsys):
+    options = ["--rule", "midpoint", "--pieces", "3", "--control-period", "0.001"]
+    assert main(["inspect", *options]) == 0
+    assert "3 hinges in 3 pieces, rule midpoint" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "allowed"),
+    [
+        (["evaluate", "--policies", "pid"], "feedforward_pi"),
+        (["evaluate", "--tasks", "jump"], "lshape"),
+        (["evaluate", "--vary", "mass=2"], "youngs_modulus"),
+        (["inspect", "--task", "jump"], "swing"),
+        (["render", "--policy", "pid"], "feedforward"),
+        (["benchmark", "weight"], "speed"),
+        (["evaluate", "--vary", "youngs_modulus=0"], "a factor on youngs_modulus"),
+        (["evaluate", "--step-widths", "abc"], "a positive number"),
+        (["render", "--size", "0", "10"], "pixels"),
+    ],
+)
+def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
+    with pytest.raises(SystemExit) as stop:
+        main(arguments)
+    assert stop.value.code == 2
+    assert allowed in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["inspect", "--rule", "simpson"], "balanced2"),
+        (["inspect", "--pieces", "4"], "inside a piece"),
+        (["inspect", "--control-period", "3"], "control_period"),
+        (["inspect", "--twin", "1"], "--twin: only with tasks of the rig"),
+        (["evaluate", "--step-widths", "0.9", "--tasks", "step"], "step width"),
+        (["evaluate", "--step-widths", "0.1", "--tasks", "swing"], "step_width is an option of"),
+        (["evaluate", "--speeds", "0.1", "--tasks", "swing"], "circle, figure_eight, random"),
+        (["evaluate", "--path-seeds", "1", "--tasks", "circle"], "random, reach"),
+        (["render", "--step-width", "0.1", "--task", "swing"], "step only"),
+    ],
+)
+def test_bad_values_end_with_the_reason(arguments, reason, capsys):
+    assert main(arguments) == 2
+    assert reason in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_has_an_example(command, capsys):
+    with pytest.raises(SystemExit):
+        main([command, "--help"])
+    assert f"example: softrobot {command}" in " ".join(capsys.readouterr().out.split())
+
+
+@pytest.mark.parametrize("script", ["evaluate", "render", "benchmark"])
+def test_scripts_are_the_same_commands(script, request):
+    path = request.config.rootpath / "scripts" / f"{script}.py"
+    done = subprocess.run(
+        [sys.executable, str(path), "--help"], capture_output=True, text=True, check=True
+    )
+    assert f"usage: softrobot {script}" in done.stdout
+
+
+def test_quick_speed_benchmark(tmp_path):
+    assert main(["benchmark", "speed", "--quick", "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "speed" / "report.json").read_text())["rows"]
+    names = {row["variant"] for row in rows}
+    assert {"HalfCheetah-v5", "SoftRobot/ArmSwing-v0"} <= names
+    assert {row["what"] for row in rows} == {"env.step", "vector env.step", "start", "render"}

@@ -1,0 +1,120 @@
+"""`softrobot evaluate --env virtual|real` and `softrobot robot soak`."""
+
+import json
+from argparse import Namespace
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+from support.rig_learnt_file import learnt_file
+
+from softrobot_env.cli import main
+from softrobot_env.commands.robot.soak import answer_times
+from softrobot_env.commands.setups import real as real_setup
+from softrobot_env.commands.setups.case import Case
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.evaluation.labels import VIRTUAL
+from softrobot_env.hardware.recording import read_recording
+from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.tasks.rig import make_rig_task
+
+pytest.importorskip("serial", reason="needs the robot extra")
+pytest.importorskip("cobs", reason="needs the robot extra")
+
+
+def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
+    out, record = tmp_path / "out", tmp_path / "links"
+    learnt = learnt_file(tmp_path / "learnt.npz", twin=0)
+    command = "evaluate --tasks reach --option hold=0.2 --option radius=0.03 --policies hybrid"
+    files = ["--out", f"{out}", "--record", f"{record}", "--learnt", f"{learnt}"]
+    status = main([*command.split(), "--env", "virtual", *files])
+    (row,) = json.loads((out / "report.json").read_text())["rows"]
+    assert (row["source"], row["plant"], row["twin"]) == ("real", "virtual", 0)
+    assert status == 0 and row["failure"] is None and row["learnt"] == "twin 0"
+    said = capsys.readouterr().out
+    assert "virtual twin 0" in said and "other rigs differ" not in said
+    # The episode, and the short one before it that warms up.
+    links = [read_recording(path) for path in sorted(record.iterdir())]
+    assert links and all(link.complete for link in links)
+
+
+@pytest.fixture
+def ended(monkeypatch):
+    """A virtual robot's process that does nothing; says whether it has ended."""
+    ended = []
+
+    @contextmanager
+    def process(twin):
+        try:
+            yield Namespace(file=rig_file(), tip=None)
+        finally:
+            ended.append(twin)
+
+    monkeypatch.setattr(real_setup, "virtual_process", process)
+    return ended
+
+
+def virtual_env(task):
+    setup = real_setup.RealSetup(Namespace(env=VIRTUAL, record=None, twin=[3]))
+    return setup.environment(Case(task, {}, "hybrid", twin=3))
+
+
+def test_a_virtual_robot_ends_even_if_it_cannot_be_ramped_down(ended, monkeypatch):
+    def close(env):
+        raise KeyboardInterrupt
+
+    env = virtual_env(make_rig_task("reach"))
+    assert not ended
+    monkeypatch.setattr(RealRigEnv, "close", close)
+    with pytest.raises(KeyboardInterrupt):
+        env.close()
+    assert ended == [3]
+
+
+def test_a_virtual_robot_ends_if_its_environment_is_refused(ended):
+    with pytest.raises(ValueError, match="length zero"):
+        virtual_env(replace(make_rig_task("reach"), start_length=(0.001, 0.0, 0.0)))
+    assert ended == [3]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ("--tasks swing --env virtual", "only with tasks of the rig"),
+        ("--tasks reach --env real --twin 1", "--twin"),
+        ("--tasks reach --env virtual --twin none", "--twin none"),
+        ("--tasks reach --env real --learnt none.npz", "no network at none.npz"),
+        ("--tasks reach --env virtual --port /dev/ttyUSB0", "--port"),
+        ("--tasks reach --port /dev/ttyUSB0", "--port"),
+        ("--tasks reach --record links", "--record"),
+    ],
+)
+def test_what_does_not_fit_is_refused(arguments, said, tmp_path, capsys):
+    assert main(["evaluate", *arguments.split(), "--out", str(tmp_path)]) == 2
+    assert said in capsys.readouterr().err
+
+
+def test_no_robot_at_the_port(tmp_path, capsys):
+    command = "evaluate --tasks reach --policies hybrid --env real --port /dev/no_robot"
+    assert main([*command.split(), "--no-plots", "--out", str(tmp_path)]) == 1
+    assert "/dev/no_robot" in capsys.readouterr().out.replace("\n", "")
+
+
+def test_a_short_soak_says_what_it_measured(tmp_path):
+    main(["robot", "soak", "--seconds", "3", "--out", str(tmp_path)])
+    row, *promises = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert row["failure"] is None and row["steps"] == 150
+    assert row["ticks"] > 1000 and row["unsafe_outputs"] == 0
+    # The others need a machine with nothing else to do.
+    met = {promise["promise"]: promise["met"] for promise in promises}
+    assert met["failures"] and met["unsafe outputs"]
+
+
+def test_a_step_without_an_answer_waits_for_the_next_one():
+    assert answer_times([0.01, None, None, 0.015], 0.02) == pytest.approx(
+        [0.01, 0.055, 0.035, 0.015]
+    )
+
+
+def test_a_robot_that_never_answers_is_slower_than_a_period():
+    assert min(answer_times([None, None], 0.02)) > 0.02

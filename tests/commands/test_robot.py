@@ -1,0 +1,175 @@
+"""`softrobot robot`, with boards behind pseudo-terminals."""
+
+import contextlib
+import io
+import os
+import threading
+import time
+import tty
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from support.hardware_boards import PASS, Board, FullDisk
+
+from softrobot_env.cli import main
+from softrobot_env.commands.robot.command import ROBOT_COMMANDS
+from softrobot_env.commands.robot.link import open_driver
+from softrobot_env.hardware.protocol.messages import Capability, DeviceState
+from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
+
+
+class Terminal:
+    """A board behind a pseudo-terminal, in real time.
+
+    Attributes:
+        port: Its path.
+        board: What answers there.
+    """
+
+    def __init__(self):
+        self.board = Board()
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        self.port = os.ttyname(self._slave)
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def close(self):
+        self._over.set()
+        self._thread.join()
+        os.close(self._master)
+        os.close(self._slave)
+
+    def _serve(self):
+        while not self._over.wait(PASS):
+            with contextlib.suppress(BlockingIOError):
+                self.board.core.receive(os.read(self._master, 4096))
+            self.board.run(time.monotonic())
+            os.write(self._master, self.board.core.transmit())
+
+
+@pytest.fixture
+def robot(tmp_path):
+    """A board, with a patient robot file at `robot.file`: this computer may be busy."""
+    terminal = Terminal()
+    terminal.file = str(tmp_path / "rig.toml")
+    patient = replace(rig_file(terminal.port), watchdog=0.8, ttl=0.5)
+    write_robot_file(patient, tmp_path / "rig.toml")
+    yield terminal
+    terminal.close()
+
+
+def test_every_command_has_help(capsys):
+    for name in ROBOT_COMMANDS:
+        with pytest.raises(SystemExit, match="0"):
+            main(["robot", name, "--help"])
+        assert f"softrobot robot {name}" in capsys.readouterr().out
+
+
+def test_list_names_who_answers_and_who_does_not(robot, capsys):
+    assert main(["robot", "list", robot.port, "/dev/no-robot"]) == 0
+    out = capsys.readouterr().out
+    assert "firmware 1.0, 3 tendons" in out and "/dev/no-robot" in out
+
+
+def test_list_fails_if_nobody_answers(capsys):
+    assert main(["robot", "list", "/dev/no-robot"]) == 1
+
+
+def test_info_prints_what_the_robot_says(robot, capsys):
+    assert main(["robot", "info", "--robot-file", robot.file]) == 0
+    out = capsys.readouterr().out
+    assert "disarmed" in out and "6.00 V" in out and "00000001" in out
+
+
+def test_hold_moves_to_rest_and_stops(robot, capsys):
+    robot.board.position = (300, 0, 0)
+    assert main(["robot", "hold", "--robot-file", robot.file, "--seconds", "0.2"]) == 0
+    assert "running" in capsys.readouterr().out
+    assert robot.board.core.outputs.state == DeviceState.DISARMED
+    assert robot.board.position == (0, 0, 0)
+
+
+def test_estop_latches_until_it_is_cleared(robot, capsys):
+    assert main(["robot", "estop", "--robot-file", robot.file]) == 0
+    assert "latched" in capsys.readouterr().out
+    assert main(["robot", "hold", "--robot-file", robot.file]) == 2
+    assert "emergency stop; clear it" in capsys.readouterr().err
+    assert main(["robot", "stop", "--robot-file", robot.file]) == 1
+    assert main(["robot", "stop", "--robot-file", robot.file, "--clear"]) == 0
+    assert robot.board.core.outputs.state == DeviceState.DISARMED
+
+
+def test_calibrate_writes_what_was_found(robot, tmp_path, monkeypatch, capsys):
+    robot.board.core = Board(capabilities=Capability.SUPPLY).core
+    lines = "t 2\n-1\nzero\nnonsense\n+2\nrest\nwrite\n"
+    monkeypatch.setattr("sys.stdin", io.StringIO(lines))
+    out = tmp_path / "found.toml"
+    assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 0
+    found, before = read_robot_file(out), read_robot_file(Path(robot.file))
+    assert found.tendons[1].center == pytest.approx(1468e-6)  # 1500 us less 31.83 us
+    assert found.tendons[1].rest == pytest.approx(2e-3, abs=1.1e-5)
+    assert found.tendons[0] == before.tendons[0]
+    assert "unknown command 'nonsense'; there are" in capsys.readouterr().out
+    assert not robot.board.core.outputs.powered
+
+
+def test_calibrate_goes_on_after_marks_that_contradict(robot, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO("+2\nmin\nwrite\nrest\nwrite\n"))
+    out = tmp_path / "found.toml"
+    assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 0
+    assert "not written: minimum_mm <= rest_mm" in capsys.readouterr().out
+    assert read_robot_file(out).tendons[0].minimum == pytest.approx(2e-3, abs=1.1e-5)
+
+
+def test_calibrate_replaces_no_file_and_tells_so_before_it_opens_the_port(robot, capsys):
+    arguments = ["robot", "calibrate", "--robot-file", robot.file, "--out", robot.file]
+    assert main([*arguments, "--port", "/dev/no-robot"]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_calibrate_leaves_a_board_that_measures_lengths_its_zero(
+    robot, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr("sys.stdin", io.StringIO("+1\nzero\n"))
+    main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(tmp_path / "x.toml")])
+    assert "lengths from its own zero" in capsys.readouterr().out
+
+
+def test_a_recording_that_breaks_off_is_told_at_the_end(robot, capsys):
+    with open_driver(read_robot_file(Path(robot.file)), FullDisk(100)) as driver:
+        driver.connect()
+        driver.arm()
+        assert "breaks off" not in capsys.readouterr().out
+    assert not robot.board.core.outputs.powered
+    assert "breaks off: [Errno 28] No space left on device" in capsys.readouterr().out
+
+
+def test_calibrate_without_write_leaves_no_file(robot, tmp_path, monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO("+1\n"))
+    out = tmp_path / "found.toml"
+    assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 1
+    assert not out.exists()
+
+
+def test_replay_prints_a_recording(robot, tmp_path, capsys):
+    path = tmp_path / "run.link"
+    main(["robot", "hold", "--robot-file", robot.file, "--seconds", "0.1", "--record", str(path)])
+    capsys.readouterr()
+    assert main(["robot", "replay", str(path)]) == 0
+    brief = capsys.readouterr().out
+    assert "HelloAck" in brief and "running" in brief and "Setpoint" not in brief
+    assert main(["robot", "replay", str(path), "--all"]) == 0
+    assert "Setpoint" in capsys.readouterr().out
+    path.write_bytes(path.read_bytes()[:-1])
+    assert main(["robot", "replay", str(path)]) == 1
+    assert "breaks off" in capsys.readouterr().out
+
+
+def test_a_port_that_is_not_there_is_told(capsys):
+    assert main(["robot", "info", "--port", "/dev/no-robot"]) == 2
+    assert "cannot open /dev/no-robot" in capsys.readouterr().err

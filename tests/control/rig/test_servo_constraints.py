@@ -1,0 +1,196 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softrobot_env.beams.closed_forms import spatial_output as rig_output
+from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.signals import Signal, held
+from softrobot_env.control.rig.servo_constraints import Inverse, OutOfReachError, ServoConstraints
+from softrobot_env.robots import RIG
+from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
+
+SERVO = ServoConstraints(RIG)
+FAST = RoundedTriangle(period=1.0)
+L = RIG.length
+
+
+def along(run, t):
+    return run.position(t), run.velocity(t), run.acceleration(t)
+
+
+def outputs(q):
+    """Output (k, 2) [m] of PCC's curvatures (k, 2)."""
+    point, jacobian, out = np.empty(3), np.empty((3, 2)), np.empty((len(q), 2))
+    for i, (beta, gamma) in enumerate(q):
+        rig_output.output(SERVO.data.piece, L * np.array([-gamma, beta]), point, jacobian)
+        out[i] = point[:2]
+    return out
+
+
+def curvatures(y):
+    return np.stack([y[..., 1], -y[..., 0]], axis=-1) / L
+
+
+@pytest.fixture(scope="module")
+def plan():
+    t = np.linspace(0, FAST.end_time, 400)
+    return t, SERVO.plan(*along(FAST, t))
+
+
+def test_motion_has_the_output_wanted(plan):
+    t, inverse = plan
+    np.testing.assert_allclose(outputs(curvatures(inverse.y)), FAST.position(t)[:, :2], atol=1e-15)
+    h = 1e-4
+    ahead, behind = (SERVO.plan(*along(FAST, t + s)) for s in (h, -h))
+    np.testing.assert_allclose(inverse.v, (ahead.y - behind.y) / (2 * h), atol=1e-4)
+    np.testing.assert_allclose(inverse.a, (ahead.v - behind.v) / (2 * h), atol=1e-2)
+
+
+def test_inputs_balance_the_general_model(plan):
+    """By tension and by length, of another implementation of the same rig."""
+    _, inverse = plan
+    motion = [curvatures(x) for x in (inverse.y, inverse.v, inverse.a)]
+    for drive, inputs in (("tension", inverse.tension), ("length", inverse.pulled)):
+        model = PCC(RIG, 1, axes="spatial", inertia=SUBPIECES, drive=drive)
+        missing = [model.residual(*x) for x in zip(*motion, inputs, strict=True)]
+        assert np.abs(missing).max() < 1e-14
+
+
+def test_inputs_are_the_tripods(plan):
+    _, inverse = plan
+    tripod = Tripod(RIG)
+    np.testing.assert_allclose(inverse.tension, tripod.tension(inverse.reduced), atol=1e-13)
+    pulled = tripod.pulled(inverse.tension, curvatures(inverse.y))
+    np.testing.assert_allclose(inverse.pulled, pulled, atol=1e-16)
+    static = tripod.tension(inverse.static)
+    np.testing.assert_allclose(inverse.dynamic, (inverse.tension - static) / 980.0, atol=1e-16)
+
+
+def test_static_part_is_the_inverse_at_rest(plan):
+    """Hence lengths at rest plus the dynamic part are the lengths (5.36)."""
+    t, inverse = plan
+    rest = SERVO.plan(FAST.position(t), *np.zeros((2, len(t), 3)))
+    np.testing.assert_allclose(inverse.static, rest.reduced, atol=1e-13)
+    np.testing.assert_allclose(rest.pulled + inverse.dynamic, inverse.pulled, atol=1e-16)
+    assert np.abs(rest.dynamic).max() < 1e-16
+
+
+def test_a_step_is_a_row_of_the_plan(plan):
+    t, inverse = plan
+    motion = along(FAST, t[200:203])
+    for i, guess in enumerate((None, inverse.y[199], np.array([0.0, -1.9]))):
+        step = SERVO.step(*(x[i] for x in motion), guess)
+        for found, expected in zip(step, inverse, strict=True):
+            np.testing.assert_allclose(found, expected[200 + i], atol=1e-11)
+
+
+def test_the_height_of_a_reference_is_ignored():
+    t = np.linspace(11, 12, 5)
+    flat = SERVO.plan(*(x[:, :2] for x in along(FAST, t)))
+    raised = SERVO.plan(
+        FAST.position(t) + np.array([0, 0, 0.2]), FAST.velocity(t), FAST.acceleration(t)
+    )
+    assert all(np.array_equal(a, b) for a, b in zip(flat, raised, strict=True))
+    assert Inverse._fields == ("y", "v", "a", "reduced", "static", "tension", "pulled", "dynamic")
+
+
+def test_static_tensions_hold_the_general_model():
+    model = PCC(RIG, 1, axes="spatial", inertia=SUBPIECES)
+    for z in ([0.0, 0.0], [0.09, 0.0], [-0.07, 0.1]):
+        step = SERVO.step(np.array(z), np.zeros(2), np.zeros(2))
+        q = model.equilibrium(step.tension, load_step=0.1)
+        np.testing.assert_allclose(outputs(q[None])[0], z, atol=1e-9)
+
+
+# ---------------------------------------------------------------- forward simulation
+
+
+def errors(run, inputs, drive="length", samples=2e-3):
+    """Distance [m] of the forward model's output from the reference, after the approach."""
+    model = PCC(RIG, 1, axes="spatial", inertia=SUBPIECES, drive=drive)
+    motion = model.simulate(run.end_time, inputs, samples=samples, tolerance=1e-7)
+    gap = outputs(motion.q) - run.position(motion.time)[:, :2]
+    return np.linalg.norm(gap, axis=1)[motion.time >= run.approach]
+
+
+def hold(run, rate, shift=0.0, field="pulled"):
+    """Inputs of the plan, held from instant to instant; `shift` in periods."""
+    t = (np.arange(round(run.end_time * rate)) + shift) / rate
+    return held(getattr(SERVO.plan(*along(run, t)), field), 1 / rate)
+
+
+@pytest.mark.parametrize("field", ["tension", "pulled"])
+@pytest.mark.parametrize(
+    ("period", "mean", "largest"), [(5.0, 0.7e-3, 1.3e-3), (1.0, 3.3e-3, 6.6e-3)]
+)
+def test_triangle_is_followed_as_the_audit_says(period, mean, largest, field):
+    run = RoundedTriangle(period=period)
+    drive = "length" if field == "pulled" else "tension"
+    found = errors(run, hold(run, 50, field=field), drive, samples=0.01)
+    assert found.mean() == pytest.approx(mean, abs=0.06e-3)
+    assert found.max() == pytest.approx(largest, abs=0.06e-3)
+
+
+def test_held_inputs_lag_by_half_a_period():
+    """So the error is of first order, and of second with inputs for the middle of the period."""
+    late = [errors(FAST, hold(FAST, rate)).max() for rate in (50, 100)]
+    timely = [errors(FAST, hold(FAST, rate, shift=0.5)).max() for rate in (50, 100)]
+    assert late[0] / late[1] == pytest.approx(2, rel=0.05)
+    assert timely[0] / timely[1] == pytest.approx(4, rel=0.1)
+    assert timely[0] < 0.02 * late[0]
+
+
+def ramps(run, rate):
+    """Inputs of the plan, straight from instant to instant (first-order hold)."""
+    u = SERVO.plan(*along(run, np.arange(round(run.end_time * rate) + 1) / rate)).pulled
+    return Signal(0.0, 1 / rate, np.stack([u[:-1], np.diff(u, axis=0) * rate], axis=1))
+
+
+def test_the_error_vanishes_with_the_period_of_a_first_order_hold():
+    largest = [errors(FAST, ramps(FAST, rate)).max() for rate in (25, 50, 100)]
+    assert largest[0] / largest[1] == pytest.approx(4, rel=0.1)
+    assert largest[1] / largest[2] == pytest.approx(4, rel=0.1)
+    assert largest[2] < 1e-4
+
+
+# ---------------------------------------------------------------- bad input
+
+
+def test_out_of_reach_is_refused_with_the_first_place():
+    run = LapCircle(radius=0.16)
+    t = np.linspace(0, run.end_time, 300)
+    with pytest.raises(OutOfReachError, match=r"mm from the axis of robot 'rig', whose") as error:
+        SERVO.plan(*along(run, t))
+    distance = np.hypot(*run.position(t)[:, :2].T)
+    assert error.value.index == np.argmax(distance >= SERVO.reach)
+    with pytest.raises(OutOfReachError, match=r"reference 0 is 200\.0 mm"):
+        SERVO.step(np.array([0.0, 0.2]), np.zeros(2), np.zeros(2))
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("place", range(3))
+def test_values_that_are_not_finite_are_refused(value, place):
+    motion = np.zeros((3, 4, 2))
+    motion[place, 2, 0] = value
+    with pytest.raises(ValueError, match="reference 2 is not finite"):
+        SERVO.plan(*motion)
+    with pytest.raises(ValueError, match="reference 0 is not finite"):
+        SERVO.step(*motion[:, 2])
+
+
+def test_shapes_are_checked():
+    with pytest.raises(ValueError, match=r"one shape, \(n, 2\) or \(n, 3\)"):
+        SERVO.plan(*np.zeros((3, 4, 1)))
+    with pytest.raises(ValueError, match="one shape"):
+        SERVO.plan(np.zeros((4, 2)), np.zeros((5, 2)), np.zeros((4, 2)))
+    with pytest.raises(ValueError, match=r"one shape, \(2,\) or \(3,\)"):
+        SERVO.step(np.zeros(1), np.zeros(1), np.zeros(1))
+
+
+def test_stiff_tendons_have_no_length_to_be_driven_by():
+    tendons = tuple(replace(t, stiffness=np.inf) for t in RIG.tendons)
+    with pytest.raises(ValueError, match="finite stiffness"):
+        ServoConstraints(replace(RIG, tendons=tendons))

@@ -1,0 +1,234 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.signals import held
+from softrobot_env.control.rig.servo_constraints import ServoConstraints
+from softrobot_env.control.rig.servo_dae import hold
+from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints, InversionError
+from softrobot_env.robots import RIG
+from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
+
+FAST = RoundedTriangle(period=1.0, laps=0, approach=2.0)
+RATE = 50
+TIMES = np.linspace(0, FAST.end_time, round(FAST.end_time * RATE) + 1)
+
+
+@pytest.fixture(scope="module")
+def one():
+    return FlexibleServoConstraints(RIG, 1)
+
+
+@pytest.fixture(scope="module")
+def three():
+    return FlexibleServoConstraints(RIG, 3)
+
+
+def algebraic():
+    motion = (FAST.position(TIMES), FAST.velocity(TIMES), FAST.acceleration(TIMES))
+    return ServoConstraints(RIG).plan(*motion)
+
+
+def test_dae_with_one_piece_has_the_algebraic_solution(one):
+    """With an error of second order in the step."""
+    exact = algebraic()
+    plans = [one.plan(FAST, TIMES, n) for n in (4, 8)]
+    for name in ("reduced", "tension", "pulled"):
+        gaps = [np.abs(getattr(p, name) - getattr(exact, name)).max() for p in plans]
+        assert gaps[0] / gaps[1] == pytest.approx(4, rel=0.1)
+    assert gaps[1] < 1e-5
+
+
+def test_a_plan_may_begin_in_motion(one):
+    """With the forces of the motion from the first instant on."""
+    times = np.linspace(3.9, 4.4, 26)
+    motion = (FAST.position(times), FAST.velocity(times), FAST.acceleration(times))
+    exact = ServoConstraints(RIG).plan(*motion).reduced
+    gaps = np.abs(one.plan(FAST, times, 4).reduced - exact).max(axis=1)
+    assert gaps[0] < gaps[1:].max() < 0.03
+
+
+def test_stabilisation_keeps_the_output_on_its_trajectory(one):
+    """Without it, the errors of the velocity's integration stay."""
+    kept, free = (one.plan(FAST, TIMES, 2, stabilisation=gain) for gain in (50.0, 0.0))
+    gaps = [
+        np.abs(one.output(p.q[-1:]) - FAST.position(TIMES[-1:])[:, :2]).max() for p in (kept, free)
+    ]
+    assert gaps[0] < 0.05 * gaps[1]
+
+
+def test_motion_and_inputs_of_three_pieces_balance(three):
+    plan = three.plan(FAST, TIMES, 8)
+    h = TIMES[1] - TIMES[0]
+    rate = (plan.v[2:] - plan.v[:-2]) / (2 * h)
+    series = zip(plan.q[1:-1], plan.v[1:-1], rate, plan.tension[1:-1], strict=True)
+    missing = np.array([three.model.residual(*x) for x in series])
+    moments = np.abs([three.model.residual(q, 0 * q, 0 * q) for q in plan.q]).max()
+    # What is left is the error of the difference above: of second order in h.
+    wide = (plan.v[4:] - plan.v[:-4]) / (4 * h)
+    series = zip(plan.q[2:-2], plan.v[2:-2], wide, plan.tension[2:-2], strict=True)
+    wider = np.array([three.model.residual(*x) for x in series])
+    assert np.abs(missing).max() < 0.05 * moments
+    assert np.abs(wider).max() / np.abs(missing).max() == pytest.approx(4, rel=0.3)
+    gap = three.output(plan.q) - FAST.position(TIMES)[:, :2]
+    assert np.abs(gap).max() < 1e-5
+
+
+def test_output_is_that_of_the_head(three):
+    """The straight rig, and one bent evenly, whose three pieces are one arc."""
+    angle = 1.2
+    q = np.zeros((2, 6))
+    q[1, 1::2] = angle / RIG.length
+    x = RIG.length / angle * (1 - np.cos(angle)) + RIG.head.output * np.sin(angle)
+    np.testing.assert_allclose(three.output(q), [[0, 0], [0, x]], atol=1e-15)
+
+
+def test_statics_hold_the_model(three):
+    for z in ([0.0, 0.0], [0.09, 0.0], [-0.06, 0.1]):
+        q, reduced = three.statics(np.array(z))
+        np.testing.assert_allclose(three.output(q[None])[0], z, atol=1e-13)
+        held_by = three.model.equilibrium(three.tripod.tension(reduced), load_step=0.1)
+        np.testing.assert_allclose(held_by, q, atol=1e-7)
+
+
+def test_dynamic_part_is_what_statics_lack(three):
+
+    plan = three.plan(FAST, TIMES, 2)
+    for k in (120, 200):
+        q, reduced = three.statics(FAST.position(TIMES[k : k + 1])[0, :2])
+        rest = three.tripod.pulled(three.tripod.tension(reduced), q.reshape(3, 2).mean(axis=0))
+        np.testing.assert_allclose(plan.pulled[k] - plan.dynamic[k], rest, atol=1e-13)
+
+
+def test_steps_are_those_of_the_plan(three):
+    plan = three.plan(FAST, TIMES[:160])
+    progress = three.start(FAST.position(TIMES[:1])[0])
+    for k in range(1, 160):
+        position, velocity = (f(TIMES[k : k + 1])[0] for f in (FAST.position, FAST.velocity))
+        progress = three.step(progress, 1 / RATE, position, velocity)
+    for name in ("tension", "pulled", "reduced"):
+        np.testing.assert_allclose(getattr(progress, name), getattr(plan, name)[-1], atol=1e-9)
+
+
+def test_forward_integration_grows_where_a_pole_says_so():
+    """Undamped, on a slow circle: at 120 mm a pole grows by 8 1/s, at 90 mm none does."""
+    servo = FlexibleServoConstraints(replace(RIG, damping_time=0.0), 3)
+    times = np.linspace(0, 6, 301)
+    inside, outside = (LapCircle(radius=r, approach=4.0, ramp=1.0) for r in (0.09, 0.12))
+    force = np.linalg.norm(servo.plan(inside, times, 8).reduced, axis=1)
+    assert np.ptp(force[260:]) < 0.01 * force[-1]  # on the lap, steady
+    with pytest.raises(InversionError) as error:
+        servo.plan(outside, times, 8)
+    assert error.value.time > 4
+
+
+def test_one_piece_has_no_internal_dynamics(one):
+    assert one.internal_poles(*one.statics(np.array([0.05, 0.0]))).size == 0
+
+
+def poles(pieces, radius, damping_time=RIG.damping_time):
+    robot = replace(RIG, damping_time=damping_time)
+    servo = FlexibleServoConstraints(robot, pieces)
+    return servo.internal_poles(*servo.statics(np.array([0.0, radius])))
+
+
+def test_internal_poles_are_zeros_of_the_transfer_matrix(three):
+    """There the inputs can move the rig while the output rests."""
+    q, reduced = three.statics(np.array([0.09, 0.0]))
+    found = three.internal_poles(q, reduced)
+    assert len(found) == 8
+    space = three.model.linearize(three.model.start()._replace(q=q), three.tripod.tension(reduced))
+    step = 1e-6
+    outputs = [
+        (three.output((q + e)[None]) - three.output((q - e)[None]))[0] / (2 * step)
+        for e in step * np.eye(6)
+    ]
+    c = np.hstack([np.array(outputs).T, np.zeros((2, 6))])
+    b = space.b @ three.tripod.spread
+
+    def smallest_gain(s):
+        return np.linalg.svd(c @ np.linalg.solve(s * np.eye(12) - space.a, b))[1][-1]
+
+    for s in found:
+        assert smallest_gain(s) < 1e-4 * smallest_gain(1.1 * s)
+
+
+@pytest.mark.parametrize("pieces", [2, 3])
+@pytest.mark.parametrize("radius", [0.0, 0.05, 0.09, 0.12, 0.13])
+def test_the_rigs_damping_makes_the_internal_dynamics_stable(pieces, radius):
+    assert poles(pieces, radius).real.max() < -20
+
+
+@pytest.mark.parametrize("pieces", [2, 3])
+def test_beyond_130_mm_the_internal_dynamics_grow(pieces):
+    assert poles(pieces, 0.14).real.max() > 50
+
+
+@pytest.mark.parametrize(("radius", "stable"), [(0.0, True), (0.09, True), (0.12, False)])
+def test_without_damping_far_bends_are_not_minimum_phase(radius, stable):
+    """Up to there two undamped oscillations; then they meet and one of them grows."""
+    growth = poles(3, radius, 0.0).real.max()
+    assert growth < 1e-6 if stable else growth > 5
+
+
+def test_more_pieces_pay_on_a_finer_rig(three):
+    """Forward simulation of another number of pieces than the inverse has."""
+    plant = FlexibleServoConstraints(RIG, 2)
+    model = PCC(RIG, 2, axes="spatial", inertia=SUBPIECES, drive="length")
+    t = (np.arange(len(TIMES)) + 0.5) / RATE
+    motion = (FAST.position(t), FAST.velocity(t), FAST.acceleration(t))
+    largest = []
+    for pulled in (
+        ServoConstraints(RIG).plan(*motion).pulled,
+        three.plan(FAST, t, 4).pulled,
+        plant.plan(FAST, t, 4).pulled,
+    ):
+        found = model.simulate(
+            FAST.end_time, held(pulled[:-1], 1 / RATE), samples=TIMES, tolerance=1e-5
+        )
+        gap = plant.output(found.q) - FAST.position(TIMES)[:, :2]
+        largest.append(np.linalg.norm(gap, axis=1).max())
+    assert largest[0] > 3 * largest[1]
+    assert largest[2] < 2e-4
+
+
+def test_out_of_reach_is_refused_with_the_time(three):
+    run = LapCircle(radius=0.2, approach=1.0)
+    with pytest.raises(InversionError, match="take smaller steps or a reference in reach") as error:
+        three.plan(run, np.linspace(0, 1.2, 61))
+    assert 0.3 < error.value.time < 1.0
+    with pytest.raises(InversionError, match="cannot be held"):
+        three.statics(np.array([0.0, 0.2]))
+
+
+@pytest.mark.parametrize("rate", [1e100, np.inf, np.nan])
+def test_rates_that_no_rig_has_are_refused(three, rate):
+    """The matrix of Newton's method overflows."""
+    here = np.array([0.05, 0.0])
+    progress = three.start(here)
+    with pytest.raises(InversionError, match="Newton's iteration failed"):
+        three.step(progress._replace(v=progress.v + rate), 1 / RATE, here, np.zeros(2))
+    held = hold(three.data, here, three.model.rest() + rate, np.zeros(2))
+    assert not held
+
+
+def test_a_velocity_on_whose_way_the_matrix_is_singular_is_refused(one):
+    place = np.array([0.05793314649197409, -0.08145090489532386])
+    velocity = np.array([-31771.267735722904, -66865.51457666243])
+    with pytest.raises(InversionError, match="Newton's iteration failed"):
+        one.step(one.start(place), 0.02927777766172623, place, velocity)
+
+
+def test_bad_arguments_are_refused(one):
+    with pytest.raises(ValueError, match="equally spaced"):
+        one.plan(FAST, np.array([0.0, 0.1, 0.3]))
+    with pytest.raises(ValueError, match="equally spaced"):
+        one.plan(FAST, np.zeros(1))
+    with pytest.raises(ValueError, match="needs a head"):
+        FlexibleServoConstraints(replace(RIG, head=None), 2)
+    short = tuple(replace(tendon, end=0.12) for tendon in RIG.tendons)
+    with pytest.raises(ValueError, match=r"must end at its tip, at 0\.18 m, got ends 0\.12"):
+        FlexibleServoConstraints(replace(RIG, tendons=short), 2)

@@ -1,0 +1,279 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import expm, solve_continuous_are
+
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+from softrobot_env.beams.model import State
+from softrobot_env.beams.numerics.compilation import reference
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.control.arm import lqi
+from softrobot_env.control.arm.lqi import LQI, linear_model
+from softrobot_env.control.arm.operating_points import (
+    GRID,
+    GainTable,
+    axes,
+    build_gains,
+    interpolate,
+    load_gains,
+    operating_points,
+    save_gains,
+)
+from softrobot_env.control.arm.statics import follow
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
+from softrobot_env.evaluation.run import run_episode
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import ARM
+from softrobot_env.tasks import make_task
+
+PERIOD = 1e-3
+ARM_DATA = make_planar_arm(ARM)
+STATICS = ConstantCurvatureStatics(ARM)
+LIMIT = np.full(3, 80.0)
+BENT = np.repeat([3.0, -1.0, 4.0], 2)
+
+
+@pytest.fixture(scope="module")
+def policy():
+    return LQI(ARM, PERIOD)
+
+
+@pytest.fixture(scope="module")
+def environment():
+    """Environments by task and plant, built once."""
+    made = {}
+
+    def make(task, plant):
+        if (task, plant) not in made:
+            given = {} if plant == "mujoco" else {"plant": BeamPlant(plant)}
+            made[task, plant] = TrackingEnv(task, control_period=PERIOD, observe="all", **given)
+        return made[task, plant]
+
+    return make
+
+
+# ---------------------------------------------------------------- linear model and gains
+
+
+def test_linear_model_is_that_of_the_general_beam_model():
+    """By complex steps through the equations of motion, at an equilibrium under tension."""
+    model = PCC(ARM, axes="planar")
+    curvature = np.repeat([2.0, 1.0, 0.5], 2)
+    reduced = np.linalg.lstsq(ARM_DATA.inputs, ARM_DATA.stiffness * curvature, rcond=None)[0]
+    tension = np.maximum(np.stack([reduced, -reduced], axis=1).ravel(), 0)
+    space = model.linearize(State(curvature, np.zeros(6)), tension)
+    a, b, c = linear_model(ARM_DATA, curvature)
+    np.testing.assert_allclose(a, space.a, rtol=1e-8, atol=1e-6)
+    np.testing.assert_allclose(b, space.b[:, ::2], rtol=1e-8, atol=1e-9)
+    np.testing.assert_allclose(c, space.c[[0, 2]], atol=1e-12)
+
+
+def test_gains_minimise_the_cost():
+    """Any other stabilising gain costs more; costs from Lyapunov's integral by simulation."""
+    a, b, c = linear_model(ARM_DATA, BENT)
+    a = np.block([[a, np.zeros((12, 2))], [c, np.zeros((2, 2))]])
+    b = np.vstack([b, np.zeros((2, 3))])
+    best = lqi.design(ARM_DATA, BENT).reshape(3, 14)
+    start = np.zeros(14)
+    start[:6], start[12:] = 0.1, 1e-3
+
+    def cost(gain):
+        step = 2e-3
+        move, x, total = expm((a - b @ gain) * step), start, 0.0
+        for _ in range(2000):
+            u = gain @ x
+            total += step * (lqi.ERROR_WEIGHT * x[12:] @ x[12:] + lqi.INPUT_WEIGHT * u @ u)
+            x = move @ x
+        assert np.linalg.norm(x[12:]) < 1e-2 * np.linalg.norm(start[12:])
+        return total
+
+    rng = np.random.default_rng(0)
+    least = cost(best)
+    for _ in range(5):
+        other = best * (1 + 0.1 * rng.normal(size=best.shape))
+        assert cost(other) > least * (1 - 1e-6)
+    # The optimal cost is also x'Px.
+    weights = np.diag([0.0] * 12 + [lqi.ERROR_WEIGHT] * 2)
+    riccati = solve_continuous_are(a, b, weights, lqi.INPUT_WEIGHT * np.eye(3))
+    assert least == pytest.approx(start @ riccati @ start, rel=0.02)
+
+
+def test_shipped_table_holds_stabilising_gains_everywhere():
+    table = load_gains(models_dir() / "lqi.npz", ARM, "", 42)
+    assert table.gains.shape == (16, 13, 11, 42)
+    for number, point in enumerate(operating_points(6)):
+        gain = table.gains[point.index].reshape(3, 14)
+        assert growth(point.curvature, gain) < 0
+        if number % 97:
+            continue
+        np.testing.assert_allclose(
+            gain, lqi.design(ARM_DATA, point.curvature).reshape(3, 14), rtol=1e-4, atol=1e-2
+        )
+
+
+def growth(bend, gain):
+    """Largest real part [1/s] of the closed loop's poles at an operating point."""
+    a, b, c = linear_model(ARM_DATA, bend)
+    a = np.block([[a, np.zeros((12, 2))], [c, np.zeros((2, 2))]])
+    return np.linalg.eigvals(a - np.vstack([b, np.zeros((2, 3))]) @ gain).real.max()
+
+
+def test_interpolated_gains_stabilise_too():
+    """Except within 0.3 1/m of the straight pose, where they may grow slowly (models/lqi.md)."""
+    table = load_gains(models_dir() / "lqi.npz", ARM, "", 42)
+    gains, rng = np.empty(42), np.random.default_rng(0)
+    for _ in range(500):
+        bend = np.repeat(rng.uniform(-1, 1, 3) * [limit for _, limit in GRID], 2)
+        interpolate(table, bend, gains)
+        if np.max(np.abs(bend)) > 0.3:
+            assert growth(bend, gains.reshape(3, 14)) < 0
+        interpolate(table, 0.04 * bend, gains)
+        assert growth(0.04 * bend, gains.reshape(3, 14)) < 0.04
+
+
+# ---------------------------------------------------------------- table
+
+
+def test_grid_has_the_thesis_number_of_points_and_leaves_out_the_straight_pose():
+    points = list(operating_points(6))
+    assert len(points) == 2288
+    assert all(np.any(point.curvature != 0) for point in points)
+
+
+def test_interpolation_is_exact_for_trilinear_functions():
+    x, y, z = np.meshgrid(*axes(), indexing="ij")
+    values = np.stack([1 + x - 2 * y + x * z, x * y * z], axis=-1)
+    grid = axes()
+    table = reference(
+        GainTable(np.array([g[0] for g in grid]), np.array([g[1] - g[0] for g in grid]), values)
+    )
+    out = np.empty(2)
+    rng = np.random.default_rng(0)
+    for _ in range(50):
+        a, b, c = rng.uniform(-1, 1, 3) * [limit for _, limit in GRID]
+        assert interpolate(table, np.repeat([a, b, c], 2), out)
+        np.testing.assert_allclose(out, [1 + a - 2 * b + a * c, a * b * c], atol=1e-10)
+    for corner in ([7.5, 7.2, 7.0], [-7.5, -7.2, -7.0]):
+        assert interpolate(table, np.repeat(corner, 2), out)
+    # Outside, the nearest point of the grid counts, and it is said.
+    assert not interpolate(table, np.repeat([20.0, 1.0, 1.0], 2), out)
+    np.testing.assert_allclose(out, [1 + 7.5 - 2 + 7.5, 7.5])
+
+
+def test_tables_of_other_robots_are_refused(tmp_path):
+    gains = build_gains(ARM, lambda curvature: curvature[:1])
+    save_gains(tmp_path / "gains.npz", ARM, gains)
+    table = load_gains(tmp_path / "gains.npz", ARM, "", 1)
+    np.testing.assert_allclose(table.gains[:, 0, 0, 0], axes()[0], rtol=1e-6)
+    with pytest.raises(ValueError, match="another robot"):
+        load_gains(tmp_path / "gains.npz", ARM.vary(density=1.1), "", 1)
+    with pytest.raises(ValueError, match="does not fit this version"):
+        load_gains(tmp_path / "gains.npz", ARM, "", 2)
+    with pytest.raises(FileNotFoundError, match="make them with `softrobot train lqi`"):
+        load_gains(tmp_path / "none.npz", ARM, "softrobot train lqi", 1)
+
+
+# ---------------------------------------------------------------- followed equilibrium
+
+
+def test_followed_equilibrium_ends_at_least_norm_on_the_target():
+    """Against the inverse statics of the continuous beam, another method and model."""
+    target = np.array([0.24, 0.30])
+    expected = STATICS.inverse(target, np.array([-30.0, 0.0, 30.0]))
+    inputs = np.array([5.0, 8.0, 8.0])
+    rest, inverse, gap = np.empty(6), np.empty((3, 2)), 1.0
+    start = STATICS.tip(inputs)
+    for share in np.minimum(np.linspace(0, 3, 3000), 1):
+        here = start + share * (target - start)
+        gap = follow(ARM_DATA, here, np.zeros(6), 1.0, 0.02, LIMIT, inputs, rest, inverse)
+    assert expected.converged and gap < 1e-7
+    np.testing.assert_allclose(inputs, expected.reduced, atol=1e-4)
+    np.testing.assert_allclose(
+        rest, np.repeat(STATICS.curvature(inputs, np.array([0.1, 0.2, 0.4])), 2), atol=1e-9
+    )
+
+
+def test_followed_equilibrium_of_a_softer_arm_under_a_force():
+    """Half the stiffness takes half the inputs; a force that inputs can cancel is cancelled."""
+    target, limit = np.array([0.2, 0.44]), LIMIT
+    push = np.array([1.0, -2.0, 0.5])
+    found = []
+    for scale, force in ((1.0, np.zeros(6)), (0.5, np.zeros(6)), (1.0, ARM_DATA.inputs @ push)):
+        inputs, rest, inverse = np.array([4.0, 4.0, 4.0]), np.empty(6), np.empty((3, 2))
+        for _ in range(50):
+            gap = follow(ARM_DATA, target, force, scale, 0.0, limit, inputs, rest, inverse)
+        assert gap < 1e-7
+        point = STATICS.tip(
+            (inputs + np.linalg.lstsq(ARM_DATA.inputs, force, rcond=None)[0]) / scale
+        )
+        np.testing.assert_allclose(point, target, atol=1e-6)
+        found.append(inputs)
+    assert np.linalg.norm(found[1]) < 0.7 * np.linalg.norm(found[0])
+
+
+# ---------------------------------------------------------------- closed loop
+
+
+@pytest.mark.parametrize("plant", ["pcc", "mujoco"])
+def test_step_response_is_that_of_the_thesis(policy, environment, plant):
+    """Rise time of Tab. 6.2 (0.090 s) and the audit's bands for what its weights leave open."""
+    rollout = run_episode(environment("step", plant), policy, options={"duration": 3.0})
+    metrics = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+    assert metrics.rise_time == pytest.approx(0.088, abs=0.01)
+    assert 0.6 < metrics.settling_time < 0.95
+    assert 0.25 < metrics.overshoot < 0.36
+    assert metrics.steady_state_error < 1e-4
+    assert set(rollout.policy_status) == {""}
+
+
+@pytest.mark.parametrize("plant", ["pcc", "mujoco"])
+def test_tracking_errors_are_those_of_the_thesis(policy, environment, plant):
+    """Swing 6.13 mm, less than 1 mm in motion; L-shape 1.71 mm (thesis; audit 5.9-6.7, 1.9-2.1)."""
+    swing = run_episode(environment("swing", plant), policy, options={"duration": 3.0})
+    assert 5.5e-3 < tracking_metrics(swing).e_max < 6.7e-3
+    assert swing.error[swing.time > 1.0].max() < 1e-3
+    shape = run_episode(environment("lshape", plant), policy, options={"duration": 7.0})
+    assert 1.6e-3 < tracking_metrics(shape).e_max < 2.1e-3
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+def test_young_s_modulus_hardly_matters(policy, environment, factor):
+    """Fig. 6.21: a transient at the start, then as before."""
+    options = {"vary": {"youngs_modulus": factor}, "duration": 4.0}
+    rollout = run_episode(environment("swing", "pcc"), policy, options=options)
+    assert rollout.failure is None
+    assert rollout.error[rollout.time > 2.5].max() < 2e-3
+
+
+@pytest.mark.parametrize(
+    ("limit", "far", "reason"),
+    [
+        (20.0, (0.24, 0.30), "tension limit reached"),
+        (80.0, (0.0, 0.60), "reference out of reach"),
+    ],
+)
+def test_integral_does_not_wind_up(limit, far, reason):
+    """A reference that cannot be reached; the way back is as if nobody had waited there."""
+    robot = replace(ARM, tendons=tuple(replace(t, tension_limit=limit) for t in ARM.tendons))
+    policy = LQI(robot, PERIOD)
+    task = replace(make_task("step"), robot=robot, duration=20.0)
+    env = TrackingEnv(task, control_period=PERIOD, observe="all")
+    near, errors = np.array([0.2, 0.44]), []
+    for wait in (1500, 6000):
+        observation, _ = env.reset()
+        state, statuses, error = None, set(), []
+        for k in range(wait + 1500):
+            observation["reference"] = np.array(far) if k < wait else near
+            action, state = policy.predict(observation, state)
+            statuses.add(state.status)
+            observation, _, terminated, _, info = env.step(action)
+            assert not terminated, info
+            error.append(np.linalg.norm(observation["tip_position"] - near))
+        assert reason in statuses
+        errors.append(np.array(error[wait:]))
+    assert errors[1][-1] < 1e-3
+    np.testing.assert_allclose(errors[1], errors[0], atol=2e-3)

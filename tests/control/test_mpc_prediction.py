@@ -1,0 +1,194 @@
+"""Prediction, derivatives and optimisation of the model predictive controllers."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from softrobot_env.beams.closed_forms import planar_arm
+from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+from softrobot_env.beams.model import State
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.control.mpc.optimisation import Optimiser, Problem
+from softrobot_env.control.mpc.quadratic_program import BoundedSolver
+from softrobot_env.control.mpc.settings import PREVIEW, THESIS, MPCSettings
+from softrobot_env.robots import ARM
+from softrobot_env.robots.actuation import TendonMap
+
+DATA = make_planar_arm(ARM)
+MAP = TendonMap(ARM)
+MODEL = PCC(ARM, axes="planar")
+SETTINGS = {"thesis": THESIS, "preview": PREVIEW}
+
+
+def optimiser(settings: MPCSettings, limit: float = 80.0) -> Optimiser:
+    return Optimiser(settings, np.full(3, limit))
+
+
+def make_problem(settings: MPCSettings, seed: int = 0, force: float = 0.0) -> Problem:
+    """A moving arm, bent by some 1 rad, and a reference that leads away from its tip."""
+    rng = np.random.default_rng(seed)
+    curvature = 2.0 + rng.normal(size=6)
+    tip, jacobian = np.empty(2), np.empty((2, 6))
+    planar_arm.tip(DATA, curvature, tip, jacobian)
+    ahead = np.linspace(0.0, 1.0, len(settings.steps) + 1)[:, None]
+    return Problem(
+        arm=DATA,
+        start=np.stack([curvature, rng.normal(size=6)]),
+        force=force * rng.normal(size=6),
+        before=rng.normal(size=3),
+        reference=tip + ahead * rng.normal(size=2) * 0.03,
+    )
+
+
+def some_inputs(settings: MPCSettings, seed: int = 1) -> np.ndarray:
+    return 5.0 + 3.0 * np.random.default_rng(seed).normal(size=(len(settings.moves), 3))
+
+
+def residuals(
+    solver: Optimiser, settings: MPCSettings, problem: Problem, inputs: np.ndarray
+) -> np.ndarray:
+    """Roots of the terms of the cost, written out from the predicted path."""
+    path = solver.evaluate(problem, inputs, settings.no_guess(6)).path
+    states = np.concatenate((problem.start[None], path))
+    tips, jacobian = np.empty((len(states), 2)), np.empty((2, 6))
+    for state, tip in zip(states, tips, strict=True):
+        planar_arm.tip(DATA, state[0], tip, jacobian)
+    error = tips - problem.reference
+    steps = np.array(settings.steps)[:, None]
+    share = np.sqrt(steps / steps[0])
+    applied = inputs[settings.block]
+    change = np.diff(np.concatenate((problem.before[None], applied)), axis=0)
+    terms = (
+        np.sqrt(settings.error) * share * error[1:],
+        np.sqrt(settings.rate) * share * np.diff(error, axis=0) / steps,
+        np.sqrt(settings.effort) * share * applied,
+        np.sqrt(settings.change) * change,
+    )
+    return np.concatenate([term.ravel() for term in terms])
+
+
+@pytest.mark.parametrize("name", list(SETTINGS))
+def test_prediction_is_that_of_the_general_model(name):
+    """Step by step with the integrator of the same name of the package's simulation."""
+    settings = SETTINGS[name]
+    solver, problem = optimiser(settings), make_problem(settings)
+    inputs = some_inputs(settings)
+    path = solver.evaluate(problem, inputs, settings.no_guess(6)).path
+    state = State(*problem.start)
+    for k, step in enumerate(settings.steps):
+        tension = MAP.tension(inputs[settings.block[k]])
+        motion = MODEL.simulate(step, tension, state, method=settings.integrator, step=step)
+        state = motion.end
+        np.testing.assert_allclose(path[k, 0], state.q, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(path[k, 1], state.v, rtol=1e-6, atol=1e-5)
+
+
+def test_force_acts_like_the_inputs_that_cause_it():
+    """A force B u_d on the curvatures is what further inputs u_d would do."""
+    settings, further = THESIS, np.array([1.0, -2.0, 3.0])
+    solver, problem, inputs = optimiser(settings), make_problem(settings), some_inputs(settings)
+    pushed = problem._replace(force=DATA.inputs @ further)
+    by_force = solver.evaluate(pushed, inputs, settings.no_guess(6)).path
+    by_inputs = solver.evaluate(problem, inputs + further, settings.no_guess(6)).path
+    np.testing.assert_allclose(by_force, by_inputs, rtol=1e-7, atol=1e-7)
+
+
+@pytest.mark.parametrize("name", list(SETTINGS))
+def test_cost_and_its_model_follow_from_the_path(name):
+    """Cost, gradient and Gauss-Newton Hessian against finite differences of the terms."""
+    settings = SETTINGS[name]
+    solver, problem = optimiser(settings), make_problem(settings, force=1e-3)
+    inputs, step = some_inputs(settings), 1e-3
+    now = solver.evaluate(problem, inputs, settings.no_guess(6))
+    terms = residuals(solver, settings, problem, inputs)
+    assert now.cost == pytest.approx(terms @ terms, rel=1e-12)
+    alone = solver.evaluate(problem, inputs, settings.no_guess(6), differentiate=False)
+    assert alone.cost == now.cost and alone.gradient.size == 0
+    slopes = []
+    for direction in step * np.eye(inputs.size):
+        d = direction.reshape(inputs.shape)
+        ahead, behind = (residuals(solver, settings, problem, inputs + s * d) for s in (1, -1))
+        slopes.append((ahead - behind) / (2 * step))
+    slopes = np.array(slopes).T
+    scale = np.abs(now.hessian).max()
+    np.testing.assert_allclose(now.gradient, 2 * terms @ slopes, atol=1e-5 * scale)
+    np.testing.assert_allclose(now.hessian, 2 * slopes.T @ slopes, atol=1e-5 * scale)
+
+
+@pytest.mark.parametrize("limit", [80.0, 6.0], ids="{:g} N".format)
+@pytest.mark.parametrize("seed", range(3))
+def test_optimum_is_that_of_a_general_solver(seed, limit):
+    solver, problem = optimiser(THESIS, limit), make_problem(THESIS, seed)
+    begin = np.zeros((3, 3))
+    optimum = solver.minimise(problem, begin, THESIS.no_guess(6))
+    assert optimum.failure is None
+    general = least_squares(
+        lambda x: residuals(solver, THESIS, problem, x.reshape(3, 3)),
+        begin.ravel(),
+        bounds=(-limit, limit),
+        xtol=1e-12,
+        ftol=1e-14,
+        gtol=1e-12,
+        max_nfev=500,
+    )
+    inputs = optimum.last.inputs
+    assert np.any(np.abs(inputs) == limit) == (limit == 6.0)
+    assert optimum.last.cost <= 2 * general.cost * (1 + 1e-6)
+    np.testing.assert_allclose(inputs.ravel(), general.x, atol=0.02)
+
+
+@pytest.mark.parametrize("name", list(SETTINGS))
+@pytest.mark.parametrize("seed", range(5))
+def test_cost_never_increases(name, seed):
+    settings = replace(SETTINGS[name], iterations=50, tolerance=1e-4)
+    solver, problem = optimiser(settings, 20.0), make_problem(settings, seed)
+    far = problem._replace(reference=np.tile([-0.3, 0.3], (len(settings.steps) + 1, 1)))
+    begin = np.tile(problem.before, (len(settings.moves), 1))
+    optimum = solver.minimise(far, begin, settings.no_guess(6))
+    assert optimum.failure is None
+    assert len(optimum.costs) > 2 and np.all(np.diff(optimum.costs) <= 0)
+    assert np.abs(optimum.last.inputs).max() <= 20.0 + 1e-12
+
+
+def test_bounded_program_against_its_conditions():
+    """At the optimum the gradient vanishes inside the bounds and points outwards on them."""
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(8, 8))
+    hessian, gradient = root @ root.T + 0.1 * np.eye(8), 3 * rng.normal(size=8)
+    lower, upper = -np.full(8, 0.5), np.full(8, 0.3)
+    x = BoundedSolver()(hessian, gradient, lower, upper)
+    slope = hessian @ x + gradient
+    low, high = x < lower + 1e-9, x > upper - 1e-9
+    inside = ~(low | high)
+    assert 0 < inside.sum() < 8
+    np.testing.assert_allclose(slope[inside], 0.0, atol=1e-9)
+    assert np.all(slope[low] > 0) and np.all(slope[high] < 0)
+
+
+def test_unsolved_program_gives_none():
+    solve = BoundedSolver()
+    assert solve(np.eye(2), np.full(2, np.nan), -np.ones(2), np.ones(2)) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "reason"),
+    [
+        ({"integrator": "rk4"}, "choose from implicit_euler, sdirk2"),
+        ({"steps": (0.1, -0.1)}, "steps must be positive"),
+        ({"period": 0.2}, "period in"),
+        ({"moves": (1, 1)}, "5 in sum"),
+        ({"effort": 0.0}, "effort must be positive"),
+    ],
+)
+def test_bad_settings_are_refused(changes, reason):
+    with pytest.raises(ValueError, match=reason):
+        replace(THESIS, **changes)
+
+
+def test_shift_moves_a_plan_on_by_one_period():
+    np.testing.assert_array_equal(THESIS.shift, [1, 2, 2])
+    settings = replace(THESIS, period=0.02, steps=(0.02, 0.02, 0.04, 0.08), moves=(1, 1, 1, 1))
+    # Blocks start at 0, 20, 40 and 80 ms; 20 ms later blocks 1, 2, 2 and 3 are in force.
+    np.testing.assert_array_equal(settings.shift, [1, 2, 2, 3])

@@ -1,0 +1,275 @@
+"""The real rig's environment against a virtual robot in a process of its own."""
+
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+
+from softrobot_env.commands.robot.soak import unsafe_outputs
+from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.control.registry import make_policy
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.envs.rig import RigEnv
+from softrobot_env.evaluation.run import run_episode
+from softrobot_env.hardware.errors import LinkError, RobotFaultError
+from softrobot_env.robots import RIG
+from softrobot_env.tasks.rig import RigTask
+from softrobot_env.tasks.rig_trajectories import RoundedTriangle
+
+pytest.importorskip("serial", reason="needs the robot extra")
+pytest.importorskip("cobs", reason="needs the robot extra")
+
+TWIN = 1
+
+#: Other tests may load the machine: no test of what a step does may fail for being late.
+PATIENT = {"max_missed": 10_000, "oldest": 2.0}
+PATIENT_FILE = {"watchdog": 0.5, "ttl": 0.4}
+
+#: A lap of 5 s and the way to it, quicker than that of the registered task.
+RUN = RoundedTriangle(b1=0.05, period=3.0, laps=0, approach=2.0)
+TASK = RigTask("triangle", RIG, RUN, 6.0)
+
+
+@pytest.fixture(scope="module")
+def robot():
+    with virtual_process(TWIN) as running:
+        yield running._replace(file=replace(running.file, **PATIENT_FILE))
+
+
+@pytest.fixture
+def make(robot):
+    made = []
+
+    def make_env(task=TASK, **options):
+        own = {"robot_file": robot.file, "tip": robot.tip} | PATIENT
+        env = RealRigEnv(task, **own | options)
+        made.append(env)
+        return env
+
+    yield make_env
+    for env in made:
+        env.close()
+
+
+def begin(env, **options):
+    """Start an episode, whatever the test before has left behind."""
+    return env.reset(options={"clear_fault": True} | options)
+
+
+def still():
+    return np.zeros(3, dtype=np.float32)
+
+
+def test_observations_stay_inside_the_space(make):
+    env = make("triangle")
+    observation, _ = begin(env)
+    assert env.observation_space.contains(observation)
+    for _ in range(5):
+        observation, reward, *_ = env.step(env.action_space.sample() * np.float32(0.05))
+        assert env.observation_space.contains(observation)
+        assert isinstance(reward, float)
+
+
+def test_it_is_registered(make, robot):
+    env = gymnasium.make("SoftRobot/RealRig-v0", robot_file=robot.file, tip=robot.tip)
+    assert isinstance(env.unwrapped, RealRigEnv) and env.unwrapped.task.name == "triangle"
+
+
+def test_spaces_are_those_of_the_simulated_rig(make):
+    assert make().observation_space == RigEnv().observation_space
+    assert make().action_space == RigEnv().action_space
+
+
+def test_an_episode_takes_its_time_by_the_clock(make):
+    env = make()
+    begin(env, duration=1.0)
+    over, count, since = False, 0, None
+    while not over:
+        *_, terminated, over, info = env.step(still())
+        since = time.monotonic() if count == 0 else since
+        count += 1
+    assert time.monotonic() - since > 0.9
+    # The first step arms the robot, the last one ramps it down.
+    assert not terminated and info["time"] == pytest.approx(1.0)
+    assert count + info["missed_steps"] == 50
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(still())
+    env.reset()
+    assert env.step(still())[4]["device_state"] == "running"
+
+
+def test_info_tells_of_link_and_age(make, robot):
+    env = make()
+    begin(env)
+    for _ in range(5):
+        *_, info = env.step(still())
+    assert info["fault"] is None and info["limited"] is False
+    assert 0 <= info["obs_age_s"] < 0.5 and 0.01 < info["tip_age"] < 0.5
+    assert robot.file.state_delay <= info["rtt_s"] < 0.5
+    assert info["link"]["crc_errors"] == info["link"]["frame_errors"] == 0
+    assert info["applied_action"] == pytest.approx(np.zeros(3), abs=1e-3)
+
+
+@pytest.mark.parametrize("action", [np.full(3, np.nan), np.zeros(2), np.full(3, 1.5), [0, 0, 0]])
+def test_bad_actions_are_refused_before_they_are_sent(make, action):
+    env = make()
+    begin(env)
+    with pytest.raises(ValueError, match="array of 3 numbers"):
+        env.step(action)
+
+
+def test_actions_beyond_the_calibrated_range_are_limited_and_told(make, robot):
+    servos = tuple(replace(servo, maximum=0.002) for servo in robot.file.tendons)
+    env = make(robot_file=replace(robot.file, tendons=servos))
+    begin(env)
+    pull = np.array([0.2, 0.0, 0.0], dtype=np.float32)
+    for _ in range(15):
+        *_, info = env.step(pull)
+    assert info["limited"] is True
+    assert env.length_scale * info["applied_action"] == pytest.approx([0.002, 0, 0], abs=1e-6)
+
+
+def test_an_exception_in_a_step_is_an_emergency_stop(make, monkeypatch):
+    env = make()
+    begin(env)
+    env.step(still())
+    with monkeypatch.context() as patched:
+        patched.setattr(env._clock, "finish", lambda: 1 / 0)
+        with pytest.raises(ZeroDivisionError):
+            env.step(still())
+    with pytest.raises(RobotFaultError, match="emergency"):
+        env.reset()
+    env.reset(options={"clear_fault": True})
+    assert env.step(still())[4]["device_state"] == "running"
+
+
+def test_a_pause_longer_than_the_watchdog_is_a_fault(make, robot):
+    env = make()
+    begin(env)
+    env.step(still())
+    time.sleep(2.5 * robot.file.watchdog)
+    *_, terminated, truncated, info = env.step(still())
+    assert truncated and not terminated
+    assert "set-point" in info["failure"] and info["fault"] == info["failure"]
+    for call in (lambda: env.step(still()), env.reset):
+        with pytest.raises(RobotFaultError):
+            call()
+    env.reset(options={"clear_fault": True})
+
+
+def test_too_many_missed_steps_are_a_fault(make):
+    env = make(max_missed=1)
+    begin(env)
+    env.step(still())
+    time.sleep(0.065)
+    *_, truncated, info = env.step(still())
+    assert truncated and "missed" in info["failure"]
+
+
+class Freezing:
+    """The tip source, until it is frozen."""
+
+    def __init__(self, source):
+        self._source, self.frozen = source, None
+
+    def latest(self, adc, time):
+        return self.frozen or self._source.latest(adc, time)
+
+
+def test_a_dead_tip_source_ends_the_episode(make, robot):
+    source = Freezing(robot.tip)
+    env = make(tip=source, oldest=0.2)
+    begin(env)
+    env.step(still())
+    source.frozen = robot.tip.latest(None, 0.0)
+    ends = (env.step(still()) for _ in range(60))
+    *_, truncated, info = next(end for end in ends if end[3])
+    assert truncated and "tip source" in info["failure"] and "old" in info["failure"]
+
+
+def test_no_robot_is_told_at_once(robot):
+    env = RealRigEnv(TASK, robot_file=replace(robot.file, port="/dev/no_robot"), tip=robot.tip)
+    with pytest.raises(LinkError, match="/dev/no_robot"):
+        env.reset()
+    env.close()
+
+
+def test_arguments_are_checked(robot):
+    with pytest.raises(ValueError, match="half of the watchdog"):
+        RealRigEnv(robot_file=replace(robot.file, watchdog=0.1, ttl=0.1), control_period=0.06)
+    with pytest.raises(ValueError, match="curvature"):
+        RealRigEnv(robot_file=robot.file, observe=("curvature",))
+    start = replace(TASK, start_length=(0.001, 0.0, 0.0))
+    with pytest.raises(ValueError, match="start with all tendons"):
+        RealRigEnv(start, robot_file=robot.file)
+
+
+def test_a_policy_does_the_same_in_simulation_and_over_the_wire(make):
+    """Same twin, same policy: tips differ by less than a millimetre on average."""
+    env = make()
+    rollouts = []
+    begin(env)
+    for one in (env, RigEnv(TASK, twin=TWIN, observe="all")):
+        rollouts.append(run_episode(one, make_policy("hybrid", RIG, 0.02), seed=0))
+    real, simulated = rollouts
+    assert (real.source, simulated.source) == ("real", "sim")
+    assert real.failure is None
+    place = np.stack([np.interp(real.time, simulated.time, x) for x in simulated.tip.T], axis=1)
+    apart = np.linalg.norm(real.tip - place, axis=1)
+    assert apart.mean() < 1e-3
+    assert np.ptp(real.tip[:, 0]) > 0.05  # it moved
+
+
+HOST = """
+import sys, time
+from dataclasses import replace
+import numpy as np
+from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.hardware.driver import Driver
+from softrobot_env.hardware.transport import SerialTransport
+
+file = replace(rig_file(sys.argv[1]), watchdog=0.5, ttl=0.4)
+driver = Driver(file, SerialTransport(file.port, file.baud))
+driver.connect()
+driver.arm()
+start = time.monotonic()
+while True:
+    since = time.monotonic() - start
+    seq = driver.command(np.array([0.008 * since, 0.0, 0.0]).clip(0, 0.02))
+    driver.wait_for(seq, time.monotonic() + 0.06)
+    if since > 1.0:
+        print("moving", flush=True)
+"""
+
+
+@pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+def test_killing_the_host_leaves_the_robot_at_rest(tmp_path, kill):
+    log = tmp_path / "log.npz"
+    with virtual_process(TWIN, log=log) as robot:
+        host = subprocess.Popen(
+            [sys.executable, "-c", HOST, robot.file.port],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        assert host.stdout.readline() == "moving\n"
+        killed = time.monotonic()
+        host.send_signal(kill)
+        host.wait(10)
+        host.stdout.close()
+        file = replace(robot.file, **PATIENT_FILE)
+        time.sleep(file.watchdog + 0.02 / file.ramp + 0.3)
+    with np.load(log) as data:
+        moment, applied, powered = data["time"], data["applied"], data["powered"]
+        assert unsafe_outputs(dict(data), file)["unsafe_outputs"] == 0
+    assert powered[moment < killed][-1]
+    farthest = applied[moment < killed, 0].max()
+    after = applied[moment > killed + file.watchdog + 0.05, 0]
+    # From then on it only goes back to rest, and stays there without power.
+    assert np.all(np.diff(after) <= 0) and after[0] <= farthest + 0.1 * 0.008 + 1e-3
+    assert after[-1] == 0.0 and not powered[-1]

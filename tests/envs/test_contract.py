@@ -1,0 +1,569 @@
+"""What every environment promises, checked over every registered id."""
+
+import copy
+import pickle
+import warnings
+from array import array
+from fractions import Fraction
+from functools import partial
+from itertools import pairwise
+from math import ceil
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
+from gymnasium.wrappers import FlattenObservation, RecordEpisodeStatistics
+
+from softrobot_env.envs.observations.arm import DEFAULT_OBSERVABLES, OBSERVABLES
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.registration import ENVIRONMENTS
+
+# ---------------------------------------------------------------- driving an episode
+
+
+def hold(env, _observation, _rng):
+    return (np.array(env.task.start_input) / env.input_scale).astype(np.float32)
+
+
+def uniform(env, _observation, rng):
+    return rng.uniform(-1, 1, env.action_space.shape).astype(np.float32)
+
+
+def switching(env, _observation, rng):
+    return rng.choice([-1.0, 1.0], env.action_space.shape).astype(np.float32)
+
+
+def pumping(env, observation, _rng):
+    """Full tension in the direction of bending: as much energy as the tendons can give."""
+    side = 1.0 if np.sum(observation["curvature_rate"]) >= 0 else -1.0
+    return np.full(env.action_space.shape, side, dtype=np.float32)
+
+
+POLICIES = {f.__name__: f for f in (hold, uniform, switching, pumping)}
+
+
+def steps(env, policy, limit=None, seed=0):
+    """Results of stepping the running episode until it ends, or for `limit` steps."""
+    rng = np.random.default_rng(seed)
+    observation = {"curvature_rate": np.zeros(6)}
+    taken = 0
+    while limit is None or taken < limit:
+        result = env.step(policy(env, observation, rng))
+        observation = result[0]
+        taken += 1
+        yield result
+        if result[2] or result[3]:
+            return
+
+
+def flatten(result):
+    """Every number of a result of `reset` or `step`, for bitwise comparison."""
+    if isinstance(result, dict):
+        return [part for key in sorted(result) for part in (key, *flatten(result[key]))]
+    if isinstance(result, tuple):
+        return [part for item in result for part in flatten(item)]
+    return [result.tobytes() if isinstance(result, np.ndarray) else result]
+
+
+# ---------------------------------------------------------------- the two checkers, spaces
+
+
+def test_gymnasium_checker(env_id):
+    env = gymnasium.make(env_id).unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env, skip_render_check=True)
+
+
+def test_stable_baselines3_checker(env_id):
+    sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the rl extra")
+
+    env = gymnasium.make(env_id)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        sb3.check_env(env, warn=True, skip_render_check=True)
+
+
+def test_spaces_are_finite_and_alike(make_env):
+    environments = [make_env(i, observe="all") for i in ENVIRONMENTS]
+    first = environments[0]
+    for env in environments:
+        assert env.observation_space == first.observation_space
+        assert env.action_space == first.action_space
+    for name, box in first.observation_space.items():
+        assert np.all(np.isfinite(box.low)), name
+        assert np.all(np.isfinite(box.high)), name
+        assert np.all(box.low < box.high), name
+        assert box.dtype == np.float64, name
+        assert box.shape == (box.shape[0],), name
+    assert first.action_space == gymnasium.spaces.Box(-1, 1, (3,), np.float32)
+
+
+@pytest.mark.parametrize("policy", POLICIES)
+def test_observations_stay_inside_the_space(env_id, policy, make_env):
+    env = make_env(env_id, observe="all")
+    observation, _ = env.reset(seed=1)
+    assert env.observation_space.contains(observation)
+    results = list(steps(env, POLICIES[policy]))
+    for observation, reward, terminated, truncated, _ in results:
+        assert env.observation_space.contains(observation)
+        assert all(np.all(np.isfinite(v)) for v in observation.values())
+        assert isinstance(reward, float)
+        assert np.isfinite(reward)
+        assert type(terminated) is bool
+        assert type(truncated) is bool
+    *_, terminated, truncated, info = results[-1]
+    assert terminated != truncated
+    assert ("failure" in info) == terminated
+    if policy == "hold":
+        assert truncated
+    if policy == "pumping":
+        assert terminated, "the pump was meant to drive the robot out of its workspace"
+
+
+# ---------------------------------------------------------------- determinism, copies
+
+
+@pytest.mark.parametrize("policy", ["uniform", "pumping"])
+def test_episodes_repeat_bitwise(env_id, policy, make_env):
+    env, other = make_env(env_id), make_env(env_id)
+    runs = []
+    for each in (env, other, env):  # a new environment, and the same one again
+        start = each.reset(seed=7)
+        runs.append(flatten((*start, *steps(each, POLICIES[policy], 200))))
+    assert runs[0] == runs[1] == runs[2]
+
+
+def test_seed_sets_the_generator(env_id, make_env):
+    env = make_env(env_id)
+    draws = []
+    for seed in (3, 3, 4):
+        env.reset(seed=seed)
+        draws.append(env.np_random.random())
+    assert draws[0] == draws[1] != draws[2]
+    assert env.np_random_seed == 4
+    env.reset()
+    assert env.np_random_seed == 4
+
+
+def test_episode_does_not_depend_on_the_seed(env_id, make_env):
+    env = make_env(env_id)
+    assert flatten(env.reset(seed=1)) == flatten(env.reset(seed=2))
+
+
+COPIES = {"pickle": lambda env: pickle.loads(pickle.dumps(env)), "deepcopy": copy.deepcopy}
+SITUATIONS = {
+    "nominal": {},
+    "varied": {"vary": {"youngs_modulus": 1.5, "density": 0.7}},
+    "disturbed": {"vary": {"tension_gain": 0.9, "delay": 0.07, "sensor_noise": 2.0}},
+    "rubbing and disturbed": {"vary": {"tendon_friction": 1.0, "delay": 0.02, "sensor_noise": 1.0}},
+}
+
+
+@pytest.mark.parametrize("way", COPIES)
+@pytest.mark.parametrize("situation", SITUATIONS)
+def test_copies_continue_bitwise(env_id, way, situation, make_env):
+    env = make_env(env_id, observe="all")
+    env.reset(seed=0, options=SITUATIONS[situation])
+    list(steps(env, uniform, 40))
+    twin = COPIES[way](env)
+    expected = flatten(tuple(steps(env, switching, 100)))
+    assert flatten(tuple(steps(twin, switching, 100))) == expected
+    # Both go on to the same next episode, of the nominal robot.
+    assert flatten(twin.reset()) == flatten(env.reset())
+    np.testing.assert_array_equal(twin.model.jnt_stiffness, env.model.jnt_stiffness)
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_copies_are_independent(way, make_env):
+    env = make_env()
+    env.reset(seed=0)
+    list(steps(env, uniform, 5))
+    twin = COPIES[way](env)
+    list(steps(twin, switching, 50))
+    twin.reset(options={"vary": {"density": 2.0}})
+    untouched = make_env()
+    untouched.reset(seed=0)
+    list(steps(untouched, uniform, 5))
+    continued = flatten(tuple(steps(env, uniform, 20, seed=1)))
+    assert continued == flatten(tuple(steps(untouched, uniform, 20, seed=1)))
+
+
+@pytest.mark.parametrize("way", COPIES)
+def test_copies_before_the_first_episode(way, make_env):
+    env = make_env()
+    twin = COPIES[way](env)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        twin.step(hold(twin, None, None))
+    assert flatten(twin.reset()) == flatten(env.reset())
+
+
+# ---------------------------------------------------------------- time
+
+
+@pytest.mark.parametrize(
+    "fraction", ["1/1000", "1/500", "7/1000", "1/60", "1/49", "1/10", "13/100", "1/5"]
+)
+def test_episode_lasts_as_long_as_the_task(env_id, fraction, make_env):
+    period = float(Fraction(fraction))
+    env = make_env(env_id, control_period=period)
+    _, info = env.reset()
+    assert info["time"] == 0
+    results = list(steps(env, hold))
+    for number, (*_, terminated, truncated, info) in enumerate(results, start=1):
+        assert not terminated
+        assert truncated == (number == len(results))
+        assert info["time"] == pytest.approx(number * period, abs=1e-9)
+    count = len(results)
+    # Exact: 15 / (1 / 49) is a little over 735 in floating point.
+    assert count == ceil(Fraction(env.task.duration) / Fraction(fraction))
+    assert env.data.time == pytest.approx(count * period, rel=1e-9)
+    assert env.model.opt.timestep <= period
+
+
+@pytest.mark.parametrize("period", [0.0, 0.9e-3, 0.21, -0.01, np.nan, np.inf])
+def test_control_period_out_of_range(period, make_env):
+    with pytest.raises(ValueError, match=r"between 0\.001 and 0\.2 s"):
+        make_env(control_period=period)
+
+
+def test_no_step_before_the_first_reset(env_id, make_env):
+    env = make_env(env_id)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+        env.step(hold(env, None, None))
+
+
+def test_no_step_after_the_end(env_id, make_env):
+    env = make_env(env_id, control_period=0.2)
+    env.reset()
+    results = list(steps(env, hold))
+    assert [truncated for *_, truncated, _ in results] == [False] * (len(results) - 1) + [True]
+    for _ in range(2):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+            env.step(hold(env, None, None))
+    env.reset()
+    env.step(hold(env, None, None))
+
+
+# ---------------------------------------------------------------- actions
+
+BAD_ACTIONS = {
+    "nan": np.array([0, np.nan, 0], np.float32),
+    "inf": np.array([0, np.inf, 0], np.float32),
+    "-inf": np.array([-np.inf, 0, 0], np.float32),
+    "too large": np.array([0, 0, 1.0001], np.float32),
+    "too small": np.array([-1.0001, 0, 0], np.float32),
+    "float64 just outside": np.array([0, 0, np.nextafter(1, 2)]),
+    "too few": np.zeros(2, np.float32),
+    "too many": np.zeros(4, np.float32),
+    "empty": np.zeros(0, np.float32),
+    "row": np.zeros((1, 3), np.float32),
+    "column": np.zeros((3, 1), np.float32),
+    "no dimension": np.array(0.0, np.float32),
+    "list": [0.0, 0.0, 0.0],
+    "float": 0.0,
+    "none": None,
+    "objects": np.array([None, None, None]),
+    "text": np.array(["0", "0", "0"]),
+    "complex": np.zeros(3, complex),
+}
+
+
+def test_an_array_of_another_library_is_named(make_env):
+    """A torch tensor, for instance: it has `tolist` but is no NumPy array."""
+    env = make_env()
+    env.reset()
+    with pytest.raises(ValueError, match=r"3 numbers in \[-1, 1\]"):
+        env.step(array("f", [0.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize("name", BAD_ACTIONS)
+def test_bad_actions_are_named_and_change_nothing(name, make_env):
+    env, untouched = make_env(), make_env()
+    env.reset(), untouched.reset()
+    list(steps(env, uniform, 3)), list(steps(untouched, uniform, 3))
+    with pytest.raises(ValueError, match=r"3 numbers in \[-1, 1\]"):
+        env.step(BAD_ACTIONS[name])
+    assert flatten(tuple(steps(env, uniform, 3))) == flatten(tuple(steps(untouched, uniform, 3)))
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64, np.float16, np.int64, np.int8])
+def test_any_real_array_is_an_action(dtype, make_env):
+    env = make_env()
+    env.reset()
+    *_, info = env.step(np.array([1, -1, 0], dtype))
+    np.testing.assert_allclose(info["tendon_tension"], [80, 0, 0, 80, 0, 0], atol=1e-12)
+
+
+def test_tensions_are_the_pair_formula_of_the_action(env_id, make_env):
+    """(6.8) with 80 N full scale: the upper tendon takes positive entries, the lower negative."""
+    env = make_env(env_id, observe="all")
+    np.testing.assert_array_equal(env.input_scale, 80.0)
+    _, info = env.reset()
+    start = np.array(env.task.start_input)
+    pairs = np.stack([np.maximum(start, 0), np.maximum(-start, 0)], axis=1).ravel()
+    np.testing.assert_allclose(info["tendon_tension"], pairs, rtol=1e-12)
+    rng = np.random.default_rng(2)
+    for _ in range(30):
+        action = uniform(env, None, rng)
+        observation, *_, info = env.step(action)
+        wanted = 80.0 * action.astype(float)
+        pairs = np.stack([np.maximum(wanted, 0), np.maximum(-wanted, 0)], axis=1).ravel()
+        np.testing.assert_allclose(info["tendon_tension"], pairs, rtol=1e-12, atol=1e-12)
+        np.testing.assert_allclose(observation["tendon_tension"], pairs, rtol=1e-12, atol=1e-12)
+        np.testing.assert_array_equal(observation["previous_action"], action)
+
+
+# ---------------------------------------------------------------- observations
+
+
+@pytest.mark.parametrize(
+    ("observe", "names"),
+    [
+        ("all", tuple(OBSERVABLES)),
+        (DEFAULT_OBSERVABLES, DEFAULT_OBSERVABLES),
+        *(((name,), (name,)) for name in OBSERVABLES),
+        (["reference", "curvature"], ("reference", "curvature")),
+    ],
+    ids=str,
+)
+def test_observe_chooses(observe, names, make_env):
+    env, full = make_env(observe=observe), make_env(observe="all")
+    full.reset()
+    env.reset()
+    for (observation, *_), (everything, *_) in zip(
+        steps(env, uniform, 5), steps(full, uniform, 5), strict=True
+    ):
+        assert set(observation) == set(names)
+        # FlattenObservation relies on the order.
+        assert list(observation) == list(env.observation_space)
+        for name, value in observation.items():
+            np.testing.assert_array_equal(value, everything[name])
+
+
+def test_default_observables(make_env):
+    assert set(make_env().observation_space) == set(DEFAULT_OBSERVABLES)
+
+
+@pytest.mark.parametrize(
+    "observe", [(), ("tip",), ("reference", "tip"), ("reference", "reference"), "tip", ""]
+)
+def test_bad_observe_lists_the_allowed(observe, make_env):
+    with pytest.raises(ValueError, match="observe") as caught:
+        make_env(observe=observe)
+    assert all(name in str(caught.value) for name in OBSERVABLES)
+
+
+@pytest.mark.parametrize("preview", [(), (-0.1,), (0.1, np.nan), (np.inf,)])
+def test_bad_preview(preview, make_env):
+    with pytest.raises(ValueError, match="preview needs one or more times >= 0 s"):
+        make_env(preview=preview)
+
+
+def test_bad_task_and_render_mode(make_env):
+    with pytest.raises(ValueError, match="swing"):
+        make_env(task="wave")
+    from softrobot_env.envs.tracking import TrackingEnv
+
+    with pytest.raises(ValueError, match="rgb_array"):
+        TrackingEnv("swing", render_mode="ascii")
+
+
+DISCRETISATIONS = {
+    "default": {},
+    "one hinge a piece": {"rule": "midpoint"},
+    "uneven hinges": {"rule": "gauss3", "pieces": 9},
+    "fine": {"pieces": 12, "control_period": 0.004},
+    "one substep": {"control_period": 0.002},
+    "RK4": {"integrator": "RK4", "timestep": 5e-5, "control_period": 0.005},
+}
+
+
+@pytest.mark.parametrize("name", DISCRETISATIONS)
+def test_sensors_are_current(name, make_env):
+    """Every read-out belongs to the state at the end of the step, not to the one before it."""
+    env = make_env("SoftRobot/ArmStep-v0", observe="all", **DISCRETISATIONS[name])
+    env.reset()
+    model = env.model
+    pieces = env.observation_space["curvature"].shape[0]
+    stations = np.cumsum(model.body_pos[1:, 2])[: model.nv]
+    piece = (stations / (0.5 / pieces)).astype(int)
+    assert np.all(np.bincount(piece) == model.nv / pieces)
+    tip = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, "tip")
+    jacobian = np.zeros((3, model.nv))
+    for observation, *_, info in steps(env, uniform, 20):
+        data = copy.copy(env.data)
+        mujoco.mj_forward(model, data)
+        mujoco.mj_jacSite(model, data, jacobian, None, tip)
+        x, y, z = data.site_xpos[tip]
+        # Rounding: the same kinematics in another order.
+        close = partial(np.testing.assert_allclose, rtol=1e-10, atol=1e-12)
+        close(observation["tip_position"], [x, z])
+        assert abs(y) < 1e-12
+        close(observation["tip_velocity"], (jacobian @ data.qvel)[[0, 2]])
+        close(observation["curvature"], np.bincount(piece, data.qpos) / (0.5 / pieces))
+        close(observation["curvature_rate"], np.bincount(piece, data.qvel) / (0.5 / pieces))
+        bend = [np.sum(data.qpos[stations < end]) for end in (0.5 / 3, 1 / 3, 0.5)]
+        lengths = [
+            end - r * b
+            for end, b in zip((0.5 / 3, 1 / 3, 0.5), bend, strict=True)
+            for r in (0.025, -0.025)
+        ]
+        close(observation["tendon_length"], lengths)
+        close(info["tendon_length"], lengths)
+        close(info["error"], np.hypot(*(observation["tip_position"] - observation["reference"])))
+
+
+@pytest.mark.parametrize("period", [0.01, 0.2])
+def test_reference_is_the_trajectory(env_id, period, make_env):
+    preview = (0.0, 0.033, 0.1, 2.0)
+    env = make_env(env_id, observe="all", control_period=period, preview=preview)
+    start = env.reset()
+    trajectory = env.task.trajectory
+    for observation, *_, info in [start, *steps(env, hold)]:
+        t = info["time"]
+        times = np.array([t, *(t + np.array(preview))])
+        position = trajectory.position(times)[:, [0, 2]]
+        # Instants are rounded to 1 ns.
+        np.testing.assert_allclose(observation["reference"], position[0], atol=1e-9)
+        np.testing.assert_allclose(
+            observation["reference_preview"], position[1:].ravel(), atol=1e-9
+        )
+        velocity = trajectory.velocity(np.array([t]))[0, [0, 2]]
+        np.testing.assert_allclose(observation["reference_velocity"], velocity, atol=1e-9)
+
+
+def test_velocity_just_after_a_kink_at_any_period(make_env):
+    """1245 periods are 5 s but for rounding: the corner of the L, whose second leg runs along x."""
+    period = 0.004016064257028112
+    env = make_env("SoftRobot/ArmLShape-v0", control_period=period)
+    env.reset()
+    observation, *_ = list(steps(env, hold, 1245))[-1]
+    np.testing.assert_allclose(observation["reference_velocity"], [0.022, 0.0], atol=1e-12)
+
+
+# ---------------------------------------------------------------- nothing is shared
+
+
+def arrays(result):
+    """Arrays of an observation or info, nested dicts included."""
+    for value in result.values():
+        if isinstance(value, dict):
+            yield from arrays(value)
+        elif isinstance(value, np.ndarray):
+            yield value
+
+
+def test_results_share_no_memory(env_id, make_env):
+    env = make_env(env_id, observe="all")
+    calls = [env.reset()]
+    calls += [(obs, info) for obs, _, _, _, info in steps(env, uniform, 4)]
+    calls += [env.reset()]
+    held = [[*arrays(obs), *arrays(info)] for obs, info in calls]
+    inside = [env.data.qpos, env.data.qvel, env.data.ctrl, env.data.sensordata]
+    inside += [env.data.ten_length, env.data.actuator_force]
+    held.append(inside)
+    for i, first in enumerate(held):
+        for second in held[i + 1 :]:
+            assert not any(np.shares_memory(a, b) for a in first for b in second)
+    for (_, one), (_, two) in pairwise(calls):
+        assert one["reward_terms"] is not two["reward_terms"]
+
+
+def test_written_results_do_not_reach_the_environment(env_id, make_env):
+    env, untouched = make_env(env_id, observe="all"), make_env(env_id, observe="all")
+    (observation, info), _ = env.reset(), untouched.reset()
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        for value in (*arrays(observation), *arrays(info)):
+            value[...] = 1e9
+        info["reward_terms"].clear()
+        action = uniform(env, None, rng)
+        expected = flatten(untouched.step(action.copy()))
+        result = env.step(action)
+        assert flatten(result) == expected
+        action[:] = 0.5  # the environment kept no view of it
+        observation, *_, info = result
+
+
+# ---------------------------------------------------------------- Gymnasium's wrappers, vectors
+
+
+def test_flatten_and_statistics_wrappers(env_id):
+    env = RecordEpisodeStatistics(FlattenObservation(gymnasium.make(env_id, control_period=0.1)))
+    plain = gymnasium.make(env_id, control_period=0.1).unwrapped
+    observation, _ = env.reset(seed=0)
+    plain.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    rewards = []
+    truncated = False
+    while not truncated:
+        action = hold(plain, None, None)
+        observation, reward, _, truncated, info = env.step(action)
+        expected, *_ = plain.step(action)
+        np.testing.assert_array_equal(observation, np.concatenate(list(expected.values())))
+        rewards.append(reward)
+    assert info["episode"]["l"] == len(rewards) == ceil(plain.task.duration / 0.1 - 1e-9)
+    assert info["episode"]["r"] == pytest.approx(sum(rewards), rel=1e-6)
+
+
+VECTORS = {
+    "sync": SyncVectorEnv,
+    # Forking a process with running threads is deprecated; a fresh one costs an import.
+    "async": partial(AsyncVectorEnv, context="spawn"),
+}
+
+
+@pytest.mark.parametrize("kind", VECTORS)
+def test_vector_environments(kind, make_env):
+    """Two copies side by side, through the automatic reset, equal to one alone."""
+    name = "SoftRobot/ArmStep-v0"
+    factory = partial(gymnasium.make, f"softrobot_env:{name}", control_period=0.2)
+    vector = VECTORS[kind]([factory, factory])
+    single = make_env(name, control_period=0.2)
+    try:
+        observation, _ = vector.reset(seed=0)
+        single.reset(seed=0)
+        rng = np.random.default_rng(0)
+        over = False
+        for _ in range(60):  # 25 steps an episode
+            action = uniform(single, None, rng)
+            observation, _, _, truncated, _ = vector.step(np.stack([action, action]))
+            expected = single.reset()[0] if over else None
+            if not over:
+                expected, _, _, over, _ = single.step(action)
+                assert list(truncated) == [over, over]
+            else:
+                over = False
+            for key, value in expected.items():
+                np.testing.assert_array_equal(observation[key], np.stack([value, value]))
+    finally:
+        vector.close()
+
+
+def test_one_observable_by_name(make_env):
+    assert list(make_env(observe="tip_position").observation_space) == ["tip_position"]
+
+
+@pytest.mark.parametrize(
+    ("argument", "message"),
+    [
+        ({"width": 0}, "width and height"),
+        ({"height": 320.5}, "width and height"),
+        ({"control_period": "x"}, "control_period"),
+        ({"control_period": np.nan}, "control_period"),
+        ({"preview": 0.1}, "preview"),
+        ({"preview": ()}, "preview"),
+        ({"preview": (0.1, -0.1)}, "preview"),
+        ({"preview": (np.inf,)}, "preview"),
+        ({"render_mode": "ansi"}, "rgb_array"),
+        ({"pieces": 4}, "inside a piece"),
+    ],
+    ids=str,
+)
+def test_bad_arguments_are_named(argument, message):
+    with pytest.raises(ValueError, match=message):
+        TrackingEnv(**argument)

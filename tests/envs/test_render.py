@@ -1,0 +1,376 @@
+"""Pictures and videos: what is drawn, which OpenGL is used, and what is said when none works."""
+
+import builtins
+import copy
+import os
+import pickle
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softrobot_env.control.registry import make_policy
+from softrobot_env.envs.rendering import opengl
+from softrobot_env.envs.rendering.opengl import RenderError, candidate_backends
+from softrobot_env.rendering.video import caption, record, write_video
+
+ROOT = Path(__file__).resolve().parents[2]
+SWING, STEP, LSHAPE = "SoftRobot/ArmSwing-v0", "SoftRobot/ArmStep-v0", "SoftRobot/ArmLShape-v0"
+SIZE = {"width": 320, "height": 240}
+
+# In a process of its own: the choice of a backend cannot be taken back.
+_PROBE = """
+import softrobot_env, gymnasium
+env = gymnasium.make("SoftRobot/ArmStep-v0", render_mode="rgb_array", width=64, height=48).unwrapped
+env.reset()
+env.render()
+print(env._renderer._context.backend)
+"""
+
+
+def probe(**environment):
+    """Backend a fresh process draws with, and what it wrote to stderr."""
+    keep = {"PATH": "/usr/bin:/bin", "PYTHONPATH": str(ROOT), **environment}
+    done = subprocess.run([sys.executable, "-c", _PROBE], env=keep, capture_output=True, text=True)
+    return done.stdout.strip(), done.stderr
+
+
+@pytest.fixture(scope="module")
+def backend():
+    """Name of the backend this machine draws with."""
+    name, error = probe()
+    if not name:
+        pytest.skip(f"no OpenGL on this machine: {error.strip().splitlines()[-1]}")
+    return name
+
+
+@pytest.fixture
+def make_drawn(make_env, backend):
+    """Factory of small environments that draw arrays."""
+
+    def make(env_id=SWING, **kwargs):
+        env = make_env(env_id, **{"render_mode": "rgb_array", **SIZE, **kwargs})
+        env.reset(seed=0)
+        return env
+
+    return make
+
+
+def count_like(frame, rgb, tolerance=60):
+    """Number of pixels whose colour is near (r, g, b)."""
+    return int(np.sum(np.abs(frame.astype(int) - rgb).max(axis=2) < tolerance))
+
+
+def advance(env, seconds, action=None):
+    action = np.zeros(3, np.float32) if action is None else action
+    for _ in range(round(seconds / env.control_period)):
+        env.step(action)
+
+
+GREEN, BLUE, RED = (25, 195, 90), (25, 100, 250), (140, 25, 50)
+
+
+# ---------------------------------------------------------------------------- frames
+
+
+@pytest.mark.parametrize("size", [(320, 240), (241, 133), (1300, 700)])
+def test_frame_has_the_asked_size_and_is_not_blank(make_drawn, size):
+    env = make_drawn(width=size[0], height=size[1])
+    frame = env.render()
+    assert frame.shape == (size[1], size[0], 3)
+    assert frame.dtype == np.uint8
+    assert frame.std() > 10
+    assert frame.flags.owndata or frame.flags.c_contiguous
+
+
+def test_frame_follows_the_simulation(make_drawn):
+    env = make_drawn()
+    first = env.render()
+    assert np.array_equal(first, env.render())
+    advance(env, 0.3)
+    assert np.mean(np.any(first != env.render(), axis=2)) > 0.02
+    env.reset(seed=0)
+    assert np.array_equal(first, env.render())
+
+
+def test_rendering_does_not_touch_the_simulation(make_drawn):
+    drawn, blind = make_drawn(), make_drawn()
+    for env in (drawn, blind):
+        advance(env, 0.2)
+        if env is drawn:
+            env.render()
+        advance(env, 0.2)
+    np.testing.assert_array_equal(drawn.data.qpos, blind.data.qpos)
+
+
+def test_target_is_drawn_where_the_reference_is(make_drawn):
+    """The camera is orthographic: the green ring's centre maps linearly to x and z."""
+    centers, references = [], []
+    for time in (0.0, 2.0, 4.0):
+        env = make_drawn(SWING, width=640, height=480)
+        advance(env, time)
+        green = np.abs(env.render().astype(int) - GREEN).max(axis=2) < 60
+        rows, columns = np.nonzero(green)
+        assert len(rows) > 50
+        centers.append([(columns.min() + columns.max()) / 2, (rows.min() + rows.max()) / 2])
+        references.append(env.task.trajectory.position(np.array([time]))[0, [0, 2]])
+    moved, asked = np.diff(centers, axis=0), np.diff(references, axis=0)
+    pixels_per_meter = moved[0, 0] / asked[0, 0]
+    np.testing.assert_allclose(moved, asked * [1, -1] * pixels_per_meter, atol=2)
+
+
+def test_trail_grows_and_is_cleared_by_reset(make_drawn):
+    env = make_drawn()
+    first = count_like(env.render(), BLUE)
+    for _ in range(10):
+        advance(env, 0.05)
+        last = count_like(env.render(), BLUE)
+    assert last > first + 30
+    env.reset(seed=0)
+    assert count_like(env.render(), BLUE) == first
+
+
+def test_tight_tendons_turn_red(make_drawn):
+    env = make_drawn()
+    env.reset(options={"start_input": np.zeros(3)})
+    assert count_like(env.render(), RED, 40) == 0
+    env.reset(options={"start_input": np.full(3, 8.0)})
+    slightly = count_like(env.render(), RED, 40)
+    env.reset(options={"start_input": np.array([-40.0, 20.0, 30.0])})
+    assert count_like(env.render(), RED, 40) > slightly
+
+
+def test_a_step_shows_no_line_between_its_ends(make_drawn):
+    env = make_drawn(STEP, width=640, height=480)
+    env.reset(options={"step_width": 0.2})
+    renderer_frame = env._frame()
+    assert renderer_frame.path.shape == (2, 3)
+    grey = count_like(env.render(), (125, 128, 140), 12)
+    lshape = make_drawn(LSHAPE, width=640, height=480)
+    assert count_like(lshape.render(), (125, 128, 140), 12) > grey + 100
+
+
+def test_a_diverged_posture_still_draws(make_drawn):
+    env = make_drawn()
+    frame = env.render()
+    env.data.qpos[0] = np.nan
+    assert np.mean(np.any(env.render() != frame, axis=2)) < 0.01
+
+
+# ---------------------------------------------------------------------------- life cycle
+
+
+def test_close_and_draw_again(make_drawn):
+    env = make_drawn()
+    first = env.render()
+    for _ in range(3):
+        env.close()
+        env.close()
+        np.testing.assert_array_equal(env.render(), first)
+
+
+def test_closing_one_leaves_the_other(make_drawn):
+    one, other = make_drawn(), make_drawn(STEP, width=200, height=200)
+    frames = one.render(), other.render()
+    one.close()
+    np.testing.assert_array_equal(other.render(), frames[1])
+    other.close()
+    np.testing.assert_array_equal(one.render(), frames[0])
+
+
+def test_copies_draw_for_themselves(make_drawn):
+    env = make_drawn()
+    frame = env.render()
+    for twin in (copy.deepcopy(env), pickle.loads(pickle.dumps(env))):
+        np.testing.assert_array_equal(twin.render(), frame)
+        twin.close()
+    np.testing.assert_array_equal(env.render(), frame)
+
+
+def test_forgotten_renderers_leave_no_complaint_at_exit(backend):
+    assert probe() == (backend, "")
+
+
+# ---------------------------------------------------------------------------- backends
+
+
+def test_mujoco_gl_chooses_the_backend(backend):
+    assert probe(MUJOCO_GL=backend) == (backend, "")
+
+
+def test_candidates_follow_the_environment(monkeypatch):
+    monkeypatch.setattr(opengl.platform, "system", lambda: "Linux")
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.setenv("MUJOCO_GL", "")
+    assert candidate_backends() == ("egl", "osmesa")
+    monkeypatch.setenv("DISPLAY", ":0")
+    assert candidate_backends() == ("egl", "osmesa", "glfw")
+    monkeypatch.setenv("MUJOCO_GL", "OSMesa")
+    assert candidate_backends() == ("osmesa",)
+
+
+@pytest.mark.parametrize("value", ["off", "vulkan"])
+def test_a_useless_mujoco_gl_is_named(monkeypatch, value):
+    monkeypatch.setattr(opengl.platform, "system", lambda: "Linux")
+    monkeypatch.setenv("MUJOCO_GL", value)
+    with pytest.raises(RenderError, match=value):
+        candidate_backends()
+
+
+def test_without_opengl_the_message_says_what_to_install(monkeypatch, make_env):
+    def refuse(backend, *_):
+        raise ImportError(f"no library for {backend}")
+
+    monkeypatch.setattr(opengl, "_open", refuse)
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    env = make_env(render_mode="rgb_array")
+    env.reset(seed=0)
+    with pytest.raises(RenderError, match="egl: no library for egl") as raised:
+        env.render()
+    for hint in ("apt-get install libegl1 libgl1-mesa-dri", "libosmesa6", "MUJOCO_GL"):
+        assert hint in str(raised.value)
+    assert isinstance(raised.value, RuntimeError)
+
+
+def test_a_broken_egl_does_not_spoil_the_next_attempt():
+    """Mesa's drivers are hidden from EGL; OSMesa does not ask for them."""
+    hidden = {"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent"}
+    if probe(MUJOCO_GL="osmesa")[0] != "osmesa":
+        pytest.skip("OSMesa is not installed")
+    assert probe(**hidden) == ("osmesa", "")
+
+
+def test_a_failed_attempt_leaves_the_environment_alone(monkeypatch, make_env):
+    monkeypatch.setattr(opengl, "BACKENDS", ("nonsense", "nonsense"))
+    monkeypatch.delenv("MUJOCO_GL", raising=False)
+    before = dict(os.environ)
+    env = make_env(render_mode="rgb_array")
+    env.reset(seed=0)
+    with pytest.raises(RenderError):
+        env.render()
+    assert dict(os.environ) == before
+
+
+def test_human_mode_needs_a_display(monkeypatch, make_env):
+    monkeypatch.setattr(opengl.platform, "system", lambda: "Linux")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    env = make_env(render_mode="human")
+    with pytest.raises(RenderError, match=r"display.*rgb_array"):
+        env.reset(seed=0)
+
+
+# ---------------------------------------------------------------------------- videos
+
+
+def moving_square(count, height=64, width=80):
+    frames = np.full((count, height, width, 3), 255, np.uint8)
+    for i in range(count):
+        frames[i, 20:40, i : i + 20] = (255, 0, 0)
+    return frames
+
+
+def read_video(path):
+    """Frames (n, height, width, 3) and frames per second of a video file."""
+    imageio = pytest.importorskip("imageio.v3")
+    if path.suffix == ".gif":
+        frames = imageio.imread(path, plugin="pillow", mode="RGB")
+        return frames, 1000 / imageio.immeta(path, plugin="pillow")["duration"]
+    # imageio's own reader of mp4 files leaves its pipes to the garbage collector.
+    ffmpeg = pytest.importorskip("imageio_ffmpeg").get_ffmpeg_exe()
+    command = [ffmpeg, "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run(command, capture_output=True, check=True)
+    about = re.search(rb"Video: h264.* yuv420p.*, (\d+)x(\d+).*, ([\d.]+) fps", done.stderr)
+    width, height, fps = (float(x) for x in about.groups())
+    frames = np.frombuffer(done.stdout, np.uint8).reshape(-1, int(height), int(width), 3)
+    return frames, fps
+
+
+@pytest.mark.parametrize("name", ["a.mp4", "folder/b.gif", "c.MP4"])
+def test_video_has_every_frame(tmp_path, name):
+    assert write_video(tmp_path / name, moving_square(12), fps=25) == 12
+    frames, fps = read_video(tmp_path / name)
+    assert fps == 25
+    assert frames.shape == (12, 64, 80, 3)
+    assert np.abs(frames[-1].astype(int) - moving_square(12)[-1]).mean() < 5
+
+
+def test_odd_sizes_are_made_even(tmp_path):
+    write_video(tmp_path / "odd.mp4", moving_square(3, 65, 81), fps=30)
+    frames, _ = read_video(tmp_path / "odd.mp4")
+    assert frames.shape == (3, 64, 80, 3)
+
+
+@pytest.mark.parametrize("name", ["video.avi", "video"])
+def test_other_suffixes_are_refused(tmp_path, name):
+    with pytest.raises(ValueError, match=r"\.mp4 or \.gif"):
+        write_video(tmp_path / name, moving_square(1), fps=30)
+
+
+def test_a_video_needs_frames_and_a_rate(tmp_path):
+    with pytest.raises(ValueError, match="no frames"):
+        write_video(tmp_path / "a.mp4", [], fps=30)
+    with pytest.raises(ValueError, match="fps"):
+        write_video(tmp_path / "a.mp4", moving_square(1), fps=0)
+    assert not list(tmp_path.iterdir())
+
+
+def test_missing_packages_are_named(monkeypatch, tmp_path):
+    load = builtins.__import__
+
+    def refuse(name, *args, **kwargs):
+        if name.split(".")[0] in ("imageio", "PIL"):
+            raise ImportError(name)
+        return load(name, *args, **kwargs)
+
+    monkeypatch.setattr(builtins, "__import__", refuse)
+    with pytest.raises(ImportError, match=r"softrobot_env\[viz\]"):
+        write_video(tmp_path / "a.mp4", moving_square(1), fps=30)
+    with pytest.raises(ImportError, match=r"softrobot_env\[viz\]"):
+        caption(moving_square(1)[0], ["text"])
+
+
+def test_caption_writes_into_the_upper_left_corner():
+    blank = np.full((240, 320, 3), 128, np.uint8)
+    written = caption(blank, ["swing, hold", "t = 0.10 s"])
+    assert written.shape == blank.shape
+    assert written.dtype == np.uint8
+    rows, columns = np.nonzero(np.any(written != blank, axis=2))
+    assert len(rows) > 100
+    assert rows.max() < 80
+    assert columns.max() < 200
+    assert np.all(blank == 128)
+
+
+def hold(env):
+    return make_policy("hold", env.task.robot, env.control_period)
+
+
+@pytest.mark.parametrize(("period", "fps"), [(0.01, 30), (0.02, 50), (0.1, 25)])
+def test_record_yields_frames_at_the_asked_rate(make_drawn, period, fps):
+    env = make_drawn(STEP, control_period=period, observe="all")
+    shares = []
+    frames = list(record(env, hold(env), fps, options={"duration": 1.0}, progress=shares.append))
+    assert len(frames) == fps + 1
+    assert all(f.shape == (240, 320, 3) for f in frames)
+    assert np.all(np.diff(shares) >= 0)
+    assert shares[-1] == 1.0
+
+
+def test_record_draws_only_what_it_yields(make_drawn, monkeypatch):
+    env = make_drawn(STEP, observe="all")
+    drawn = []
+    render = env.render
+    monkeypatch.setattr(env, "render", lambda: drawn.append(1) or render())
+    frames = list(record(env, hold(env), 5, options={"duration": 1.0}))
+    assert len(drawn) == len(frames) == 6
+
+
+def test_record_refuses_an_environment_that_does_not_draw(make_env):
+    env = make_env()
+    with pytest.raises(ValueError, match="rgb_array"):
+        record(env, hold(env))

@@ -1,0 +1,93 @@
+import numpy as np
+import pytest
+
+from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
+from softrobot_env.evaluation.rollout import Rollout
+
+START, TARGET = np.array([0.1, 0.0, 0.4]), np.array([0.16, 0.0, 0.32])
+
+
+def along(response):
+    """Tip positions for a response that goes from 0 to 1 on the way."""
+    return START + np.outer(response, TARGET - START)
+
+
+def second_order(time, zeta, omega):
+    damped = omega * np.sqrt(1 - zeta**2)
+    phase = np.arccos(zeta)
+    return 1 - np.exp(-zeta * omega * time) / np.sqrt(1 - zeta**2) * np.sin(damped * time + phase)
+
+
+@pytest.mark.parametrize("zeta", [0.2, 0.5])
+def test_second_order_step_response(zeta):
+    time = np.arange(0, 40, 1e-3)
+    omega = 3.0
+    metrics = step_metrics(time, along(second_order(time, zeta, omega)), TARGET)
+    exact = np.exp(-np.pi * zeta / np.sqrt(1 - zeta**2))
+    assert metrics.overshoot == pytest.approx(exact, rel=1e-4)
+    assert metrics.steady_state_error == pytest.approx(0, abs=1e-6)
+    # The envelope bounds the settling time from above; it is left at most half a swing earlier.
+    envelope = -np.log(0.02 * np.sqrt(1 - zeta**2)) / (zeta * omega)
+    swing = np.pi / (omega * np.sqrt(1 - zeta**2))
+    assert envelope - swing < metrics.settling_time <= envelope
+
+
+def test_first_order_rise_and_settling_times():
+    time = np.arange(0, 60, 0.05)
+    metrics = step_metrics(time, along(1 - np.exp(-time / 2)), TARGET)
+    # Linear interpolation on a curve of curvature 1/4 1/s2 errs by less than 1e-3 s.
+    assert metrics.rise_time == pytest.approx(2 * np.log(9), abs=2e-3)
+    assert metrics.settling_time == pytest.approx(2 * np.log(50), abs=2e-3)
+    assert metrics.overshoot == pytest.approx(0, abs=1e-9)
+
+
+def test_steady_state_error_is_relative_to_the_step():
+    time = np.arange(0, 60, 0.05)
+    metrics = step_metrics(time, along(0.95 * (1 - np.exp(-time))), TARGET)
+    assert metrics.steady_state_error == pytest.approx(0.05, abs=1e-9)
+    # Rise and settling refer to the steady-state value, so they do not change.
+    assert metrics.rise_time == pytest.approx(np.log(9), abs=2e-3)
+
+
+def test_motion_across_the_step_does_not_count():
+    time = np.arange(0, 30, 0.05)
+    across = np.outer(0.01 * np.sin(time), [0.8, 0.0, 0.6])  # normal to the way
+    tip = along(1 - np.exp(-time)) + across
+    assert step_metrics(time, tip, TARGET).overshoot == pytest.approx(0, abs=1e-9)
+
+
+def test_a_response_that_keeps_swinging_has_no_settling_time():
+    time = np.arange(0, 30, 0.05)
+    metrics = step_metrics(time, along(1 - np.cos(3 * time)), TARGET)
+    assert metrics.settling_time is None
+
+
+def test_a_tip_that_never_moves():
+    time = np.arange(0, 5, 0.1)
+    metrics = step_metrics(time, along(np.zeros_like(time)), TARGET)
+    assert (metrics.rise_time, metrics.settling_time, metrics.overshoot) == (None, None, None)
+    assert metrics.steady_state_error == 1
+
+
+def test_tracking_metrics():
+    error = np.array([0.0, 3e-3, 4e-3, 1e-3])
+    tip = np.stack([error, np.zeros(4), np.zeros(4)], axis=1)
+    zeros = np.zeros((4, 3))
+    rollout = Rollout(
+        time=np.arange(4.0),
+        reference=zeros,
+        tip=tip,
+        action=zeros,
+        tendon_tension=zeros,
+        tendon_length=zeros,
+        curvature=zeros,
+        reward=np.zeros(4),
+        policy_time=np.zeros(3),
+        policy_status=np.full(3, ""),
+        wall_time=1.0,
+    )
+    metrics = tracking_metrics(rollout)
+    assert metrics.e_mean == pytest.approx(2e-3)
+    assert metrics.e_max == pytest.approx(4e-3)
+    assert metrics.e_rms == pytest.approx(np.sqrt(26 / 4) * 1e-3)
+    assert metrics.e_final == pytest.approx(1e-3)

@@ -1,0 +1,178 @@
+"""The fault matrix over two pseudo-terminals, in real time; see `test_matrix`."""
+
+from contextlib import suppress
+from threading import Event, Thread
+from time import monotonic, sleep
+
+import numpy as np
+import pytest
+from support.output_witness import WatchedCore
+from support.real_episodes import (
+    FILE,
+    PERIOD,
+    assert_comes_to_rest,
+    assert_runs_again,
+    fail,
+    running,
+)
+from support.serial_proxy import KINDS, Harm, SerialProxy
+
+from softrobot_env.hardware.driver import Driver
+from softrobot_env.hardware.errors import LinkError, UnansweredError
+from softrobot_env.hardware.protocol import messages as m
+from softrobot_env.hardware.protocol.in_flight import MOST_IN_FLIGHT
+from softrobot_env.hardware.transport import SerialTransport
+from softrobot_env.hardware.virtual.robot import Pulses, VirtualRobot
+
+pytest.importorskip("serial", reason="needs the robot extra")
+pytest.importorskip("cobs", reason="needs the robot extra")
+
+pytestmark = pytest.mark.timeout(60)
+
+THERE = np.array([4e-3, -2e-3, 0.0])
+
+
+class Servos:
+    """A plant of ideal servos; see `virtual.Plant`.
+
+    Attributes:
+        alive: Cleared for a robot that hangs, while its port still takes bytes.
+    """
+
+    tick = 2e-3
+    tension = tip = np.zeros(3)
+
+    def __init__(self):
+        self.length, self.alive = np.zeros(3), Event()
+        self.alive.set()
+
+    def adc(self):
+        return (2000,) * 4
+
+    def advance(self, command):
+        self.alive.wait()
+        self.length = self.length if command is None else command
+
+    def developed(self):
+        return []
+
+
+@pytest.fixture
+def core():
+    return WatchedCore()
+
+
+@pytest.fixture
+def servos():
+    return Servos()
+
+
+@pytest.fixture
+def proxy(core, servos):
+    pulses = Pulses(*(1e6 * np.array([[s.center, s.gain] for s in FILE.tendons]).T))
+    robot, over = VirtualRobot(core, servos, pulses, supply=6.0), Event()
+    thread = Thread(target=robot.run, args=(over,), daemon=True)
+    thread.start()
+    with SerialProxy(robot.port) as proxy:
+        yield proxy
+    over.set()
+    servos.alive.set()
+    thread.join()
+    robot.close()
+
+
+@pytest.fixture
+def driver(proxy):
+    with Driver(FILE, SerialTransport(proxy.port, FILE.baud)) as driver:
+        driver.connect(timeout=10)
+        driver.arm(timeout=10)
+        yield driver
+
+
+def drive(driver, length, done, limit=10.0):
+    """Command a length until something is so."""
+    end = monotonic() + limit
+    while not done():
+        assert monotonic() < end
+        with suppress(UnansweredError):
+            driver.pace(length, monotonic() + PERIOD)
+
+
+def is_at(core, length):
+    return core.outputs.powered and np.allclose(1e-5 * np.array(core.outputs.applied), length)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_harm_is_survived(driver, proxy, core, kind):
+    lines = (proxy.to_robot, proxy.from_robot)
+    for line in lines:
+        line.harm = Harm(**{kind: 0.3}, held=0.02)
+    drive(driver, THERE, lambda: all(line.done[kind] >= 5 for line in lines))
+    for line in lines:
+        line.harm = Harm()
+    drive(driver, THERE, lambda: is_at(core, THERE))
+    assert driver.fault is None
+
+
+@pytest.mark.parametrize("harm", [Harm(piece=8), Harm(garbage=50)], ids=["split", "garbage"])
+def test_pieces_and_garbage_are_survived(driver, proxy, core, harm):
+    proxy.to_robot.harm = proxy.from_robot.harm = harm
+    drive(driver, THERE, lambda: is_at(core, THERE))
+    assert driver.fault is None
+
+
+# ---------------------------------------------------------------------- the environment
+
+
+def setpoints(core):
+    """How many set-points have reached the robot."""
+    return sum(isinstance(message, m.Setpoint) for message in core.heard)
+
+
+@pytest.fixture
+def lost(proxy, core):
+    """An environment whose port has gone in an episode."""
+    with running(lambda: SerialTransport(proxy.port, FILE.baud), core) as env:
+        proxy.unplug()
+        assert proxy.port in fail(env)  # reading or writing notices first
+        assert_comes_to_rest(core)
+        yield env
+
+
+def test_a_lost_line_ends_the_episode(lost, core):
+    with pytest.raises(LinkError):
+        lost.reset(options={"clear_fault": True})
+    assert not core.outputs.powered
+
+
+def test_a_lost_line_can_be_plugged_again(lost, proxy, core):
+    proxy.plug()
+    assert_runs_again(lost, core)
+
+
+def test_a_peer_that_does_not_read_ends_the_episode(proxy, core):
+    port = SerialTransport(proxy.port, FILE.baud)
+    with running(lambda: port, core) as env:
+        proxy.reads.clear()
+        with pytest.raises(LinkError):  # the system's buffer is full
+            port.write(bytes(1 << 20))
+        failure = fail(env)  # the host's system or the robot notices first
+        assert "cannot write" in failure or "no set-point" in failure
+        assert_comes_to_rest(core)
+        followed = len(core.witness.followed)
+        proxy.reads.set()
+        sleep(0.2)
+        assert not core.outputs.powered and len(core.witness.followed) == followed
+
+
+def test_a_stalled_device_ends_the_episode(proxy, core, servos):
+    with running(lambda: SerialTransport(proxy.port, FILE.baud), core, oldest=0.2) as env:
+        heard, followed = setpoints(core), len(core.witness.followed)
+        servos.alive.clear()
+        assert "microcontroller" in fail(env, within=5.0)
+        sleep(FILE.watchdog)
+        servos.alive.set()
+        assert_comes_to_rest(core)
+        assert heard < setpoints(core) <= heard + MOST_IN_FLIGHT + 1
+        assert len(core.witness.followed) <= followed + 1
+        assert_runs_again(env, core)

@@ -1,0 +1,183 @@
+"""The framing in C++ against the one in Python: every message, every cut, damaged bytes."""
+
+import ctypes
+from dataclasses import fields
+from itertools import pairwise
+
+import pytest
+import support.firmware_bench  # noqa: F401  (skips without a compiler)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from softrobot_env.hardware.protocol.framing import LONGEST, Decoder, encode
+from softrobot_env.hardware.protocol.messages import (
+    ADC_CHANNELS,
+    MOST_TENDONS,
+    PROTOCOL,
+    TYPES,
+    Setpoint,
+    pack,
+)
+from softrobot_env.hardware.virtual.core_library import library
+
+#: Range of each field type, by the name of its annotation's struct code.
+RANGES = {
+    "B": (0, 2**8 - 1),
+    "H": (0, 2**16 - 1),
+    "I": (0, 2**32 - 1),
+    "h": (-(2**15), 2**15 - 1),
+    "i": (-(2**31), 2**31 - 1),
+}
+
+
+class CppDecoder:
+    """The same face as `framing.Decoder`, but with bodies as they are."""
+
+    def __init__(self):
+        self.library = library()
+        self.library.softrobot_decoder_create.restype = ctypes.c_void_p
+        self.handle = ctypes.c_void_p(self.library.softrobot_decoder_create())
+
+    def feed(self, data):
+        body, found = ctypes.create_string_buffer(LONGEST), []
+        for byte in data:
+            size = self.library.softrobot_decoder_feed(self.handle, ctypes.c_uint8(byte), body)
+            if size & 0xFF:
+                found.append(body.raw[: size & 0xFF])
+        return found
+
+    @property
+    def crc_errors(self):
+        return self.library.softrobot_decoder_crc_errors(self.handle) & 0xFFFF
+
+    @property
+    def frame_errors(self):
+        return self.library.softrobot_decoder_frame_errors(self.handle) & 0xFFFF
+
+    def close(self):
+        self.library.softrobot_decoder_destroy(self.handle)
+
+
+def cpp_frame(body):
+    frame = ctypes.create_string_buffer(2 * LONGEST)
+    size = library().softrobot_encode(body, len(body), frame)
+    return frame.raw[: size & 0xFFFF]
+
+
+def decode_both(data, cuts=()):
+    """(bodies, crc errors, frame errors) of C++ and of Python, of a stream cut into pieces."""
+    edges = [0, *sorted(cut % (len(data) + 1) for cut in cuts), len(data)]
+    pieces = [data[a:b] for a, b in pairwise(edges)]
+    cpp, python = CppDecoder(), Decoder()
+    bodies = [body for piece in pieces for body in cpp.feed(piece)]
+    messages = [found for piece in pieces for found in python.feed(piece)]
+    mine = bodies, cpp.crc_errors, cpp.frame_errors
+    cpp.close()
+    return mine, (
+        [pack(message, seq) for message, seq in messages],
+        python.crc_errors,
+        python.frame_errors,
+    )
+
+
+def values(draw, code, count):
+    numbers = st.integers(*RANGES[code]) | st.just(0)
+    return draw(st.lists(numbers, min_size=count, max_size=count).map(tuple))
+
+
+@st.composite
+def messages(draw, numbers=tuple(TYPES)):
+    kind = TYPES[draw(st.sampled_from(numbers))]
+    n = draw(st.integers(1, MOST_TENDONS))
+    given_values = {}
+    for field in fields(kind):
+        code = field.type.__metadata__[0]
+        count = {1: n, 2: ADC_CHANNELS}[len(field.type.__metadata__)]
+        is_array = field.type.__origin__ is not int
+        drawn = values(draw, code, count if is_array else 1)
+        given_values[field.name] = drawn if is_array else drawn[0]
+    if "n" in given_values:
+        given_values["n"] = n
+    return kind(**given_values)
+
+
+seqs = st.integers(0, 2**16 - 1)
+cut_places = st.lists(st.integers(0, 10**6), max_size=8)
+
+
+@given(st.lists(st.tuples(messages(), seqs), min_size=1, max_size=4), cut_places)
+def test_whole_messages_of_every_type_arrive(sent, cuts):
+    stream = b"".join(encode(message, seq) for message, seq in sent)
+    cpp, python = decode_both(stream, cuts)
+    assert cpp == python == ([pack(message, seq) for message, seq in sent], 0, 0)
+
+
+@pytest.mark.parametrize("number", TYPES)
+@settings(max_examples=20)
+@given(data=st.data())
+def test_every_type_arrives(number, data):
+    message, seq = data.draw(messages((number,))), data.draw(seqs)
+    cpp, python = decode_both(encode(message, seq))
+    assert cpp == python == ([pack(message, seq)], 0, 0)
+
+
+@given(messages(tuple(number for number in TYPES if number > 64)), seqs)
+def test_frames_of_the_device_are_those_of_python(message, seq):
+    assert cpp_frame(pack(message, seq)) == encode(message, seq)
+
+
+@given(st.lists(messages(), min_size=1, max_size=3), st.data(), cut_places)
+def test_flipped_bits_give_the_same_errors(sent, data, cuts):
+    stream = bytearray(b"".join(encode(message, 7) for message in sent))
+    for bit in data.draw(st.lists(st.integers(0, 8 * len(stream) - 1), min_size=1, max_size=6)):
+        stream[bit // 8] ^= 1 << bit % 8
+    cpp, python = decode_both(bytes(stream), cuts)
+    assert cpp == python
+
+
+@given(messages(), st.data())
+def test_a_cut_frame_does_not_take_the_next_with_it(message, data):
+    frame = encode(message, 1)
+    kept = frame[: data.draw(st.integers(0, len(frame) - 1))]
+    whole = encode(Setpoint(1, 2, 3, 0, 3, (4, 5, 6)), 8)
+    cpp, python = decode_both(kept + whole)
+    assert cpp == python
+    assert cpp[0][-1:] == [pack(Setpoint(1, 2, 3, 0, 3, (4, 5, 6)), 8)]
+
+
+@given(st.binary(max_size=600), cut_places)
+def test_garbage_gives_the_same_errors(garbage, cuts):
+    cpp, python = decode_both(garbage, cuts)
+    assert cpp == python
+
+
+@given(st.lists(st.sampled_from([0, 1, 2, 3, 254, 255]), max_size=400))
+def test_garbage_of_zeros_and_codes_gives_the_same_errors(garbage):
+    cpp, python = decode_both(bytes(garbage))
+    assert cpp == python
+
+
+numbers = st.sampled_from([*TYPES]) | st.integers(0, 255)
+protocols = st.just(PROTOCOL) | st.integers(0, 255)
+
+
+@given(protocols, numbers, st.integers(0, 70), st.randoms())
+def test_right_checksums_around_wrong_bodies_give_the_same_errors(protocol, number, size, random):
+    cpp, python = decode_both(cpp_frame(bytes([protocol, number]) + random.randbytes(size)))
+    assert cpp == python
+    assert cpp[1] == 0
+
+
+@pytest.mark.parametrize("size", [LONGEST - 1, LONGEST, LONGEST + 1, 10 * LONGEST, 70_000])
+def test_long_frames_are_dropped(size):
+    cpp, python = decode_both(b"\1" * size + encode(Setpoint(1, 2, 3, 0, 1, (4,)), 8))
+    assert cpp == python
+    assert len(cpp[0]) == 1
+    assert cpp[1:] == ((1, 0) if size <= LONGEST else (0, 1))
+
+
+def test_counters_saturate():
+    cpp = CppDecoder()
+    cpp.feed(b"\2\0" * 70_000)
+    assert cpp.frame_errors == 2**16 - 1
+    cpp.close()

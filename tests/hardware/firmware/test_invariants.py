@@ -1,0 +1,225 @@
+"""Whatever a host sends and a board measures: outputs stay inside their limits and slew rates, and
+nothing but the ramp to rest moves them without a fresh set-point of the session.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from hypothesis import settings
+from hypothesis import strategies as st
+from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
+from support.firmware_bench import CONFIG, Bench, N, fields_crc, of, refusals
+
+from softrobot_env.hardware.protocol.framing import encode
+from softrobot_env.hardware.protocol.messages import (
+    Arm,
+    Capability,
+    Clear,
+    ConfigAck,
+    DeviceState,
+    Disarm,
+    EStop,
+    Fault,
+    Hello,
+    Ping,
+    Stop,
+)
+
+#: Narrow limits, so that they are met often.
+TIGHT = replace(CONFIG, watchdog_ms=200, minimum=(-300,) * N, maximum=(300, 250, 300))
+LOW, HIGH, SLEW, REST = (
+    np.array(numbers) for numbers in (TIGHT.minimum, TIGHT.maximum, TIGHT.slew, TIGHT.rest)
+)
+#: The same limits for other servo horns: at the pulses of one, lengths of the other differ.
+OTHER = replace(TIGHT, center_us=(1510, 1390, 1605), gain=(800, -1000, -500))
+LONGEST_STEP = 0.05  # s, that a main loop which was stuck catches up
+
+steps = st.floats(0.1, 30) | st.floats(0.1, 250)  # ms
+lengths = st.tuples(*[st.integers(-350, 350)] * N)
+configs = st.sampled_from((TIGHT, OTHER))
+little_ways = st.tuples(*[st.integers(-90, 90)] * N)
+
+
+class Link(RuleBasedStateMachine):
+    """A host that does anything in any order, over a line that loses, repeats and adds."""
+
+    capabilities = Capability.LENGTH | Capability.FORCE | Capability.ADC | Capability.SUPPLY
+
+    def __init__(self):
+        super().__init__()
+        self.bench = Bench(now=2**32 - 10**6, capabilities=self.capabilities)
+        self.config = TIGHT  # the last that it has accepted
+        self.session = 0
+        self.fed, self.target = None, None  # time and target of the last fresh set-point
+        self.accepted = []  # frames of set-points
+
+    def step(self, ms, *messages, fresh=None):
+        """A pass; what it does to the outputs must be allowed."""
+        bench, before = self.bench, self.bench.out
+        bench.run(*messages, ms=ms)
+        after, accepted = bench.out, fresh is not None and not refusals(bench.replies)
+        self.check_limits(after)
+        if acks := of(ConfigAck, bench.replies):
+            self.check_calibration(before, after, acks[0].crc)
+        elif before.powered:
+            moved = np.subtract(after.applied, before.applied)
+            self.check_motion(before, moved, round(1000 * ms) / 1e6)
+        elif after.powered:
+            assert accepted
+            self.check_start(before, after, fresh)
+        if accepted:
+            self.fed, self.target = bench.now, np.array(fresh.target)
+
+    @property
+    def measured(self):
+        """Lengths, or None for those of servos that are where their pulses told them."""
+        return self.bench.length if Capability.LENGTH in self.capabilities else None
+
+    def check_start(self, before, after, fresh):
+        """At the present position, or at the limit beside it if that is not far."""
+        present = before.applied if self.measured is None else self.measured
+        assert np.all(abs(np.subtract(fresh.target, present)) <= TIGHT.arm_window)
+        np.testing.assert_array_equal(after.applied, np.clip(present, LOW, HIGH))
+
+    def check_calibration(self, before, after, crc):
+        """Once something has moved, other lengths stand for the same pulses."""
+        last = self.pulses_of(np.array(before.applied))
+        (self.config,) = [config for config in (TIGHT, OTHER) if fields_crc(config) == crc]
+        assert not after.powered
+        if self.fed is not None and not before.powered:
+            now = self.pulses_of(np.array(after.applied))
+            np.testing.assert_allclose(now, last, atol=0.06)  # half of 0.01 mm
+
+    def pulses_of(self, lengths):
+        return np.array(self.config.center_us) + np.array(self.config.gain) * lengths / 1e4
+
+    def check_limits(self, out):
+        if not out.powered:
+            assert out.pulse_us == (0,) * N
+            return
+        applied = np.array(out.applied)
+        assert np.all(applied >= LOW)
+        assert np.all(applied <= HIGH)
+        np.testing.assert_allclose(out.pulse_us, self.pulses_of(applied), atol=0.51)
+
+    def check_motion(self, before, moved, seconds):
+        """Towards the last fresh set-point if it is recent enough, otherwise only by the ramp."""
+        silence = (self.bench.now - self.fed) / 1000
+        follows = before.state == DeviceState.RUNNING and silence < TIGHT.watchdog_ms
+        way = (self.target if follows else REST) - before.applied
+        most = (SLEW if follows else TIGHT.ramp) * min(seconds, LONGEST_STEP) + 1
+        assert np.all(moved * way >= 0)
+        assert np.all(abs(moved) <= np.minimum(abs(way), most))
+
+    @rule(ms=steps)
+    def nothing(self, ms):
+        self.step(ms)
+
+    @rule(ms=steps, low=st.integers(0, 2), high=st.integers(0, 2))
+    def hello(self, ms, low, high):
+        self.step(ms, Hello(1, low, high))
+
+    @rule(ms=steps, config=configs)
+    def configure(self, ms, config):
+        self.step(ms, Hello(1, 1, 1), config)
+
+    @rule(ms=steps, config=configs)
+    def arm(self, ms, config):
+        self.session += 1
+        self.step(ms, Arm(self.session, fields_crc(config)))
+
+    @rule(
+        ms=steps,
+        config=configs,
+        length=st.none() | lengths,
+        way=little_ways,
+        scale=st.integers(1, 3),
+    )
+    def start(self, ms, config, length, way, scale):
+        self.all_well(1)
+        self.bench.length = length
+        self.session += 1
+        clears = [Clear(fault) for fault in Fault]
+        ready = (Hello(1, 1, 1), config, Arm(self.session, fields_crc(config)))
+        self.step(ms, *clears, *ready)
+        present = self.bench.out.applied if self.measured is None else length
+        self.send(1, np.clip(np.add(present, scale * np.array(way)), LOW, HIGH), self.session)
+
+    def send(self, ms, target, session):
+        setpoint = self.bench.setpoint(*target, session=session)
+        self.step(ms, setpoint, fresh=setpoint if session == self.session else None)
+        if not refusals(self.bench.replies):
+            self.accepted.append(encode(setpoint, self.bench.seq))
+
+    @rule(ms=steps, goal=lengths, times=st.integers(1, 5))
+    def any_setpoints(self, ms, goal, times):
+        for _ in range(times):
+            self.send(ms, goal, self.session)
+
+    @rule(ms=st.floats(0.1, 30), way=little_ways, times=st.integers(1, 9))
+    def near_setpoints(self, ms, way, times):
+        for _ in range(times):
+            self.send(ms, np.clip(np.add(self.bench.out.applied, way), LOW, HIGH), self.session)
+
+    @rule(ms=steps, goal=lengths)
+    def setpoint_of_another_session(self, ms, goal):
+        self.send(ms, goal, self.session + 1)
+
+    @rule(ms=st.floats(0.1, 15), way=little_ways, back=st.integers(1, 5))
+    def repeated_setpoint(self, ms, way, back):
+        if self.bench.out.state != DeviceState.RUNNING:
+            self.start(1.0, TIGHT, None, way, 1)
+        self.near_setpoints(ms, way, 2)
+        for frame in self.accepted[-back:][:1]:
+            self.bench.core.receive(frame)
+        self.step(ms)
+        self.step(ms)
+
+    @rule(ms=steps, garbage=st.binary(max_size=300))
+    def garbage(self, ms, garbage):
+        self.bench.core.receive(garbage)
+        self.step(ms)
+
+    @rule(ms=steps, end=st.sampled_from((Stop, Disarm, EStop, Ping, Clear)), own=st.booleans())
+    def other_orders(self, ms, end, own):
+        session = self.session if own else self.session + 1
+        fields = {Stop: (session, 0), Disarm: (session,), EStop: (), Ping: (1,), Clear: (1,)}
+        self.step(ms, end(*fields[end]))
+
+    @rule(
+        ms=steps,
+        length=st.none() | lengths,
+        force=st.sampled_from((100, 2001, 0)),
+        adc=st.sampled_from((2000, 0)),
+        vbus=st.sampled_from((6000, 6000, 0)),
+        estop=st.sampled_from((False, False, True)),
+    )
+    def measurements(self, ms, length, force, adc, vbus, estop):
+        bench = self.bench
+        bench.length, bench.force, bench.adc = length, (100, force, 100), (adc,) * 4
+        bench.vbus, bench.estop = vbus, estop
+        self.step(ms)
+
+    @rule(ms=steps)
+    def all_well(self, ms):
+        bench = self.bench
+        bench.length, bench.force, bench.adc = None, (100,) * N, (2000,) * 4
+        bench.vbus, bench.estop = 6000, False
+        self.step(ms)
+
+    @invariant()
+    def powered_states_are_running_and_ramping(self):
+        out = self.bench.out
+        assert out.powered == (out.state in (DeviceState.RUNNING, DeviceState.RAMPING))
+
+
+class BlindLink(Link):
+    """On a board that does not measure lengths."""
+
+    capabilities = Capability.FORCE | Capability.ADC | Capability.SUPPLY
+
+
+TestLink, TestBlindLink = Link.TestCase, BlindLink.TestCase
+TestLink.settings = TestBlindLink.settings = settings(
+    max_examples=60, stateful_step_count=40, deadline=None
+)

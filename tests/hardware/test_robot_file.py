@@ -1,0 +1,103 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.hardware_boards import Bench
+
+from softrobot_env.hardware.robot_file.keys import RobotFileError
+from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
+from softrobot_env.hardware.robot_file.parts import Servo, Supervision, Tip
+from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
+from softrobot_env.robots import SERVO_SPEED
+
+
+@pytest.fixture
+def rig(tmp_path):
+    """A written robot file; call it to replace a text in it."""
+    path = tmp_path / "rig.toml"
+    write_robot_file(rig_file(), path)
+
+    def changed(old, new):
+        text = path.read_text()
+        assert old in text
+        path.write_text(text.replace(old, new, 1))
+        return path
+
+    return changed
+
+
+def test_a_file_is_read_as_it_was_written(tmp_path):
+    tip = Tip("sensors", {"offset": [0.0, 0.001], "deep": {"a b": 'quote " ü'}})
+    robot = replace(rig_file("/dev/robot"), tip=tip, supervision=Supervision(adc_channels=(0, 2)))
+    write_robot_file(robot, tmp_path / "robot.toml")
+    assert read_robot_file(tmp_path / "robot.toml") == robot
+
+
+def test_parts_may_be_left_out(tmp_path):
+    path = tmp_path / "short.toml"
+    path.write_text(
+        'name = "one"\nport = "/dev/x"\n[[tendons]]\nchannel = 0\ncenter_us = 1500\n'
+        "gain_us_per_mm = -20\nminimum_mm = -1.5\nmaximum_mm = 2\n"
+    )
+    servo = Servo(0, 1500e-6, -0.02, -1.5e-3, 2e-3)
+    assert read_robot_file(path) == RobotFile("one", "/dev/x", (servo,))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "complaint"),
+    [
+        ("ttl_ms = 50.0", "ttl_ms = 5000", r"ttl_ms must lie in \[1, 1000\], got 5000"),
+        ("ttl_ms = 50.0", "ttl_ms = 101", "ttl_ms must not be larger than watchdog_ms"),
+        ("ttl_ms = 50.0", 'ttl_ms = "50"', "ttl_ms must be a number"),
+        ("ttl_ms = 50.0", "ttl_ms = nan", "ttl_ms must be a finite number"),
+        ("watchdog_ms = 100.0", "watchdog_ms = 30", "twice control_period_ms"),
+        ("state_delay_ms = 12.0", "state_delay_ms = 20", "smaller than control_period_ms"),
+        ("ramp_mm_per_s = 30.0", "ramp_mm_per_s = 5.99", "within 10 s: at least 6 mm/s"),
+        ("slew_mm_per_s = ", "slew_mm_per_s = 5 # ", "within 10 s: at least 6 mm/s"),
+        ("baud = 500000", "baud = 9600", "baud must be one of 57600, 115200"),
+        ("baud = 500000", "bauds = 500000", "unknown key 'bauds'; allowed are name, port"),
+        ('name = "rig"', "", "name missing"),
+        ('name = "rig"', 'name = ""', "name must be a text"),
+        ("rest_mm = 0.0", "rest_mm = 0.004", "tendon 1: rest_mm has steps of 0.01"),
+        ("rest_mm = 0.0", "rest_mm = 31", "tendon 1: minimum_mm <= rest_mm <= maximum_mm"),
+        ("gain_us_per_mm = 31.83", "gain_us_per_mm = 0", "gain_us_per_mm must not be zero"),
+        ("maximum_mm = 30.0", "maximum_mm = 35", "maximum_mm means a pulse of 2614 us"),
+        ("channel = 1", "channel = 2", r"channels 0 to 2, each once, got \[0, 2, 2\]"),
+        ("adc_channels = []", "adc_channels = [4]", "supervision: each of adc_channels"),
+        ("adc_low = 8", "adc_low = 4090", "supervision: adc_low must be smaller"),
+        ('kind = "udp"', "", "tip: kind must be a text"),
+        ("[tip]", "[tips]", "unknown key 'tips'"),
+        ("[[tendons]]", "[[tendons", "no TOML"),
+    ],
+)
+def test_what_is_not_allowed_is_told_with_file_and_key(rig, old, new, complaint):
+    path = rig(old, new)
+    with pytest.raises(RobotFileError, match=complaint) as caught:
+        read_robot_file(path)
+    assert str(path) in str(caught.value)
+
+
+def test_numbers_reach_the_wire_in_the_order_of_channels():
+    first, second, third = rig_file().tendons
+    first, second = replace(first, channel=2, maximum=0.025), replace(second, channel=0)
+    third = replace(third, channel=1, gain=-31.83e-3)
+    config = replace(rig_file(), tendons=(first, second, third)).to_message()
+    assert config.maximum == (3000, 3000, 2500)
+    assert config.gain == (3183, -3183, 3183)
+    assert config.watchdog_ms == 100 and config.state_delay_us == 12000
+    assert config.ramp == 3000 and config.vbus_min == 4800
+
+
+def test_the_rig_is_no_faster_than_its_servos():
+    slew = rig_file().to_message().slew[0] * 1e-5
+    assert SERVO_SPEED - 1e-5 < slew <= SERVO_SPEED
+
+
+def test_pulses_of_the_board_are_those_of_the_file():
+    bench = Bench()
+    bench.connect()
+    bench.arm()
+    for _ in range(20):
+        bench.command([0.01, 0.0, -0.02])
+    wanted = [1e6 * s.pulse(x) for s, x in zip(bench.robot.tendons, (0.01, 0, -0.02), strict=True)]
+    np.testing.assert_allclose(bench.board.core.outputs.pulse_us, wanted, atol=1)

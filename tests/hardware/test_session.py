@@ -1,0 +1,270 @@
+"""The host's session against the firmware's core, on a virtual clock."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.hardware_boards import PASS, Bench, Board
+
+from softrobot_env.commands.robot.virtual import virtual_file
+from softrobot_env.hardware.errors import LinkError, RobotError, RobotFaultError, SessionLostError
+from softrobot_env.hardware.protocol import messages as m
+from softrobot_env.hardware.protocol.framing import encode
+from softrobot_env.hardware.protocol.phase import Phase
+from softrobot_env.hardware.robot_file.model import rig_file
+
+HERE = [0.0, 0.0, 0.0]
+
+
+@pytest.fixture
+def bench():
+    """A robot that is configured."""
+    found = Bench()
+    found.connect()
+    return found
+
+
+@pytest.fixture
+def armed(bench):
+    bench.arm()
+    return bench
+
+
+def test_nobody_answers_before_the_hello():
+    bench = Bench()
+    bench.run(0.2)
+    assert bench.session.phase == Phase.NEW and bench.session.info is None
+
+
+def test_a_robot_is_configured_and_stays_off(bench):
+    assert bench.session.phase == Phase.CONFIGURED
+    assert bench.session.info.tendons == 3 and bench.session.info.boot_id == 1
+    bench.run(0.5)
+    assert not bench.board.core.outputs.powered
+
+
+def test_outputs_go_on_where_the_robot_stands():
+    bench = Bench()
+    bench.board.position = (150, -20, 7)
+    bench.connect()
+    bench.arm()
+    assert bench.session.phase == Phase.RUNNING
+    np.testing.assert_allclose(bench.board.applied, [1.5e-3, -0.2e-3, 0.07e-3])
+
+
+def test_a_position_just_outside_the_range_is_armed_at_its_end():
+    bench = Bench()
+    bench.board.position = (3100, 0, 0)
+    bench.connect()
+    np.testing.assert_allclose(bench.session.present_target(), [0.03, 0, 0])
+    bench.arm()
+    assert bench.session.phase == Phase.RUNNING
+
+
+def test_a_set_point_is_followed_and_echoed(armed):
+    for _ in range(10):
+        seq = armed.command([1e-3, -2e-3, 0.0])
+    reading = armed.session.echo(seq)
+    assert reading.seq == seq and reading is armed.session.reading
+    np.testing.assert_allclose(reading.applied, [1e-3, -2e-3, 0.0])
+    # The board waits for the state's delay, the bench passes every millisecond.
+    assert 0.012 <= reading.round_trip <= 0.015
+
+
+def test_a_later_echo_answers_an_earlier_set_point(armed):
+    armed.cut = True
+    lost = armed.command(HERE)
+    armed.cut = False
+    kept = armed.command(HERE)
+    assert armed.session.echo(lost).seq == kept
+
+
+def test_tendons_keep_their_order_whatever_their_channels(armed):
+    servos = rig_file().tendons
+    turned = tuple(replace(s, channel=c) for s, c in zip(servos, (2, 0, 1), strict=True))
+    bench = Bench(replace(rig_file(), tendons=turned))
+    bench.connect()
+    bench.arm()
+    for _ in range(10):
+        bench.command([1e-3, 2e-3, 3e-3])
+    assert bench.board.core.outputs.applied == (200, 300, 100)
+    np.testing.assert_allclose(bench.session.reading.applied, [1e-3, 2e-3, 3e-3])
+
+
+@pytest.mark.parametrize(
+    ("length", "complaint"),
+    [
+        ([0.0, 0.0301, 0.0], r"tendon 2: 30.10 mm is outside its range of -30.00 to 30.00 mm"),
+        ([0.0, 0.0], "needs 3 finite lengths"),
+        ([0.0, np.nan, 0.0], "needs 3 finite lengths"),
+    ],
+)
+def test_a_wrong_set_point_is_refused_before_it_is_sent(armed, length, complaint):
+    sent = armed.session.link.sent
+    with pytest.raises(ValueError, match=complaint):
+        armed.session.setpoint(np.array(length), m.MODE_LENGTH, armed.now)
+    assert armed.session.link.sent == sent
+
+
+def test_an_unknown_mode_is_refused(armed):
+    with pytest.raises(ValueError, match="mode must be 0"):
+        armed.session.setpoint(np.array(HERE), 1, armed.now)
+
+
+def test_set_points_need_an_armed_robot(bench):
+    with pytest.raises(RobotError, match="armed robot, it is configured"):
+        bench.command(HERE)
+
+
+def test_at_most_three_set_points_are_under_way(armed):
+    armed.cut = True
+    for _ in range(3):
+        armed.command(HERE, wait=0.001)
+    with pytest.raises(LinkError, match="has not answered the last 3"):
+        armed.command(HERE)
+
+
+def test_a_refused_set_point_is_not_under_way(armed):
+    armed.session.robot = replace(armed.robot, ttl=1e-3)
+    late = [armed.session.setpoint(np.array(HERE), 0, armed.now)[1] for _ in range(3)]
+    armed.run(0.01)
+    for frame in late:
+        armed.say(frame, 0.002)
+    assert armed.session.link.as_dict()["nacks"] == {"late": 3}
+    armed.command(HERE)
+
+
+@pytest.mark.parametrize("start", [2**32 * 1e-6 - 0.2, 2**33 * 1e-6 - 0.2])
+def test_clocks_may_wrap(start):
+    bench = Bench(start=start)
+    bench.connect()
+    bench.arm()
+    for _ in range(20):
+        bench.command([1e-3, 0, 0])
+    assert bench.session.phase == Phase.RUNNING
+    assert bench.session.link.longest_round_trip < 0.02
+
+
+def test_sequence_numbers_may_wrap():
+    bench = Bench()
+    bench.session._seq = 2**16 - 8
+    bench.connect()
+    first = bench.arm()
+    for _ in range(10):
+        seq = bench.command(HERE)
+    assert seq < first and bench.session.echo(seq).seq == seq
+    assert bench.session.phase == Phase.RUNNING
+
+
+def test_silence_latches_and_arming_waits_for_a_clear(armed):
+    armed.run(0.4)
+    assert not armed.board.core.outputs.powered
+    assert armed.session.fault.code == m.Fault.WATCHDOG
+    assert armed.session.fault.value == pytest.approx(0.1, abs=2e-3)
+    for action in (lambda: armed.command(HERE), lambda: armed.session.arm(6)):
+        with pytest.raises(RobotFaultError, match=r"no set-point for 0\.1"):
+            action()
+    armed.say(armed.session.clear(), 0.06)
+    assert armed.session.fault is None and armed.session.phase == Phase.CONFIGURED
+    armed.arm(number=6)
+    assert armed.session.phase == Phase.RUNNING
+
+
+def test_a_stall_names_tendon_and_distance():
+    armed = Bench(virtual_file())
+    armed.connect()
+    armed.arm()
+    armed.board.stuck = (0, 0, 0)
+    for _ in range(60):
+        if armed.session.fault is None:
+            armed.command([0.0, 0.0, 6.1e-3])
+    fault = armed.session.fault
+    assert fault.text == "tendon 3 stalled 6.1 mm behind"
+    assert (fault.code, fault.channel) == (m.Fault.STALL, 2)
+    assert fault.value == pytest.approx(6.1e-3)
+
+
+def test_a_fault_names_the_tendon_of_the_channel():
+    servos = virtual_file().tendons
+    turned = tuple(replace(s, channel=c) for s, c in zip(servos, (2, 0, 1), strict=True))
+    bench = Bench(replace(virtual_file(), tendons=turned))
+    bench.connect()
+    bench.arm()
+    bench.board.force = (4500, 0, 0)
+    for _ in range(30):
+        if bench.session.fault is None:
+            bench.command(HERE)
+    assert bench.session.fault.text == "tendon 2 pulled with 45.00 N"
+
+
+def test_a_low_supply_cuts_and_is_told_in_volts(armed):
+    armed.board.supply = 4312
+    armed.run(0.02)
+    assert armed.session.fault.text == "supply fell to 4.31 V"
+    assert not armed.board.core.outputs.powered
+
+
+def test_a_stop_ramps_and_ends_the_session(armed):
+    for _ in range(20):
+        armed.command([5e-3, 0.0, 0.0])
+    armed.say(armed.session.stop(), 0.05)
+    assert armed.session.phase == Phase.STOPPING
+    with pytest.raises(RobotError, match="it is stopping"):
+        armed.command(HERE)
+    armed.run(0.3)
+    assert armed.session.phase == Phase.CONFIGURED and armed.session.fault is None
+    assert not armed.board.core.outputs.powered
+
+
+def test_a_restart_in_a_session_is_told_and_never_armed_again(armed):
+    armed.board.core = Board(boot_id=2, reset_cause=m.Reset.BROWN_OUT).core
+    with pytest.raises(SessionLostError, match=r"cause: brown-out; boot 00000001, now 00000002"):
+        armed.run(0.2)
+    with pytest.raises(SessionLostError, match="call connect"):
+        armed.session.arm(6)
+    assert not armed.board.core.outputs.powered
+
+
+def test_a_dropped_session_without_a_restart_is_told(armed):
+    armed.say(encode(m.Hello(78, m.PROTOCOL, m.PROTOCOL), 0))  # of another host
+    with pytest.raises(SessionLostError, match="without starting again"):
+        armed.run(0.2)
+
+
+def test_an_arming_without_a_set_point_leaves_the_robot_configured(bench):
+    bench.say(bench.session.arm(5), 0.06)
+    assert bench.session.phase == Phase.ARMED
+    bench.run(1.2)
+    assert bench.session.phase == Phase.CONFIGURED
+    bench.arm(number=6)
+    assert bench.session.phase == Phase.RUNNING
+
+
+def test_what_waits_on_its_way_was_taken_before_it_arrived(armed):
+    for _ in range(60):  # longer than the board is silent without set-points
+        armed.now += PASS
+        armed.board.run(armed.now)
+    late = armed.now + 0.3
+    armed.session.receive(armed.board.core.transmit(), late)
+    reading, link = armed.session.reading, armed.session.link.as_dict()
+    assert reading.time == late and late - reading.device_time >= 0.3
+    # On the bench both sides have one clock.
+    assert reading.age(late) == pytest.approx(late - reading.device_time, abs=2e-3)
+    assert link["delay"] == link["longest_delay"] == pytest.approx(reading.age(late))
+
+
+def test_damage_is_counted_on_both_sides(armed):
+    frame = bytearray(encode(m.Ping(1), 1))
+    frame[3] ^= 4
+    armed.say(bytes(frame), 0.06)
+    armed.session.receive(bytes(frame), armed.now)
+    link = armed.session.link.as_dict()
+    assert link["device_crc_errors"] == 1 and link["crc_errors"] == 1
+
+
+def test_garbage_says_nothing_and_stops_nothing(armed):
+    for _ in range(4):
+        armed.session.receive(np.random.default_rng(0).bytes(4096), armed.now)
+    armed.command(HERE)
+    assert armed.session.phase == Phase.RUNNING
+    assert armed.session.link.frame_errors + armed.session.link.crc_errors > 0

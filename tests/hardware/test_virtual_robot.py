@@ -1,0 +1,120 @@
+"""`softrobot robot virtual`: its link, its robot file, and its end with whoever started it."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from support.hardware_boards import Bench
+
+from softrobot_env.commands.robot.virtual import virtual_file
+from softrobot_env.hardware.protocol.messages import Fault
+from softrobot_env.hardware.virtual.robot import linked
+
+pytest.importorskip("serial", reason="needs the robot extra")
+pytest.importorskip("cobs", reason="needs the robot extra")
+
+
+@pytest.fixture
+def ports(tmp_path):
+    made = tmp_path / "one", tmp_path / "other"
+    for port in made:
+        port.touch()
+    return made
+
+
+def test_a_link_lasts_as_long_as_its_context(tmp_path, ports):
+    link = tmp_path / "folder" / "robot"
+    with linked(str(ports[0]), link) as name:
+        assert name == str(link) and link.readlink() == ports[0]
+    assert not link.is_symlink()
+
+
+def test_the_link_of_another_robot_is_left_alone(tmp_path, ports):
+    link, (one, other) = tmp_path / "robot", ports
+    with linked(str(one), link):
+        with (
+            pytest.raises(FileExistsError, match="another virtual robot"),
+            linked(str(other), link),
+        ):
+            pass
+        assert link.readlink() == one
+
+
+def test_the_link_of_a_robot_that_was_killed_is_replaced(tmp_path, ports):
+    link = tmp_path / "robot"
+    link.symlink_to(tmp_path / "gone")
+    with linked(str(ports[0]), link):
+        assert link.readlink() == ports[0]
+
+
+def test_a_link_that_now_leads_elsewhere_stays(tmp_path, ports):
+    link, (one, other) = tmp_path / "robot", ports
+    with linked(str(one), link):
+        link.unlink()
+        link.symlink_to(other)
+    assert link.readlink() == other
+
+
+def test_a_file_is_not_replaced(ports):
+    with pytest.raises(FileExistsError), linked("port", ports[0]):
+        pass
+
+
+@pytest.fixture
+def bench():
+    bench = Bench(virtual_file())
+    bench.connect()
+    bench.arm()
+    return bench
+
+
+def pull(bench, length):
+    """Command a length until a fault stops the robot, at the longest for 2 s."""
+    for _ in range(100):
+        if bench.session.fault is None:
+            bench.command([length, 0.0, 0.0])
+    return bench.session.fault
+
+
+def test_its_file_has_a_servo_that_is_stuck_noticed(bench):
+    bench.board.stuck = (0, 0, 0)
+    assert pull(bench, 0.02).code == Fault.STALL
+
+
+def test_its_file_has_a_tendon_that_pulls_too_hard_noticed(bench):
+    bench.board.force = (5000, 0, 0)
+    assert pull(bench, 0.0).code == Fault.FORCE
+
+
+PARENT = """
+from time import sleep
+from softrobot_env.commands.robot.virtual_process import virtual_process
+
+with virtual_process(0) as robot:
+    print(robot.file.port, robot.process.pid, flush=True)
+    sleep(60)
+"""
+
+
+@pytest.fixture
+def parent(tmp_path):
+    command = [sys.executable, "-c", PARENT]
+    where = os.environ | {"TMPDIR": str(tmp_path)}
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=where) as parent:
+        yield parent
+        parent.kill()
+
+
+def test_it_ends_with_a_parent_that_is_killed(parent):
+    link, process = parent.stdout.readline().split()
+    assert Path(link).exists()
+    # Ctrl-C in a terminal goes to all processes of a group.
+    assert os.getpgid(int(process)) != os.getpgid(parent.pid)
+    parent.kill()
+    end = time.monotonic() + 30
+    while Path(link).is_symlink():
+        assert time.monotonic() < end
+        time.sleep(0.02)

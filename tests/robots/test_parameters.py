@@ -1,0 +1,366 @@
+"""Robots: derived values, tendon redundancy, variation, shape."""
+
+from dataclasses import replace
+from math import cos, cosh, inf, nan, pi, sin, sqrt
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from softrobot_env.robots import (
+    ARM,
+    CANTILEVER_STIFF,
+    CANTILEVER_WEAK,
+    NEUTRAL,
+    ROBOTS,
+    VARIABLE,
+    RobotParams,
+    Tendon,
+    centerline,
+)
+from softrobot_env.robots.actuation import TendonMap
+
+# ---------------------------------------------------------------- derived values
+
+
+@pytest.mark.parametrize(
+    ("robot", "quantity", "printed"),
+    [
+        (ARM, "bending_stiffness", "0.21054"),
+        (ARM, "area", "1.47262e-3"),
+        (ARM, "mass", "0.7879"),
+        (CANTILEVER_WEAK, "bending_stiffness", "0.26210"),
+        (CANTILEVER_WEAK, "torsional_stiffness", "0.26210"),
+        (CANTILEVER_WEAK, "area", "2.82743e-3"),
+        (CANTILEVER_WEAK, "first_frequency", "0.6588"),
+        (CANTILEVER_STIFF, "bending_stiffness", "0.82838"),
+        (CANTILEVER_STIFF, "torsional_stiffness", "0.82838"),
+        (CANTILEVER_STIFF, "area", "5.02655e-3"),
+        (CANTILEVER_STIFF, "first_frequency", "5.4903"),
+    ],
+    ids=lambda v: getattr(v, "name", v),
+)
+def test_numbers_of_the_audit(robot, quantity, printed):
+    """Every printed digit, hence half a unit in the last place."""
+    mantissa, _, exponent = printed.partition("e")
+    last_place = 10.0 ** (int(exponent or 0) - len(mantissa.partition(".")[2]))
+    assert abs(getattr(robot, quantity) - float(printed)) <= 0.5 * last_place
+
+
+@pytest.mark.parametrize(
+    ("robot", "weight"), [(CANTILEVER_WEAK, 29.679), (CANTILEVER_STIFF, 52.762)]
+)
+def test_weight_per_length_of_the_audit(robot, weight):
+    assert robot.mass_per_length * 9.81 == pytest.approx(weight, abs=5e-4)
+    assert np.linalg.norm(robot.gravity) == 9.81
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda r: r.name)
+def test_hand_formulas(robot):
+    outer, inner = 2 * robot.outer_radius, 2 * robot.inner_radius
+    assert robot.area == pytest.approx(pi * (outer**2 - inner**2) / 4, rel=1e-13)
+    assert robot.second_moment == pytest.approx(pi * (outer**4 - inner**4) / 64, rel=1e-13)
+    stiffness = robot.youngs_modulus * robot.second_moment
+    assert robot.bending_stiffness == pytest.approx(stiffness, rel=1e-13)
+    assert robot.mass_per_length == pytest.approx(robot.density * robot.area, rel=1e-13)
+    assert robot.mass == pytest.approx(robot.density * robot.area * robot.length, rel=1e-13)
+    assert robot.curvature_limit * robot.outer_radius == pytest.approx(1, rel=1e-13)
+
+
+@pytest.mark.parametrize("robot", ROBOTS.values(), ids=lambda r: r.name)
+def test_first_frequency_solves_the_clamped_free_beam(robot):
+    """The characteristic equation cos x cosh x = -1, with x from w = (x/L)^2 sqrt(EI / rho A)."""
+    speed = sqrt(robot.bending_stiffness / robot.mass_per_length)
+    x = robot.length * sqrt(2 * pi * robot.first_frequency / speed)
+    assert cos(x) * cosh(x) == pytest.approx(-1, abs=1e-9)
+    assert 0 < x < pi  # the first root
+
+
+@pytest.mark.parametrize("ratio", [0.0, 0.3, 0.49])
+def test_torsional_stiffness_is_shear_modulus_times_polar_moment(ratio):
+    robot = replace(ARM, poisson_ratio=ratio)
+    shear_modulus = robot.youngs_modulus / (2 * (1 + ratio))
+    polar = pi / 2 * (robot.outer_radius**4 - robot.inner_radius**4)
+    assert robot.torsional_stiffness == pytest.approx(shear_modulus * polar, rel=1e-13)
+
+
+def test_parameters_of_the_arm():
+    """Audit sec. 2: six pieces of 1/12 m, pairs that end at pieces 2, 4, 6, on the surface."""
+    assert ARM.length / ARM.pieces == pytest.approx(1 / 12)
+    assert [t.end / (ARM.length / ARM.pieces) for t in ARM.tendons] == pytest.approx(
+        [2, 2, 4, 4, 6, 6]
+    )
+    assert [t.offset for t in ARM.tendons] == [(0.025, 0.0), (-0.025, 0.0)] * 3
+    assert ARM.gravity == (0, 0, 0)
+    assert ARM.damping_time * ARM.youngs_modulus == pytest.approx(36.6e3)
+    assert all(t.pretension == 0 and t.stiffness == inf and not t.guides for t in ARM.tendons)
+
+
+# ---------------------------------------------------------------- tendon redundancy
+
+
+def pretensioned(*pretensions):
+    """The arm with one pretension [N] per tendon."""
+    tendons = (replace(t, pretension=p) for t, p in zip(ARM.tendons, pretensions, strict=True))
+    return replace(ARM, tendons=tuple(tendons))
+
+
+PRETENSIONS = {"none": (0.0,) * 6, "equal in pairs": (2.5, 2.5, 0.0, 0.0, 10.0, 10.0)}
+TENDON_ROBOTS = [pytest.param(pretensioned(*p), id=name) for name, p in PRETENSIONS.items()]
+
+reduced_inputs = st.lists(st.floats(-1e3, 1e3), min_size=3, max_size=3).map(np.array)
+actions = st.lists(st.floats(-1, 1), min_size=3, max_size=3).map(np.array)
+
+
+@pytest.mark.parametrize("robot", TENDON_ROBOTS)
+@given(reduced=reduced_inputs)
+def test_tensions_produce_the_reduced_input(robot, reduced):
+    tendon_map = TendonMap(robot)
+    tension = tendon_map.tension(reduced)
+    # Rounding only: sums of at most 1e3 N.
+    np.testing.assert_allclose(tendon_map.phi @ tension, reduced, atol=1e-10)
+    np.testing.assert_allclose(tendon_map.reduced(tension), reduced, atol=1e-10)
+
+
+@pytest.mark.parametrize("robot", TENDON_ROBOTS)
+@given(reduced=reduced_inputs)
+def test_tensions_are_the_smallest_that_keep_the_pretension(robot, reduced):
+    tension = TendonMap(robot).tension(reduced)
+    pretension = np.array([t.pretension for t in robot.tendons])
+    assert np.all(tension >= pretension)
+    # Less tension in both tendons of a pair would let one of them fall below its pretension.
+    excess = (tension - pretension).reshape(3, 2)
+    np.testing.assert_array_equal(excess.min(axis=1), 0.0)
+
+
+@pytest.mark.parametrize("robot", TENDON_ROBOTS)
+@given(action=actions)
+def test_actions_are_scaled_reduced_inputs(robot, action):
+    tendon_map = TendonMap(robot)
+    written = np.full(6, np.nan)
+    returned = tendon_map.per_action().tension(action, written)
+    assert returned is written
+    expected = tendon_map.tension(action * tendon_map.input_scale)
+    np.testing.assert_allclose(written, expected, rtol=1e-13, atol=1e-13)
+    limits = np.array([t.tension_limit for t in robot.tendons])
+    assert np.all(written <= limits * (1 + 1e-12))
+
+
+@pytest.mark.parametrize("robot", TENDON_ROBOTS)
+def test_a_full_action_is_the_tension_limit(robot):
+    per_action = TendonMap(robot).per_action()
+    for sign in (1, -1):
+        out = per_action.tension(np.full(3, float(sign)))
+        pulling = [t.offset[0] * sign > 0 for t in robot.tendons]
+        np.testing.assert_allclose(out[pulling], 80.0, rtol=1e-13)
+
+
+def test_pair_formula_of_the_thesis():
+    """(6.8): the upper tendon pulls a positive input, the lower one a negative."""
+    tension = TendonMap(ARM).tension(np.array([3.0, -4.0, 0.0]))
+    np.testing.assert_allclose(tension, [3, 0, 0, 4, 0, 0], atol=1e-14)
+
+
+def test_reduced_inputs_of_many_tensions():
+    tensions = np.arange(24.0).reshape(2, 2, 6)
+    expected = tensions[..., 0::2] - tensions[..., 1::2]
+    np.testing.assert_allclose(TendonMap(ARM).reduced(tensions), expected, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    "tendons",
+    [
+        pytest.param(ARM.tendons[:1], id="single tendon"),
+        pytest.param(ARM.tendons[:1] * 2, id="both on one side"),
+        pytest.param(
+            (ARM.tendons[0], replace(ARM.tendons[1], offset=(-0.02, 0.0))), id="uneven radii"
+        ),
+        pytest.param(
+            tuple(replace(t, offset=(0.0, t.offset[0])) for t in ARM.tendons[:2]), id="out of plane"
+        ),
+        pytest.param(ARM.tendons[2:] + ARM.tendons[:2], id="not ordered by group"),
+    ],
+)
+def test_tendon_groups_that_are_no_planar_pair(tendons):
+    with pytest.raises(ValueError, match=r"robot 'arm': .*(pair|order)"):
+        TendonMap(replace(ARM, tendons=tendons))
+
+
+@pytest.mark.parametrize("changes", [{"pretension": 5.0}, {"tension_limit": 40.0}], ids=str)
+def test_opposing_tendons_are_alike(changes):
+    """phi @ tension = u and |u| <= input_scale hold only for equal pretensions and limits."""
+    uneven = (ARM.tendons[0], replace(ARM.tendons[1], **changes), *ARM.tendons[2:])
+    with pytest.raises(ValueError, match="pair1"):
+        TendonMap(replace(ARM, tendons=uneven))
+
+
+def test_robot_without_tendons_has_no_inputs():
+    tendon_map = TendonMap(CANTILEVER_WEAK)
+    assert tendon_map.n_inputs == 0
+    assert tendon_map.tension(np.zeros(0)).shape == (0,)
+
+
+# ---------------------------------------------------------------- variation
+
+
+@pytest.mark.parametrize("name", [name for name in VARIABLE if not name.startswith("tendon")])
+@pytest.mark.parametrize("factor", [0.5, 0.75, 1, 1.25, np.float64(1.5)])
+def test_vary_scales_one_parameter(name, factor):
+    varied = ARM.vary(**{name: factor})
+    assert getattr(varied, name) == pytest.approx(factor * getattr(ARM, name), rel=1e-15)
+    assert replace(varied, **{name: getattr(ARM, name)}) == ARM
+
+
+def test_vary_moves_all_tendons():
+    varied = ARM.vary(tendon_radius=0.8)
+    assert [t.offset[0] for t in varied.tendons] == pytest.approx([0.02, -0.02] * 3)
+    assert replace(varied, tendons=ARM.tendons) == ARM
+
+
+def test_vary_adds_friction_to_all_tendons():
+    rubbing = replace(ARM, tendons=(replace(ARM.tendons[0], friction=1.0), *ARM.tendons[1:]))
+    varied = rubbing.vary(tendon_friction=0.5)
+    assert [t.friction for t in varied.tendons] == [1.5, 0.5, 0.5, 0.5, 0.5, 0.5]
+    assert replace(varied, tendons=rubbing.tendons) == rubbing
+    assert ARM.vary(tendon_friction=0.5).vary(tendon_radius=0.8).tendons[0].friction == 0.5
+
+
+def test_neutral_values_change_nothing():
+    assert ARM.vary(**NEUTRAL) == ARM
+    assert tuple(NEUTRAL) == VARIABLE
+
+
+def test_vary_several_and_none():
+    varied = ARM.vary(youngs_modulus=2.0, density=0.5)
+    # f ~ sqrt(E / rho)
+    assert varied.first_frequency == pytest.approx(2 * ARM.first_frequency)
+    assert ARM.vary() == ARM
+
+
+@pytest.mark.parametrize("name", ["length", "stiffness", "name", "gravity"])
+def test_vary_names_what_it_can(name):
+    with pytest.raises(ValueError, match=name) as caught:
+        ARM.vary(**{name: 1.0})
+    assert all(allowed in str(caught.value) for allowed in VARIABLE)
+
+
+@pytest.mark.parametrize("factor", [-1.0, nan, inf, -inf, True, False, "stiff"])
+@pytest.mark.parametrize("name", VARIABLE)
+def test_vary_refuses_bad_factors(name, factor):
+    with pytest.raises(ValueError):
+        ARM.vary(**{name: factor})
+
+
+@pytest.mark.parametrize("name", ["youngs_modulus", "density"])
+def test_stiffness_and_mass_cannot_vanish(name):
+    with pytest.raises(ValueError, match=name):
+        ARM.vary(**{name: 0.0})
+
+
+# ---------------------------------------------------------------- validation, look-up
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"inner_radius": 0.025}, "inner_radius"),
+        ({"inner_radius": -0.001}, "inner_radius"),
+        ({"outer_radius": 0.0, "inner_radius": 0.0}, "outer_radius"),
+        ({"length": 0.0, "tendons": ()}, "length"),
+        ({"youngs_modulus": -1.0}, "youngs_modulus"),
+        ({"density": 0.0}, "density"),
+        ({"damping_time": -1e-9}, "damping_time"),
+        ({"length": 0.4}, "beyond the robot's length"),
+        ({"youngs_modulus": nan}, "youngs_modulus"),
+        ({"density": nan}, "density"),
+        ({"damping_time": nan}, "damping_time"),
+        ({"youngs_modulus": inf}, "youngs_modulus"),
+        ({"pieces": 0}, "pieces"),
+    ],
+)
+def test_robots_that_cannot_be(changes, message):
+    with pytest.raises(ValueError, match=message):
+        replace(ARM, **changes)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tension_limit": 0.0}, "pretension < tension_limit"),
+        ({"pretension": -1.0}, "0 <= pretension"),
+        ({"pretension": 10.0}, "pretension < tension_limit"),
+        ({"tension_limit": nan}, "tension_limit"),
+        ({"friction": -1.0}, "friction must be finite and zero or more"),
+        ({"friction": nan}, "friction"),
+        ({"friction": inf}, "friction"),
+        ({"end": 0.0}, "guides must increase"),
+        ({"guides": (0.1, 0.1)}, "guides must increase"),
+        ({"guides": (0.2, 0.1)}, "guides must increase"),
+        ({"guides": (0.5,)}, "guides must increase"),
+        ({"guides": (0.0, 0.1)}, "guides must increase"),
+    ],
+)
+def test_tendons_that_cannot_be(changes, message):
+    tendon = Tendon("t", (0.01, 0.0), end=0.3, group=0, tension_limit=10.0, guides=(0.1, 0.2))
+    with pytest.raises(ValueError, match=f"'t'.*{message}"):
+        replace(tendon, **changes)
+
+
+def test_robots_by_name():
+    for name, robot in ROBOTS.items():
+        assert robot.name == name
+        assert isinstance(robot, RobotParams)
+
+
+# ---------------------------------------------------------------- shape
+
+curvatures = st.lists(st.floats(-40, 40), min_size=1, max_size=8).map(np.array)
+
+
+@given(curvature=st.floats(-40, 40).filter(lambda k: abs(k) > 1e-3), points=st.integers(1, 12))
+def test_constant_curvature_is_a_circular_arc(curvature, points):
+    shape = centerline(ARM, np.full(6, curvature), points)
+    angle = curvature * np.linspace(0, ARM.length, 6 * points + 1)
+    # Centre of the circle at (1 / curvature, 0). The closed form cancels near the straight
+    # pose: 1e-16 / 1e-3.
+    expected = np.stack([1 - np.cos(angle), 0 * angle, np.sin(angle)], axis=1) / curvature
+    np.testing.assert_allclose(shape, expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("curvature", [0.0, 1e-300, 1e-12, -1e-9])
+def test_straight_limit(curvature):
+    shape = centerline(ARM, np.full(6, curvature))
+    np.testing.assert_allclose(shape[:, 2], np.linspace(0, 0.5, 61), atol=1e-15)
+    # Parabola: x = k s^2 / 2.
+    np.testing.assert_allclose(shape[:, 0], curvature * shape[:, 2] ** 2 / 2, atol=1e-20)
+
+
+@given(curvature=curvatures, points=st.integers(1, 6))
+def test_length_is_preserved(curvature, points):
+    """Every chord belongs to an arc of the same length: arc = chord * (h / sin h)."""
+    shape = centerline(ARM, curvature, points)
+    assert shape.shape == (1 + points * len(curvature), 3)
+    arc = ARM.length / len(curvature) / points
+    half = np.repeat(curvature, points) * arc / 2
+    chords = np.linalg.norm(np.diff(shape, axis=0), axis=1)
+    lengths = [c if h == 0 else c * h / sin(h) for c, h in zip(chords, half, strict=True)]
+    # No chord vanishes here: |h| <= 40 * 0.5 / 2 is beyond pi only for one piece with one point.
+    usable = np.abs(np.sin(half)) > 1e-3
+    usable |= half == 0
+    np.testing.assert_allclose(np.abs(lengths)[usable], arc, rtol=1e-10)
+
+
+@given(curvature=curvatures)
+def test_finer_sampling_goes_through_the_same_points(curvature):
+    coarse, fine = centerline(ARM, curvature, 2), centerline(ARM, curvature, 6)
+    np.testing.assert_allclose(fine[::3], coarse, atol=1e-13)
+
+
+def test_two_pieces_by_hand():
+    """A quarter circle to +x, then one back: the tip points along +z again."""
+    curvature = pi / ARM.length  # each half turns by 90 degrees
+    shape = centerline(ARM, np.array([curvature, -curvature]), 1)
+    radius = ARM.length / pi
+    expected = [[0, 0, 0], [radius, 0, radius], [2 * radius, 0, 2 * radius]]
+    np.testing.assert_allclose(shape, expected, atol=1e-15)

@@ -1,0 +1,176 @@
+"""Twins: ranges of what is drawn, reproducibility, and the modulus that stands for one piece."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.control.rig.servo_constraints import ServoConstraints
+from softrobot_env.robots import EQUIVALENT, EQUIVALENT_RIG, RIG
+from softrobot_env.robots.twin import nominal_twin, rig3d_twin
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.statics import equilibrium
+
+TWINS = [rig3d_twin(seed) for seed in range(300)]
+
+
+def drawn(read):
+    """What `read` says of all twins, (300, ...)."""
+    return np.array([read(twin) for twin in TWINS])
+
+
+def azimuths(twin):
+    """(3,) [deg] by which the tendons are turned."""
+    ideal = np.array([complex(*t.offset) for t in RIG.tendons])
+    real = np.array([complex(*t.offset) for t in twin.robot.tendons])
+    return np.degrees(np.angle(real / ideal))
+
+
+def damping(twin):
+    """Moment per bending rate over that of the equivalent rig [1]."""
+    ideal = EQUIVALENT_RIG.damping_time * EQUIVALENT_RIG.youngs_modulus
+    return twin.robot.damping_time * twin.robot.youngs_modulus / ideal
+
+
+def test_the_nominal_twin_is_the_robot():
+    twin = nominal_twin(RIG)
+    assert twin.robot is RIG
+    assert not any((*twin.servo_offset, *twin.backlash, twin.camera_noise, twin.camera_delay))
+    assert twin.servo_speed == pytest.approx(0.131, rel=1e-2)
+    assert twin.seed is None
+
+
+def test_a_seed_is_a_rig():
+    assert rig3d_twin(7) == TWINS[7] == rig3d_twin(np.int64(7))
+    assert TWINS[7].seed == 7
+    assert len({twin.robot.youngs_modulus for twin in TWINS}) == len(TWINS)
+
+
+@pytest.mark.parametrize(
+    ("read", "low", "high"),
+    [
+        (azimuths, 4.0, 10.0),
+        (
+            lambda t: np.hypot(*np.transpose([x.offset for x in t.robot.tendons])) / 5.5e-3,
+            0.97,
+            1.03,
+        ),
+        (lambda t: [x.friction for x in t.robot.tendons], 0.035, 0.065),
+        (damping, 0.8, 1.2),
+        (lambda t: t.robot.anisotropy, 0.0, 0.05),
+        (lambda t: t.robot.stiff_azimuth, 0.0, np.pi),
+        (lambda t: t.servo_offset, -0.3e-3, 0.3e-3),
+        (lambda t: t.backlash, 0.1e-3, 0.3e-3),
+        (
+            lambda t: RIG.length * (RIG.length / 2 + 0.022) * np.array(t.robot.precurvature),
+            -2.1e-3,
+            2.1e-3,
+        ),
+    ],
+    ids=[
+        "azimuth",
+        "radius",
+        "friction",
+        "damping",
+        "anisotropy",
+        "stiff",
+        "offset",
+        "backlash",
+        "bend",
+    ],
+)
+def test_errors_fill_their_ranges(read, low, high):
+    values = drawn(read)
+    assert np.all((low <= values) & (values <= high))
+    width = high - low
+    assert np.min(values) < low + 0.1 * width
+    assert np.max(values) > high - 0.1 * width
+    assert np.mean(values) == pytest.approx((low + high) / 2, abs=0.06 * width)
+
+
+def test_modulus_is_spread_about_nine_tenths_of_the_equivalent():
+    factor = drawn(lambda t: t.robot.youngs_modulus) / (EQUIVALENT * RIG.youngs_modulus)
+    assert np.median(factor) == pytest.approx(0.9, abs=0.01)
+    assert np.std(np.log(factor)) == pytest.approx(0.05, abs=0.006)
+
+
+def test_tendons_share_most_of_their_turn():
+    turn = drawn(azimuths)
+    assert np.max(np.ptp(turn, axis=1)) <= 2.0
+    assert np.std(turn.mean(axis=1)) > 0.8
+
+
+def test_nothing_else_differs():
+    for twin in TWINS[:20]:
+        known = {
+            name: getattr(RIG, name)
+            for name in (
+                "name",
+                "youngs_modulus",
+                "damping_time",
+                "anisotropy",
+                "stiff_azimuth",
+                "precurvature",
+            )
+        }
+        tendons = tuple(
+            replace(t, offset=ideal.offset, friction=0.0)
+            for t, ideal in zip(twin.robot.tendons, RIG.tendons, strict=True)
+        )
+        assert replace(twin.robot, tendons=tendons, **known) == RIG
+        assert twin.camera_noise == 0.3e-3
+        assert twin.camera_delay == pytest.approx(1 / 90)
+
+
+def test_servos_and_tendons_are_numbered_alike():
+    for twin in TWINS[:20]:
+        assert [t.name for t in twin.robot.tendons] == [t.name for t in RIG.tendons]
+
+
+def reached(robot, pulled):
+    """(2,) [m], where the tip of a fine chain stands at pulled-in lengths."""
+    config = SceneConfig(robot, pieces=8, actuation="length", bending="spatial")
+    model = build_scene(config).model
+    data = mujoco.MjData(model)
+    data.qpos[:] = equilibrium(model, pulled)
+    mujoco.mj_forward(model, data)
+    return data.site("tip").xpos[:2]
+
+
+@pytest.mark.parametrize("distance", [0.03, 0.06, 0.09, 0.12])
+def test_the_equivalent_rig_stands_where_the_one_piece_model_says(distance):
+    turn = np.exp(2j * np.pi * np.array([0.0, 0.15, 0.5]))
+    z = distance * np.stack([turn.real, turn.imag], axis=1)
+    plan = ServoConstraints(RIG).plan(z, 0 * z, 0 * z)
+    for target, pulled in zip(z, plan.pulled, strict=True):
+        assert np.linalg.norm(reached(EQUIVALENT_RIG, pulled) - target) < 0.02 * distance
+        assert np.linalg.norm(reached(RIG, pulled) - target) > 0.1 * distance
+
+
+@pytest.mark.parametrize("seed", [-1, 1.5, "1", None, True])
+def test_bad_seeds_are_named(seed):
+    with pytest.raises(ValueError, match="seed of a twin"):
+        rig3d_twin(seed)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"servo_offset": (0.0,)}, "each of 3 tendons"),
+        ({"backlash": (0.0, 0.0)}, "each of 3 tendons"),
+        ({"servo_speed": 0.0}, "servo_speed"),
+        ({"servo_offset": (0.0, np.nan, 0.0)}, "at most 0.005 m"),
+        ({"servo_offset": (0.0, 0.0, 6e-3)}, "at most 0.005 m"),
+        ({"backlash": (-1e-4, 0.0, 0.0)}, "zero or more"),
+        ({"camera_delay": -0.01}, "zero or more"),
+        ({"camera_delay": np.inf}, "zero or more"),
+        ({"camera_noise": 0.01}, "camera_noise"),
+        ({"camera_noise": np.nan}, "camera_noise"),
+    ],
+    ids=str,
+)
+def test_bad_twins_are_named(change, message):
+    with pytest.raises(ValueError, match=message):
+        replace(nominal_twin(RIG), **change)

@@ -1,0 +1,204 @@
+"""The compiled model against the robot's parameters, and parts that must change nothing."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.scene.build import build_scene, scene_xml
+from softrobot_env.scene.config import (
+    Appearance,
+    Camera,
+    Load,
+    Marker,
+    PathMarker,
+    SceneConfig,
+    TipSensors,
+)
+from softrobot_env.scene.quadrature import RULES
+
+ROBOTS = (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)
+FITTING = {"midpoint": 6, "gauss2": 6, "balanced2": 6, "chord2": 6, "gauss3": 3}
+
+GUIDED = replace(
+    ARM, tendons=tuple(replace(t, guides=tuple(np.arange(0.05, t.end, 0.05))) for t in ARM.tendons)
+)
+
+
+def scene(robot=ARM, rule="balanced2", **options):
+    return build_scene(SceneConfig(robot, pieces=FITTING[rule], rule=rule, **options))
+
+
+def posed(model, q):
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    return data
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+def test_links_have_the_beams_mass_and_inertia(robot, rule):
+    built = scene(robot, rule)
+    first = built.layout.stations[0]  # the beam below the first hinge is part of the clamp
+    model, moving = built.model, robot.length - first
+    assert model.body_mass.sum() == pytest.approx(robot.mass_per_length * moving, rel=1e-12)
+    data = posed(model, np.zeros(model.nq))
+    np.testing.assert_allclose(data.subtree_com[1], [0, 0, (robot.length + first) / 2], atol=1e-12)
+    # The straight chain turned about its first hinge is one hollow cylinder, however it is cut.
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    square = robot.outer_radius**2 + robot.inner_radius**2
+    cylinder = robot.mass_per_length * moving * (moving**2 / 3 + square / 4)
+    assert mass[0, 0] == pytest.approx(cylinder, rel=1e-12)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("robot", ROBOTS, ids=lambda r: r.name)
+def test_hinges_have_the_beams_stiffness_and_damping(robot, rule):
+    built = scene(robot, rule)
+    radii = robot.outer_radius**4 - robot.inner_radius**4
+    stiffness = robot.youngs_modulus * np.pi / 4 * radii / built.layout.weights
+    model = built.model
+    assert model.njnt == model.nv == len(RULES[rule]) * FITTING[rule]
+    np.testing.assert_allclose(model.jnt_stiffness, stiffness, rtol=1e-12)
+    np.testing.assert_allclose(model.dof_damping, robot.damping_time * stiffness, rtol=1e-12)
+    # In series the hinges are as compliant as the beam.
+    total = robot.length / robot.bending_stiffness
+    assert np.sum(1 / model.jnt_stiffness) == pytest.approx(total, rel=1e-12)
+
+
+def test_tip_of_the_straight_robot_is_at_its_length():
+    data = posed(scene().model, np.zeros(12))
+    np.testing.assert_allclose(data.site("tip").xpos, [0, 0, ARM.length], atol=1e-15)
+
+
+def test_positive_angles_bend_towards_plus_x():
+    tip = posed(scene().model, np.full(12, 0.05)).site("tip").xpos
+    assert tip[0] > 0.05
+    assert tip[1] == pytest.approx(0, abs=1e-15)
+
+
+def test_guides_stand_where_the_robot_says():
+    model = scene(GUIDED).model
+    data = posed(model, np.zeros(model.nq))
+    for tendon in GUIDED.tendons:
+        for index, station in enumerate((0.0, *tendon.guides, tendon.end)):
+            position = data.site(f"{tendon.name}_guide{index}").xpos
+            np.testing.assert_allclose(position, [*tendon.offset, station], atol=1e-14)
+        wraps = model.tendon_num[model.tendon(tendon.name).id]
+        assert wraps == len(tendon.guides) + 2
+
+
+def test_control_only_scene_contains_nothing_else():
+    model = scene().model
+    for part in ("ngeom", "ncam", "nlight", "nsensor", "neq", "nexclude", "npair", "nmocap"):
+        assert getattr(model, part) == 0, part
+    assert model.nsite == 1
+    assert model.nbody == 1 + 12
+    assert model.nu == model.ntendon == len(ARM.tendons)
+    data = posed(model, np.full(12, 0.2))
+    assert data.nefc == 0
+    assert data.ncon == 0
+
+
+def test_only_friction_brings_constraints():
+    """One per tendon that rubs; drawn lines rub nobody."""
+    robot = replace(ARM, tendons=(replace(ARM.tendons[0], friction=2.0), *ARM.tendons[1:]))
+    for rubbing in (robot, ARM.vary(tendon_friction=2.0), GUIDED.vary(tendon_friction=2.0)):
+        model = scene(rubbing, appearance=Appearance()).model
+        friction = [t.friction for t in rubbing.tendons]
+        for k, tendon in enumerate(rubbing.tendons):
+            assert model.tendon_frictionloss[model.tendon(tendon.name).id] == friction[k]
+        assert model.tendon_frictionloss.sum() == sum(friction)
+        data = posed(model, np.full(12, 0.2))
+        assert data.nefc == data.nf == np.count_nonzero(friction)
+        assert data.ncon == 0
+
+
+def trajectory(config):
+    """Postures of a fast motion under changing tensions."""
+    model = build_scene(config).model
+    data, tendon_map = mujoco.MjData(model), TendonMap(config.robot)
+    postures = []
+    for k in range(60):
+        inputs = 30 * np.sin([0.2 * k, 0.3 * k, 0.5 * k])
+        data.ctrl[: len(config.robot.tendons)] = tendon_map.tension(inputs)
+        mujoco.mj_step(model, data, 5)
+        postures.append(np.concatenate((data.qpos, data.qvel)))
+    return np.array(postures)
+
+
+DECORATION = {
+    "appearance": {"appearance": Appearance()},
+    "marker": {"markers": (Marker("ball", (0.1, 0.0, 0.3)),)},
+    "path": {"paths": (PathMarker("line", ((0.0, 0.0, 0.1), (0.2, 0.0, 0.4))),)},
+    "camera": {"cameras": (Camera("front", (0.0, 0.25), 0.9),)},
+    "sensors": {"sensors": (TipSensors(),)},
+    "unused_load": {"loads": (Load("push", 0.4, force=(1.0, 0.0, 0.0)),)},
+}
+
+
+@pytest.mark.parametrize("robot", [ARM, GUIDED], ids=["channels", "guides"])
+@pytest.mark.parametrize("part", DECORATION)
+def test_optional_parts_change_no_bit_of_the_motion(robot, part):
+    bare = SceneConfig(robot)
+    motion = trajectory(bare)
+    assert np.ptp(motion) > 1  # it does move
+    np.testing.assert_array_equal(trajectory(replace(bare, **DECORATION[part])), motion)
+
+
+def test_scene_as_mjcf_compiles_to_the_same_model():
+    config = SceneConfig(GUIDED, appearance=Appearance(), sensors=(TipSensors(),))
+    model, again = build_scene(config).model, mujoco.MjModel.from_xml_string(scene_xml(config))
+    assert (again.opt.integrator, again.opt.disableflags) == (
+        model.opt.integrator,
+        model.opt.disableflags,
+    )
+    for field in ("body_mass", "body_inertia", "jnt_stiffness", "dof_damping", "site_pos"):
+        # MJCF keeps about six digits.
+        np.testing.assert_allclose(
+            getattr(again, field), getattr(model, field), rtol=2e-5, atol=1e-9
+        )
+    assert again.opt.timestep == pytest.approx(model.opt.timestep, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", ["implicitfast", "discrete", "implicit", "Euler", "RK4"])
+def test_integrator_and_timestep_asked_for_are_compiled(name):
+    model = build_scene(SceneConfig(ARM, integrator=name, timestep=5e-5)).model
+    assert (
+        model.opt.integrator
+        == {
+            "Euler": mujoco.mjtIntegrator.mjINT_EULER,
+            "RK4": mujoco.mjtIntegrator.mjINT_RK4,
+            "implicit": mujoco.mjtIntegrator.mjINT_IMPLICIT,
+            "implicitfast": mujoco.mjtIntegrator.mjINT_IMPLICITFAST,
+            "discrete": mujoco.mjtIntegrator.mjINT_DISCRETE,
+        }[name]
+    )
+    assert model.opt.timestep == pytest.approx(5e-5, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"rule": "simpson"}, "midpoint, gauss2"),
+        ({"pieces": 0}, "at least one"),
+        ({"integrator": "leapfrog"}, "implicitfast, discrete, implicit, Euler, RK4"),
+        ({"actuation": "pressure"}, "tension, length"),
+        ({"control_period": 0.0}, "must be a positive time"),
+        ({"timestep": -1e-3}, "must be a positive time"),
+        ({"timestep": float("nan")}, "must be a positive time"),
+        ({"pieces": 4}, "multiple of their length"),
+        ({"actuation": "length"}, "finite stiffness"),
+        ({"loads": (Load("push", 0.51),)}, r"\[0, 0.5\] m"),
+        ({"loads": (Load("push", float("nan")),)}, r"\[0, 0.5\] m"),
+    ],
+    ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
+)
+def test_bad_scenes_name_what_is_allowed(options, message):
+    with pytest.raises(ValueError, match=message):
+        build_scene(SceneConfig(ARM, **options))

@@ -1,0 +1,226 @@
+"""Motion of the chain: frequencies, energy, convergence in the timestep, and honest failure."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.beams.exact.analytic import euler_bernoulli_frequency, rayleigh_frequency
+from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.quadrature import RULES, place_hinges
+from softrobot_env.scene.timestep import TimestepWarning, linearize
+
+FREE = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0), damping_time=0.0)
+PERIOD = 0.04
+
+
+def chain(robot, pieces, rule="midpoint", **options):
+    return build_scene(SceneConfig(replace(robot, tendons=()), pieces=pieces, rule=rule, **options))
+
+
+def frequencies(model):
+    """Angular frequencies (nv,) [rad/s] of the straight chain."""
+    return linearize(model).frequencies()
+
+
+def beam(robot):
+    return robot.length, robot.bending_stiffness, robot.mass_per_length
+
+
+def frequency_errors(robot, rule, n):
+    """Relative errors of the first three frequencies against the Rayleigh beam."""
+    model = chain(robot, n // len(RULES[rule]), rule).model
+    rotary = robot.density * robot.second_moment
+    truth = [rayleigh_frequency(*beam(robot), rotary, mode) for mode in (1, 2, 3)]
+    return frequencies(model)[:3] / (2 * np.pi) / truth - 1
+
+
+def frequency_bound(rule, pieces):
+    """Bound of the first frequency's relative error.
+
+    A rule integrates the bending energy m^2 / EI with the error (S - 1/12) / 2 D^2 [(m^2)'],
+    S = sum of shares x offset^2. For m = (1 - s/L)^2, which falls off more steeply than the first
+    mode's moment, that is 10 (S - 1/12) / pieces^2 of the energy, half of it in the frequency.
+    1e-4 is left for the Gauss rules, whose leading term vanishes.
+    """
+    unit = place_hinges(1.0, 1, rule)
+    return 5 * abs(unit.weights @ (unit.stations - 0.5) ** 2 - 1 / 12) / pieces**2 + 1e-4
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("robot", [ARM, CANTILEVER_WEAK, CANTILEVER_STIFF], ids=lambda r: r.name)
+def test_first_frequency_is_that_of_a_beam_with_rotary_inertia(robot, rule):
+    bound = frequency_bound(rule, 12 // len(RULES[rule]))
+    assert abs(frequency_errors(robot, rule, 12)[0]) < bound
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_frequencies_of_a_slender_robot_are_euler_and_bernoullis(rule):
+    # Rotary inertia lowers them in the ratio of I / (A L^2) = 1e-6 here: negligible.
+    wire, pieces = replace(ARM, outer_radius=1e-3, inner_radius=0.0), 24 // len(RULES[rule])
+    found = frequencies(chain(wire, pieces, rule).model)[:3] / (2 * np.pi)
+    truth = [euler_bernoulli_frequency(*beam(wire), mode) for mode in (1, 2, 3)]
+    # Modes 2 and 3 have waves 3 and 5 times as short.
+    bound = frequency_bound(rule, pieces) * np.array([1, 9, 25])
+    np.testing.assert_array_less(np.abs(found / truth - 1), bound)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_frequencies_converge_with_second_order(rule):
+    coarse, fine = (np.abs(frequency_errors(ARM, rule, n)) for n in (24, 48))
+    np.testing.assert_allclose(np.log2(coarse / fine), 2, atol=0.2)
+
+
+def test_simulated_oscillation_has_the_beams_frequency():
+    scene = chain(FREE, 6, "balanced2", timestep=1e-3, integrator="RK4")
+    model, data = scene.model, mujoco.MjData(scene.model)
+    # The curvature of a uniform load is close to the first mode's; 1 % of the length is small.
+    shape = (1 - scene.layout.stations / FREE.length) ** 2 * scene.layout.weights
+    data.qpos[:] = 0.01 * 4 / FREE.length * shape
+    site, times, tips = data.site("tip").xpos, [], []
+    for _ in range(16000):
+        mujoco.mj_step(model, data)
+        times.append(data.time - model.opt.timestep)  # the position is that of the step's start
+        tips.append(site[0])
+    crossings = zero_crossings(np.array(times), np.array(tips))
+    frequency = (len(crossings) - 1) / 2 / (crossings[-1] - crossings[0])
+    rotary = FREE.density * FREE.second_moment
+    # 20 half periods; the few per cent of higher modes move a crossing by 1 % of a period.
+    assert len(crossings) >= 20
+    assert frequency == pytest.approx(rayleigh_frequency(*beam(FREE), rotary), rel=2e-3)
+
+
+def zero_crossings(times, values):
+    before = np.flatnonzero(values[:-1] * values[1:] < 0)
+    share = values[before] / (values[before] - values[before + 1])
+    return times[before] + share * (times[before + 1] - times[before])
+
+
+def test_damped_first_mode_decays_at_its_rate():
+    """Stiffness-proportional damping: decay rate mu omega^2 / 2 of the first mode."""
+    robot = replace(FREE, damping_time=0.02)
+    scene = chain(robot, 6, "balanced2", timestep=1e-4, integrator="implicitfast")
+    omega = frequencies(scene.model)[0]
+    data = mujoco.MjData(scene.model)
+    shape = (1 - scene.layout.stations / FREE.length) ** 2 * scene.layout.weights
+    data.qpos[:] = 0.01 * 4 / FREE.length * shape
+    period = 2 * np.pi / np.sqrt(omega**2 - (0.02 * omega**2 / 2) ** 2)
+    tips = []
+    for _ in range(3):
+        mujoco.mj_step(scene.model, data, round(period / 1e-4))
+        mujoco.mj_kinematics(scene.model, data)
+        tips.append(data.site("tip").xpos[0])
+    rate = np.log(tips[1] / tips[2]) / period
+    assert rate == pytest.approx(0.02 * omega**2 / 2, rel=0.01)
+
+
+def swing_energy(integrator, timestep, duration, turn):
+    """Total energy [J] at every PERIOD of an undamped swing released from a circular arc."""
+    model = chain(FREE, 3, timestep=timestep, integrator=integrator, control_period=PERIOD).model
+    model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    data = mujoco.MjData(model)
+    data.qpos[:] = turn / model.nq
+    energies = []
+    for _ in range(round(duration / PERIOD)):
+        mujoco.mj_forward(model, data)
+        energies.append(data.energy.sum())
+        mujoco.mj_step(model, data, round(PERIOD / model.opt.timestep))
+    return np.array(energies)
+
+
+def test_energy_of_a_bent_arc_is_that_of_a_bent_beam():
+    # Constant curvature turn / L stores EI turn^2 / (2 L), however it is cut.
+    energy = swing_energy("RK4", 1e-3, 0.04, turn=1.0)[0]
+    assert energy == pytest.approx(FREE.bending_stiffness / (2 * FREE.length), rel=1e-12)
+
+
+def test_rk4_keeps_energy_to_its_order():
+    """RK4 loses (h omega)^6 / 72 of an oscillation's energy a step: order 5 over a fixed time."""
+    drifts = []
+    for timestep in (2e-3, 1e-3, 5e-4):
+        energy = swing_energy("RK4", timestep, 4.0, turn=1.0)
+        drifts.append(np.max(np.abs(energy / energy[0] - 1)))
+    assert drifts[-1] < 1e-6
+    orders = np.log2(np.array(drifts[:-1]) / drifts[1:])
+    np.testing.assert_allclose(orders, 5, atol=0.5)
+
+
+@pytest.mark.parametrize("timestep", [4e-3, 2e-3])
+def test_implicitfast_keeps_energy_bounded_over_many_periods(timestep):
+    """Semi-implicit Euler conserves a modified energy that differs by at most h omega / 2."""
+    energy = swing_energy("implicitfast", timestep, 40.0, turn=0.1)
+    fastest = frequencies(chain(FREE, 3).model)[-1]
+    # 26 periods. Explicit Euler would gain the factor exp(h omega_1^2 t) = 17 at 4 ms.
+    assert np.max(np.abs(energy / energy[0] - 1)) < timestep * fastest / 2
+
+
+def final_state(integrator, timestep, duration=0.8):
+    robot = replace(FREE, damping_time=0.01)
+    scene = chain(robot, 3, timestep=timestep, integrator=integrator, control_period=PERIOD)
+    data = mujoco.MjData(scene.model)
+    data.qpos[:] = 0.3
+    mujoco.mj_step(scene.model, data, round(duration / timestep))
+    return np.concatenate((data.qpos, data.qvel))
+
+
+@pytest.mark.parametrize(
+    ("integrator", "order", "tolerance"),
+    [("implicitfast", 1, 0.05), ("Euler", 1, 0.05), ("discrete", 1, 0.15), ("RK4", 4, 0.05)],
+)
+def test_error_falls_with_the_integrators_order(integrator, order, tolerance):
+    # RK4 at a fortieth of the smallest step is converged beyond 1e-12.
+    truth = final_state("RK4", 2.5e-5)
+    errors = [np.max(np.abs(final_state(integrator, h) - truth)) for h in (1e-3, 5e-4)]
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(order, abs=tolerance)
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", "discrete", "RK4"])
+def test_advance_is_a_sequence_of_plain_steps(integrator):
+    scene = build_scene(SceneConfig(ARM, integrator=integrator))
+    simulation, data = Simulation(scene), mujoco.MjData(scene.model)
+    tendon_map, start = TendonMap(ARM), np.linspace(0.0, 0.1, 12)
+    simulation.reset(start, np.zeros(6))
+    data.qpos[:] = start
+    for k in range(20):
+        tension = tendon_map.tension(20 * np.sin([0.3 * k, 0.7 * k, 1.1 * k]))
+        simulation.data.ctrl[:] = data.ctrl[:] = tension
+        simulation.advance()
+        mujoco.mj_step(scene.model, data, scene.timestep.substeps)
+        np.testing.assert_array_equal(simulation.data.qpos, data.qpos)
+        np.testing.assert_array_equal(simulation.data.qvel, data.qvel)
+    assert simulation.data.time == data.time == pytest.approx(0.2)
+    assert simulation.failure() is None
+
+
+@pytest.mark.parametrize("integrator", ["implicitfast", "discrete"])
+def test_read_outs_after_advance_are_current(integrator):
+    scene = build_scene(SceneConfig(ARM, integrator=integrator))
+    simulation = Simulation(scene)
+    simulation.reset(np.full(12, 0.1), np.zeros(6))
+    simulation.advance()
+    fresh = mujoco.MjData(scene.model)
+    fresh.qpos[:] = simulation.data.qpos
+    mujoco.mj_kinematics(scene.model, fresh)
+    np.testing.assert_array_equal(simulation.data.site("tip").xpos, fresh.site("tip").xpos)
+
+
+def test_divergence_is_reported_and_not_hidden(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes its warnings to a log where it runs
+    undamped = replace(ARM, damping_time=0.0)
+    with pytest.warns(TimestepWarning, match="expect divergence"):
+        scene = build_scene(SceneConfig(undamped, timestep=0.01, integrator="implicitfast"))
+    simulation = Simulation(scene)
+    simulation.reset(np.full(12, 0.01), np.zeros(6))
+    for _ in range(200):
+        simulation.advance()
+    assert "simulation diverged" in simulation.failure()
+    assert "implicitfast, timestep 0.01 s" in simulation.failure()
+    # MuJoCo's silent reset would have put the chain back into its straight pose at time zero.
+    assert simulation.data.time == pytest.approx(200 * 0.01)
+    simulation.reset(np.zeros(12), np.zeros(6))
+    assert simulation.failure() is None

@@ -1,0 +1,215 @@
+"""The test rig as a chain, held to an exact column with a heavy head and to analytic formulas."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+from support.rig_column import HEAD, LEVER, Column, G, L, posed, scene, tip_at
+
+from softrobot_env.beams.ancf import ANCF
+from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
+from softrobot_env.beams.cosserat import CosseratRod
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.robots import ARM, RIG
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.chain import mean_curvature
+from softrobot_env.scene.config import SceneConfig, TipSensors
+from softrobot_env.scene.timestep import linearize
+
+
+def test_the_column_with_one_shape_is_the_audits_rig():
+    """The thesis' one piece; 4 % off as its subpieces are not the uniform beam and the head."""
+    free, held = Column(1, False), Column(1, True)
+    assert free.elastic[0, 0] == pytest.approx(0.1017, rel=1e-3)
+    assert free.stiffness[0, 0] == pytest.approx(0.0438, rel=0.05)
+    assert free.mass[0, 0] == pytest.approx(8.41e-4, rel=0.01)
+    assert free.frequencies()[0] == pytest.approx(7.21, rel=0.03)
+    assert held.frequencies()[0] == pytest.approx(10.25, rel=0.02)
+    assert held.damping_ratio() == pytest.approx(0.22, rel=0.02)
+
+
+# --- the compiled chain --------------------------------------------------------------------------
+
+
+def test_mass_and_inertia_are_those_of_cylinder_and_head():
+    built = scene()
+    first = built.layout.stations[0]
+    moving, mass = L - first, RIG.mass_per_length * (L - first)
+    data = posed(built.model, built.model.qpos0)
+    centre = (mass * (L + first) / 2 + HEAD.mass * (L + HEAD.centre)) / (mass + HEAD.mass)
+    assert np.sum(built.model.body_mass) == pytest.approx(mass + HEAD.mass, rel=1e-12)
+    np.testing.assert_allclose(data.subtree_com[1], [0, 0, centre], atol=1e-12)
+    lever = L + HEAD.centre - first
+    whole = (
+        mass * (moving**2 / 3 + RIG.outer_radius**2 / 4)
+        + HEAD.mass * lever**2
+        + np.array(HEAD.inertia[:2])
+    )
+    np.testing.assert_allclose(np.diag(linearize(built.model).mass)[:2], whole, rtol=1e-12)
+
+
+def test_tip_is_the_output_point_of_the_head():
+    data = posed(scene(sensors=(TipSensors(),)).model, np.zeros(16))
+    np.testing.assert_allclose(data.site("tip").xpos, [0, 0, 0.202], atol=1e-15)
+    np.testing.assert_allclose(data.sensordata[:3], [0, 0, 0.202], atol=1e-15)
+
+
+def about_straight(built):
+    """Mass and stiffness matrices of the upright chain, gravity and tendons included."""
+    model = built.model
+    data = mujoco.MjData(model)
+
+    def force(q):
+        data.qpos[:] = q
+        mujoco.mj_forward(model, data)
+        return data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
+
+    moves = 1e-6 * np.eye(model.nv)
+    columns = [force(-x) - force(x) for x in moves]
+    return linearize(model).mass, np.stack(columns, axis=1) / 2e-6
+
+
+@pytest.mark.parametrize(("actuation", "held"), [("tension", False), ("length", True)])
+def test_frequencies_converge_to_the_columns(actuation, held):
+    truth, errors = Column(8, held).frequencies()[:2], []
+    for pieces in (4, 8):
+        mass, stiffness = about_straight(scene(pieces=pieces, actuation=actuation))
+        squares = np.sort(np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real)
+        found = np.sqrt(squares[:4])  # each mode in both planes
+        np.testing.assert_allclose(found[::2], found[1::2], rtol=1e-6)
+        errors.append(np.abs(found[::2] / truth - 1))
+    assert np.all(errors[0] < 0.01)
+    np.testing.assert_allclose(np.log2(errors[0] / errors[1]), 2, atol=0.2)
+
+
+def test_frequency_is_that_of_pcc_with_many_pieces():
+    """Another model, where the subpieces of the thesis replace beam and head: 1 % apart."""
+    model = PCC(RIG, 6, axes="spatial", inertia=SUBPIECES)
+    rest = np.zeros(model.n)
+    step = 1e-4
+    columns = [
+        model.residual(step * e, rest, rest) - model.residual(-step * e, rest, rest)
+        for e in np.eye(model.n)
+    ]
+    stiffness = np.stack(columns, axis=1) / (2 * step)
+    mass = model.control_affine(rest, rest).mass
+    squares = np.linalg.eigvals(np.linalg.solve(mass, stiffness)).real
+    chain = np.linalg.eigvals(np.linalg.solve(*about_straight(scene(actuation="tension")))).real
+    assert np.sqrt(np.min(chain)) == pytest.approx(np.sqrt(np.min(squares)), rel=0.015)
+
+
+def test_damping_is_the_columns():
+    built = scene(pieces=8)
+    mass, stiffness = about_straight(built)
+    lower = -np.linalg.solve(mass, np.hstack((stiffness, linearize(built.model).damping)))
+    roots = np.linalg.eigvals(np.vstack((np.eye(32, 64, 32), lower)))
+    first = roots[np.argmin(np.abs(roots))]
+    truth = Column(8, True).damping_ratio()
+    assert -first.real / abs(first) == pytest.approx(truth, rel=5e-3)
+
+
+# --- bent far ------------------------------------------------------------------------------------
+
+
+def bent_column(moment):
+    """Distance [m] of the output from the axis under a moment of the tendons, by the elastica."""
+
+    def down(end):
+        def slopes(s, x):
+            weight = G * (HEAD.mass + RIG.mass_per_length * (L - s))
+            angle, turn, _ = x
+            return turn, -weight * np.sin(angle) / RIG.bending_stiffness, np.sin(angle)
+
+        turn = (moment + HEAD.mass * G * HEAD.centre * np.sin(end)) / RIG.bending_stiffness
+        return solve_ivp(slopes, (L, 0), (end, turn, 0.0), rtol=1e-9, atol=1e-11).y[:, -1]
+
+    end = brentq(lambda angle: down(angle)[0], 0.0, 3.0)
+    return HEAD.output * np.sin(end) - down(end)[2]
+
+
+@pytest.mark.parametrize("distance", [0.09, 0.12])
+def test_tension_for_a_deflection_is_the_elasticas(distance):
+    moment = brentq(lambda m: bent_column(m) - distance, 1e-3, 0.08, xtol=1e-9)
+    tension = [0.5 + moment / LEVER, 0.5, 0.5]
+    errors = []
+    for pieces in (4, 8):
+        found = tip_at(scene(pieces=pieces, actuation="tension"), tension, load_steps=4)
+        np.testing.assert_allclose(found[1], 0, atol=1e-12)
+        errors.append(abs(found[0] - distance))
+    assert errors[0] < 1e-3
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(2, abs=0.4)
+
+
+def test_slack_tendons_do_not_push():
+    built = scene()
+    data = mujoco.MjData(built.model)
+    data.ctrl[:] = [0.02, -0.03, 0.0]
+    least, most = np.inf, 0.0
+    for _ in range(2000):
+        mujoco.mj_step(built.model, data)
+        least, most = min(least, data.actuator_force.min()), max(most, data.actuator_force.max())
+    assert least == 0
+    assert data.actuator_force[1] == 0
+    assert 1 < most < RIG.tendons[0].tension_limit
+    assert data.site("tip").xpos[0] > 0.05
+
+
+def test_tension_ends_at_the_limit():
+    weak = replace(RIG, tendons=tuple(replace(t, tension_limit=3.0) for t in RIG.tendons))
+    built = scene(weak)
+    data = mujoco.MjData(built.model)
+    data.ctrl[:] = [0.03, 0.0, 0.0]
+    mujoco.mj_step(built.model, data, 500)
+    np.testing.assert_allclose(data.actuator_force[0], 3.0, rtol=1e-12)
+
+
+# --- who does not take the rig -------------------------------------------------------------------
+
+
+def test_beam_models_refuse_a_head_and_uneven_bending():
+    for build in (PCC, lambda robot: CosseratRod(robot, 4), lambda robot: ANCF(robot, 4)):
+        with pytest.raises(ValueError, match="'rig' has a head"):
+            build(RIG)
+    with pytest.raises(ValueError, match="has a head"):
+        PCC(RIG, inertia="distributed")
+    assert PCC(RIG, inertia=SUBPIECES).n == 2
+    with pytest.raises(ValueError, match="has a head"):
+        BeamPlant("pcc")(replace(ARM, head=HEAD))
+    for uneven in ({"anisotropy": 0.1}, {"precurvature": (0.1, 0.0)}):
+        with pytest.raises(ValueError, match="no anisotropy and no precurvature"):
+            PCC(replace(RIG, **uneven), inertia=SUBPIECES)
+
+
+@pytest.mark.parametrize("uneven", [{"anisotropy": 0.1}, {"precurvature": (0.0, 0.1)}])
+def test_planar_chains_refuse_to_leave_their_plane(uneven):
+    with pytest.raises(ValueError, match="bending='spatial'"):
+        build_scene(SceneConfig(replace(ARM, **uneven)))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("anisotropy", -0.1),
+        ("anisotropy", 2.0),
+        ("anisotropy", np.nan),
+        ("stiff_azimuth", np.inf),
+        ("precurvature", (80.0, 0.0)),
+        ("precurvature", (np.nan, 0.0)),
+    ],
+)
+def test_bad_errors_of_manufacturing_are_named(field, value):
+    with pytest.raises(ValueError, match=field):
+        replace(RIG, **{field: value})
+
+
+def test_mean_curvature_needs_fitting_pieces():
+    built = scene()
+    with pytest.raises(ValueError, match="multiple of 3 pieces"):
+        mean_curvature(built.model, built.layout, 3)
+    planar = build_scene(SceneConfig(ARM))
+    with pytest.raises(ValueError, match="spatial chain of hinges"):
+        mean_curvature(planar.model, planar.layout, 6)

@@ -1,0 +1,190 @@
+"""Equilibria of the chain against closed forms and the elastica."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.beams.exact.analytic import arc_tip, elastica
+from softrobot_env.benchmarks.accuracy.run import tip_at
+from softrobot_env.robots import ARM, CANTILEVER_WEAK
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.quadrature import RULES
+from softrobot_env.scene.statics import EquilibriumError, equilibrium
+
+WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
+LENGTH, EI = WEIGHTLESS.length, WEIGHTLESS.bending_stiffness
+WEIGHT = CANTILEVER_WEAK.mass_per_length * 9.81
+
+
+def solve(robot, n, rule, ctrl=(), **options):
+    """Scene and equilibrium of a chain of n hinges."""
+    pieces = n // len(RULES[rule])
+    model = build_scene(SceneConfig(robot, pieces=pieces, rule=rule, **options)).model
+    return model, equilibrium(model, np.array(ctrl, float))
+
+
+def tip(robot, n, rule, ctrl=(), **options):
+    model, posture = solve(robot, n, rule, ctrl, **options)
+    return tip_at(model, posture)
+
+
+def moment_error(n, rule, moment=1.0):
+    load = Load("load", LENGTH, moment=(0.0, moment, 0.0))
+    found = tip(WEIGHTLESS, n, rule, [1.0], loads=(load,))
+    return np.linalg.norm(found - arc_tip(LENGTH, moment / EI))
+
+
+def weight_error(n, rule):
+    truth = elastica(LENGTH, EI, weight=(-WEIGHT, 0.0)).tip
+    return np.linalg.norm(tip(CANTILEVER_WEAK, n, rule) - truth)
+
+
+def force_error(n, rule, force=(3.0, -1.0)):
+    load = Load("load", LENGTH, force=(force[0], 0.0, force[1]))
+    found = tip(WEIGHTLESS, n, rule, [1.0], loads=(load,))
+    return np.linalg.norm(found - elastica(LENGTH, EI, force=force).tip)
+
+
+def tendon_error(n, rule, reduced=(10.0, -5.0, 20.0)):
+    reduced = np.array(reduced)
+    found = tip(ARM, n, rule, TendonMap(ARM).tension(reduced))
+    return np.linalg.norm(found - ConstantCurvatureStatics(ARM).tip(reduced))
+
+
+def hinges(rule, finest=24):
+    """n and 2n hinges, in pieces that end where the arm's tendons do."""
+    return (finest // 4 * 3, finest // 2 * 3) if rule == "gauss3" else (finest // 2, finest)
+
+
+# A hinge in the middle of each piece, or a pair of them, sees the curvature with an error of
+# second order in the piece length, and so do straight links in the place of arcs. The order
+# observed on finite chains is off by the next term, a few per cent here.
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("error", [weight_error, force_error], ids=["self_weight", "tip_force"])
+def test_tip_error_is_of_second_order(error, rule):
+    coarse, fine = hinges(rule, 48)
+    assert np.log2(error(coarse, rule) / error(fine, rule)) == pytest.approx(2, abs=0.2)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("error", [moment_error, tendon_error], ids=["tip_moment", "tendon"])
+def test_constant_curvature_error_is_of_the_rules_order(error, rule):
+    # With g = 1/3 the second-order term of the chords' shortening cancels; odd ones never occur.
+    order = 4 if rule == "chord2" else 2
+    coarse, fine = hinges(rule)
+    assert np.log2(error(coarse, rule) / error(fine, rule)) == pytest.approx(order, abs=0.15)
+
+
+@pytest.mark.parametrize("rule", ["gauss2", "balanced2"])
+def test_twelve_hinges_are_accurate_to_half_a_millimetre(rule):
+    assert weight_error(12, rule) < 0.6e-3
+    assert moment_error(12, rule) < 0.5e-3
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_pure_moment_turns_every_hinge_by_its_share(rule):
+    """Angle = moment x weight / EI, exactly: a statement about the solver, not the rule."""
+    load = Load("load", LENGTH, moment=(0.0, -0.8, 0.0))
+    model, posture = solve(WEIGHTLESS, 12, rule, [1.0], loads=(load,))
+    share = -0.8 / model.jnt_stiffness
+    np.testing.assert_allclose(posture, share, rtol=1e-9)
+
+
+@pytest.mark.parametrize("inputs", [(0, 0, 20), (10, -5, 20), (-40, 60, -30)])
+def test_tendons_turn_every_hinge_by_the_exact_curvature(inputs):
+    scene = build_scene(SceneConfig(ARM))
+    reduced = np.array(inputs, float)
+    posture = equilibrium(scene.model, TendonMap(ARM).tension(reduced))
+    curvature = ConstantCurvatureStatics(ARM).curvature(reduced, scene.layout.stations)
+    np.testing.assert_allclose(posture, curvature * scene.layout.weights, rtol=1e-9)
+
+
+def test_full_circle_closes():
+    """2 pi EI / L bends the rod to a circle; its tip returns to the clamp."""
+    moment = 2 * np.pi * EI / LENGTH
+    load = Load("load", LENGTH, moment=(0.0, moment, 0.0))
+    assert np.linalg.norm(tip(WEIGHTLESS, 12, "balanced2", [1.0], loads=(load,))) < 1e-9
+
+
+def test_loads_keep_the_worlds_directions():
+    """Opposite dead loads mirror the equilibrium; half the control is half the load."""
+    load = Load("load", LENGTH, force=(4.0, 0.0, 1.0), moment=(0.0, 0.2, 0.0))
+    mirrored = Load("load", LENGTH, force=(-4.0, 0.0, 1.0), moment=(0.0, -0.2, 0.0))
+    half = Load("load", LENGTH, force=(2.0, 0.0, 0.5), moment=(0.0, 0.1, 0.0))
+    one = tip(WEIGHTLESS, 12, "balanced2", [1.0], loads=(load,))
+    other = tip(WEIGHTLESS, 12, "balanced2", [1.0], loads=(mirrored,))
+    np.testing.assert_allclose(other, one * [-1, 1], atol=1e-9)
+    np.testing.assert_allclose(
+        tip(WEIGHTLESS, 12, "balanced2", [0.5], loads=(load,)),
+        tip(WEIGHTLESS, 12, "balanced2", [1.0], loads=(half,)),
+        atol=1e-9,
+    )
+
+
+def test_load_in_the_middle_leaves_the_rest_straight():
+    load = Load("load", LENGTH / 2, force=(5.0, 0.0, 0.0))
+    scene = build_scene(SceneConfig(WEIGHTLESS, loads=(load,)))
+    posture = equilibrium(scene.model, np.ones(1))
+    beyond = scene.layout.stations > LENGTH / 2
+    np.testing.assert_allclose(posture[beyond], 0, atol=1e-12)
+    assert np.all(posture[~beyond] > 0)
+
+
+@pytest.mark.parametrize("slope", [-1.2, -0.8, -0.4, 0.5, 1.1])
+def test_weight_in_any_direction_matches_the_elastica(slope):
+    direction = np.array([np.cos(slope), 0.0, np.sin(slope)])
+    weight = WEIGHT * direction
+    truth = elastica(LENGTH, EI, weight=(weight[0], weight[2])).tip
+    # 24 hinges: weighed down at -1.2 rad the rod bends by 2.4 rad, twice as far as horizontally.
+    model = build_scene(SceneConfig(WEIGHTLESS, pieces=12)).model
+    posture = None
+    # A rod this long also stands on other branches: follow the one from straight.
+    for share in (0.2, 0.4, 0.6, 0.8, 1.0):
+        model.opt.gravity[:] = 9.81 * share * direction
+        posture = equilibrium(model, np.zeros(0), posture)
+    assert np.linalg.norm(tip_at(model, posture) - truth) < 0.6e-3
+
+
+def test_equilibrium_is_at_rest_in_the_simulation():
+    model, posture = solve(CANTILEVER_WEAK, 12, "balanced2")
+    data = mujoco.MjData(model)
+    data.qpos[:] = posture
+    mujoco.mj_step(model, data, 400)
+    # 1 s at the solver's residual of 1e-12 of the stiffness.
+    np.testing.assert_allclose(data.qpos, posture, atol=1e-9)
+
+
+def test_simulation_settles_in_the_equilibrium():
+    damped = replace(CANTILEVER_WEAK, damping_time=0.3)
+    model, posture = solve(damped, 12, "balanced2")
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, round(15 / model.opt.timestep))
+    np.testing.assert_allclose(data.qpos, posture, atol=1e-6)
+
+
+def test_no_equilibrium_is_reported():
+    model = build_scene(SceneConfig(ARM)).model
+    with pytest.raises(EquilibriumError, match="no equilibrium after"):
+        equilibrium(model, np.zeros(6), guess=np.full(12, np.nan))
+
+
+def test_unstable_equilibria_are_refused():
+    """Upright, the arm is longer than the column its weight lets stand: it would fall over."""
+    standing = build_scene(SceneConfig(replace(ARM, gravity=(0.0, 0.0, -9.81)))).model
+    with pytest.raises(EquilibriumError, match="unstable"):
+        equilibrium(standing, np.zeros(standing.nu))
+    hanging = build_scene(SceneConfig(replace(ARM, gravity=(0.0, 0.0, 9.81)))).model
+    np.testing.assert_array_equal(equilibrium(hanging, np.zeros(hanging.nu)), 0.0)
+
+
+def test_controls_out_of_range_are_refused_rather_than_clamped():
+    model = build_scene(SceneConfig(ARM)).model
+    for value in (-1.0, 80.1):
+        with pytest.raises(ValueError, match=r"'pair1_up' must lie in \[0, 80\]"):
+            equilibrium(model, np.array([value, 0, 0, 0, 0, 0]))

@@ -1,0 +1,156 @@
+"""Boards without a robot: the firmware's core with servos that go where they are driven."""
+
+import errno
+import threading
+import time
+
+import numpy as np
+
+from softrobot_env.hardware.protocol.session import Session
+from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.hardware.transport import MemoryTransport
+from softrobot_env.hardware.virtual.core import Core, Measured
+
+PASS = 1e-3  # s, of a board's main loop
+
+
+class Board:
+    """A core whose servos are ideal, unless they are stuck.
+
+    Attributes:
+        core: The program of the microcontroller.
+        stuck: Positions (n,) [0.01 mm] that the servos stay at, or None.
+        supply: [mV].
+    """
+
+    def __init__(self, boot_id=1, **options):
+        self.core = Core(boot_id=boot_id, **options)
+        self.position = (0, 0, 0)
+        self.stuck = None
+        self.force = (0, 0, 0)
+        self.supply = 6000
+        self.estop = False
+
+    def run(self, now: float):
+        outputs = self.core.outputs
+        if outputs.powered:
+            self.position = outputs.applied
+        self.position = self.stuck or self.position
+        self.core.run(
+            round(1e6 * now),
+            Measured(self.position, self.force, (2000,) * 4, self.supply, self.estop),
+        )
+
+    @property
+    def applied(self):
+        """[m], or None without power."""
+        outputs = self.core.outputs
+        return np.array(outputs.applied) * 1e-5 if outputs.powered else None
+
+
+class Bench:
+    """A session and a board on one virtual clock, in one thread.
+
+    Attributes:
+        cut: Whether what either side says is lost.
+    """
+
+    def __init__(self, robot=None, board=None, start=10.0):
+        self.robot = robot or rig_file()
+        self.board = board or Board()
+        self.session = Session(self.robot, nonce=77)
+        self.now, self.cut = start, False
+
+    def say(self, frame: bytes, wait: float = 0.0):
+        if not self.cut:
+            self.board.core.receive(frame)
+        self.run(wait)
+
+    def run(self, duration: float):
+        for _ in range(max(1, round(duration / PASS))):
+            self.now += PASS
+            self.board.run(self.now)
+            data = self.board.core.transmit()
+            reply = b"" if self.cut else self.session.receive(data, self.now)
+            if reply:
+                self.board.core.receive(reply)
+
+    def connect(self):
+        self.say(self.session.hello(), 0.01)
+        self.say(self.session.configure(), 0.06)
+
+    def arm(self, number=5):
+        self.say(self.session.arm(number), 0.06)
+        return self.command(self.session.present_target(), 0.02)
+
+    def command(self, length, wait=0.02):
+        seq, frame = self.session.setpoint(np.array(length), 0, self.now)
+        self.say(frame, wait)
+        return seq
+
+
+class FullDisk:
+    """Path of a new file that takes so many bytes, and no more.
+
+    Attributes:
+        content: What it has taken.
+    """
+
+    def __init__(self, room):
+        self._room, self.content = room, b""
+
+    def open(self, *_, **__):
+        return self
+
+    def write(self, data):
+        part = data[: self._room - len(self.content)]
+        if not part:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        self.content += part
+        return len(part)
+
+    def close(self):
+        pass
+
+    def __str__(self):
+        return "full.link"
+
+
+class LiveBoard:
+    """A board behind a `MemoryTransport`, in real time; a context manager.
+
+    Attributes:
+        transport: The host's end.
+        alive: Cleared for a board that hangs.
+    """
+
+    def __init__(self, board=None):
+        self.board = board or Board()
+        self.transport, self._end = MemoryTransport.pair()
+        self.alive = threading.Event()
+        self.alive.set()
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+
+    def __enter__(self):
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._over.set()
+        self._thread.join()
+
+    def inject(self, data):
+        """Bytes that the board does not mean to say."""
+        self._end.write(data)
+
+    def _serve(self):
+        while not self._over.is_set():
+            data = self._end.read(PASS)
+            if not self.alive.is_set():
+                continue
+            self.board.core.receive(data)
+            self.board.run(time.monotonic())
+            sent = self.board.core.transmit()
+            if sent:
+                self._end.write(sent)

@@ -1,0 +1,109 @@
+"""A chain of masses and cubic springs as the simplest model the beam kernels can run."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams import mechanics
+from softrobot_env.beams.actuation import Actuation, points_only
+from softrobot_env.beams.numerics.compilation import kernel, reference, structure
+
+
+@structure
+class ChainData(NamedTuple):
+    """n masses in a row, the first one tied to a wall."""
+
+    n: int
+    block: int
+    reach: int
+    scale: np.ndarray
+    actuation: Actuation
+    stiffness: np.ndarray
+    damping: float
+    cubic: float
+    gravity: np.ndarray
+
+
+def chain(stiffness, damping=0.0, cubic=0.0, pull=0.0):
+    n = len(stiffness)
+    data = ChainData(
+        n,
+        1,
+        1,
+        np.ones(n),
+        points_only(np.empty(0)),
+        np.array(stiffness, dtype=float),
+        damping,
+        cubic,
+        np.full(n, pull),
+    )
+    return reference(data)
+
+
+@kernel
+def internal_residual(model, q, v, a, out):
+    for i in range(model.n):
+        out[i] = a[i] - model.gravity[i]
+    for i in range(model.n):
+        stretch, rate = q[i], v[i]
+        if i > 0:
+            stretch, rate = stretch - q[i - 1], rate - v[i - 1]
+        force = model.stiffness[i] * (stretch + model.damping * rate) + model.cubic * stretch**3
+        out[i] += force
+        if i > 0:
+            out[i - 1] -= force
+
+
+@kernel
+def solve_mass(model, q, force, out):
+    for i in range(model.n):
+        out[i] = force[i]
+
+
+@kernel
+def project(model, q, v):
+    pass
+
+
+@kernel
+def locate(model, q, out):
+    pass
+
+
+@kernel
+def add_forces(model, q, forces, out):
+    pass
+
+
+@kernel
+def load_axes(model, q, out):
+    pass
+
+
+@kernel
+def add_moments(model, q, moments, out):
+    pass
+
+
+@kernel
+def channel_lengths(model, q, out):
+    pass
+
+
+@kernel
+def add_channel_forces(model, q, tension, out):
+    pass
+
+
+mechanics.implement(
+    ChainData,
+    internal_residual,
+    solve_mass,
+    project,
+    locate,
+    add_forces,
+    load_axes,
+    add_moments,
+    channel_lengths,
+    add_channel_forces,
+)

@@ -1,0 +1,28 @@
+"""A file of what was learnt of a rig in tests: a network that says the same of every place."""
+
+import numpy as np
+
+from softrobot_env.control.rig.identified import Learnt
+from softrobot_env.learned.network import Network, Scaling
+from softrobot_env.robots import LENGTH_SCALE, RIG
+
+#: (3,), of full scale: the actions of the quasi-static policy with this network.
+ALWAYS = np.array([0.1, 0.05, -0.05])
+
+
+def constant_learnt(twin=None):
+    """What is learnt of a twin, a rig that needs the same lengths everywhere."""
+    scale = LENGTH_SCALE * np.ones(3)
+    network = Network(
+        (np.zeros((1, 2)), np.zeros((3, 1))),
+        (np.zeros(1), ALWAYS),
+        Scaling(-np.ones(2), np.ones(2)),
+        Scaling(-scale, scale),
+    )
+    return Learnt(network, stiffness=1.2, turn=0.0, damping=1.0, play=0.0, twin=twin)
+
+
+def learnt_file(path, twin=None):
+    """Write it; returns the path."""
+    constant_learnt(twin).save(path, RIG, {})
+    return path

@@ -1,0 +1,289 @@
+"""Tasks: the audit's coordinates, and starts in equilibrium on the reference."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.cli import main
+from softrobot_env.robots import ARM, CANTILEVER_WEAK
+from softrobot_env.tasks import ALL_TASKS, STEP_WIDTHS, TASKS, UNSEEN_TASKS, make_task
+
+STATICS = ConstantCurvatureStatics(ARM)
+
+
+def at(task, *times):
+    """Reference (n, 2) in (x, z) [m]."""
+    return task.trajectory.position(np.array(times))[:, [0, 2]]
+
+
+def curve_parameter(task):
+    """Equal-force parameter a = F r_t / EI of the start."""
+    return np.array(task.start_input) * 0.025 / ARM.bending_stiffness
+
+
+@pytest.mark.parametrize("name", ALL_TASKS)
+def test_every_task_lies_in_the_plane_and_in_reach(name):
+    task = make_task(name)
+    position = task.trajectory.position(np.linspace(0, task.duration, 500))
+    assert task.name == name
+    assert np.all(position[:, 1] == 0)
+    assert np.all(np.linalg.norm(position, axis=1) < ARM.length)
+
+
+@pytest.mark.parametrize(
+    ("name", "width"),
+    [("step", w) for w in STEP_WIDTHS] + [(name, None) for name in ALL_TASKS if name != "step"],
+)
+def test_the_start_input_holds_the_tip_on_the_reference(name, width):
+    task = make_task(name, width)
+    start = at(task, -1.0)[0]  # before the jump, for the step
+    # Start inputs are given to 1e-8 N, and a newton moves the tip by less than 0.1 m.
+    np.testing.assert_allclose(STATICS.tip(np.array(task.start_input)), start, atol=2e-9)
+
+
+# ---------------------------------------------------------------- step
+
+
+@pytest.mark.parametrize(
+    ("width", "target", "parameter"),
+    [
+        (0.05, (0.22034, 0.43478), 0.766),
+        (0.1, (0.26056, 0.40482), 0.933),
+        (0.2, (0.32888, 0.32963), 1.276),
+    ],
+)
+def test_step_of_the_audit(width, target, parameter):
+    """The printed targets belong to the rounded parameters, not to the exact widths."""
+    task = make_task("step", width)
+    before, after = at(task, -1e-6, 0.0)
+    np.testing.assert_allclose(before, (0.17669, 0.45946), atol=5.1e-6)
+    np.testing.assert_allclose(curve_parameter(task), 0.6, rtol=1e-12)
+    np.testing.assert_allclose(task.start_input, 5.05, atol=5e-3)
+    force = parameter * ARM.bending_stiffness / 0.025
+    np.testing.assert_allclose(STATICS.tip(np.full(3, force)), target, atol=5.1e-6)
+    # Half a digit of the parameter moves the tip by 5e-4 * 0.3 m.
+    assert np.hypot(*(after - target)) < 1.5e-4
+
+
+@pytest.mark.parametrize("width", [*STEP_WIDTHS, 0.001, 0.123])
+def test_step_width_is_euclidean_and_on_the_curve(width):
+    task = make_task("step", width)
+    before, after = at(task, -1.0, task.duration)
+    assert np.hypot(*(after - before)) == pytest.approx(width, abs=1e-12)
+    assert task.step_width == width
+
+    # Equal forces reach the target: the nearest point of the equal-force curve is on it.
+    def distance(force):
+        return np.sum((STATICS.tip(np.full(3, force[0])) - after) ** 2)
+
+    nearest = minimize(distance, [8.0], method="Nelder-Mead", options={"xatol": 1e-10})
+    assert np.sqrt(nearest.fun) < 1e-7  # the minimiser squares distances: sqrt(1e-16)
+
+
+def test_step_runs_five_seconds_by_50_mm_unless_asked():
+    assert make_task("step").step_width == 0.05
+    assert make_task("step").duration == 5.0
+    assert make_task("step").label == "step 50 mm"
+    assert make_task("swing").label == "swing"
+
+
+# ---------------------------------------------------------------- swing
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_swing_waypoints_of_the_audit(sign):
+    task = make_task("swing")
+    arc = np.array([0.0, 0.125, 0.25, 0.375, 0.5])
+    points = at(task, *(5 + sign * arc / 0.1))
+    np.testing.assert_allclose(
+        points[:, 0], sign * np.array([0, 0.1230, 0.2344, 0.3230, 0.3794]), atol=5.1e-5
+    )
+    np.testing.assert_allclose(points[:, 1], [0.5, 0.4809, 0.4252, 0.3378, 0.2269], atol=5.1e-5)
+
+
+def test_swing_start_and_rest_of_the_audit():
+    task = make_task("swing")
+    np.testing.assert_allclose(curve_parameter(task), -1.6714, atol=5e-5)
+    np.testing.assert_allclose(np.abs(task.start_input), 14.08, atol=5e-3)
+    np.testing.assert_allclose(at(task, 0.0)[0], (-0.37936, 0.22687), atol=5.1e-6)
+    np.testing.assert_allclose(at(task, 10.0, 12.0, 15.0), [(0.37936, 0.22687)] * 3, atol=5.1e-6)
+    assert task.duration == 15.0
+
+
+def test_swing_moves_at_constant_speed():
+    task = make_task("swing")
+    t = np.linspace(0, 10, 2001)
+    travelled = np.linalg.norm(np.diff(at(task, *t), axis=0), axis=1)
+    # A chord over 0.5 mm of a path of radius 0.4 m is shorter by 1e-7 of its length.
+    np.testing.assert_allclose(travelled / np.diff(t), 0.1, rtol=2e-7)
+
+
+# ---------------------------------------------------------------- L-shape
+
+
+def test_lshape_of_the_audit():
+    task = make_task("lshape")
+    corners = [(0.24, 0.42), (0.24, 0.30), (0.35, 0.30), (0.35, 0.30)]
+    np.testing.assert_allclose(at(task, 0.0, 5.0, 10.0, 15.0), corners, atol=1e-15)
+    speed = np.linalg.norm(task.trajectory.velocity(np.array([2.0, 7.0, 12.0])), axis=1)
+    np.testing.assert_allclose(speed, [0.024, 0.022, 0.0], rtol=1e-12)
+    assert task.duration == 15.0
+
+
+def test_lshape_starts_with_the_least_norm():
+    """Against our inverse statics, and against a general optimiser that knows only the tip."""
+    task = make_task("lshape")
+    target = at(task, 0.0)[0]
+    inverse = STATICS.inverse(target, np.full(3, 5.0))
+    assert inverse.converged
+    np.testing.assert_allclose(task.start_input, inverse.reduced, atol=2e-8)
+    constraint = {"type": "eq", "fun": lambda u: 10 * (STATICS.tip(u) - target)}
+    guesses = np.random.default_rng(0).uniform(-15, 15, (10, 3))
+    found = [
+        minimize(lambda u: u @ u, u, constraints=constraint, options={"ftol": 1e-13}, tol=1e-12)
+        for u in guesses
+    ]
+    norms = [np.linalg.norm(f.x) for f in found if f.success]
+    assert len(norms) > 3
+    assert min(norms) == pytest.approx(np.linalg.norm(task.start_input), abs=1e-5)
+
+
+# ---------------------------------------------------------------- unseen tasks
+
+#: Every unseen task, and random paths on both sides.
+UNSEEN = [(name, {}) for name in UNSEEN_TASKS] + [
+    ("random", {"seed": seed}) for seed in range(1, 9)
+]
+
+#: Largest input [N] that holds the tip on an unseen path; the limit is 80 N.
+_MODERATE = 50.0
+
+
+@pytest.mark.parametrize(("name", "options"), UNSEEN)
+def test_the_arm_at_rest_reaches_every_point_with_moderate_tension(name, options):
+    task = make_task(name, speed=0.4, **options)
+    inputs = np.array(task.start_input)
+    before = inputs
+    for point in at(task, *np.linspace(0, task.duration, 801)):
+        inverse = STATICS.inverse(point, inputs)
+        assert inverse.converged
+        # Points are below 5 mm apart, for which some 10 N are enough: no jump to another branch.
+        assert np.max(np.abs(inverse.reduced - inputs)) < 10.0
+        inputs = inverse.reduced
+        assert np.max(np.abs(inputs)) < _MODERATE
+    np.testing.assert_allclose(inputs, before, atol=1e-5)  # laps end where they began
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_unseen_tasks_start_with_the_least_norm(seed):
+    """Against our inverse statics from many guesses; odd seeds are on the other side."""
+    task = make_task("random", seed=seed)
+    start = at(task, 0.0)[0]
+    assert np.sign(start[0]) == (1, -1)[seed]
+    guesses = np.random.default_rng(0).uniform(-30, 30, (20, 3))
+    found = [STATICS.inverse(start, guess) for guess in guesses]
+    norms = [np.linalg.norm(f.reduced) for f in found if f.converged]
+    assert len(norms) > 3
+    assert min(norms) == pytest.approx(np.linalg.norm(task.start_input), abs=1e-6)
+    np.testing.assert_allclose(STATICS.tip(np.array(task.start_input)), start, atol=2e-9)
+
+
+@pytest.mark.parametrize("name", UNSEEN_TASKS)
+@pytest.mark.parametrize("speed", [0.05, 0.4])
+def test_unseen_tasks_run_at_their_speed_and_rest_at_the_end(name, speed):
+    task = make_task(name, speed=speed)
+    times = np.linspace(0, task.duration, 20_001)
+    velocity = np.linalg.norm(task.trajectory.velocity(times), axis=1)
+    assert velocity.max() == pytest.approx(speed, rel=1e-4)
+    assert np.all(velocity[times > task.duration - 1.0] == 0)
+    assert velocity[0] == 0
+    # Twice as slow is the same path; only the ramps do not stretch.
+    half = make_task(name, speed=speed / 2)
+    assert half.duration - 1.5 == pytest.approx(2 * (task.duration - 1.5))
+
+
+def test_unseen_tasks_are_named_by_seed_and_speed():
+    assert make_task("circle", speed=0.05).label == "circle 0.05 m/s"
+    assert make_task("random", speed=0.2, seed=3).label == "random 3 0.2 m/s"
+    assert not set(TASKS) & set(UNSEEN_TASKS)
+    assert make_task("random", seed=3) == make_task("random", seed=3)
+    assert make_task("random", seed=3).trajectory != make_task("random", seed=5).trajectory
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("swing", {"speed": 0.1}, "circle, figure_eight, random task only"),
+        ("step", {"seed": 1}, "random task only"),
+        ("circle", {"seed": 1}, "random task only"),
+        ("random", {"seed": -1}, "whole number >= 0"),
+        ("random", {"seed": "1"}, "whole number >= 0"),
+        ("circle", {"speed": 0.0}, r"must lie in \(0, 1.01\] m/s"),
+        ("circle", {"speed": 9.0}, "must lie in"),
+        ("circle", {"speed": 1e-9}, "duration"),
+    ],
+    ids=str,
+)
+def test_options_of_unseen_tasks_that_cannot_be(name, options, message):
+    with pytest.raises(ValueError, match=message):
+        make_task(name, **options)
+
+
+def test_the_commands_know_unseen_tasks(tmp_path):
+    arguments = ["--tasks", "circle", "random", "--speeds", "0.2,0.4", "--path-seeds", "1"]
+    arguments += ["--policies", "hold", "--control-period", "0.1", "--save-rollouts"]
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
+    rows = json.loads((tmp_path / "report.json").read_text())["rows"]
+    told = [(row["task"], row["path_seed"], row["speed"]) for row in rows]
+    expected = [("circle", None), ("random", 1)]
+    assert told == [(*task, speed) for task in expected for speed in (0.2, 0.4)]
+    assert "## random 1 0.4 m/s" in (tmp_path / "report.md").read_text()
+    # The policy does nothing, so the errors are the distances from the starts of the references.
+    for row in rows:
+        task = make_task(row["task"], speed=row["speed"], seed=row["path_seed"])
+        reference = at(task, *np.arange(0, task.duration + 0.1, 0.1))
+        distance = np.linalg.norm(reference - reference[0], axis=1).max()
+        assert row["e_max"] == pytest.approx(distance, abs=1e-3)  # the chain's start
+    written = {path.name for path in tmp_path.iterdir()}
+    assert {"circle_0.2_m_s_tip.png", "random_1_0.4_m_s_hold.npz"} <= written
+
+
+# ---------------------------------------------------------------- look-up
+
+
+@pytest.mark.parametrize("name", ["jump", "", "Step", "arm"])
+def test_unknown_task_lists_the_known(name):
+    with pytest.raises(ValueError, match="unknown task") as caught:
+        make_task(name)
+    assert all(known in str(caught.value) for known in ALL_TASKS)
+
+
+@pytest.mark.parametrize("name", ["swing", "lshape"])
+def test_only_the_step_has_a_width(name):
+    with pytest.raises(ValueError, match="step task only"):
+        make_task(name, 0.1)
+
+
+@pytest.mark.parametrize("width", [0.0, -0.1, 0.5, np.nan, np.inf])
+def test_step_width_out_of_reach(width):
+    with pytest.raises(ValueError, match=r"\(0, \d+\] mm"):
+        make_task("step", width)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"duration": -1.0}, "duration"),
+        ({"duration": 1e9}, "duration"),
+        ({"start_input": (1.0,)}, "3 tendon inputs"),
+        ({"robot": CANTILEVER_WEAK, "start_input": ()}, "at least one"),
+    ],
+    ids=str,
+)
+def test_tasks_that_cannot_be(changes, message):
+    with pytest.raises(ValueError, match=message):
+        replace(make_task("swing"), **changes)

@@ -1,0 +1,98 @@
+"""Tasks of the test rig."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softrobot_env.robots import RIG, WORKSPACE
+from softrobot_env.tasks.rig import (
+    RIG_OPTIONS,
+    RIG_TASKS,
+    RigTask,
+    SetPoints,
+    make_rig_task,
+    remake_rig_task,
+)
+from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
+
+
+def test_tasks_are_those_of_the_audit():
+    triangle = make_rig_task("triangle", period=1.0)
+    assert triangle.trajectory == RoundedTriangle(period=1.0)
+    assert triangle.duration == pytest.approx(17.0)
+    assert make_rig_task("triangle").duration == pytest.approx(45.0)
+    assert triangle.label == "triangle period 1"
+    circle = make_rig_task("rig_circle")
+    assert circle.trajectory == LapCircle(radius=0.12, speed=0.05)
+    assert circle.duration == pytest.approx(35.08, abs=0.01)
+    for name, make in RIG_TASKS.items():
+        assert make_rig_task(name) == make()
+        assert make_rig_task(name).robot is RIG
+
+
+def test_set_points_fill_the_workspace():
+    points = np.concatenate([make_rig_task("reach", seed=s).trajectory.points for s in range(100)])
+    square = np.sum(points**2, axis=1) / WORKSPACE**2
+    assert square.max() < 1
+    # Uniform in the disc: the squared distance is uniform in [0, 1].
+    assert square.mean() == pytest.approx(0.5, abs=0.03)
+    assert np.abs(points.mean(axis=0)).max() < 0.1 * WORKSPACE
+    assert make_rig_task("reach", seed=1) == make_rig_task("reach", seed=1)
+
+
+def test_set_points_are_held():
+    points = ((0.1, 0.0, 0.0), (0.0, 0.1, 0.0))
+    run = SetPoints(points, 3.0)
+    times = np.array([-1.0, 0.0, 2.999, 3.0, 100.0])
+    np.testing.assert_array_equal(run.position(times), np.array(points)[[0, 0, 0, 1, 1]])
+    assert not run.velocity(times).any()
+    assert run.acceleration(times).shape == (5, 3)
+    np.testing.assert_array_equal(run.path(), points)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("wave", {}, "triangle, rig_circle, reach"),
+        ("triangle", {"speed": 1.0}, "it has period"),
+        ("triangle", {"period": "fast"}, "must be a number"),
+        ("rig_circle", {"radius": -0.1}, "0.121"),
+        ("rig_circle", {"radius": 0.13}, "0.121"),
+        ("rig_circle", {"speed": 0.0}, "speed must be finite and positive"),
+        ("reach", {"seed": 0.5}, "whole number"),
+        ("reach", {"radius": 0.2}, "0.121"),
+        ("reach", {"hold": 0.0}, "positive hold"),
+    ],
+)
+def test_bad_tasks_are_named(name, options, message):
+    with pytest.raises(ValueError, match=message):
+        make_rig_task(name, **options)
+    assert set(RIG_OPTIONS) == set(RIG_TASKS)
+
+
+def test_a_task_needs_its_robots_tendons():
+    with pytest.raises(ValueError, match="3 tendons, start_length 2"):
+        RigTask("short", RIG, RoundedTriangle(), 1.0, (0.0, 0.0))
+    with pytest.raises(ValueError, match="duration"):
+        RigTask("short", RIG, RoundedTriangle(), 0.0)
+
+
+@pytest.mark.parametrize("length", [np.nan, np.inf, 0.031, -0.031])
+def test_starts_out_of_range_are_refused(length):
+    with pytest.raises(ValueError, match=r"start_length must lie within \+-0.03 m"):
+        RigTask("far", RIG, RoundedTriangle(), 1.0, (0.0, length, 0.0))
+
+
+@pytest.mark.parametrize("point", [(0.1, 0.0), (0.1, np.nan, 0.0), (np.inf, 0.0, 0.0)])
+def test_set_points_need_three_finite_coordinates(point):
+    with pytest.raises(ValueError, match="three finite coordinates"):
+        SetPoints(((0.0, 0.0, 0.0), point), 1.0)
+
+
+def test_a_remade_task_keeps_robot_and_start():
+    kept = {"robot": replace(RIG, pieces=2), "start_length": (0.01, 0.0, 0.0)}
+    task = replace(make_rig_task("rig_circle", radius=0.1), **kept)
+    made = make_rig_task("rig_circle", radius=0.1, speed=0.2)
+    assert remake_rig_task(task, speed=0.2) == replace(made, **kept)
+    assert remake_rig_task(task, radius=0.08).trajectory.radius == 0.08

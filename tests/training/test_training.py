@@ -1,0 +1,482 @@
+"""Learned policies: the adapter to stable-baselines3, the trainings, and what is shipped."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+pytest.importorskip("daqp")
+
+from softrobot_env.cli import main  # noqa: E402
+from softrobot_env.commands import train as train_command  # noqa: E402
+from softrobot_env.commands import train_rl  # noqa: E402
+from softrobot_env.control import neural  # noqa: E402
+from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
+from softrobot_env.envs.randomization import Randomization  # noqa: E402
+from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
+from softrobot_env.envs.vector import VectorTrackingEnv  # noqa: E402
+from softrobot_env.learned.network import Network  # noqa: E402
+from softrobot_env.paths import models_dir  # noqa: E402
+from softrobot_env.robots import ARM  # noqa: E402
+from softrobot_env.tasks import make_task  # noqa: E402
+from softrobot_env.training import artifacts as shipping  # noqa: E402
+from softrobot_env.training import references  # noqa: E402
+from softrobot_env.training.closed_loop_check import trial  # noqa: E402
+from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
+from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
+from softrobot_env.training.networks import as_network, new_layers, put_network  # noqa: E402
+from softrobot_env.training.rl import begin, train  # noqa: E402
+from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  # noqa: E402
+from softrobot_env.training.training_env import make_training_env  # noqa: E402
+from softrobot_env.training.vec_env import TrackingVecEnv  # noqa: E402
+from softrobot_env.training.watch import SCORE  # noqa: E402
+
+SHORT = replace(make_task("swing"), duration=0.05)
+TINY = RLConfig(
+    hidden=(8,),
+    steps=128,
+    critic_steps=64,
+    drawn_tasks=1,
+    envs_per_task=1,
+    rollout=4,
+    batch=18,
+    epochs=1,
+    buffer=1000,
+    updates=1,
+    warm_up=20,
+    trial_every=64,
+    trials=({},),
+    trial_duration=0.05,
+)
+ALGORITHMS = tuple(LEARNERS)
+TINY_IMITATION = ImitationConfig(
+    hidden=(8,), rounds=2, samples=64, shares=1, duration=0.2, epochs=1, last_epochs=2, processes=0
+)
+
+
+def quiet(*_):
+    pass
+
+
+def part(count=2, task=SHORT, mode="SameStep"):
+    return VectorTrackingEnv(count, task, threads=1, preview=neural.PREVIEW, autoreset_mode=mode)
+
+
+@pytest.fixture
+def observation():
+    env = TrackingEnv(SHORT, preview=neural.PREVIEW)
+    return env.reset()[0]
+
+
+# ---------------------------------------------------------------------- features
+
+
+def test_features_are_a_scaled_vector(observation):
+    seen = neural.features(observation)
+    assert seen.shape == (neural.feature_count(ARM),) and seen.dtype == np.float32
+    error = observation["reference"] - observation["tip_position"]
+    np.testing.assert_allclose(seen[:2], error / 0.05, atol=1e-6)
+    np.testing.assert_allclose(seen[-3:], observation["previous_action"] / 0.15, rtol=1e-6)
+
+
+def test_features_of_a_batch_are_those_of_its_members(observation):
+    other = {name: value + 0.01 for name, value in observation.items()}
+    stacked = {name: np.stack([observation[name], other[name]]) for name in observation}
+    both = np.stack([neural.features(observation), neural.features(other)])
+    np.testing.assert_array_equal(neural.features(stacked), both)
+
+
+def test_outputs_and_increments_are_inverse():
+    outputs = np.linspace(-1, 1, 21)
+    np.testing.assert_allclose(neural.output_of(neural.increment(outputs)), outputs, atol=1e-12)
+    assert neural.increment(np.ones(1))[0] == pytest.approx(1)
+    assert neural.increment(np.array([3.0]))[0] == pytest.approx(1)
+
+
+# ---------------------------------------------------------------------- adapter
+
+
+def test_the_adapter_steps_as_the_single_environment():
+    env = TrackingVecEnv([part(2), part(1, make_task("lshape"))])
+    seen = env.reset()
+    assert seen.shape == (3, neural.feature_count(ARM)) and seen.dtype == np.float32
+    assert seen.shape[1:] == env.observation_space.shape
+    single = TrackingEnv(SHORT, preview=neural.PREVIEW)
+    one, _ = single.reset()
+    for _ in range(4):
+        output = np.full((3, 3), 0.2, np.float32)
+        seen, reward, done, infos = env.step(output)
+        change = neural.increment(output[0].astype(float))
+        one, expected, *_ = single.step(one["previous_action"] + change)
+        np.testing.assert_allclose(seen[0], neural.features(one), atol=1e-6)
+        assert reward[0] == pytest.approx(expected) and not done.any()
+        assert infos == [{}, {}, {}]
+
+
+def test_the_adapter_reports_ends():
+    env = TrackingVecEnv([part(2), part(1, make_task("lshape"))], reward_scale=0.5)
+    first = env.reset()
+    total = 0.0
+    for _ in range(5):
+        seen, reward, done, infos = env.step(np.zeros((3, 3), np.float32))
+        total += 2 * reward[0]
+    np.testing.assert_array_equal(done, [True, True, False])
+    np.testing.assert_array_equal(seen[0], first[0])
+    assert infos[2] == {}
+    assert infos[0]["TimeLimit.truncated"]
+    assert infos[0]["terminal_observation"].shape == first[0].shape
+    assert not np.array_equal(infos[0]["terminal_observation"], first[0])
+    assert infos[0]["episode"]["l"] == 5
+    assert infos[0]["episode"]["r"] == pytest.approx(total)
+
+
+def test_staggered_environments_end_one_by_one():
+    env = TrackingVecEnv([part(5)], stagger=True)
+    env.reset()
+    ends = [env.step(np.zeros((5, 3), np.float32))[2] for _ in range(5)]
+    assert np.array(ends)[:, 1:].argmax(axis=0).tolist() == [0, 1, 2, 3]
+
+
+def test_parts_that_do_not_fit_are_refused():
+    with pytest.raises(ValueError, match="SameStep"):
+        TrackingVecEnv([part(mode="NextStep")])
+    other = VectorTrackingEnv(1, SHORT, preview=(0.1,), autoreset_mode="SameStep")
+    with pytest.raises(ValueError, match="same observation"):
+        TrackingVecEnv([part(), other])
+
+
+def test_seeds_are_handed_on():
+    ranges = Randomization(density=(0.5, 2.0))
+    parts = [
+        VectorTrackingEnv(
+            n, SHORT, threads=1, preview=neural.PREVIEW, randomization=ranges, autoreset_mode=mode
+        )
+        for n, mode in ((2, "SameStep"), (1, "SameStep"))
+    ]
+    env = TrackingVecEnv(parts)
+    seeds = env.seed(3)
+    env.reset()
+    drawn = [d for p in parts for d in p._info(None)["variation"]["density"]]
+    expected = [ranges.draw(np.random.default_rng(seed))["density"] for seed in seeds]
+    assert drawn == expected and len(set(drawn)) == 3
+
+
+# ---------------------------------------------------------------------- networks
+
+
+def test_layers_take_what_they_give():
+    layers = new_layers(5, (4, 3), 2)
+    other = new_layers(5, (4, 3), 2)
+    put_network(as_network(layers), other)
+    x = torch.randn(7, 5)
+    assert torch.equal(layers(x), other(x))
+
+
+# ---------------------------------------------------------------------- trainings
+
+
+@pytest.mark.parametrize("draw", ["random_step", "random_legs", "random_waves", "known_task"])
+def test_random_tasks_are_valid_and_start_at_their_reference(draw):
+    for seed in range(3):
+        task = getattr(references, draw)(np.random.default_rng(seed), 1.0)
+        env = TrackingEnv(task)
+        observation, info = env.reset()
+        if "step" not in task.name:
+            assert info["error"] < 2e-3
+        assert np.all(np.isfinite(observation["reference_preview"]))
+
+
+def test_imitation_is_reproducible():
+    one, other = (imitate(TINY_IMITATION, 3, quiet) for _ in range(2))
+    np.testing.assert_array_equal(one.parameters, other.parameters)
+    changed = imitate(TINY_IMITATION, 4, quiet)
+    assert not np.array_equal(one.parameters, changed.parameters)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_reinforcement_learning_is_reproducible(algorithm):
+    config = replace(TINY, algorithm=algorithm)
+    runs = [train(config, 3, quiet) for _ in range(2)]
+    np.testing.assert_array_equal(runs[0][0].parameters, runs[1][0].parameters)
+    assert runs[0][1] == runs[1][1]
+    steps = [point["steps"] for point in runs[0][1]]
+    assert steps[0] == 0 and steps[-1] >= 128 and len(steps) >= 3
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_reinforcement_learning_goes_on_from_a_checkpoint(algorithm, tmp_path):
+    whole = replace(TINY, algorithm=algorithm)
+    half = replace(whole, steps=72)
+    _, first = train(half, 3, quiet, checkpoint=tmp_path / "kept")
+    network, curve = train(whole, 3, quiet, checkpoint=tmp_path / "kept", resume=True)
+    assert curve[: len(first)] == first and curve[-1]["steps"] >= 128 > first[-1]["steps"]
+    again, same = train(whole, 3, quiet, checkpoint=tmp_path / "kept", resume=True)
+    assert same == curve
+    np.testing.assert_array_equal(again.parameters, network.parameters)
+
+
+def test_another_training_is_not_gone_on_with(tmp_path):
+    with pytest.raises(FileNotFoundError, match="no training to go on with"):
+        train(TINY, 3, quiet, checkpoint=tmp_path, resume=True)
+    train(replace(TINY, steps=1), 3, quiet, checkpoint=tmp_path)
+    with pytest.raises(ValueError, match=r"other settings: rate 0\.0005"):
+        train(replace(TINY, rate=1e-3), 3, quiet, checkpoint=tmp_path, resume=True)
+    with pytest.raises(ValueError, match="other settings: seed 3"):
+        train(TINY, 4, quiet, checkpoint=tmp_path, resume=True)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_fine_tuning_starts_from_the_network_and_keeps_the_best(algorithm):
+    """The best of the trials is what comes back, the start among them."""
+    start = as_network(new_layers(neural.feature_count(ARM), (8,), 3))
+    start = start.with_parameters(0 * start.parameters)
+    config = replace(TINY, algorithm=algorithm)
+    network, curve = train(config, 0, quiet, start)
+    rows = trial(network, config.trials, config.trial_duration, SCORE).values()
+    assert np.mean([row["reward"] for row in rows]) == pytest.approx(
+        max(point["reward"] for point in curve)
+    )
+    rows = trial(start, config.trials, config.trial_duration, SCORE).values()
+    assert np.mean([row["reward"] for row in rows]) == pytest.approx(curve[0]["reward"])
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_the_network_taken_out_of_a_learner_acts_as_the_learner(algorithm):
+    config = replace(TINY, algorithm=algorithm)
+    env = make_training_env(config, 0)
+    model = make_model(config, env, 0)
+    seen = env.reset()
+    wanted, _ = model.predict(seen, deterministic=True)
+    found = [np.clip(actor_of(model, config)(one.astype(float)), -1, 1) for one in seen]
+    np.testing.assert_allclose(found, wanted, atol=1e-5)
+    # And a network that is put in: the same, bounded by tanh where the algorithm does.
+    start = as_network(new_layers(neural.feature_count(ARM), config.hidden, 3))
+    put_actor(model, config, start)
+    found = [start(one.astype(float)) for one in seen]
+    found = np.tanh(found) if LEARNERS[algorithm].squashed else np.clip(found, -1, 1)
+    np.testing.assert_allclose(model.predict(seen, deterministic=True)[0], found, atol=1e-5)
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_trials_are_logged_for_tensorboard(algorithm, tmp_path):
+    accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
+    _, curve = train(replace(TINY, algorithm=algorithm), 3, quiet, log=tmp_path)
+    events = accumulator.EventAccumulator(str(next(tmp_path.iterdir()))).Reload()
+    logged = [(event.step, event.value) for event in events.Scalars("trial/reward")]
+    assert logged == [(point["steps"], pytest.approx(point["reward"])) for point in curve]
+
+
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
+def test_at_first_the_start_acts_and_its_critic_learns(algorithm):
+    """Nothing of the actor changes, nor is its action replaced by a random one."""
+    start = as_network(new_layers(neural.feature_count(ARM), (8,), 3))
+    start = start.with_parameters(0 * start.parameters)
+    config = replace(TINY, algorithm=algorithm, deviation=1e-3)
+    env, outputs = make_training_env(config, 0), []
+    step_async = env.step_async
+    env.step_async = lambda actions: (outputs.append(np.abs(actions).max()), step_async(actions))
+    model = make_model(config, env, 0)
+    put_actor(model, config, start)
+    before = actor_of(model, config).parameters
+    critics = [p.detach().clone() for p in critic_parameters(model)]
+    begin(model, config, start)
+    np.testing.assert_array_equal(actor_of(model, config).parameters, before)
+    after = critic_parameters(model)
+    assert any(not torch.equal(p, q) for p, q in zip(critics, after, strict=True))
+    assert len(outputs) > 1 and max(outputs) < 0.02
+    if hasattr(model, "actor_target"):
+        for p, q in zip(model.actor.parameters(), model.actor_target.parameters(), strict=True):
+            assert torch.equal(p, q)
+
+
+def critic_parameters(model):
+    if hasattr(model, "critic"):
+        return list(model.critic.parameters())
+    return list(model.policy.mlp_extractor.value_net.parameters())
+
+
+@pytest.mark.parametrize("algorithm", ["sac", "td3"])
+def test_bounded_networks_start_bounded_algorithms_only(algorithm):
+    config = replace(TINY, algorithm=algorithm)
+    model = make_model(config, make_training_env(config, 0), 0)
+    made = actor_of(model, config)
+    put_actor(model, config, made)
+    np.testing.assert_array_equal(actor_of(model, config).parameters, made.parameters)
+    with pytest.raises(ValueError, match="layers of 29-8-3-3, ppo needs 29-8-3"):
+        put_actor(make_model(TINY, make_training_env(TINY, 0), 0), TINY, made)
+    wide = as_network(new_layers(neural.feature_count(ARM), (9,), 3))
+    with pytest.raises(ValueError, match=r"29-9-3.* needs 29-8-3"):
+        put_actor(model, config, wide)
+
+
+def test_an_unfinished_training_is_not_overwritten(tmp_path):
+    train(TINY, 3, quiet, checkpoint=tmp_path)
+    train(TINY, 3, quiet, checkpoint=tmp_path)  # that one was finished
+    kept = json.loads((tmp_path / "config.json").read_text()) | {"steps": 10**6}
+    (tmp_path / "config.json").write_text(json.dumps(kept))
+    with pytest.raises(ValueError, match="not finished: resume it"):
+        train(TINY, 3, quiet, checkpoint=tmp_path)
+
+
+def test_a_resumed_training_draws_anew_and_logs_where_it_is_told(tmp_path):
+    pytest.importorskip("tensorboard")
+    half = replace(TINY, steps=72)
+    train(half, 3, quiet, checkpoint=tmp_path / "kept", log=tmp_path / "one")
+    train(TINY, 3, quiet, checkpoint=tmp_path / "kept", resume=True, log=tmp_path / "two")
+    assert any((tmp_path / "two").rglob("events*"))
+
+
+def test_seeds_of_trainings_share_nothing():
+    seeds = [set(make_training_env(TINY, seed).seed(seed)) for seed in range(3)]
+    assert not (seeds[0] & seeds[1] or seeds[1] & seeds[2] or seeds[0] & seeds[2])
+
+
+@pytest.mark.parametrize("name", TRAINING_TASKS)
+def test_tasks_can_be_chosen(name):
+    env = make_training_env(replace(TINY, tasks=(name,)), 0)
+    names = {part.task.name for part in env.parts}
+    if name == "drawn":
+        assert names <= {"random step", "random legs", "random waves", "step", "swing", "lshape"}
+    else:
+        assert names == {name}
+
+
+def test_robots_and_disturbances_are_drawn_for_every_episode():
+    env = make_training_env(replace(preset("ppo", True, True), drawn_tasks=0, envs_per_task=3), 5)
+    env.reset()
+    info = env.parts[0]._info(None)["variation"]
+    for name in ("youngs_modulus", "density", "delay", "sensor_noise", "tendon_friction"):
+        assert len(set(info[name])) == 3 or name == "delay"
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"algorithm": "dqn"}, "choose from ppo, sac, td3"),
+        ({"tasks": ("juggle",)}, "step, swing, lshape, drawn"),
+        ({"tasks": ()}, "one or more"),
+        ({"steps": 0}, "steps must lie between 1"),
+        ({"discount": 2.0}, "discount must lie between"),
+        ({"deviation": -1.0}, "deviation must lie between"),
+        ({"rate": float("nan")}, "rate must lie between"),
+        ({"tasks": ("drawn",), "drawn_tasks": 0}, "drawn_tasks must be 1"),
+    ],
+)
+def test_bad_settings_are_refused(change, reason):
+    with pytest.raises(ValueError, match=reason):
+        replace(TINY, **change)
+
+
+@pytest.mark.parametrize("arguments", [["imitation"], ["--algo", "sac"]])
+def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(train_command, "find_spec", lambda name: None)
+    assert main(["train", *arguments, "--out", str(tmp_path / "none")]) == 2
+    assert "needs torch" in (told := capsys.readouterr().err) and "pip install" in told
+    assert not (tmp_path / "none").exists()
+
+
+def test_the_command_knows_what_the_training_knows():
+    assert tuple(LEARNERS) == train_rl.ALGORITHMS
+    assert TRAINING_TASKS == train_rl.TASKS
+
+
+def test_the_command_trains_and_goes_on(tmp_path, capsys):
+    start = as_network(new_layers(neural.feature_count(ARM), (128, 128), 3))
+    shipping.save(start.with_parameters(0 * start.parameters), tmp_path / "start.npz", 0)
+    common = ["train", "--algo", "ppo", "--out", str(tmp_path), "--task", "step"]
+    common += ["--start", str(tmp_path / "start.npz"), "--checkpoint", str(tmp_path / "kept")]
+    common += ["--set", "envs_per_task=1", "--set", "rollout=4"]
+    common += ["--set", "critic_steps=0", "--set", "batch=16"]
+    assert main([*common, "--steps", "16", "--name", "one"]) == 0
+    assert (tmp_path / "one.npz").is_file() and (tmp_path / "one_curve.json").is_file()
+    assert "overshoot" in capsys.readouterr().out
+    assert main([*common, "--steps", "32", "--name", "one", "--resume"]) == 0
+    curve = json.loads((tmp_path / "one_curve.json").read_text())
+    assert [point["steps"] for point in curve][-1] >= 32
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["train"], "give an artefact"),
+        (["train", "qs_nn", "--algo", "ppo"], "give an artefact"),
+        (["train", "--algo", "ppo", "--set", "speed=1"], "cannot set 'speed'"),
+        (["train", "--algo", "ppo", "--set", "steps=1.5"], "whole number"),
+        (["train", "--algo", "ppo", "--set", "discount=2"], "discount must lie between"),
+        (["train", "lqi", "--resume", "--steps", "3"], "--steps, --resume: only with --algo"),
+        (["train", "--algo", "ppo", "--start", "nowhere.npz"], "no network at nowhere.npz"),
+    ],
+)
+def test_bad_arguments_of_the_command_are_told(arguments, reason, capsys, tmp_path):
+    assert main([*arguments, "--out", str(tmp_path)]) == 2
+    assert reason in capsys.readouterr().err
+
+
+# ---------------------------------------------------------------------- what is shipped
+
+
+def test_shipped_network_is_small_and_says_what_it_is():
+    path = models_dir() / "imitation.npz"
+    assert path.stat().st_size < 1e6
+    network, about = Network.load(path)
+    assert network.sizes[0] == neural.feature_count(ARM) and str(about["robot"]) == "arm"
+    assert len(shipping.load_start(path).parameters) == len(network.parameters)
+
+
+def test_shipped_network_meets_its_figures():
+    network, _ = Network.load(models_dir() / "imitation.npz")
+    rows = trial(network)
+    assert not any(row["failure"] for row in rows.values())
+    assert rows["swing"]["max_mm"] < 1.5
+    assert rows["lshape"]["max_mm"] < 1
+    for width in (50, 100, 200):
+        assert rows[f"step {width} mm"]["overshoot_percent"] < 6
+        assert rows[f"step {width} mm"]["settling_s"] < 0.3
+
+
+NETWORKS = [name for name, spec in POLICIES.items() if ":NeuralPolicy" in spec.make]
+
+
+@pytest.mark.parametrize("factor", [0.5, 1.5])
+@pytest.mark.parametrize("name", NETWORKS)
+def test_shipped_networks_cope_with_another_modulus(name, factor):
+    """No failure, and errors far below those of the quasi-static controller (530 and 240 mm)."""
+    most = 60 if name == "sac_randomized" else 40  # its L-shape is poor on any robot, see its card
+    network, _ = Network.load(models_dir() / f"{name}.npz")
+    rows = trial(network, ({"youngs_modulus": factor},), duration=5.0)
+    assert not any(row["failure"] for row in rows.values())
+    assert rows[f"swing, youngs_modulus {factor:g}"]["max_mm"] < most
+    assert rows[f"lshape, youngs_modulus {factor:g}"]["max_mm"] < most
+
+
+def test_randomized_network_copes_with_delay_and_noise():
+    """Where the same network without disturbances in its training is off by 78 and 22 mm."""
+    network, _ = Network.load(models_dir() / "ppo_randomized.npz")
+    rows = trial(network, ({"delay": 0.01}, {"sensor_noise": 1.0}))
+    for name, row in rows.items():
+        if not name.startswith("step"):
+            assert row["max_mm"] < 5
+
+
+def test_reinforcement_learning_alone_meets_its_goals():
+    """Of the best network without a teacher, on the nominal arm."""
+    network, _ = Network.load(models_dir() / "ppo.npz")
+    rows = trial(network)
+    assert rows["swing"]["max_mm"] < 6 and rows["lshape"]["max_mm"] < 2
+    assert rows["step 50 mm"]["overshoot_percent"] < 20
+
+
+def test_another_robot_or_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="trained for robot"):
+        neural.NeuralPolicy(ARM.vary(tendon_radius=1.1), 0.01, "imitation.npz")
+    with pytest.raises(FileNotFoundError, match="softrobot train"):
+        neural.NeuralPolicy(ARM, 0.01, tmp_path / "none.npz")
+
+
+def test_the_policy_is_registered():
+    policy = make_policy("imitation", ARM, 0.005)
+    assert policy.hold == 2
+    assert policy_environment("imitation") == {"control_period": 0.01, "preview": neural.PREVIEW}
