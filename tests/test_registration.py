@@ -10,8 +10,7 @@ import pytest
 from gymnasium.envs.registration import registry
 
 from softrobot_env.registration import ENVIRONMENTS, RIG_ENVIRONMENTS, register_envs
-from softrobot_env.tasks import ALL_TASKS
-from softrobot_env.tasks.rig import RIG_TASKS
+from softrobot_env.tasks import ALL_TASKS, RIG_TASKS
 
 EVERY_ID = ENVIRONMENTS | RIG_ENVIRONMENTS
 

@@ -12,7 +12,7 @@ from softrobot_env.benchmarks.timing import step_cost
 from softrobot_env.commands.arguments import add_scene, add_twin, scene_options
 from softrobot_env.commands.inspect_rig import errors_left_out, rig_rows
 from softrobot_env.commands.setups.rig import RigSetup
-from softrobot_env.commands.task_arguments import add_task, one_task
+from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
@@ -20,7 +20,6 @@ from softrobot_env.evaluation.labels import option_columns, task_label
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.twin import twin_or_ideal
 from softrobot_env.scene.build import Scene
-from softrobot_env.tasks.rig import RigTask
 
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0"""
@@ -49,11 +48,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    task, options = one_task(args)
-    label = task_label({"task": task.name, **option_columns(options)})
+    task = one_task(args)
+    label = task_label({"task": task.name, **option_columns(dict(task.options))})
     setup = RigSetup(args)
     console = Console()
-    if isinstance(task, RigTask):
+    if task.axes == "xy":
         env = RigEnv(task, twin=twin_or_ideal(setup.twins()[0]), **scene_options(args))
         console.print(_overview(env, label, errors_left_out(env.twin), rig_rows(env)))
         console.print(_tendons(env.twin.robot))

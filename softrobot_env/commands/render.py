@@ -16,7 +16,7 @@ from softrobot_env.commands.arguments import (
 )
 from softrobot_env.commands.setups.case import Case, Setup, case_label, setup_of
 from softrobot_env.commands.setups.choice import make_setups
-from softrobot_env.commands.task_arguments import add_task, one_task
+from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
@@ -79,11 +79,11 @@ def _case(args: argparse.Namespace, setup: Setup) -> Case:
     Raises:
         ValueError: A policy of another robot.
     """
-    task, options = one_task(args)
+    task = one_task(args)
     policy = args.policy or setup.default_policy
     if policy not in setup.policies:
         raise ValueError(
             f"policy {policy!r} is not for the task {args.task}; choose from "
             f"{', '.join(setup.policies)}"
         )
-    return Case(task, options, policy, twin=setup.twins()[0])
+    return Case(task, policy, twin=setup.twins()[0])

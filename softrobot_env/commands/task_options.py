@@ -2,48 +2,21 @@
 
 import argparse
 import itertools
-from inspect import signature
 from math import isfinite
 
-from softrobot_env.tasks import ALL_TASKS, Task, make_task
-from softrobot_env.tasks.rig import RIG_TASKS, RigTask, make_rig_task
+from softrobot_env.commands.arguments import positive
+from softrobot_env.tasks import EVERY_TASK, WITH_OPTION, Task, defaults, make_task
 
-#: Tasks of all robots.
-TASK_NAMES = (*ALL_TASKS, *RIG_TASKS)
-
-#: Options of a task by name: numbers.
+#: Options of a task by name.
 Options = dict[str, float]
 
 #: Values given for options of tasks.
 Given = dict[str, list[float]]
 
 
-def default_options(task: str) -> Options:
-    """Options of a task, and their values unless given."""
-    parameters = signature((ALL_TASKS | RIG_TASKS)[task]).parameters
-    return {name: parameter.default for name, parameter in parameters.items()}
-
-
-#: Option -> tasks that have it.
-OPTIONS = {
-    option: tuple(task for task in TASK_NAMES if option in default_options(task))
-    for option in dict.fromkeys(itertools.chain(*map(default_options, TASK_NAMES)))
-}
-
-
-def build_task(name: str, options: Options) -> Task | RigTask:
-    """A task of any robot.
-
-    Raises:
-        ValueError: An option out of range.
-    """
-    make = make_task if name in ALL_TASKS else make_rig_task
-    return make(name, **options)
-
-
 def combinations(task: str, given: Given) -> list[Options]:
     """Options of a task in every combination of the values given for them."""
-    own = default_options(task)
+    own = defaults(EVERY_TASK[task])
     values = [
         dict.fromkeys(_in_kind(value, default) for value in given.get(option, [default]))
         for option, default in own.items()
@@ -63,16 +36,16 @@ def check_used(given: Given, tasks: list[str]) -> None:
         ValueError: The message names the tasks that have the option.
     """
     for option in given:
-        if not set(tasks) & set(OPTIONS[option]):
-            raise ValueError(f"{option} is an option of {', '.join(OPTIONS[option])} only")
+        if not set(tasks) & set(WITH_OPTION[option]):
+            raise ValueError(f"{option} is an option of {', '.join(WITH_OPTION[option])} only")
 
 
 def option(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of an option of tasks and its values."""
     name, _, values = text.partition("=")
-    if name not in OPTIONS or not values:
+    if name not in WITH_OPTION or not values:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not NAME=V1,V2,... with NAME out of {', '.join(OPTIONS)}"
+            f"{text!r} is not NAME=V1,V2,... with NAME out of {', '.join(WITH_OPTION)}"
         )
     return name, [_number(value) for value in values.split(",")]
 
@@ -94,3 +67,40 @@ def merge(pairs: list[tuple[str, list[float]]]) -> Given:
     for name, values in pairs:
         merged[name] = list(dict.fromkeys([*merged.get(name, []), *values]))
     return merged
+
+
+def add_task(parser: argparse.ArgumentParser) -> None:
+    """--task, --option and --step-width, of commands that are about one task."""
+    parser.add_argument(
+        "--task",
+        choices=tuple(EVERY_TASK),
+        default="swing",
+        metavar="TASK",
+        help=f"out of {', '.join(EVERY_TASK)}; default: swing",
+    )
+    parser.add_argument(
+        "--option",
+        action="append",
+        type=option,
+        default=[],
+        metavar="NAME=VALUE",
+        help=f"an option of the task, in SI units, out of {', '.join(WITH_OPTION)}",
+    )
+    parser.add_argument(
+        "--step-width", type=positive, metavar="M", help="as --option step_width=..."
+    )
+
+
+def one_task(args: argparse.Namespace) -> Task:
+    """The task of `add_task`.
+
+    Raises:
+        ValueError: An option of other tasks, several values of one, or one out of range.
+    """
+    width = [] if args.step_width is None else [("step_width", [args.step_width])]
+    given = merge([*args.option, *width])
+    check_used(given, [args.task])
+    options, *more = combinations(args.task, given)
+    if more:
+        raise ValueError("--option: only one value of each for one task")
+    return make_task(args.task, **options)

@@ -6,33 +6,125 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from softrobot_env.envs.options import action_values
-from softrobot_env.envs.reference import PLANE
+from softrobot_env.envs.observations.table import Measured, Read, Sources, readers
+from softrobot_env.envs.options import action_values, check_rendering
+from softrobot_env.envs.reference import ReferenceTable
 from softrobot_env.envs.rendering.renderer import Frame, make_renderer
+from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.setting import Setting
+from softrobot_env.envs.simulation.beam_plant import BeamSimulation
+from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.interfaces import Observation
 from softrobot_env.scene.build import Scene
+from softrobot_env.tasks import Task
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.
-_REBUILT = {"model", "data", "_advance", "_ctrl", "_readout", "_readers", "_renderer"}
+_REBUILT = {"model", "data", "_readout", "_readers", "_renderer", "_advance", "_ctrl"}
 
 
 class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
-    """Episodes of one robot whose tip follows a reference.
+    """Episodes of one simulated robot whose tip follows a reference.
 
-    A subclass builds the spaces, installs a simulation and begins the episodes; see `TrackingEnv`.
+    A subclass gives a setting, begins the episodes in `reset` (see `_begin`), and declares how an
+    action reaches the plant and what is measured of it: `_move` and `_make_readout`.
 
     Attributes:
-        axes: The coordinates out of x, y and z that positions have, a slice of (3,).
+        task: The task, `task.robot` its nominal robot.
         control_period: [s].
+        axes: The coordinates out of x, y and z that positions have, a slice of (3,).
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
-    axes: ClassVar[slice] = PLANE
+    metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
+
+    def __init__(
+        self,
+        setting: Setting,
+        reward: TrackingReward | None,
+        render_mode: str | None,
+        frame_size: tuple[int, int],
+    ) -> None:
+        check_rendering(render_mode, self.metadata["render_modes"], frame_size)
+        self._setting = setting
+        self.task, self.control_period = setting.task, setting.control_period
+        self.axes = setting.axes
+        self.observation_space = setting.observation_space
+        self.action_space = setting.action_space
+        self.render_mode = render_mode
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
+        self._reward = TrackingReward() if reward is None else reward
+        self._frame_size, self._renderer = frame_size, None
+        self._follow(self.task, setting.reference)
+        self._running = False
+        self._episode = self._index = 0
+        self._error = 0.0
+        self._action_shape = self.action_space.shape
+        self._action_array = np.zeros(self._action_shape)
+        self._action: list[float] = self._action_array.tolist()
+        self._rows: dict[str, np.ndarray] = {}
+        self._readers: list[tuple[str, Read]] = []
+        self._last_observation: Observation | None = None
+        self._install(setting.plant.simulation({}))
+
+    # ------------------------------------------------------------------ hooks
+
+    def _move(self, action: np.ndarray) -> bool:
+        """Put an action (n_inputs,) in force and advance by a control period; whether it went."""
+        raise NotImplementedError
+
+    def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
+        """What is measured of a simulation."""
+        raise NotImplementedError
+
+    # ------------------------------------------------------------------ simulation
 
     @property
     def scene(self) -> Scene | None:
         """The scene of the running episode; None with another plant than the MuJoCo chain."""
         return self._simulation.scene
+
+    def _install(self, simulation: Simulation | BeamSimulation) -> None:
+        """Connect to a simulation, so that a step looks nothing up."""
+        self._simulation = simulation
+        self.model, self.data = simulation.model, simulation.data
+        self._advance, self._ctrl = simulation.advance, simulation.ctrl
+        self._readout = self._make_readout(simulation)
+
+    def _follow(self, task: Task, reference: ReferenceTable) -> None:
+        """Make a task the current one."""
+        self._current, self._reference = task, reference
+        self._points, self._last_index = reference.points, reference.last_index
+
+    def _reference_of(self, task: Task) -> ReferenceTable:
+        """Reference of a task, which may be the current one."""
+        return self._reference if task == self._current else self._setting.reference_of(task)
+
+    def __getstate__(self) -> dict:
+        return {k: v for k, v in self.__dict__.items() if k not in _REBUILT}
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
+        self._renderer = None
+        self._install(self._simulation)
+        if self._last_observation is not None:
+            self._bind_observation(self._index + 1)
+
+    # ------------------------------------------------------------------ episodes
+
+    def _begin(self, start_input: np.ndarray) -> tuple[Observation, dict[str, Any]]:
+        """Begin an episode whose simulation is ready; what `reset` returns."""
+        self._action_array = start_input / self._setting.input_scale
+        self._action = self._action_array.tolist()
+        self._rows = self._reference.rows()
+        self._index = 0
+        self._episode += 1
+        self._bind_observation(0)
+        self._running = True
+        self._measure()
+        observation = self._observe()
+        if self.render_mode == "human":
+            self.render()
+        return observation, self._info({})
 
     def _bind_observation(self, index: int) -> None:
         """Prepare the observations from control instant `index` on.
@@ -40,13 +132,12 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         Every observation takes the next row of the episode's own copies of the reference: none is
         shared between observations, and none is copied in a step.
         """
-        sources = self._readout.sources()
-        sources |= {name: iter(rows[index:]).__next__ for name, rows in self._rows.items()}
-        sources["previous_action"] = lambda: self._action_array
-        self._readers = [(name, sources[name]) for name in self.observation_space]
-
-    def __getstate__(self) -> dict:
-        return {k: v for k, v in self.__dict__.items() if k not in _REBUILT}
+        sources = Sources(
+            self._readout,
+            lambda column: iter(self._rows[column][index:]).__next__,
+            lambda: self._action_array,
+        )
+        self._readers = readers(self.observation_space, sources)
 
     # ------------------------------------------------------------------ steps
 
@@ -57,39 +148,45 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
             ValueError: Wrong shape, NaN, or a value outside [-1, 1].
             gymnasium.error.ResetNeeded: The episode is over or was never started.
         """
-        values = self._checked(action)
-        self._action_array = array = action.astype(np.float64)
-        self._pull(array, self._ctrl)
-        healthy = self._advance()
-        self._index = index = self._index + 1
-        previous, self._action = self._action, values
+        previous = self._accept(action)
+        healthy = self._move(self._action_array)
+        self._index += 1
         failure = self._measure()
         if not healthy:
             failure = self._simulation.failure() or failure
         if failure is not None:
             return self._fail(failure)
-        terms = self._reward.terms(self._error, values, previous)
-        truncated = index >= self._last_index
-        self._running = not truncated
-        self._last_observation = observation = {name: read() for name, read in self._readers}
-        if self.render_mode == "human":
-            self.render()
-        return observation, sum(terms.values()), False, truncated, self._info(terms)
+        return self._go_on(self._reward.terms(self._error, self._action, previous))
 
-    def _checked(self, action: np.ndarray) -> list[float]:
-        """The action as a list of floats."""
+    def _accept(self, action: np.ndarray) -> list[float]:
+        """Make an action the present one; returns the one before."""
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        return action_values(action, self._action_shape)
+        values = action_values(action, self._action_shape)
+        previous, self._action = self._action, values
+        self._action_array = action.astype(np.float64)
+        return previous
 
     def _measure(self) -> str | None:
         """Update measurements and error; return what left the workspace, or None."""
         readout = self._readout
         outside = readout.update()
-        x, z = readout.tip
-        x_ref, z_ref = self._points[self._index]
-        self._error = hypot(x - x_ref, z - z_ref)
+        here, there = readout.tip, self._points[self._index]
+        self._error = hypot(here[0] - there[0], here[1] - there[1])
         return outside
+
+    def _observe(self) -> Observation:
+        self._last_observation = observation = {name: read() for name, read in self._readers}
+        return observation
+
+    def _go_on(
+        self, terms: dict[str, float]
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        self._running = self._index < self._last_index
+        observation = self._observe()
+        if self.render_mode == "human":
+            self.render()
+        return observation, sum(terms.values()), False, not self._running, self._info(terms)
 
     def _fail(self, failure: str) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         self._running = False
@@ -98,18 +195,15 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         return last, sum(terms.values()), True, False, self._info(terms) | {"failure": failure}
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+        readout = self._readout
         return {
             "time": self._index * self.control_period,
             "error": self._error,
-            "tendon_tension": self._readout.tendon_tension(),
-            "tendon_length": self._readout.tendon_length(),
+            "tendon_tension": readout.tendon_tension(),
+            "tendon_length": readout.true_length(),
             "reward_terms": terms,
-            **self._truth(),
+            **readout.truth(),
         }
-
-    def _truth(self) -> dict[str, np.ndarray]:
-        """What sensors with errors are to measure, for `info`; empty where they have none."""
-        return {}
 
     # ------------------------------------------------------------------ pictures
 
@@ -128,7 +222,8 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
             )
             return None
         if self._renderer is None:
-            self._renderer = make_renderer(self.render_mode, self._plant.config, self._frame_size)
+            scene = self._setting.plant.config
+            self._renderer = make_renderer(self.render_mode, scene, self._frame_size)
         return self._renderer.draw(self._frame())
 
     def _frame(self) -> Frame:
@@ -137,20 +232,16 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
             time=self._simulation.time,
             qpos=self._simulation.posture,
             tension=self._readout.tendon_tension(),
-            target=self._in_space(np.array(self._points[self._index])),
-            path=self._path(),
+            target=self._in_space(np.array(self._points[self._index])[None])[0],
+            path=self._in_space(self._current.trajectory.path()[:, self.axes]),
             jumps=getattr(self._current.trajectory, "jumps", False),
         )
 
-    def _in_space(self, point: np.ndarray) -> np.ndarray:
-        """Where to draw a point (2,) [m] of the reference, (3,)."""
-        placed = np.zeros(3)
-        placed[self.axes] = point
+    def _in_space(self, points: np.ndarray) -> np.ndarray:
+        """Where to draw points (k, 2) [m] of the reference, (k, 3)."""
+        placed = np.zeros((len(points), 3))
+        placed[:, self.axes] = points
         return placed
-
-    def _path(self) -> np.ndarray:
-        """Points (k, 3) [m] of the reference, where to draw them."""
-        return self._current.trajectory.path()
 
     def close(self) -> None:
         """Free the renderer; closing twice is harmless."""

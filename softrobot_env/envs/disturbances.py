@@ -7,9 +7,9 @@ A variation is one flat dict of numbers by name; `NEUTRAL` has every name. Some 
 from dataclasses import dataclass
 
 import numpy as np
-from gymnasium import spaces
 
 from softrobot_env import robots
+from softrobot_env.envs.observations.table import SENSOR_NOISE
 
 #: What can be varied, with the values that change nothing.
 NEUTRAL: dict[str, float] = robots.NEUTRAL | {
@@ -24,18 +24,11 @@ MAY_VANISH = (*robots.MAY_VANISH, "delay", "sensor_noise")
 #: Largest values: [s], and [1] the noise for which observation spaces leave room.
 LARGEST = {"delay": 1.0, "sensor_noise": 10.0}
 
-#: Standard deviation of noise of scale 1: 0.1 mm, 5 mm/s, 0.01 1/m and 0.5 1/(m s), anew in every
-#: control period: a policy that looks more often can average more of it. Other observables have
-#: none.
-SENSOR_NOISE = {
-    "tip_position": 1e-4,
-    "tip_velocity": 5e-3,
-    "curvature": 0.01,
-    "curvature_rate": 0.5,
-}
-
 #: Standard deviations at which noise ends, so that it has bounds.
 _FARTHEST = 6.0
+
+#: Standard deviations at scale 1 for which observation spaces leave room.
+NOISE_ROOM = LARGEST["sensor_noise"] * _FARTHEST
 
 #: Control instants whose noise is drawn at once.
 _BLOCK = 64
@@ -51,7 +44,7 @@ class Disturbance:
     Attributes:
         tension_gain: [1], tension applied per tension commanded, up to the tendon's limit.
         delay: Control periods from an action to its effect.
-        sensor_noise: [1], scale of the noise of `SENSOR_NOISE`.
+        sensor_noise: [1], scale of the noise of `observations.table`.
     """
 
     tension_gain: float = 1.0
@@ -135,19 +128,6 @@ def rounded(variation: dict[str, float], control_period: float) -> dict[str, flo
 def noise_seed(rng: np.random.Generator) -> int:
     """Seed of an episode's noise: one draw, whatever the length of the episode."""
     return int(rng.integers(2**63))
-
-
-def with_noise(space: spaces.Dict) -> spaces.Dict:
-    """The observation space with room for the largest noise."""
-    room = {name: LARGEST["sensor_noise"] * _FARTHEST * d for name, d in SENSOR_NOISE.items()}
-    return spaces.Dict(
-        {
-            name: spaces.Box(box.low - room[name], box.high + room[name], dtype=box.dtype)
-            if name in room
-            else box
-            for name, box in space.items()
-        }
-    )
 
 
 class Drives:
@@ -246,7 +226,7 @@ class SensorNoise:
             self._rows[robot] = normal * (self._scale[robot] * self._deviation)
 
     def on(self, name: str) -> np.ndarray:
-        """Noise (n, size) on an observable of `SENSOR_NOISE` at this instant."""
+        """Noise (n, size) on an observable of `observations.table` at this instant."""
         return self._now[:, self._columns[name]]
 
     @property

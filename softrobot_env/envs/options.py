@@ -1,34 +1,26 @@
-"""Checks of what users pass to an environment and to its `reset`."""
+"""Checks of what users pass to environments and to their `reset`."""
 
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
-from softrobot_env.envs.disturbances import NEUTRAL, check_value
+from softrobot_env.envs.disturbances import NEUTRAL, check_value, periods
 from softrobot_env.robots import as_number
-from softrobot_env.tasks import LONGEST
+from softrobot_env.tasks import LONGEST, Task, remake_task
 
 #: Control periods [s] an environment accepts.
 CONTROL_PERIODS = (1e-3, 0.2)
 
-#: Option -> what it does; also the list in error messages.
-OPTIONS = {
-    "vary": f"variation of the robot, its drives and sensors by name ({', '.join(NEUTRAL)})",
-    "step_width": "width [m] of the step task",
-    "duration": "duration [s] of the episode instead of the task's",
-    "start_input": "reduced tendon inputs [N] in whose equilibrium the episode starts",
-    "start_curvature": "curvature [1/m] per piece at the start, at rest",
-}
-
 
 @dataclass(frozen=True)
 class ResetOptions:
-    """Options of one reset; see `OPTIONS`.
+    """Options of one reset; see `RESET_OPTIONS`.
 
     In `vary` youngs_modulus, density, damping_time, tendon_radius and tension_gain are factors
-    [1], tendon_friction is in N, delay in s and sensor_noise [1] the scale of
-    `disturbances.SENSOR_NOISE`.
+    [1], tendon_friction is in N, delay in s and sensor_noise [1] the scale of the noise of
+    `observations.table`.
     """
 
     vary: dict[str, float] = field(default_factory=dict)
@@ -36,43 +28,33 @@ class ResetOptions:
     duration: float | None = None
     start_input: np.ndarray | None = None
     start_curvature: np.ndarray | None = None
+    start_length: np.ndarray | None = None
+    task: dict[str, float] = field(default_factory=dict)
+    clear_fault: bool = False
+
+    def changed(self, task: Task) -> Task:
+        """The task with the options that concern it.
+
+        Raises:
+            ValueError: It has no such option, or a value is out of range.
+        """
+        if self.step_width is not None:
+            wider = remake_task(task, step_width=self.step_width)
+            task = replace(wider, duration=task.duration)
+        if self.task:
+            task = remake_task(task, **self.task)
+        return task if self.duration is None else replace(task, duration=self.duration)
 
 
-def parse_options(options: dict[str, Any] | None, n_inputs: int, n_pieces: int) -> ResetOptions:
-    """Check the options of `reset`.
+@dataclass(frozen=True)
+class ResetOption:
+    """What an option does, and how a value given for it is checked: (name, value, size)."""
 
-    Raises:
-        ValueError: Unknown option, wrong shape, a value out of range, or two starts.
-    """
-    given = known_options(options, OPTIONS)
-    if "start_input" in given and "start_curvature" in given:
-        raise ValueError("give start_input or start_curvature, not both")
-    for name, size in (("start_input", n_inputs), ("start_curvature", n_pieces)):
-        if name in given:
-            given[name] = vector(name, given[name], size)
-    for name in ("step_width", "duration"):
-        if name in given:
-            given[name] = positive(name, given[name])
-    if not isinstance(given.get("vary", {}), dict):
-        raise ValueError(f"option 'vary' must be a dict of numbers, got {given['vary']!r}")
-    for name, value in given.get("vary", {}).items():
-        check_value(name, value)
-    return ResetOptions(**given)
+    text: str
+    check: Callable[[str, Any, int], Any]
 
 
-def known_options(options: dict[str, Any] | None, allowed: dict[str, str]) -> dict[str, Any]:
-    """A copy of the options of a reset; ValueError if one is not among `allowed` (with texts)."""
-    if not isinstance(options, dict | None):
-        raise ValueError(f"options must be a dict, got {options!r}")
-    given = dict(options or {})
-    unknown = sorted(set(given) - set(allowed), key=str)
-    if unknown:
-        listed = "; ".join(f"{name}: {text}" for name, text in allowed.items())
-        raise ValueError(f"unknown reset option {unknown[0]!r}; allowed are {listed}")
-    return given
-
-
-def positive(name: str, value: Any) -> float:
+def positive(name: str, value: Any, _size: int = 0) -> float:
     """The value of an option as a positive number, a duration up to the longest."""
     number = as_number(value)
     if number is None or not 0 < number < np.inf:
@@ -82,8 +64,7 @@ def positive(name: str, value: Any) -> float:
     return number
 
 
-def vector(name: str, value: Any, size: int) -> np.ndarray:
-    """The value of an option as finite numbers (size,)."""
+def _vector(name: str, value: Any, size: int) -> np.ndarray:
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -93,10 +74,138 @@ def vector(name: str, value: Any, size: int) -> np.ndarray:
     return array
 
 
-def check_arguments(
-    control_period: float, preview: tuple[float, ...], frame_size: tuple[int, int]
-) -> None:
-    """Check arguments of an environment that no other part checks.
+def _numbers(name: str, value: Any, _size: int) -> dict[str, float]:
+    if not isinstance(value, dict):
+        raise ValueError(f"option {name!r} must be a dict of numbers, got {value!r}")
+    return value
+
+
+def _variation(name: str, value: Any, size: int) -> dict[str, float]:
+    for varied, amount in _numbers(name, value, size).items():
+        check_value(varied, amount)
+    return value
+
+
+def _truth(name: str, value: Any, _size: int) -> bool:
+    if not isinstance(value, bool):
+        raise ValueError(f"option {name!r} must be True or False, got {value!r}")
+    return value
+
+
+#: Options of `reset` of all environments; each environment takes some of them.
+RESET_OPTIONS = {
+    "vary": ResetOption(
+        f"variation of the robot, its drives and sensors by name ({', '.join(NEUTRAL)})", _variation
+    ),
+    "step_width": ResetOption("width [m] of the step task", positive),
+    "duration": ResetOption("duration [s] of the episode instead of the task's", positive),
+    "start_input": ResetOption(
+        "reduced tendon inputs [N] in whose equilibrium the episode starts", _vector
+    ),
+    "start_curvature": ResetOption("curvature [1/m] per piece at the start, at rest", _vector),
+    "start_length": ResetOption(
+        "pulled-in tendon lengths [m] in whose equilibrium the episode starts", _vector
+    ),
+    "task": ResetOption("dict of options of the task, as those of the environment", _numbers),
+    "clear_fault": ResetOption("True to clear the fault that ended the last episode", _truth),
+}
+
+#: Those of the planar arm, of the test rig, and of the real rig.
+ARM_OPTIONS = ("vary", "step_width", "duration", "start_input", "start_curvature")
+RIG_OPTIONS = ("duration", "start_length", "task")
+REAL_OPTIONS = ("duration", "task", "clear_fault")
+
+
+def parse_options(
+    options: dict[str, Any] | None, allowed: Sequence[str], sizes: Mapping[str, int] | None = None
+) -> ResetOptions:
+    """Check the options of a `reset`.
+
+    Args:
+        options: As they were given.
+        allowed: Names that the environment takes.
+        sizes: Of options that are vectors.
+
+    Raises:
+        ValueError: Unknown option, wrong shape, a value out of range, or two starts.
+    """
+    if not isinstance(options, dict | None):
+        raise ValueError(f"options must be a dict, got {options!r}")
+    given = dict(options or {})
+    unknown = sorted(set(given) - set(allowed), key=str)
+    if unknown:
+        listed = "; ".join(f"{name}: {RESET_OPTIONS[name].text}" for name in allowed)
+        raise ValueError(f"unknown reset option {unknown[0]!r}; allowed are {listed}")
+    if "start_input" in given and "start_curvature" in given:
+        raise ValueError("give start_input or start_curvature, not both")
+    sizes = sizes or {}
+    return ResetOptions(
+        **{n: RESET_OPTIONS[n].check(n, value, sizes.get(n, 0)) for n, value in given.items()}
+    )
+
+
+# ---------------------------------------------------------------- many environments
+
+Seeds = int | Sequence[int | None] | None
+
+
+def parse_seeds(seed: Seeds, count: int) -> list[int | None]:
+    """One seed, or None, for each environment: given one number, the following ones.
+
+    Raises:
+        ValueError: Not as many as environments.
+    """
+    if seed is None:
+        return [None] * count
+    if isinstance(seed, int | np.integer):
+        return [int(seed) + i for i in range(count)]
+    seeds = np.asarray(seed, dtype=object).tolist()
+    if not isinstance(seeds, list) or len(seeds) != count:
+        raise ValueError(f"seed must be a number or {count} of them, got {seed!r}")
+    return seeds
+
+
+def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, np.ndarray]:
+    """Values (count,) of every variation, those that are not given neutral.
+
+    Raises:
+        ValueError: Not a dict, an unknown name, a value out of range, or not as many as
+            environments.
+    """
+    out = {name: np.full(count, value) for name, value in NEUTRAL.items()}
+    for name, value in _numbers("vary", vary, count).items():
+        values = np.asarray(value).tolist() if np.ndim(value) else [value] * count
+        for one in values:
+            check_value(name, one)
+            if name == "delay":
+                periods(one, control_period)  # refuses fractions
+        if len(values) != count:
+            raise ValueError(f"values of {name!r} must be a number or {count}, got {value!r}")
+        out[name][:] = values
+    return out
+
+
+def parse_mask(mask: Any, count: int) -> np.ndarray:
+    """Indices (k,) of a mask (count,) bool, all for None.
+
+    Raises:
+        ValueError: Another shape or type, or none true.
+    """
+    if mask is None:
+        return np.arange(count)
+    mask = np.asarray(mask)
+    if mask.shape != (count,) or mask.dtype != bool or not mask.any():
+        raise ValueError(
+            f"reset_mask must be {count} truth values, some of them true, got {mask!r}"
+        )
+    return np.flatnonzero(mask)
+
+
+# ---------------------------------------------------------------- arguments and actions
+
+
+def check_timing(control_period: float, preview: tuple[float, ...]) -> None:
+    """Check the control period and the preview times of an environment.
 
     Raises:
         ValueError: One is out of range; the message names what is allowed.
@@ -109,14 +218,14 @@ def check_arguments(
     times = [as_number(time) for time in preview] if np.iterable(preview) else []
     if not times or not all(t is not None and 0 <= t < np.inf for t in times):
         raise ValueError(f"preview needs one or more times >= 0 s, got {preview!r}")
-    if not all(isinstance(pixels, int) and pixels > 0 for pixels in frame_size):
-        raise ValueError(f"width and height must be positive pixels, got {frame_size}")
 
 
-def check_render_mode(render_mode: str | None, modes: list[str]) -> None:
-    """Raise ValueError for a render mode that is neither None nor one of `modes`."""
+def check_rendering(render_mode: str | None, modes: list[str], size: tuple[int, int]) -> None:
+    """Raise ValueError for a mode that is neither None nor one of `modes`, or a bad frame size."""
     if render_mode is not None and render_mode not in modes:
         raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
+    if not all(isinstance(pixels, int) and pixels > 0 for pixels in size):
+        raise ValueError(f"width and height must be positive pixels, got {size}")
 
 
 def action_values(action: np.ndarray, shape: tuple[int]) -> list[float]:

@@ -5,13 +5,14 @@ from math import ceil
 
 import numpy as np
 
-from softrobot_env.envs.observations.arm import REFERENCE_SPEED
+from softrobot_env.envs.observations.table import REFERENCE_ACCELERATION, REFERENCE_SPEED
 from softrobot_env.tasks import Task
-from softrobot_env.tasks.rig import RigTask
 
 #: Index of x and z, the coordinates of a planar robot, and of x and y, those of a spatial one.
-PLANE = slice(0, 3, 2)
-TOP = slice(0, 2)
+PLANE, TOP = slice(0, 3, 2), slice(0, 2)
+
+#: The same by the axes of a task.
+AXES = {"xz": PLANE, "xy": TOP}
 
 
 @dataclass(frozen=True)
@@ -37,13 +38,9 @@ class ReferenceTable:
         return len(self.points) - 1
 
     def rows(self) -> dict[str, np.ndarray]:
-        """Copies of the tables by observable, whose rows an episode may give away."""
-        return {
-            "reference": self.position.copy(),
-            "reference_velocity": self.velocity.copy(),
-            "reference_acceleration": self.acceleration.copy(),
-            "reference_preview": self.preview.copy(),
-        }
+        """Copies of the columns by name, whose rows an episode may give away."""
+        names = ("position", "velocity", "acceleration", "preview")
+        return {name: getattr(self, name).copy() for name in names}
 
 
 def instants(duration: float, control_period: float) -> int:
@@ -51,21 +48,14 @@ def instants(duration: float, control_period: float) -> int:
     return max(1, ceil(duration / control_period - 1e-9))
 
 
-def sample_reference(
-    task: Task | RigTask, control_period: float, preview: np.ndarray, axes: slice = PLANE
-) -> ReferenceTable:
+def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> ReferenceTable:
     """Sample a task's reference at its control instants, and `preview` (k,) [s] after them.
 
-    Args:
-        task: The task.
-        control_period: [s].
-        preview: (k,) [s].
-        axes: The two coordinates that are references, `PLANE` or `TOP`.
-
     Raises:
-        ValueError: The reference is not finite, leaves the robot's reach or is faster than
-            `REFERENCE_SPEED`.
+        ValueError: The reference is not finite, leaves the robot's reach, or is faster than
+            `REFERENCE_SPEED` or `REFERENCE_ACCELERATION`.
     """
+    axes, length = AXES[task.axes], task.robot.reach
     steps = instants(task.duration, control_period)
     now = np.arange(steps + 1) * control_period
     # Rounding merges equal times, and puts those at a kink behind it.
@@ -74,12 +64,16 @@ def sample_reference(
     position = task.trajectory.position(unique)[:, axes][where].reshape(steps + 1, -1)
     velocity = task.trajectory.velocity(times[:, 0])[:, axes]
     acceleration = task.trajectory.acceleration(times[:, 0])[:, axes]
-    length = task.robot.reach
     fastest = REFERENCE_SPEED * length
     if not (np.abs(position).max() <= length and np.abs(velocity).max() <= fastest):
         raise ValueError(
             f"the reference of task {task.name!r} must be finite, stay within {length} m of the "
-            f"base in {' and '.join('xyz'[axes])}, and below {fastest} m/s"
+            f"base in {' and '.join(task.axes)}, and below {fastest} m/s"
+        )
+    sharpest = REFERENCE_ACCELERATION * length
+    if not np.abs(acceleration).max() <= sharpest:
+        raise ValueError(
+            f"the acceleration of task {task.label!r} must be finite and below {sharpest} m/s2"
         )
     here = position[:, :2]
     return ReferenceTable(here.tolist(), here, velocity, acceleration, position[:, 2:])

@@ -1,10 +1,9 @@
 """Tip tracking with one simulated robot."""
 
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.disturbances import (
@@ -14,35 +13,19 @@ from softrobot_env.envs.disturbances import (
     SensorNoise,
     rounded,
     split,
-    with_noise,
 )
-from softrobot_env.envs.observations.arm import (
-    DEFAULT_OBSERVABLES,
-    OBSERVABLES,
-    Sizes,
-    observation_space,
-)
-from softrobot_env.envs.observations.readout import NoisyReadout
-from softrobot_env.envs.options import (
-    ResetOptions,
-    check_arguments,
-    check_render_mode,
-    parse_options,
-)
+from softrobot_env.envs.observations.readouts import NoisyReadout
+from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Measured
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.reference import sample_reference
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.simulation.beam_plant import BeamPlant, BeamSimulation
+from softrobot_env.envs.setting import DEFAULT_RULE, Start, TensionSetting
+from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.envs.simulation.mujoco import Simulation
-from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.interfaces import Observation, PlantFactory
-from softrobot_env.robots.actuation import TendonMap
-from softrobot_env.tasks import Task, make_task
+from softrobot_env.tasks import Task
 
 #: [s].
 DEFAULT_PERIOD = 0.01
-
-_DEFAULT_RULE = "balanced2"
 
 
 class TrackingEnv(EpisodeEnv):
@@ -98,8 +81,6 @@ class TrackingEnv(EpisodeEnv):
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
-    metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
-
     def __init__(
         self,
         task: str | Task = "swing",
@@ -110,7 +91,7 @@ class TrackingEnv(EpisodeEnv):
         reward: TrackingReward | None = None,
         randomization: Randomization | None = None,
         pieces: int | None = None,
-        rule: str = _DEFAULT_RULE,
+        rule: str = DEFAULT_RULE,
         timestep: float | None = None,
         integrator: str | None = None,
         plant: PlantFactory | None = None,
@@ -137,86 +118,41 @@ class TrackingEnv(EpisodeEnv):
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
         """
-        self.task = make_task(task) if isinstance(task, str) else task
-        observe = (observe,) if isinstance(observe, str) and observe != "all" else observe
-        check_arguments(control_period, preview, (width, height))
-        check_render_mode(render_mode, self.metadata["render_modes"])
-        self.control_period = control_period
-        self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / control_period))}
-        self._reward = TrackingReward() if reward is None else reward
         self._randomization = randomization
-        self._preview = np.array(preview, dtype=float)
-        options = {"pieces": pieces, "rule": rule, "timestep": timestep, "integrator": integrator}
-        self._frame_size = (width, height)
-        self._renderer = None
-        self._tendon_map = TendonMap(self.task.robot)
-        self._commanded = self._pull = self._tendon_map.per_action().tension
-        self.input_scale = self._tendon_map.input_scale
-        self._plant = self._make_plant(plant, options)
-        self._make_spaces(tuple(OBSERVABLES) if observe == "all" else tuple(observe))
         self._vary: dict[str, float] = {}
         self._robot_vary: dict[str, float] = {}
         self._drives: Drives | None = None
         self._noise: SensorNoise | None = None
-        self._current: Task | None = None
-        self._install(self._plant.simulation({}))
-        self._follow(self.task)
-        self._running = False
-        self._episode = 0
-        self._last_observation: Observation | None = None
+        setting = TensionSetting(
+            task,
+            control_period=control_period,
+            observe=observe,
+            preview=preview,
+            plant=plant,
+            pieces=pieces,
+            rule=rule,
+            timestep=timestep,
+            integrator=integrator,
+        )
+        self._tendon_map, self.input_scale = setting.tendon_map, setting.input_scale
+        self._pull = setting.tendon_map.per_action().tension
+        super().__init__(setting, reward, render_mode, (width, height))
 
-    def _make_plant(
-        self, factory: PlantFactory | None, options: dict[str, Any]
-    ) -> MujocoPlant | BeamPlant:
-        robot = self.task.robot
-        if factory is None:
-            return MujocoPlant(robot, self.control_period, **options)
-        given = {k: v for k, v in options.items() if v not in (None, _DEFAULT_RULE)}
-        if given:
-            raise ValueError(
-                f"{', '.join(given)} belong to the MuJoCo chain; another plant has its own options"
-            )
-        return BeamPlant(robot, self.control_period, factory)
+    def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
+        readout = self._setting.plant.readout(simulation)
+        return readout if self._noise is None else NoisyReadout(readout, self._noise, 0)
 
-    def _make_spaces(self, observe: tuple[str, ...]) -> None:
-        layout = self._plant.layout
-        sizes = Sizes(self.task.robot, self._tendon_map, layout, len(self._preview))
-        self.observation_space = with_noise(self._plant.widen(observation_space(observe, sizes)))
-        self._n_inputs = self._tendon_map.n_inputs
-        self._action_shape = (self._n_inputs,)
-        self.action_space = spaces.Box(-1.0, 1.0, (self._n_inputs,), dtype=np.float32)
-
-    # ------------------------------------------------------------------ simulation
-
-    def _install(self, simulation: Simulation | BeamSimulation) -> None:
-        """Make a simulation the running one."""
-        self._simulation = simulation
-        self.model, self.data = simulation.model, simulation.data
-        self._bind()
-
-    def _bind(self) -> None:
-        """Connect to the simulation's data, so that a step looks nothing up."""
-        simulation = self._simulation
-        self._advance, self._ctrl = simulation.advance, simulation.ctrl
-        readout = self._plant.readout(simulation)
-        self._readout = readout if self._noise is None else NoisyReadout(readout, self._noise)
+    def _move(self, action: np.ndarray) -> bool:
+        if self._drives is None:
+            self._pull(action, self._ctrl)
+        else:
+            self._ctrl[:] = self._drives.apply(self._pull(action))[0]
+        return self._advance()
 
     def __setstate__(self, state: dict) -> None:
-        self.__dict__.update(state)
-        self._renderer = None
+        super().__setstate__(state)
         if not self._robot_vary:  # one model, as before
-            self._plant.adopt(self._simulation)
-        self._install(self._simulation)
-        if self._last_observation is not None:
-            self._bind_observation(self._index + 1)
-
-    def _follow(self, task: Task) -> None:
-        """Make a task's reference the current one."""
-        if task != self._current:
-            self._reference = sample_reference(task, self.control_period, self._preview)
-            self._points, self._last_index = self._reference.points, self._reference.last_index
-            self._current = task
+            self._setting.plant.adopt(self._simulation)
 
     # ------------------------------------------------------------------ episodes
 
@@ -227,7 +163,7 @@ class TrackingEnv(EpisodeEnv):
 
         Args:
             seed: Seed of `np_random`. Only `randomization` and the noise of sensors draw from it.
-            options: See `softrobot_env.envs.options.OPTIONS`; each holds for this episode only.
+            options: `ARM_OPTIONS` of `envs.options`, see there; each holds for this episode only.
                 Names and units of `vary` are those of `Randomization`; a delay must be a multiple
                 of the control period. A varied robot starts in the posture of the nominal one, with
                 the same tensions (thesis sec. 6.6.3), times the `tension_gain`.
@@ -236,86 +172,35 @@ class TrackingEnv(EpisodeEnv):
             ValueError: A bad option; the message names what is allowed.
         """
         super().reset(seed=seed)
-        parsed = parse_options(options, self._n_inputs, self._plant.layout.pieces)
+        setting = self._setting
+        parsed = setting.parse_options(options)
         if self._randomization is not None and "vary" not in (options or {}):
             drawn = self._randomization.draw(self.np_random)
             parsed = replace(parsed, vary=rounded(drawn, self.control_period))
         # Everything that can be refused comes before anything is changed.
-        task = self._task_for(parsed)
-        start_input = self._start_input(parsed, task)
-        posture = self._start_posture(parsed, start_input)
+        task = parsed.changed(self.task)
+        start = setting.start(parsed, task)
         robot_vary, disturbance = split(parsed.vary, self.control_period)
-        simulation = self._simulation_for(robot_vary)
-        self._follow(task)
+        # The running simulation goes on if it is of the wanted robot.
+        simulation = self._simulation
+        if robot_vary != self._robot_vary:
+            simulation = setting.plant.simulation(robot_vary)
+        self._follow(task, self._reference_of(task))
         self._vary, self._robot_vary = dict(parsed.vary), robot_vary
-        noise = disturbance.noise(self._plant.layout.pieces, self.np_random)
+        noise = disturbance.noise(setting.plant.layout.pieces, self.np_random)
         if simulation is not self._simulation or noise is not self._noise:
             self._noise = noise
             self._install(simulation)
-        self._begin(start_input, posture, disturbance)
-        if self.render_mode == "human":
-            self.render()
-        return self._last_observation, self._info({})
+        self._start_simulation(start, disturbance)
+        return self._begin(start.input)
 
-    def _task_for(self, options: ResetOptions) -> Task:
-        task = self.task
-        if options.step_width is not None:
-            if task.step_width is None:
-                raise ValueError(f"step_width applies to the step task only, not to {task.name!r}")
-            wider = make_task("step", options.step_width)
-            task = replace(task, trajectory=wider.trajectory, step_width=wider.step_width)
-        if options.duration is not None:
-            task = replace(task, duration=options.duration)
-        return task
-
-    def _simulation_for(self, vary: dict[str, float]) -> Simulation | BeamSimulation:
-        """The running simulation if it is of the wanted robot, else a new one."""
-        return self._simulation if vary == self._robot_vary else self._plant.simulation(vary)
-
-    def _start_input(self, options: ResetOptions, task: Task) -> np.ndarray:
-        chosen = task.start_input if options.start_input is None else options.start_input
-        chosen = np.asarray(chosen, dtype=float)
-        if np.any(np.abs(chosen) > self.input_scale):
-            raise ValueError(
-                f"start_input must lie within +-{self.input_scale.tolist()} N, got "
-                f"{chosen.tolist()}"
-            )
-        return chosen
-
-    def _start_posture(self, options: ResetOptions, start_input: np.ndarray) -> np.ndarray:
-        """Coordinates of the plant, hinge angles (nq,) [rad] of the MuJoCo chain."""
-        if options.start_curvature is None:
-            return self._plant.equilibrium(self._tendon_map.tension(start_input))
-        limit = self.task.robot.curvature_limit
-        if np.any(np.abs(options.start_curvature) > limit):
-            raise ValueError(f"start_curvature must lie within +-{limit:g} 1/m")
-        return self._plant.bent(options.start_curvature)
-
-    def _begin(
-        self, start_input: np.ndarray, posture: np.ndarray, disturbance: Disturbance
-    ) -> None:
-        tension = self._tendon_map.tension(start_input)
+    def _start_simulation(self, start: Start, disturbance: Disturbance) -> None:
+        tension = self._tendon_map.tension(start.input)
         limit = np.array([t.tension_limit for t in self.task.robot.tendons])
         self._drives = disturbance.drives(limit, tension)
-        self._pull = self._commanded
         if self._drives is not None:
-            self._pull, tension = self._pull_through_drives, self._drives.tension[0]
-        self._simulation.reset(posture, tension)
-        self._action_array = start_input / self.input_scale
-        self._action = self._action_array.tolist()
-        self._rows = self._reference.rows()
-        self._index = 0
-        self._episode += 1
-        self._bind_observation(0)
-        self._running = True
-        self._measure()
-        self._last_observation = {name: read() for name, read in self._readers}
-
-    def _pull_through_drives(self, action: np.ndarray, out: np.ndarray) -> None:
-        out[:] = self._drives.apply(self._commanded(action))[0]
-
-    def _truth(self) -> dict[str, np.ndarray]:
-        return {} if self._noise is None else self._readout.truth()
+            tension = self._drives.tension[0]
+        self._simulation.reset(start.posture, tension)
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
         info = super()._info(terms)

@@ -10,24 +10,22 @@ from gymnasium.vector.utils import batch_space
 
 from softrobot_env.envs.disturbances import (
     NEUTRAL,
-    SENSOR_NOISE,
     Drives,
     SensorNoise,
     noise_seed,
     rounded,
 )
-from softrobot_env.envs.observations.arm import DEFAULT_OBSERVABLES
-from softrobot_env.envs.options import parse_options
+from softrobot_env.envs.observations.readouts import BatchReadout, NoisyReadout
+from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Sources, readers
+from softrobot_env.envs.options import parse_mask, parse_seeds, parse_variation
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.reference import PLANE, instants
+from softrobot_env.envs.reference import instants
 from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.setting import DEFAULT_RULE, TensionSetting
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.envs.vector_options import parse_mask, parse_seeds, parse_variation
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import VARIABLE
 from softrobot_env.robots.actuation import TendonMap
-from softrobot_env.scene.tendons import straight_length
 from softrobot_env.tasks import Task
 
 #: Reset options that hold for all environments of a call alike.
@@ -69,7 +67,10 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         randomization: Randomization | None = None,
         threads: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        **scene: Any,
+        pieces: int | None = None,
+        rule: str = DEFAULT_RULE,
+        timestep: float | None = None,
+        integrator: str | None = None,
     ) -> None:
         """Build the environments.
 
@@ -79,7 +80,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 `TrackingEnv`.
             threads: Of the pool, 0 for one per core.
             autoreset_mode: One of `AutoresetMode`, or its value.
-            **scene: `pieces`, `rule`, `timestep` and `integrator` of `TrackingEnv`.
+            pieces, rule, timestep, integrator: As those of `TrackingEnv`.
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
@@ -88,39 +89,35 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             raise ValueError(f"num_envs must be 1 or more, got {num_envs!r}")
         self._reward = TrackingReward() if reward is None else reward
         self._randomization = randomization
-        self._one = TrackingEnv(
+        self._setting = setting = TensionSetting(
             task,
             control_period=control_period,
             observe=observe,
             preview=preview,
-            reward=self._reward,
-            **scene,
+            pieces=pieces,
+            rule=rule,
+            timestep=timestep,
+            integrator=integrator,
         )
-        self.num_envs, self.task = int(num_envs), self._one.task
-        self.control_period, self.input_scale = control_period, self._one.input_scale
+        self.num_envs, self.task = int(num_envs), setting.task
+        self.control_period, self.input_scale = control_period, setting.input_scale
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
-        self.single_observation_space = self._one.observation_space
-        self.single_action_space = self._one.action_space
+        self.single_observation_space = setting.observation_space
+        self.single_action_space = setting.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._simulation = BatchSimulation(self._one.scene, self.num_envs, threads)
+        self._simulation = BatchSimulation(setting.plant.nominal, self.num_envs, threads)
         self._prepare()
 
     def _prepare(self) -> None:
         """State of the episodes, and what a step would otherwise look up."""
         n, m = self.num_envs, len(self.input_scale)
-        layout, robot = self._one.scene.layout, self.task.robot
-        self._limit = robot.curvature_limit
+        robot, self._table = self.task.robot, self._setting.reference
         self._pull = TendonMap(robot).per_action().tensions
-        self._pieces = layout.pieces
-        # The mean curvature of a piece is the angle of its hinges over its length.
-        self._mean = (layout.piece[:, None] == np.arange(layout.pieces)) / layout.piece_length
         self._nobody = np.zeros(n, dtype=bool)
         self._nobody.flags.writeable = False
         self._everyone = np.ones(n, dtype=bool)
-        self._full_length = np.array([t.end - straight_length(t) for t in robot.tendons])
-        self._table = self._one._reference
         self._times = np.arange(self._table.last_index + 1) * self.control_period
         self._index = np.zeros(n, dtype=np.int64)
         self._last = np.zeros(n, dtype=np.int64)
@@ -129,12 +126,25 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._variation = {name: np.full(n, value) for name, value in NEUTRAL.items()}
         self._tension_limit = np.array([t.tension_limit for t in robot.tendons])
         self._drives: Drives | None = None
-        self._noise: SensorNoise | None = None
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Observation | None = None
-        self._names = tuple(self.single_observation_space)
+        self._exact = BatchReadout(self._simulation, robot)
+        self._measure_with(None)
         self._usual = self._start({})
+
+    def _measure_with(self, noise: SensorNoise | None) -> None:
+        """Let sensors have noise or none."""
+        self._noise = noise
+        exact = self._exact
+        self._readout = exact if noise is None else NoisyReadout(exact, noise, slice(None))
+        columns = self._table.rows()
+        sources = Sources(
+            self._readout,
+            lambda column: lambda: columns[column].take(self._index, axis=0),
+            lambda: self._action.copy(),
+        )
+        self._readers = readers(self.single_observation_space, sources)
 
     # ------------------------------------------------------------------ episodes
 
@@ -184,8 +194,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         Raises:
             ValueError: A bad option; the message names what is allowed.
         """
-        one = self._one
-        parsed = parse_options(options, len(self.input_scale), self._pieces)
+        parsed = self._setting.parse_options(options)
         if parsed.step_width is not None:
             raise ValueError("step_width is an option of the single environment only")
         last = self._table.last_index
@@ -196,8 +205,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                     f"duration must be at most the task's, {self.task.duration:g} s, got "
                     f"{parsed.duration:g}: only single environments go on longer"
                 )
-        start_input = one._start_input(parsed, self.task)
-        return _Start(start_input, one._start_posture(parsed, start_input), last)
+        return _Start(*self._setting.start(parsed, self.task), last)
 
     def _begin(
         self,
@@ -214,7 +222,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 for name, value in rounded(drawn, self.control_period).items():
                     self._variation[name][i] = value
         self._simulation.vary(which, {name: self._variation[name][which] for name in VARIABLE})
-        tension = self._start_drives(which, self._one._tendon_map.tension(start.input))
+        tension = self._start_drives(which, self._setting.tendon_map.tension(start.input))
         self._simulation.reset(which, start.posture, tension)
         self._start_noise(which)
         self._index[which], self._last[which] = 0, start.last
@@ -237,10 +245,11 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         """Start the sensors' noise of the environments `which` (k,)."""
         scale = self._variation["sensor_noise"]
         if not scale.any():
-            self._noise = None
+            if self._noise is not None:
+                self._measure_with(None)
             return
         if self._noise is None:
-            self._noise = SensorNoise(self.num_envs, self._pieces)
+            self._measure_with(SensorNoise(self.num_envs, self._setting.plant.layout.pieces))
         for i in which.tolist():
             seed = noise_seed(self._generators[i]) if scale[i] else None
             self._noise.start(i, scale[i], seed)
@@ -279,7 +288,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         before = self._observation
         self._observation = self._observe()
-        terminated = failed | self._sharp
+        terminated = failed | self._exact.sharp
         truncated = (self._index >= self._last) & ~terminated
         terms = self._reward.batch_terms(self._error, self._action, previous)
         failures = None
@@ -311,15 +320,9 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         return out
 
     def _what_failed(self, i: int) -> str:
-        when = f"at t = {self._index[i] * self.control_period:.3f} s"
-        curvature = self._curvature[i]
-        piece = int(np.argmax(np.abs(curvature)))
-        if abs(curvature[piece]) > self._limit:
-            return (
-                f"left the workspace: curvature {curvature[piece]:.4g} 1/m of piece {piece + 1} is "
-                f"beyond +-{self._limit:g} 1/m {when}"
-            )
-        return f"simulation diverged in the control period ending {when}"
+        time = self._index[i] * self.control_period
+        left = self._exact.what_left(i, time)
+        return left or f"simulation diverged in the control period ending at t = {time:.3f} s"
 
     def _restart(self, last: dict[str, Any]) -> dict[str, Any]:
         """Reset ended episodes within the step; `info` of the new ones, and `last` of the ends."""
@@ -351,41 +354,16 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     # ------------------------------------------------------------------ read-outs
 
     def _observe(self, started: np.ndarray | None = None) -> Observation:
-        """New arrays (n, ...), which the caller may keep; updates error and curvature too.
+        """New arrays (n, ...), which the caller may keep; updates error and read-outs too.
 
         Args:
             started: (k,) int, the environments at another instant than in the last observation;
                 all unless given.
         """
-        s, table, index = self._simulation, self._table, self._index
-        tip = s.sensordata[:, 0:3][:, PLANE].copy()
-        self._curvature = curvature = s.qpos @ self._mean
-        # Any NaN fails the first test, and then every robot is looked at by itself.
-        gentle = _largest(curvature) <= self._limit
-        self._sharp = self._nobody if gentle else (np.abs(curvature) > self._limit).any(axis=1)
-        reference = table.position.take(index, axis=0)
-        gap = tip - reference
+        self._readout.update(started)
+        gap = self._exact.tip - self._table.position.take(self._index, axis=0)
         self._error = np.hypot(gap[:, 0], gap[:, 1])
-        readers = {
-            "tip_position": lambda: tip,
-            "tip_velocity": lambda: s.sensordata[:, 3:6][:, PLANE].copy(),
-            "curvature": lambda: curvature,
-            "curvature_rate": lambda: s.qvel @ self._mean,
-            "tendon_tension": s.actuator_force.copy,
-            "tendon_length": lambda: s.ten_length + self._full_length,
-            "reference": lambda: reference,
-            "reference_velocity": lambda: table.velocity.take(index, axis=0),
-            "reference_preview": lambda: table.preview.take(index, axis=0),
-            "previous_action": self._action.copy,
-        }
-        seen = {name: readers[name]() for name in self._names}
-        if self._noise is not None:
-            self._truth = {"tip_position": tip.copy(), "curvature": curvature.copy()}
-            self._noise.advance(started)
-            for name in SENSOR_NOISE:
-                if name in seen:
-                    seen[name] = seen[name] + self._noise.on(name)
-        return seen
+        return {name: read() for name, read in self._readers}
 
     def _info(self, terms: dict[str, np.ndarray] | None) -> dict[str, Any]:
         everyone = self._everyone.copy()
@@ -394,9 +372,9 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             "_time": everyone,
             "error": self._error,
             "_error": everyone,
-            "tendon_tension": self._simulation.actuator_force.copy(),
+            "tendon_tension": self._exact.tendon_tension(),
             "_tendon_tension": everyone,
-            "tendon_length": self._simulation.ten_length + self._full_length,
+            "tendon_length": self._exact.true_length(),
             "_tendon_length": everyone,
         }
         if self._randomization is not None:
@@ -405,8 +383,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         if terms is not None:
             info |= {"reward_terms": terms, "_reward_terms": everyone}
         if self._noise is not None:
-            info |= self._truth
-            info |= {f"_{name}": self._noise.noisy.copy() for name in self._truth}
+            truth = self._readout.truth()
+            info |= truth | {f"_{name}": self._noise.noisy.copy() for name in truth}
         return info
 
 

@@ -3,30 +3,10 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from softrobot_env.tasks.rig import RIG_TASKS
+from softrobot_env.tasks import OPTIONS, RIG_TASKS
 
 #: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
 REAL, VIRTUAL = "real", "virtual"
-
-#: Option of a task -> column of a row.
-_COLUMNS = {
-    "seed": "path_seed",
-    "step_width": "step_width",
-    "radius": "radius",
-    "speed": "speed",
-    "period": "period",
-    "hold": "hold",
-}
-
-#: Column -> how people read it, in the order of a label.
-_OPTIONS: dict[str, Callable[[float], str]] = {
-    "path_seed": lambda v: f"{v}",
-    "step_width": lambda v: f"{1e3 * v:g} mm",
-    "radius": lambda v: f"{1e3 * v:g} mm",
-    "speed": lambda v: f"{v:g} m/s",
-    "period": lambda v: f"{v:g} s",
-    "hold": lambda v: f"{v:g} s",
-}
 
 #: Variation -> how people read it: factors, and amounts in people's units.
 _VARIATIONS: dict[str, Callable[[float], str]] = {
@@ -43,12 +23,13 @@ _VARIATIONS: dict[str, Callable[[float], str]] = {
 
 def option_columns(options: Mapping[str, float]) -> dict[str, float | None]:
     """Columns of a row for the options of any task, None where the task has none."""
-    return {column: options.get(option) for option, column in _COLUMNS.items()}
+    return {option.column: options.get(name) for name, option in OPTIONS.items()}
 
 
 def task_label(row: Mapping[str, Any]) -> str:
     """Task with its options, for people."""
-    told = [text(row[name]) for name, text in _OPTIONS.items() if row.get(name) is not None]
+    values = {option: row.get(option.column) for option in OPTIONS.values()}
+    told = [option.text(value) for option, value in values.items() if value is not None]
     return " ".join([row["task"], *told])
 
 

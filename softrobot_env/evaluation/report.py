@@ -22,7 +22,6 @@ from softrobot_env.evaluation.metrics import (
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.thesis_rows import thesis_rows
 from softrobot_env.tasks import Task
-from softrobot_env.tasks.rig import RigTask
 
 Row = dict[str, Any]
 
@@ -56,12 +55,12 @@ _COLUMNS = {
 
 
 def make_row(
-    rollout: Rollout, task: Task | RigTask, policy: str, plant: str, variation: dict[str, float]
+    rollout: Rollout, task: Task, policy: str, plant: str, variation: dict[str, float]
 ) -> Row:
     """One row of `evaluate`; after a failure every metric of the motion is None."""
     failed = rollout.failure is not None
     tracking = _metrics(TrackingMetrics, None if failed else tracking_metrics(rollout))
-    step, step_width = None, task.step_width if isinstance(task, Task) else None
+    step, step_width = None, task.step_width
     if step_width is not None and not failed:
         step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
     return {

@@ -15,8 +15,7 @@ import numpy as np
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
-from softrobot_env.tasks import LONGEST
-from softrobot_env.tasks.rig import RigTask, SetPoints
+from softrobot_env.tasks import LONGEST, SetPoints, Task
 
 #: [s], of the commands to the servos and of the pictures that are used.
 PERIOD = 0.02
@@ -128,7 +127,7 @@ def started(twin: Twin | int | None, duration: float, seed: int) -> RigEnv:
     """A rig in the straight pose, with nothing to follow for `duration` [s]."""
     still = SetPoints(((0.0, 0.0, 0.0),), 1.0)
     env = RigEnv(
-        RigTask("visit", RIG, still, duration),
+        Task("visit", RIG, still, duration, (0.0, 0.0, 0.0), axes="xy"),
         twin=twin,
         control_period=PERIOD,
         observe=("tip_position",),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import stacked_curves, tip_curves
 from softrobot_env.rendering.figures import new_figure, save, styles
-from softrobot_env.tasks.rig import RigTask
+from softrobot_env.tasks import Task
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +19,7 @@ _COLUMNS, _SIDE = 4, 2.6
 
 
 def plot_rig_task(
-    rollouts: dict[str, Rollout], task: RigTask, title: str, out: Path, stem: str
+    rollouts: dict[str, Rollout], task: Task, title: str, out: Path, stem: str
 ) -> list[Path]:
     """Write three pictures of episodes on the same task.
 
@@ -50,12 +50,12 @@ def plot_rig_task(
     return save(figures, out, stem)
 
 
-def _shown(task: RigTask, rollout: Rollout) -> slice:
+def _shown(task: Task, rollout: Rollout) -> slice:
     """Samples to show."""
     return slice(int(rollout.time.searchsorted(getattr(task.trajectory, "approach", 0.0))), None)
 
 
-def _plot_path(rollouts: dict[str, Rollout], task: RigTask, title: str) -> "Figure":
+def _plot_path(rollouts: dict[str, Rollout], task: Task, title: str) -> "Figure":
     """One panel for each episode: laps would cover those of other policies."""
     columns = min(_COLUMNS, len(rollouts))
     rows = ceil(len(rollouts) / columns)
@@ -77,7 +77,7 @@ def _plot_path(rollouts: dict[str, Rollout], task: RigTask, title: str) -> "Figu
     return figure
 
 
-def _draw_reference(axis: "Axes", task: RigTask) -> None:
+def _draw_reference(axis: "Axes", task: Task) -> None:
     """Path of the reference after its approach, or the points it jumps to."""
     path = 1e3 * task.trajectory.path()[:, :2]
     if getattr(task.trajectory, "approach", 0.0):

@@ -133,26 +133,27 @@ def posture(model: mujoco.MjModel, angles: np.ndarray) -> np.ndarray:
 
 
 def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> np.ndarray:
-    """Matrix (2 pieces, nv) [1/m] from the hinge angles of a spatial chain to mean curvatures.
+    """Matrix (n, nv) [1/m] from the hinge angles of a chain to mean curvatures of equal pieces.
 
-    Rows are beta (towards +x) and gamma (towards +y) of equal pieces, piece by piece. The mean of a
-    piece is the angle of its hinges over its length.
+    Rows are the pieces of a planar chain; of a spatial one beta (towards +x) and gamma (towards
+    +y), piece by piece. The mean of a piece is the angle of its hinges over its length.
 
     Raises:
-        ValueError: The chain is planar or has ball joints, or its own pieces do not divide these.
+        ValueError: The chain has ball joints, or its own pieces do not divide these.
     """
     joints = _joints(model)
-    if "side" not in joints or layout.pieces % pieces:
+    if "hinge" not in joints or layout.pieces % pieces:
         raise ValueError(
-            f"need a spatial chain of hinges, and a multiple of {pieces} pieces, got joints "
+            f"need a chain of hinges, and a multiple of {pieces} pieces, got joints "
             f"{', '.join(joints)} and {layout.pieces} pieces"
         )
-    turn = _turn(model, 2) * pieces / layout.weights.sum()
-    matrix = np.zeros((pieces, 2, model.nv))
+    kinds = [kind for kind in ("hinge", "side") if kind in joints]
+    turn = _turn(model, len(kinds)) * pieces / layout.weights.sum()
+    matrix = np.zeros((pieces, len(kinds), model.nv))
     for station, piece in enumerate(layout.piece // (layout.pieces // pieces)):
-        for column, kind in enumerate(("hinge", "side")):
+        for column, kind in enumerate(kinds):
             matrix[piece, :, joints[kind][station]] = turn[:, column]
-    return matrix.reshape(2 * pieces, model.nv)
+    return matrix.reshape(-1, model.nv)
 
 
 def _turn(model: mujoco.MjModel, size: int) -> np.ndarray:

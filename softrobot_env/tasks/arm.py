@@ -1,10 +1,6 @@
-"""Tasks: a robot, a reference trajectory, a duration and a start posture (audit sec. 4)."""
-
-from collections.abc import Callable
-from dataclasses import dataclass
+"""Tasks of the planar arm (audit sec. 4)."""
 
 from softrobot_env.robots import ARM, RobotParams
-from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks.smooth_paths import (
     FourierPath,
     SmoothRun,
@@ -12,59 +8,8 @@ from softrobot_env.tasks.smooth_paths import (
     figure_eight,
     random_path,
 )
-from softrobot_env.tasks.trajectories import CurveSweep, EqualForceCurve, Polyline, Step, Trajectory
-
-#: Longest episode [s]; its reference is sampled beforehand.
-LONGEST = 3600.0
-
-
-@dataclass(frozen=True)
-class Task:
-    """What an environment asks of a policy.
-
-    Attributes:
-        name: Key in `TASKS` or `UNSEEN_TASKS`.
-        robot: The robot.
-        trajectory: Reference of the tip.
-        duration: [s] of an episode.
-        start_input: (n_inputs,) [N], reduced tendon inputs in whose equilibrium the episode
-            starts at rest.
-        step_width: [m] of the step task, None for the others.
-        speed: [m/s] where the reference is fastest; None for the thesis' tasks.
-        seed: Of the path of the random task, None for the others.
-    """
-
-    name: str
-    robot: RobotParams
-    trajectory: Trajectory
-    duration: float
-    start_input: tuple[float, ...]
-    step_width: float | None = None
-    speed: float | None = None
-    seed: int | None = None
-
-    def __post_init__(self) -> None:
-        inputs = TendonMap(self.robot).n_inputs
-        if inputs == 0 or len(self.start_input) != inputs:
-            raise ValueError(
-                f"task {self.name!r}: robot {self.robot.name!r} has {inputs} tendon inputs, "
-                f"start_input {len(self.start_input)}; a task needs as many, and at least one"
-            )
-        if not 0 < self.duration <= LONGEST:
-            raise ValueError(
-                f"task {self.name!r}: duration must lie in (0, {LONGEST:g}] s, got "
-                f"{self.duration!r}"
-            )
-
-    @property
-    def label(self) -> str:
-        """Name for people, with seed, step width in millimetres, and speed."""
-        parts = [self.name]
-        parts += [] if self.seed is None else [f"{self.seed}"]
-        parts += [] if self.step_width is None else [f"{1e3 * self.step_width:g} mm"]
-        parts += [] if self.speed is None else [f"{self.speed:g} m/s"]
-        return " ".join(parts)
-
+from softrobot_env.tasks.spec import Maker, Task, whole
+from softrobot_env.tasks.trajectories import CurveSweep, EqualForceCurve, Polyline, Step
 
 #: Start of the step task on the equal-force curve.
 _STEP_START = 0.6
@@ -87,7 +32,7 @@ def _step(step_width: float = 0.05) -> Task:
     trajectory = Step(
         start=tuple(curve.derivative(_STEP_START, 0)), target=tuple(curve.derivative(target, 0))
     )
-    return Task("step", ARM, trajectory, 5.0, equal_input(ARM, _STEP_START), step_width)
+    return Task("step", ARM, trajectory, 5.0, equal_input(ARM, _STEP_START))
 
 
 def _swing() -> Task:
@@ -114,11 +59,11 @@ def _scaled(direction: tuple[float, float, float], size: float) -> tuple[float, 
     return tuple(size * part for part in direction)
 
 
-def _unseen(name: str, curve: FourierPath, speed: float, seed: int | None = None) -> Task:
+def _unseen(name: str, curve: FourierPath, speed: float) -> Task:
     run = SmoothRun(curve, float(speed), _LAPS)
     side = 1.0 if curve.start[0] > 0 else -1.0
     held = tuple(side * force for force in _UNSEEN_START)
-    return Task(name, ARM, run, run.end_time + _REST, held, speed=run.speed, seed=seed)
+    return Task(name, ARM, run, run.end_time + _REST, held)
 
 
 def _circle(speed: float = 0.1) -> Task:
@@ -135,54 +80,23 @@ def _figure_eight(speed: float = 0.1) -> Task:
 
 def _random(speed: float = 0.1, seed: int = 0) -> Task:
     """A smooth random path in an ellipse of 240 by 60 mm, at -x for odd seeds."""
+    seed = whole(seed)
     curve = random_path(seed, _START, _scaled(_ALONG, 0.12), _scaled(_ACROSS, 0.03))
-    return _unseen("random", curve.mirrored() if seed % 2 else curve, speed, int(seed))
+    return _unseen("random", curve.mirrored() if seed % 2 else curve, speed)
 
 
 #: The thesis' tasks (sec. 6.6.1).
-TASKS: dict[str, Callable[..., Task]] = {"step": _step, "swing": _swing, "lshape": _lshape}
+TASKS: dict[str, Maker] = {"step": _step, "swing": _swing, "lshape": _lshape}
 
 #: Smooth paths of the tip at any speed, which no policy has met in its training.
-UNSEEN_TASKS: dict[str, Callable[..., Task]] = {
+UNSEEN_TASKS: dict[str, Maker] = {
     "circle": _circle,
     "figure_eight": _figure_eight,
     "random": _random,
 }
 
+#: All tasks of the arm.
 ALL_TASKS = TASKS | UNSEEN_TASKS
 
 #: Step widths [m] of Tabs. 6.2 to 6.4.
 STEP_WIDTHS = (0.05, 0.1, 0.2)
-
-#: Option of `make_task` -> tasks it applies to.
-_OPTIONS = {"step_width": ("step",), "speed": tuple(UNSEEN_TASKS), "seed": ("random",)}
-
-
-def make_task(
-    name: str,
-    step_width: float | None = None,
-    *,
-    speed: float | None = None,
-    seed: int | None = None,
-) -> Task:
-    """Build a task by name.
-
-    Args:
-        name: One of `TASKS` or `UNSEEN_TASKS`.
-        step_width: [m], for the step task only; 0.05 unless given.
-        speed: [m/s] where the reference is fastest, for `UNSEEN_TASKS` only; 0.1 unless given.
-        seed: Of the random task's path, a whole number of zero or more; 0 unless given.
-
-    Raises:
-        ValueError: Unknown name, an option of another task, or one out of reach.
-    """
-    if name not in ALL_TASKS:
-        raise ValueError(f"unknown task {name!r}; choose from {', '.join(ALL_TASKS)}")
-    options = {"step_width": step_width, "speed": speed, "seed": seed}
-    given = {option: value for option, value in options.items() if value is not None}
-    for option in given:
-        if name not in _OPTIONS[option]:
-            raise ValueError(
-                f"{option} applies to the {', '.join(_OPTIONS[option])} task only, not to {name!r}"
-            )
-    return ALL_TASKS[name](**given)

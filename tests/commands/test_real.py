@@ -16,7 +16,7 @@ from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import VIRTUAL
 from softrobot_env.hardware.recording import read_recording
 from softrobot_env.hardware.robot_file.model import rig_file
-from softrobot_env.tasks.rig import make_rig_task
+from softrobot_env.tasks import make_task
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
@@ -63,7 +63,7 @@ def test_a_virtual_robot_ends_even_if_it_cannot_be_ramped_down(ended, monkeypatc
     def close(env):
         raise KeyboardInterrupt
 
-    env = virtual_env(make_rig_task("reach"))
+    env = virtual_env(make_task("reach"))
     assert not ended
     monkeypatch.setattr(RealRigEnv, "close", close)
     with pytest.raises(KeyboardInterrupt):
@@ -73,7 +73,7 @@ def test_a_virtual_robot_ends_even_if_it_cannot_be_ramped_down(ended, monkeypatc
 
 def test_a_virtual_robot_ends_if_its_environment_is_refused(ended):
     with pytest.raises(ValueError, match="length zero"):
-        virtual_env(replace(make_rig_task("reach"), start_length=(0.001, 0.0, 0.0)))
+        virtual_env(replace(make_task("reach"), start_input=(0.001, 0.0, 0.0)))
     assert ended == [3]
 
 

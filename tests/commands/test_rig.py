@@ -9,8 +9,7 @@ from softrobot_env.cli import main
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.robots.twin import rig3d_twin
-from softrobot_env.tasks import make_task
-from softrobot_env.tasks.rig import RIG_OPTIONS, make_rig_task
+from softrobot_env.tasks import EVERY_TASK, OPTIONS, defaults, make_task
 
 FAST = ["--option", "period=0.5", "--control-period", "0.05"]
 
@@ -185,17 +184,9 @@ def test_render_draws_the_rig(tmp_path, monkeypatch):
     assert drawn == [2] * 6
 
 
-@pytest.mark.parametrize("name", RIG_OPTIONS)
-def test_options_told_are_those_of_the_tasks(name):
-    """What the command reads from the tasks is what `make_rig_task` takes."""
-    from softrobot_env.commands.task_options import build_task, default_options
-
-    assert tuple(default_options(name)) == RIG_OPTIONS[name]
-    assert build_task(name, default_options(name)).trajectory == make_rig_task(name).trajectory
-
-
-@pytest.mark.parametrize("name", ["step", "swing", "random"])
-def test_default_options_make_the_tasks_of_the_arm(name):
-    from softrobot_env.commands.task_options import build_task, default_options
-
-    assert build_task(name, default_options(name)) == make_task(name)
+def test_options_are_declared_once():
+    """Labels, columns and files know every option that a task has, and its default."""
+    for name, make in EVERY_TASK.items():
+        assert set(defaults(make)) <= set(OPTIONS)
+        assert dict(make_task(name).options) == defaults(make)
+        assert make_task(name, **defaults(make)) == make_task(name)

@@ -19,11 +19,10 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM, RIG
 from softrobot_env.tasks import make_task
-from softrobot_env.tasks.rig import make_rig_task
 
 #: Long enough for several decisions of the slowest policy.
 SHORT = replace(make_task("swing"), duration=0.6)
-RIG_SHORT = replace(make_rig_task("triangle"), duration=0.6)
+RIG_SHORT = replace(make_task("triangle"), duration=0.6)
 
 ROBOTS = dict.fromkeys(POLICIES, ARM) | dict.fromkeys(RIG_POLICIES, RIG)
 
@@ -244,7 +243,7 @@ def test_references_out_of_reach_are_reported(name, policy, env):
     observation, _ = env.reset()
     far = np.array([0.45, 0.45] if ROBOTS[name] is ARM else [0.175, 0.175])
     state, statuses = None, set()
-    for _ in range(len(env._rows["reference"]) - 1):
+    for _ in range(len(env._rows["position"]) - 1):
         observation["reference"] = far
         observation["reference_preview"] = np.tile(far, observation["reference_preview"].size // 2)
         action, state = policy.predict(observation, state)

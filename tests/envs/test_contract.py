@@ -17,7 +17,7 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 from gymnasium.wrappers import FlattenObservation, RecordEpisodeStatistics
 
-from softrobot_env.envs.observations.arm import DEFAULT_OBSERVABLES, OBSERVABLES
+from softrobot_env.envs.observations.table import ARM_OBSERVABLES, DEFAULT_OBSERVABLES
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
 
@@ -323,9 +323,9 @@ def test_tensions_are_the_pair_formula_of_the_action(env_id, make_env):
 @pytest.mark.parametrize(
     ("observe", "names"),
     [
-        ("all", tuple(OBSERVABLES)),
+        ("all", ARM_OBSERVABLES),
         (DEFAULT_OBSERVABLES, DEFAULT_OBSERVABLES),
-        *(((name,), (name,)) for name in OBSERVABLES),
+        *(((name,), (name,)) for name in ARM_OBSERVABLES),
         (["reference", "curvature"], ("reference", "curvature")),
     ],
     ids=str,
@@ -354,7 +354,7 @@ def test_default_observables(make_env):
 def test_bad_observe_lists_the_allowed(observe, make_env):
     with pytest.raises(ValueError, match="observe") as caught:
         make_env(observe=observe)
-    assert all(name in str(caught.value) for name in OBSERVABLES)
+    assert all(name in str(caught.value) for name in ARM_OBSERVABLES)
 
 
 @pytest.mark.parametrize("preview", [(), (-0.1,), (0.1, np.nan), (np.inf,)])

@@ -12,9 +12,8 @@ from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.rig_plots import plot_rig_task
 from softrobot_env.tasks import make_task
-from softrobot_env.tasks.rig import make_rig_task
 
-TASK = make_rig_task("triangle", period=1.0)
+TASK = make_task("triangle", period=1.0)
 
 
 def record(task, duration, failure=None):
@@ -38,7 +37,7 @@ def test_errors_of_the_approach_do_not_count():
 
 
 @pytest.mark.parametrize(
-    ("task", "duration"), [(TASK, 9.0), (make_rig_task("reach"), 14.0), (make_task("swing"), 14.0)]
+    ("task", "duration"), [(TASK, 9.0), (make_task("reach"), 14.0), (make_task("swing"), 14.0)]
 )
 def test_without_what_follows_an_approach_there_is_no_tracking_error(task, duration):
     values = approached_metrics(record(task, duration), task.trajectory)
@@ -148,7 +147,7 @@ def test_every_episode_has_a_view_from_above_with_equal_axes(drawn, tmp_path):
 
 
 def test_set_points_are_drawn_as_points(drawn, tmp_path):
-    task = make_rig_task("reach")
+    task = make_task("reach")
     plot_rig_task({"hybrid": record(task, 14.0)}, task, "title", tmp_path, "a")
     points = drawn["a_path.png"].axes[0].lines[1]
     assert points.get_linestyle() == "None" and len(points.get_xdata()) == 10

@@ -6,39 +6,38 @@ import numpy as np
 import pytest
 
 from softrobot_env.robots import RIG, WORKSPACE
-from softrobot_env.tasks.rig import (
-    RIG_OPTIONS,
+from softrobot_env.tasks import (
     RIG_TASKS,
-    RigTask,
     SetPoints,
-    make_rig_task,
-    remake_rig_task,
+    Task,
+    make_task,
+    remake_task,
 )
 from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
 
 
 def test_tasks_are_those_of_the_audit():
-    triangle = make_rig_task("triangle", period=1.0)
+    triangle = make_task("triangle", period=1.0)
     assert triangle.trajectory == RoundedTriangle(period=1.0)
     assert triangle.duration == pytest.approx(17.0)
-    assert make_rig_task("triangle").duration == pytest.approx(45.0)
-    assert triangle.label == "triangle period 1"
-    circle = make_rig_task("rig_circle")
+    assert make_task("triangle").duration == pytest.approx(45.0)
+    assert triangle.label == "triangle 1 s"
+    circle = make_task("rig_circle")
     assert circle.trajectory == LapCircle(radius=0.12, speed=0.05)
     assert circle.duration == pytest.approx(35.08, abs=0.01)
     for name, make in RIG_TASKS.items():
-        assert make_rig_task(name) == make()
-        assert make_rig_task(name).robot is RIG
+        assert make_task(name).trajectory == make().trajectory
+        assert make_task(name).robot is RIG
 
 
 def test_set_points_fill_the_workspace():
-    points = np.concatenate([make_rig_task("reach", seed=s).trajectory.points for s in range(100)])
+    points = np.concatenate([make_task("reach", seed=s).trajectory.points for s in range(100)])
     square = np.sum(points**2, axis=1) / WORKSPACE**2
     assert square.max() < 1
     # Uniform in the disc: the squared distance is uniform in [0, 1].
     assert square.mean() == pytest.approx(0.5, abs=0.03)
     assert np.abs(points.mean(axis=0)).max() < 0.1 * WORKSPACE
-    assert make_rig_task("reach", seed=1) == make_rig_task("reach", seed=1)
+    assert make_task("reach", seed=1) == make_task("reach", seed=1)
 
 
 def test_set_points_are_held():
@@ -67,21 +66,20 @@ def test_set_points_are_held():
 )
 def test_bad_tasks_are_named(name, options, message):
     with pytest.raises(ValueError, match=message):
-        make_rig_task(name, **options)
-    assert set(RIG_OPTIONS) == set(RIG_TASKS)
+        make_task(name, **options)
 
 
 def test_a_task_needs_its_robots_tendons():
-    with pytest.raises(ValueError, match="3 tendons, start_length 2"):
-        RigTask("short", RIG, RoundedTriangle(), 1.0, (0.0, 0.0))
+    with pytest.raises(ValueError, match="3 tendon inputs, start_input 2"):
+        Task("short", RIG, RoundedTriangle(), 1.0, (0.0, 0.0), axes="xy")
     with pytest.raises(ValueError, match="duration"):
-        RigTask("short", RIG, RoundedTriangle(), 0.0)
+        Task("short", RIG, RoundedTriangle(), 0.0, (0.0,) * 3, axes="xy")
 
 
 @pytest.mark.parametrize("length", [np.nan, np.inf, 0.031, -0.031])
 def test_starts_out_of_range_are_refused(length):
-    with pytest.raises(ValueError, match=r"start_length must lie within \+-0.03 m"):
-        RigTask("far", RIG, RoundedTriangle(), 1.0, (0.0, length, 0.0))
+    with pytest.raises(ValueError, match=r"start_input must lie within \+-0.03 m"):
+        Task("far", RIG, RoundedTriangle(), 1.0, (0.0, length, 0.0), axes="xy")
 
 
 @pytest.mark.parametrize("point", [(0.1, 0.0), (0.1, np.nan, 0.0), (np.inf, 0.0, 0.0)])
@@ -91,8 +89,8 @@ def test_set_points_need_three_finite_coordinates(point):
 
 
 def test_a_remade_task_keeps_robot_and_start():
-    kept = {"robot": replace(RIG, pieces=2), "start_length": (0.01, 0.0, 0.0)}
-    task = replace(make_rig_task("rig_circle", radius=0.1), **kept)
-    made = make_rig_task("rig_circle", radius=0.1, speed=0.2)
-    assert remake_rig_task(task, speed=0.2) == replace(made, **kept)
-    assert remake_rig_task(task, radius=0.08).trajectory.radius == 0.08
+    kept = {"robot": replace(RIG, pieces=2), "start_input": (0.01, 0.0, 0.0)}
+    task = replace(make_task("rig_circle", radius=0.1), **kept)
+    made = make_task("rig_circle", radius=0.1, speed=0.2)
+    assert remake_task(task, speed=0.2) == replace(made, **kept)
+    assert remake_task(task, radius=0.08).trajectory.radius == 0.08

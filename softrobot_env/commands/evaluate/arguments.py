@@ -14,11 +14,10 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.commands.setups.choice import ENVIRONMENTS, SIMULATED
-from softrobot_env.commands.task_options import OPTIONS, TASK_NAMES, Given, merge, option
+from softrobot_env.commands.task_options import Given, merge, option
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 from softrobot_env.envs.disturbances import NEUTRAL
-from softrobot_env.tasks import ALL_TASKS, TASKS, UNSEEN_TASKS
-from softrobot_env.tasks.rig import RIG_TASKS
+from softrobot_env.tasks import ALL_TASKS, EVERY_TASK, RIG_TASKS, TASKS, UNSEEN_TASKS, WITH_OPTION
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -49,7 +48,7 @@ def _add_cases(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tasks",
         nargs="+",
-        type=names_or_all(list(TASK_NAMES)),
+        type=names_or_all(list(EVERY_TASK)),
         default=["all"],
         metavar="TASK",
         help=f"of the arm: {', '.join(ALL_TASKS)}; of the test rig: {', '.join(RIG_TASKS)}; "
@@ -75,7 +74,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=V1,V2",
         help="values of an option of tasks, in SI units: "
-        + "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in OPTIONS.items()),
+        + "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in WITH_OPTION.items()),
     )
     parser.add_argument(
         "--step-widths",

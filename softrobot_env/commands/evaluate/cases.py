@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from softrobot_env.commands.arguments import expand_all
 from softrobot_env.commands.evaluate.arguments import given_options
 from softrobot_env.commands.setups.case import Case, Setup, setup_of
-from softrobot_env.commands.task_options import build_task, check_used, combinations, merge
+from softrobot_env.commands.task_options import check_used, combinations, merge
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES, installed_policies
 from softrobot_env.envs.disturbances import NEUTRAL
-from softrobot_env.tasks import STEP_WIDTHS, TASKS
+from softrobot_env.tasks import STEP_WIDTHS, TASKS, make_task
 
 
 def make_cases(args: argparse.Namespace, setups: tuple[Setup, ...]) -> list[Case]:
@@ -48,10 +48,10 @@ def _of_task(
 ) -> Iterator[Case]:
     conditions = list(itertools.product(setup.twins(), _variations(args.vary)))
     for options in combinations(name, given):
-        task = build_task(name, options)
+        task = make_task(name, **options)
         for policy in policies:
             for twin, variation in conditions:
-                yield Case(task, options, policy, variation, twin)
+                yield Case(task, policy, variation, twin)
 
 
 def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:

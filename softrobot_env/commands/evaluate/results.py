@@ -8,7 +8,6 @@ from softrobot_env.evaluation import report
 from softrobot_env.evaluation.labels import rig_label, robot_label, task_label
 from softrobot_env.evaluation.metrics import ApproachedMetrics, approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.tasks.rig import RigTask
 
 
 @dataclass(frozen=True)
@@ -62,7 +61,7 @@ def _plot_group(rollouts: dict[str, Rollout], one: Outcome, out: Path, stem: str
     from softrobot_env.rendering.plots import plot_task
     from softrobot_env.rendering.rig_plots import plot_rig_task
 
-    if isinstance(one.case.task, RigTask):
+    if one.case.task.axes == "xy":
         plot_rig_task(rollouts, one.case.task, one.group, out, stem)
     else:
         plot_task(rollouts, one.case.task, out, stem)

@@ -99,11 +99,11 @@ def _soak(
     from softrobot_env.envs.real import RealRigEnv
     from softrobot_env.evaluation.episode import play
     from softrobot_env.robots import RIG
-    from softrobot_env.tasks.rig import RigTask
+    from softrobot_env.tasks import Task
     from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 
     run = RoundedTriangle(period=_PERIOD, laps=max(0, int(seconds / _PERIOD)))
-    task = RigTask("soak", RIG, run, seconds)
+    task = Task("soak", RIG, run, seconds, (0.0, 0.0, 0.0), axes="xy")
     # Missed steps do not end the run: a promise judges them.
     steps = round(seconds / file.control_period)
     # A stall shall count as missed steps and late answers, and not end the run.

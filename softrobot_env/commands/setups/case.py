@@ -3,11 +3,9 @@
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from softrobot_env.commands.task_options import Options
 from softrobot_env.evaluation.labels import option_columns, rig_label, task_label
 from softrobot_env.interfaces import Policy
 from softrobot_env.tasks import Task
-from softrobot_env.tasks.rig import RigTask
 
 if TYPE_CHECKING:
     import gymnasium
@@ -19,14 +17,12 @@ class Case:
 
     Attributes:
         task: The task.
-        options: All options it was made with.
         policy: Name of the policy.
         variation: What differs from the nominal arm.
         twin: Seed of the rig's twin; None for an ideal rig, and for the arm.
     """
 
-    task: Task | RigTask
-    options: Options
+    task: Task
     policy: str
     variation: dict[str, float] = field(default_factory=dict)
     twin: int | None = None
@@ -34,7 +30,11 @@ class Case:
     @property
     def columns(self) -> dict[str, Any]:
         """What a row of the report says of task and rig."""
-        return {"task": self.task.name, **option_columns(self.options), "twin": self.twin}
+        return {
+            "task": self.task.name,
+            **option_columns(dict(self.task.options)),
+            "twin": self.twin,
+        }
 
 
 class Setup(Protocol):

@@ -14,8 +14,7 @@ from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.labels import learnt_label
 from softrobot_env.interfaces import Policy
 from softrobot_env.robots.twin import twin_or_ideal
-from softrobot_env.tasks import ALL_TASKS
-from softrobot_env.tasks.rig import RIG_TASKS
+from softrobot_env.tasks import ALL_TASKS, RIG_TASKS
 
 if TYPE_CHECKING:
     from softrobot_env.control.rig.identified import Learnt

@@ -9,22 +9,13 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from softrobot_env.envs.observations.rig import DEFAULT_RIG_OBSERVABLES
-from softrobot_env.envs.options import action_values, check_arguments, known_options
-from softrobot_env.envs.real.options import (
-    OPTIONS,
-    check_limits,
-    check_timing,
-    choose_robot_file,
-    choose_task,
-    task_for,
-    wants_clear,
-)
+from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Sources, readers
+from softrobot_env.envs.options import action_values
 from softrobot_env.envs.real.session import RealSession, TooLateError
-from softrobot_env.envs.real.spaces import TENSION, real_spaces
+from softrobot_env.envs.real.setting import TENSION, RealSetting, check_limits
 from softrobot_env.envs.real.step_clock import StepClock
 from softrobot_env.envs.real.tip_filter import Sights, check_ages
-from softrobot_env.envs.reference import TOP, ReferenceTable, sample_reference
+from softrobot_env.envs.reference import TOP, ReferenceTable
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Capability, Fault
@@ -34,7 +25,7 @@ from softrobot_env.hardware.tip import TipSource
 from softrobot_env.hardware.transport import SerialTransport, Transport
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import LENGTH_SCALE
-from softrobot_env.tasks.rig import RigTask
+from softrobot_env.tasks import Task
 
 
 class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
@@ -78,7 +69,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def __init__(
         self,
-        task: str | RigTask = "triangle",
+        task: str | Task = "triangle",
         *,
         port: str | None = None,
         robot_file: str | Path | RobotFile | None = None,
@@ -109,26 +100,31 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             reward: Weights and scales of the reward.
             max_missed: Control periods that may be missed in an episode.
             oldest: [s], oldest measurement that is still good.
-            **task_options: Of a task given by name, see `rig_tasks.make_rig_task`.
+            **task_options: Of a task given by name, see `tasks.make_task`.
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
             FileNotFoundError: No such robot file.
         """
-        self.task = choose_task(task, task_options)
-        file = choose_robot_file(robot_file, port, self.task)
-        self.control_period = file.control_period if control_period is None else control_period
-        check_arguments(self.control_period, preview, (1, 1))
-        check_timing(file, self.control_period)
+        setting = self._setting = RealSetting(
+            task,
+            task_options,
+            robot_file,
+            port,
+            control_period=control_period,
+            observe=observe,
+            preview=preview,
+        )
         check_limits(max_missed, oldest)
+        self.task, self.control_period = setting.task, setting.control_period
+        self.observation_space = setting.observation_space
+        self.action_space = setting.action_space
         self._max_missed, self._oldest = max_missed, oldest
-        self._preview = np.array(preview, dtype=float)
         self._reward = TrackingReward() if reward is None else reward
+        file = setting.file
         self._session = RealSession(
             file, line or (lambda: SerialTransport(file.port, file.baud)), tip
         )
-        made = real_spaces(observe, self.task.robot, len(self._preview))
-        self.observation_space, self.action_space, self._reach = made
         self._clock = StepClock(self.control_period)
         self._running, self._fault = False, None
 
@@ -141,7 +137,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 
         Args:
             seed: Of `np_random`, from which nothing is drawn.
-            options: See `OPTIONS`.
+            options: `REAL_OPTIONS` of `envs.options`, see there.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.
@@ -150,14 +146,12 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
                 rest.
         """
         super().reset(seed=seed)
-        given = known_options(options, OPTIONS)
-        clear = wants_clear(given)
-        task = task_for(self.task, given)
-        reference = sample_reference(task, self.control_period, self._preview, self.axes)
+        parsed = self._setting.parse_options(options)
+        reference = self._setting.reference_of(parsed.changed(self.task))
         self._running = False
-        if self._fault is not None and not clear:
+        if self._fault is not None and not parsed.clear_fault:
             raise RobotFaultError(self._fault)
-        self._session.prepare(clear)
+        self._session.prepare(parsed.clear_fault)
         self._check_forces()
         self._begin(reference)
         return self._observe(), self._info({}, monotonic())
@@ -168,7 +162,13 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._action = [0.0] * self.action_space.shape[0]
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
-        self._sights = Sights(self._session.sight(), self._reach)
+        self._sights = Sights(self._session.sight(), self._setting.reach)
+        sources = Sources(
+            _Measured(self._session, self._sights),
+            lambda column: lambda: self._rows[column][self._index].copy(),
+            lambda: np.array(self._action),
+        )
+        self._readers = readers(self.observation_space, sources)
         self._running = True
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -243,16 +243,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             )
 
     def _observe(self) -> Observation:
-        reading = self._session.reading
-        measured = {
-            "tip_position": self._sights.position.copy(),
-            "tip_velocity": self._sights.velocity.copy(),
-            "tendon_length": reading.length.copy(),
-            "tendon_tension": reading.force.copy(),
-            "previous_action": np.array(self._action),
-        }
-        measured |= {name: rows[self._index].copy() for name, rows in self._rows.items()}
-        self._last = {name: measured[name] for name in self.observation_space}
+        self._last = {name: read() for name, read in self._readers}
         return self._last
 
     def _error(self, now: float) -> float:
@@ -298,3 +289,13 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         """Ramp the rig down and close the port; closing twice is harmless."""
         self._running = False
         self._session.close()
+
+
+class _Measured:
+    """What is measured of the rig; see `observations.table.Measured`."""
+
+    def __init__(self, session: RealSession, sights: Sights) -> None:
+        self.tip_position = lambda: sights.position.copy()
+        self.tip_velocity = lambda: sights.velocity.copy()
+        self.tendon_length = lambda: session.reading.length.copy()
+        self.tendon_tension = lambda: session.reading.force.copy()

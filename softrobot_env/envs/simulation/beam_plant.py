@@ -1,14 +1,11 @@
 """A beam model as the plant of an environment, in place of the MuJoCo chain."""
 
-from collections.abc import Callable
-
 import numpy as np
-from gymnasium import spaces
 
-from softrobot_env.envs.observations.arm import Sizes, observation_space
+from softrobot_env.envs.observations.readouts import BeamReadout
+from softrobot_env.envs.observations.table import Sizes, observation_space
 from softrobot_env.interfaces import Measurement, PlantFactory, PlantModel
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 
@@ -49,21 +46,10 @@ class BeamPlant:
             )
         return self._factory(robot)
 
-    def widen(self, space: spaces.Dict) -> spaces.Dict:
-        """The observation space of the chain, with room for the model's axial strain."""
-        strain = self._nominal.strain
-        room = {
-            "tip_position": strain * self.robot.length,
-            "tendon_length": strain * np.array([t.end for t in self.robot.tendons]),
-        }
-        return spaces.Dict(
-            {
-                name: spaces.Box(box.low - room[name], box.high + room[name], dtype=box.dtype)
-                if strain and name in room
-                else box
-                for name, box in space.items()
-            }
-        )
+    @property
+    def strain(self) -> float:
+        """Largest axial strain [1] of the model."""
+        return self._nominal.strain
 
     def equilibrium(self, tension: np.ndarray) -> np.ndarray:
         """Coordinates (n,) at rest under tensions (n_tendons,) [N]."""
@@ -86,13 +72,11 @@ class BeamPlant:
         plant = self._model(self.robot.vary(**vary)) if vary else self._nominal
         return BeamSimulation(plant, self.config.control_period, self.layout)
 
-    def readout(self, simulation: "BeamSimulation") -> "BeamReadout":
-        """Measurements of a simulation."""
-        return BeamReadout(simulation, self._measured_space())
-
-    def _measured_space(self) -> spaces.Dict:
-        sizes = Sizes(self.robot, TendonMap(self.robot), self.layout, 1)
-        return self.widen(observation_space(Measurement._fields, sizes))
+    def readout(self, simulation: "BeamSimulation") -> BeamReadout:
+        """What is measured of a simulation."""
+        sizes = Sizes(self.robot, self.layout, self.robot.pieces, 1, strain=self.strain)
+        space = observation_space(Measurement._fields, Measurement._fields, sizes)
+        return BeamReadout(simulation, space)
 
     def adopt(self, simulation: "BeamSimulation") -> None:
         """Nothing to do: the copy of a simulation already shares the copy of the model."""
@@ -152,72 +136,3 @@ class BeamSimulation:
         """Hinge angles (nq,) [rad] of the scene to draw."""
         curvature = self.plant.measure(self.q, self.v).curvature
         return curvature[self._layout.piece] * self._layout.weights
-
-
-class BeamReadout:
-    """Measurements of a beam model's simulation, like those of `readout.Readout`.
-
-    Attributes:
-        tip: [x, z] [m] as plain numbers.
-        curvature: (n_pieces,) [1/m], mean over each piece; a new array at every `update`.
-        tendon_tension: Function that returns a new array (n_tendons,) [N], as really applied.
-    """
-
-    def __init__(self, simulation: BeamSimulation, space: spaces.Dict) -> None:
-        """Bind to a simulation.
-
-        Args:
-            simulation: The simulation.
-            space: Bounds of what is measured.
-        """
-        self._simulation = simulation
-        self.tendon_tension = simulation.ctrl.copy
-        boxes = [space[name] for name in Measurement._fields]
-        self._names = [
-            (name, k) for name in Measurement._fields for k in range(space[name].shape[0])
-        ]
-        self._low = np.concatenate([b.low for b in boxes])
-        self._high = np.concatenate([b.high for b in boxes])
-        self.update()
-
-    def sources(self) -> dict[str, Callable[[], np.ndarray]]:
-        """Function by observable; no array is given out for two control instants."""
-        return {
-            "tip_position": lambda: self._now.tip_position,
-            "tip_velocity": lambda: self._now.tip_velocity,
-            "curvature": lambda: self._now.curvature,
-            "curvature_rate": lambda: self._now.curvature_rate,
-            "tendon_tension": self.tendon_tension,
-            "tendon_length": self.tendon_length,
-        }
-
-    def tendon_length(self) -> np.ndarray:
-        """(n_tendons,) [m] inside the robot."""
-        return self._now.tendon_length.copy()  # an observation and `info` may both hold it
-
-    def update(self) -> str | None:
-        """Measure anew; return what left the documented workspace, or None."""
-        simulation = self._simulation
-        self._now = now = simulation.plant.measure(simulation.q, simulation.v)
-        self.tip, self.curvature = now.tip_position.tolist(), now.curvature
-        values = np.concatenate(now)
-        if np.all((self._low <= values) & (values <= self._high)):
-            return None
-        return self._outside(values)
-
-    def _outside(self, values: np.ndarray) -> str:
-        """What lies farthest beyond its bounds, by their width."""
-        beyond = np.maximum(self._low - values, values - self._high) / (self._high - self._low)
-        worst = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
-        name, k = self._names[worst]
-        low, high, value = self._low[worst], self._high[worst], values[worst]
-        when = f"at t = {self._simulation.time:.3f} s"
-        if name == "curvature":
-            return (
-                f"left the workspace: curvature {value:.4g} 1/m of piece {k + 1} is beyond "
-                f"+-{high:g} 1/m {when}"
-            )
-        return (
-            f"left the workspace: {name}[{k}] = {value:.4g} is outside [{low:.4g}, {high:.4g}] "
-            f"{when}"
-        )

@@ -3,10 +3,11 @@
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
-from softrobot_env.envs.observations.readout import Readout
+from softrobot_env.envs.observations.readouts import ChainReadout
+from softrobot_env.envs.reference import PLANE, TOP
 from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, at_timestep_of, build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
@@ -20,7 +21,10 @@ class MujocoPlant:
     Attributes:
         robot: The nominal robot.
         nominal: Its scene.
+        strain: Zero: the chain is inextensible.
     """
+
+    strain = 0.0
 
     def __init__(self, robot: RobotParams, control_period: float, **scene_options: Any) -> None:
         self.robot = robot
@@ -40,9 +44,14 @@ class MujocoPlant:
         """The scene to draw."""
         return self.nominal.config
 
-    def widen(self, space: spaces.Dict) -> spaces.Dict:
-        """The observation space as it is: the chain is inextensible."""
-        return space
+    def readout(self, simulation: Simulation, servos: Servos | None = None) -> ChainReadout:
+        """What is measured of a simulation, and of the servos that drive it.
+
+        A planar chain is measured by its own pieces, a spatial one by those of its robot.
+        """
+        spatial = self.config.bending == "spatial"
+        pieces = self.robot.pieces if spatial else self.layout.pieces
+        return ChainReadout(simulation, self.robot, pieces, TOP if spatial else PLANE, servos)
 
     def equilibrium(self, tension: np.ndarray) -> np.ndarray:
         """Hinge angles (nq,) [rad] at rest under tensions (n_tendons,) [N]."""
@@ -61,10 +70,6 @@ class MujocoPlant:
         if not vary:
             return Simulation(self.nominal)
         return Simulation(at_timestep_of(self._build(self.robot.vary(**vary)), self.nominal))
-
-    def readout(self, simulation: Simulation) -> Readout:
-        """Measurements of a simulation."""
-        return Readout(simulation, self.robot)
 
     def adopt(self, simulation: Simulation) -> None:
         """Share the scene of a copied simulation of the nominal robot."""

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from softrobot_env.envs.observations.rig import FARTHEST
-from softrobot_env.envs.observations.rig_readout import RigReadout
+from softrobot_env.envs.observations.camera import FARTHEST
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots.twin import FRAME, Twin
@@ -46,7 +45,7 @@ class VirtualRig:
         self._servos.start(start)
         posture = plant.equilibrium(start + np.array(twin.servo_offset))
         self._simulation.reset(posture, self._servos.horn)
-        self._readout = RigReadout(self._simulation, twin.robot, self._servos)
+        self._readout = plant.readout(self._simulation, self._servos)
         self._rng = np.random.default_rng(seed)
         self._pictures: list[tuple[float, np.ndarray]] = []
         self._next_picture = 0.0
@@ -102,7 +101,7 @@ class VirtualRig:
 
     def adc(self) -> tuple[int, ...]:
         """Counts of the four optical sensors."""
-        beta, gamma = self._readout.curvature[-2:]
+        beta, gamma = self._readout.bend[-2:]
         bent = np.array([beta, gamma, -beta, -gamma])
         counts = ADC_REST + ADC_SLOPE * bent + ADC_NOISE * self._rng.standard_normal(4)
         return tuple(int(c) for c in np.clip(np.rint(counts), 0, _ADC_TOP))

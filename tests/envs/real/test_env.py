@@ -18,7 +18,7 @@ from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.hardware.errors import LinkError, RobotFaultError
 from softrobot_env.robots import RIG
-from softrobot_env.tasks.rig import RigTask
+from softrobot_env.tasks import Task
 from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 
 pytest.importorskip("serial", reason="needs the robot extra")
@@ -32,7 +32,7 @@ PATIENT_FILE = {"watchdog": 0.5, "ttl": 0.4}
 
 #: A lap of 5 s and the way to it, quicker than that of the registered task.
 RUN = RoundedTriangle(b1=0.05, period=3.0, laps=0, approach=2.0)
-TASK = RigTask("triangle", RIG, RUN, 6.0)
+TASK = Task("triangle", RIG, RUN, 6.0, (0.0, 0.0, 0.0), axes="xy")
 
 
 @pytest.fixture(scope="module")
@@ -204,7 +204,7 @@ def test_arguments_are_checked(robot):
         RealRigEnv(robot_file=replace(robot.file, watchdog=0.1, ttl=0.1), control_period=0.06)
     with pytest.raises(ValueError, match="curvature"):
         RealRigEnv(robot_file=robot.file, observe=("curvature",))
-    start = replace(TASK, start_length=(0.001, 0.0, 0.0))
+    start = replace(TASK, start_input=(0.001, 0.0, 0.0))
     with pytest.raises(ValueError, match="start with all tendons"):
         RealRigEnv(start, robot_file=robot.file)
 

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from support.rig_episodes import TWINS, act, flatten, rig, steps
 
-from softrobot_env.envs.real.options import task_for
+from softrobot_env.envs.options import REAL_OPTIONS, RIG_OPTIONS, parse_options
 from softrobot_env.envs.rig import RigEnv
-from softrobot_env.envs.rig_options import OPTIONS
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
-from softrobot_env.tasks.rig import RigTask, make_rig_task
+from softrobot_env.tasks import Task, make_task
 
 OTHER = replace(RIG, name="other", pieces=2)
 
@@ -34,15 +33,15 @@ def test_starts_are_equilibria(twin):
 def test_options_hold_for_one_episode():
     env = rig("reach", seed=3)
     first = env.reset()[0]["reference"]
-    np.testing.assert_array_equal(first, make_rig_task("reach", seed=3).trajectory.points[0][:2])
+    np.testing.assert_array_equal(first, make_task("reach", seed=3).trajectory.points[0][:2])
     other = env.reset(options={"task": {"seed": 4}})[0]["reference"]
-    np.testing.assert_array_equal(other, make_rig_task("reach", seed=4).trajectory.points[0][:2])
+    np.testing.assert_array_equal(other, make_task("reach", seed=4).trajectory.points[0][:2])
     np.testing.assert_array_equal(env.reset()[0]["reference"], first)
 
 
 def test_other_options_keep_the_tasks_own_robot_and_start():
     start = (0.012, -0.006, -0.002)
-    own = replace(make_rig_task("triangle", period=2.0), robot=OTHER, start_length=start)
+    own = replace(make_task("triangle", period=2.0), robot=OTHER, start_input=start)
     env = rig(own)
     observation, _ = env.reset(options={"task": {"period": 3.0}})
     assert observation["curvature"].shape == (4,)
@@ -51,9 +50,9 @@ def test_other_options_keep_the_tasks_own_robot_and_start():
 
 
 def test_other_options_keep_the_real_rigs_robot():
-    own = replace(make_rig_task("triangle", period=2.0), robot=OTHER)
-    found = task_for(own, {"task": {"period": 3.0}})
-    assert found == replace(make_rig_task("triangle", period=3.0), robot=OTHER)
+    own = replace(make_task("triangle", period=2.0), robot=OTHER)
+    found = parse_options({"task": {"period": 3.0}}, REAL_OPTIONS).changed(own)
+    assert found == replace(make_task("triangle", period=3.0), robot=OTHER)
 
 
 @pytest.mark.parametrize(
@@ -77,14 +76,14 @@ def test_bad_options_are_named_and_change_nothing(options, message):
     with pytest.raises(ValueError, match=message):
         env.reset(options=options)
     assert flatten(tuple(steps(env, 3))) == flatten(tuple(steps(untouched, 3)))
-    assert set(OPTIONS) == {"duration", "start_length", "task"}
+    assert set(RIG_OPTIONS) == {"duration", "start_length", "task"}
 
 
 def test_a_sharp_bend_ends_the_episode():
     """A rig of a hundredth of the stiffness is folded by its tendon."""
     soft = replace(RIG, youngs_modulus=RIG.youngs_modulus / 100, gravity=(0.0, 0.0, 0.0))
     near = tuple(replace(t, offset=tuple(0.3 * x for x in t.offset)) for t in RIG.tendons)
-    env = rig(replace(make_rig_task("triangle"), robot=replace(soft, tendons=near)))
+    env = rig(replace(make_task("triangle"), robot=replace(soft, tendons=near)))
     env.reset()
     results = []
     for _ in range(500):
@@ -109,10 +108,10 @@ def test_a_sharp_bend_ends_the_episode():
         ({"period": 0.0}, "period must be finite and positive"),
         ({"radius": 0.1}, "no option 'radius'; it has period"),
         ({"obsrve": "all"}, "no option 'obsrve'"),
-        ({"task": make_rig_task("reach"), "seed": 2}, "needs? its name"),
+        ({"task": make_task("reach"), "seed": 2}, "needs? its name"),
         ({"period": 0.02}, "must accelerate by less|below"),
         ({"twin": -1}, "seed of a twin"),
-        ({"task": replace(make_rig_task("triangle"), robot=OTHER), "twin": 3}, "give a `Twin`"),
+        ({"task": replace(make_task("triangle"), robot=OTHER), "twin": 3}, "give a `Twin`"),
         ({"control_period": 0.5}, "control_period"),
         ({"observe": ("tip",)}, "curvature_rate"),
         ({"preview": ()}, "preview"),
@@ -143,10 +142,10 @@ class Broken:
 @pytest.mark.parametrize("broken", ["position", "velocity", "acceleration"])
 def test_references_that_are_not_finite_are_refused(broken):
     with pytest.raises(ValueError, match="must be finite"):
-        RigEnv(RigTask("broken", RIG, Broken(broken), 1.0))
+        RigEnv(Task("broken", RIG, Broken(broken), 1.0, (0.0,) * 3, axes="xy"))
 
 
 def test_a_twin_of_another_robot_may_be_given():
     twin = Twin(OTHER, 0.1, (0.0,) * 3, (0.0,) * 3)
-    env = rig(replace(make_rig_task("triangle"), robot=OTHER), twin=twin)
+    env = rig(replace(make_task("triangle"), robot=OTHER), twin=twin)
     assert env.twin is twin

@@ -10,7 +10,7 @@ import pytest
 from support.rig_episodes import rig, steps
 
 from softrobot_env.robots import RIG
-from softrobot_env.tasks.rig import RIG_TASKS, make_rig_task
+from softrobot_env.tasks import RIG_TASKS, make_task
 
 
 @pytest.mark.parametrize("options", [{}, {"pieces": 3, "rule": "gauss3"}, {"integrator": "RK4"}])
@@ -55,7 +55,7 @@ def test_reference_is_the_trajectory(name):
 
 def test_curvature_of_the_robots_pieces():
     """Two pieces of the robot on four of the chain, in a posture of known bends."""
-    task = replace(make_rig_task("triangle"), robot=replace(RIG, pieces=2))
+    task = replace(make_task("triangle"), robot=replace(RIG, pieces=2))
     env = rig(task)
     env.reset()
     layout = env.scene.layout
@@ -63,4 +63,4 @@ def test_curvature_of_the_robots_pieces():
         env.data.joint(f"hinge{station}").qpos = weight * (3.0 if piece < 2 else 5.0)
         env.data.joint(f"side{station}").qpos = weight * (-1.0 if piece < 2 else 2.0)
     env._readout.update()
-    np.testing.assert_allclose(env._readout.curvature, [3.0, -1.0, 5.0, 2.0], rtol=1e-12)
+    np.testing.assert_allclose(env._readout.bend, [3.0, -1.0, 5.0, 2.0], rtol=1e-12)

@@ -1,0 +1,81 @@
+"""The tip as a camera sees it: late, at its own rate, and not exactly."""
+
+from collections import deque
+from math import ceil
+
+import numpy as np
+
+from softrobot_env.envs.observations.readouts import ChainReadout
+from softrobot_env.robots.twin import FRAME
+
+#: Standard deviations at which a camera's noise ends, so that it has bounds.
+FARTHEST = 6.0
+
+
+class Camera:
+    """A camera that sees late and not exactly, one picture per `FRAME` on average.
+
+    Each is taken at the first control instant after it is due: from one to the next it is a whole
+    number of control periods, the one below or above a `FRAME`, and one where a period is longer.
+
+    Attributes:
+        position: (2,) [m], what the newest picture at hand says.
+        velocity: (2,) [m/s], by difference to the picture before, over the time between them.
+    """
+
+    def __init__(self, noise: float, delay: int, control_period: float, seed: int) -> None:
+        """A camera with noise of standard deviation `noise` [m], `delay` control periods late."""
+        self._noise, self._delay, self._period = noise, delay, control_period
+        self._frame = FRAME / control_period
+        self._generator = np.random.default_rng(seed)
+        self._instant, self._due = -1, 0.0
+        self._undeveloped: deque[tuple[int, np.ndarray]] = deque()
+        self._taken, self.position, self.velocity = -1, np.zeros(2), np.zeros(2)
+
+    def start(self, tip: np.ndarray) -> None:
+        """Look at a tip at rest at (2,) [m] until there are two pictures."""
+        for _ in range(self._delay + 2 * ceil(self._frame)):
+            self.see(tip)
+
+    def see(self, tip: np.ndarray) -> None:
+        """Come to the next control instant, with the tip at (2,) [m]."""
+        self._instant += 1
+        if self._instant >= self._due:
+            self._due += self._frame
+            self._undeveloped.append((self._instant, self._photograph(tip)))
+        if self._undeveloped and self._undeveloped[0][0] <= self._instant - self._delay:
+            self._develop(*self._undeveloped.popleft())
+
+    def _photograph(self, tip: np.ndarray) -> np.ndarray:
+        normal = self._generator.standard_normal(2)
+        return tip + self._noise * np.clip(normal, -FARTHEST, FARTHEST)
+
+    def _develop(self, taken: int, seen: np.ndarray) -> None:
+        passed = (taken - self._taken) * self._period
+        self.velocity = (seen - self.position) / passed
+        self.position, self._taken = seen, taken
+
+
+class CameraReadout:
+    """A readout with the tip as a camera sees it; `tip` and `bend` stay what they are."""
+
+    def __init__(self, readout: ChainReadout, camera: Camera) -> None:
+        """Look through a camera; every `update` is its next control instant."""
+        self._exact, self._camera = readout, camera
+        for name in ("curvature", "curvature_rate", "tendon_tension", "tendon_length"):
+            setattr(self, name, getattr(readout, name))
+        self.true_length = readout.true_length
+        self.tip_position = lambda: camera.position.copy()
+        self.tip_velocity = lambda: camera.velocity.copy()
+        self.tip, self.bend = readout.tip, readout.bend
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Tip position [m] as it is, for `info`."""
+        return {"tip_position": np.array(self.tip)}
+
+    def update(self) -> str | None:
+        """Measure anew; return what left the documented workspace, or None."""
+        outside = self._exact.update()
+        self.tip, self.bend = self._exact.tip, self._exact.bend
+        self._camera.see(np.array(self.tip))
+        return outside

@@ -1,0 +1,239 @@
+"""What is measured of a running simulation: a chain, many chains, a beam model, with noise.
+
+Every readout has the functions of `table.Measured`, which return new arrays, and
+
+* `tip`: where the tip is, [m] as plain numbers or (n, 2);
+* `bend`: its mean curvatures [1/m], a new array at every `update`;
+* `true_length`: function that returns a new array of tendon lengths [m] as they are;
+* `truth()`: what `info` tells where sensors are not exact;
+* `update()`: measure anew; what left the documented workspace, or None.
+"""
+
+from collections.abc import Callable
+from math import hypot
+from typing import Any
+
+import mujoco
+import numpy as np
+from gymnasium import spaces
+
+from softrobot_env.envs.disturbances import SensorNoise
+from softrobot_env.envs.observations.table import SENSOR_NOISE
+from softrobot_env.envs.reference import PLANE
+from softrobot_env.envs.simulation.batch import BatchSimulation
+from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.envs.simulation.servos import Servos
+from softrobot_env.interfaces import Measurement
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.chain import mean_curvature
+from softrobot_env.scene.tendons import straight_length
+
+
+def left_workspace(what: str, time: float) -> str:
+    """Text of a failure."""
+    return f"left the workspace: {what} at t = {time:.3f} s"
+
+
+def sharp_bend(curvature: np.ndarray, limit: float, time: float) -> str | None:
+    """The sharpest of the bends (pieces,) [1/m], if it is beyond the limit, as text."""
+    piece = int(np.argmax(np.abs(curvature)))
+    if not abs(curvature[piece]) > limit:
+        return None
+    where = f"of piece {piece + 1} of {len(curvature)}"
+    return left_workspace(
+        f"curvature {curvature[piece]:.4g} 1/m {where} is beyond +-{limit:g} 1/m", time
+    )
+
+
+def _full_length(robot: RobotParams) -> np.ndarray:
+    """Lengths [m] of the tendons inside the straight robot, less those that MuJoCo tells."""
+    return np.array([t.end - straight_length(t) for t in robot.tendons])
+
+
+class ChainReadout:
+    """Exact measurements of a chain, through views that look nothing up in a step."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        robot: RobotParams,
+        pieces: int,
+        axes: slice,
+        servos: Servos | None = None,
+    ) -> None:
+        """Bind to a simulation.
+
+        Args:
+            simulation: The simulation, of `robot` or of a variation of it.
+            robot: The robot.
+            pieces: Number of pieces whose curvature is measured.
+            axes: Coordinates of the tip that are measured.
+            servos: What drives the tendons in length; measured are then the lengths pulled in.
+        """
+        self._data = data = simulation.data
+        self._model, layout = simulation.model, simulation.scene.layout
+        self._mean = mean_curvature(self._model, layout, pieces)
+        fine = None if pieces == layout.pieces else layout.pieces
+        self._mean_fine = None if fine is None else mean_curvature(self._model, layout, fine)
+        self._directions = len(self._mean) // pieces
+        self._limit = robot.curvature_limit
+        self._tip = data.sensordata[0:3][axes]
+        self._driven_in_length = servos is not None
+        self.tip_position, self.tip_velocity = self._tip.copy, data.sensordata[3:6][axes].copy
+        self.curvature = lambda: self.bend
+        self.curvature_rate = lambda: self._mean.dot(data.qvel)
+        self.tendon_tension = data.actuator_force.copy
+        if servos is None:
+            inside, length = data.ten_length, _full_length(robot)
+            self.tendon_length = self.true_length = lambda: inside + length
+        else:
+            self.tendon_length, self.true_length = (
+                lambda: servos.reading,
+                lambda: servos.horn.copy(),
+            )
+        self.update()
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Nothing: sensors are exact."""
+        return {}
+
+    def update(self) -> str | None:
+        """Measure anew; return what left the documented workspace, or None."""
+        if self._driven_in_length:
+            # The forces lag the state by a timestep where they depend on it.
+            mujoco.mj_fwdActuation(self._model, self._data)
+        angles = self._data.qpos
+        self.tip = self._tip.tolist()
+        self.bend = bend = self._mean.dot(angles)
+        if self._mean_fine is not None:
+            bend = self._mean_fine.dot(angles)
+        # The norm bounds all pieces, so the exact check runs only near the limit.
+        if hypot(*bend.tolist()) > self._limit:
+            if self._directions == 2:
+                bend = np.hypot(bend[0::2], bend[1::2])
+            return sharp_bend(bend, self._limit, self._data.time)
+        return None
+
+
+class BatchReadout:
+    """Exact measurements of n planar chains.
+
+    Attributes:
+        sharp: (n,) bool, which robots left the workspace, with what `what_left` says.
+    """
+
+    def __init__(self, simulation: BatchSimulation, robot: RobotParams) -> None:
+        """Bind to simulations of `robot` or of variations of it."""
+        self._simulation, scene = simulation, simulation.scene
+        self._mean = mean_curvature(scene.model, scene.layout, scene.layout.pieces).T
+        self._limit, full_length = robot.curvature_limit, _full_length(robot)
+        self._nobody = np.zeros(simulation.count, dtype=bool)
+        self._nobody.flags.writeable = False
+        self.tip_position = lambda: self.tip
+        self.tip_velocity = lambda: simulation.sensordata[:, 3:6][:, PLANE].copy()
+        self.curvature = lambda: self.bend
+        self.curvature_rate = lambda: simulation.qvel @ self._mean
+        self.tendon_tension = simulation.actuator_force.copy
+        self.tendon_length = self.true_length = lambda: simulation.ten_length + full_length
+        self.update()
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Nothing: sensors are exact."""
+        return {}
+
+    def update(self, _which: np.ndarray | None = None) -> None:
+        """Measure anew."""
+        self.tip = self._simulation.sensordata[:, 0:3][:, PLANE].copy()
+        self.bend = bend = self._simulation.qpos @ self._mean
+        # Any NaN fails the first test, and then every robot is looked at by itself.
+        gentle = np.maximum.reduce(np.abs(bend), axis=None) <= self._limit
+        self.sharp = self._nobody if gentle else (np.abs(bend) > self._limit).any(axis=1)
+
+    def what_left(self, robot: int, time: float) -> str | None:
+        """What of one robot left the documented workspace, or None."""
+        return sharp_bend(self.bend[robot], self._limit, time)
+
+
+class BeamReadout:
+    """Exact measurements of a beam model's simulation."""
+
+    def __init__(self, simulation: Any, space: spaces.Dict) -> None:
+        """Bind to a simulation.
+
+        Args:
+            simulation: A `simulation.beam_plant.BeamSimulation`.
+            space: Bounds of what is measured.
+        """
+        self._simulation = simulation
+        self.tip_position = lambda: self._now.tip_position
+        self.tip_velocity = lambda: self._now.tip_velocity
+        self.curvature = lambda: self._now.curvature
+        self.curvature_rate = lambda: self._now.curvature_rate
+        self.tendon_tension = simulation.ctrl.copy
+        # An observation and `info` may both hold it.
+        self.tendon_length = self.true_length = lambda: self._now.tendon_length.copy()
+        boxes = [space[name] for name in Measurement._fields]
+        self._names = [
+            (name, k) for name in Measurement._fields for k in range(space[name].shape[0])
+        ]
+        self._low = np.concatenate([b.low for b in boxes])
+        self._high = np.concatenate([b.high for b in boxes])
+        self._limit = float(space["curvature"].high[0])
+        self.update()
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Nothing: sensors are exact."""
+        return {}
+
+    def update(self) -> str | None:
+        """Measure anew; return what left the documented workspace, or None."""
+        simulation = self._simulation
+        self._now = now = simulation.plant.measure(simulation.q, simulation.v)
+        self.tip, self.bend = now.tip_position.tolist(), now.curvature
+        values = np.concatenate(now)
+        if np.all((self._low <= values) & (values <= self._high)):
+            return None
+        return self._outside(values)
+
+    def _outside(self, values: np.ndarray) -> str:
+        """What lies farthest beyond its bounds, by their width."""
+        beyond = np.maximum(self._low - values, values - self._high) / (self._high - self._low)
+        worst = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
+        (name, k), time = self._names[worst], self._simulation.time
+        if name == "curvature" and (text := sharp_bend(self.bend, self._limit, time)):
+            return text
+        bounds = f"[{self._low[worst]:.4g}, {self._high[worst]:.4g}]"
+        return left_workspace(f"{name}[{k}] = {values[worst]:.4g} is outside {bounds}", time)
+
+
+class NoisyReadout:
+    """A readout whose sensors have noise; `tip`, `bend` and `true_length` stay what they are."""
+
+    def __init__(self, readout: Any, noise: SensorNoise, robots: int | slice) -> None:
+        """Add noise.
+
+        Args:
+            readout: The exact one.
+            noise: Every `update` advances it.
+            robots: Whose noise: 0 where the readout is of one robot, `slice(None)` of many.
+        """
+        self._exact, self._noise, self._robots = readout, noise, robots
+        self.tendon_tension, self.tendon_length = readout.tendon_tension, readout.tendon_length
+        self.true_length = readout.true_length
+        for name in SENSOR_NOISE:
+            setattr(self, name, self._noisy(name, getattr(readout, name)))
+        self.tip, self.bend = readout.tip, readout.bend
+
+    def _noisy(self, name: str, read: Callable[[], np.ndarray]) -> Callable[[], np.ndarray]:
+        return lambda: read() + self._noise.on(name)[self._robots]
+
+    def truth(self) -> dict[str, np.ndarray]:
+        """Tip position [m] and curvature [1/m] without noise, for `info`."""
+        return {"tip_position": np.array(self.tip), "curvature": self.bend}
+
+    def update(self, which: np.ndarray | None = None) -> str | None:
+        """Measure anew, and go on to the next noise of all robots or of `which` (k,)."""
+        outside = self._exact.update()
+        self.tip, self.bend = self._exact.tip, self._exact.bend
+        self._noise.advance(which)
+        return outside

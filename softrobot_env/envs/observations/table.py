@@ -1,0 +1,215 @@
+"""What an agent can observe: every quantity with its size, bounds, unit, source and noise, once."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import mujoco
+import numpy as np
+from gymnasium import spaces
+
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.quadrature import HingeLayout
+
+#: Fastest reference an environment accepts, in lengths of the straight robot per second, and the
+#: largest acceleration, in lengths per second squared.
+REFERENCE_SPEED, REFERENCE_ACCELERATION = 10.0, 1000.0
+
+Read = Callable[[], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """What the shapes and bounds of observables depend on.
+
+    Attributes:
+        robot: The robot that is observed.
+        layout: Hinges of its chain.
+        pieces: Number of pieces whose curvature is observed.
+        directions: In which a piece bends: 1 in a plane, 2 in space.
+        n_preview: Number of preview times.
+        n_inputs: Number of actions.
+        pulled: Largest length [m] that servos pull in, where they drive the tendons.
+        tip_room: [m] by which a measured tip may lie beyond the robot's reach.
+        strain: Largest axial strain [1] of the robot's model.
+        noise: Room for noise, in standard deviations of the sensors at scale 1.
+    """
+
+    robot: RobotParams
+    layout: HingeLayout
+    pieces: int
+    directions: int
+    n_preview: int = 1
+    n_inputs: int = 1
+    pulled: float | None = None
+    tip_room: float = 0.0
+    strain: float = 0.0
+    noise: float = 0.0
+
+    @property
+    def turning_rate(self) -> float:
+        """Sum of the hinge rates [rad/s] beyond which MuJoCo itself reports a divergence."""
+        return self.directions * mujoco.mjMAXVAL * len(self.layout.stations)
+
+
+class Measured(Protocol):
+    """Functions of a plant that return new arrays, of one robot (size,) or of n (n, size)."""
+
+    tip_position: Read
+    tip_velocity: Read
+    curvature: Read
+    curvature_rate: Read
+    tendon_tension: Read
+    tendon_length: Read
+
+
+class Sources(NamedTuple):
+    """Where observables come from: the plant, the reference at this instant, and the policy.
+
+    Attributes:
+        measured: What is measured of the plant.
+        reference: Function from the name of a column of `reference.ReferenceTable` to a function
+            that returns its row at this control instant.
+        action: Function that returns the action in force.
+    """
+
+    measured: Measured
+    reference: Callable[[str], Read]
+    action: Read
+
+
+@dataclass(frozen=True)
+class Observable:
+    """A quantity.
+
+    Attributes:
+        unit: In SI.
+        space: Its box, bounds included.
+        read: Where it comes from.
+        noise: Standard deviation of its sensor's noise of scale 1, new in every control period: a
+            policy that looks more often can average more of it.
+    """
+
+    unit: str
+    space: Callable[[Sizes], spaces.Box]
+    read: Callable[[Sources], Read]
+    noise: float = 0.0
+
+
+def symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
+    """Box (size,) of float64 between -bound and bound."""
+    high = np.broadcast_to(np.asarray(bound, dtype=np.float64), (size,))
+    return spaces.Box(-high, high, dtype=np.float64)
+
+
+def _positions(s: Sizes, points: int = 1, room: float = 0.0) -> spaces.Box:
+    # The margin covers the rounding of a straight robot's tip.
+    return symmetric(2 * points, s.robot.reach * (1 + 1e-9) + room)
+
+
+def _tip_position(s: Sizes) -> spaces.Box:
+    return _positions(s, room=s.tip_room + s.strain * s.robot.length)
+
+
+def _curvature_rate(s: Sizes) -> spaces.Box:
+    return symmetric(s.directions * s.pieces, s.turning_rate * s.pieces / s.robot.length)
+
+
+def _tendon_tension(s: Sizes) -> spaces.Box:
+    limit = np.array([t.tension_limit for t in s.robot.tendons])
+    return spaces.Box(np.zeros_like(limit), limit * (1 + 1e-9), dtype=np.float64)
+
+
+def _tendon_length(s: Sizes) -> spaces.Box:
+    """Lengths inside the robot, or pulled in where servos drive the tendons."""
+    if s.pulled is not None:
+        return symmetric(len(s.robot.tendons), s.pulled)
+    ends = np.array([t.end for t in s.robot.tendons])
+    lever = np.array([np.hypot(*t.offset) for t in s.robot.tendons])
+    change = ends * lever * s.robot.curvature_limit + s.strain * ends
+    return spaces.Box(ends - change, ends + change, dtype=np.float64)
+
+
+#: Every observable. Positions are (x, z) of a planar robot and (x, y) of a spatial one; curvatures
+#: are piece by piece, of a spatial robot (beta, gamma) each.
+OBSERVABLES: dict[str, Observable] = {
+    "tip_position": Observable("m", _tip_position, lambda o: o.measured.tip_position, 1e-4),
+    "tip_velocity": Observable(
+        "m/s",
+        lambda s: symmetric(2, s.turning_rate * s.robot.reach),
+        lambda o: o.measured.tip_velocity,
+        5e-3,
+    ),
+    "curvature": Observable(
+        "1/m",
+        lambda s: symmetric(s.directions * s.pieces, s.robot.curvature_limit),
+        lambda o: o.measured.curvature,
+        0.01,
+    ),
+    "curvature_rate": Observable(
+        "1/(m s)", _curvature_rate, lambda o: o.measured.curvature_rate, 0.5
+    ),
+    "tendon_tension": Observable("N", _tendon_tension, lambda o: o.measured.tendon_tension),
+    "tendon_length": Observable("m", _tendon_length, lambda o: o.measured.tendon_length),
+    "reference": Observable("m", _positions, lambda o: o.reference("position")),
+    "reference_velocity": Observable(
+        "m/s",
+        lambda s: symmetric(2, REFERENCE_SPEED * s.robot.reach),
+        lambda o: o.reference("velocity"),
+    ),
+    "reference_acceleration": Observable(
+        "m/s2",
+        lambda s: symmetric(2, REFERENCE_ACCELERATION * s.robot.reach),
+        lambda o: o.reference("acceleration"),
+    ),
+    "reference_preview": Observable(
+        "m", lambda s: _positions(s, s.n_preview), lambda o: o.reference("preview")
+    ),
+    "previous_action": Observable("1", lambda s: symmetric(s.n_inputs, 1.0), lambda o: o.action),
+}
+
+#: Standard deviations of noise of scale 1 by observable; the others have none.
+SENSOR_NOISE = {name: o.noise for name, o in OBSERVABLES.items() if o.noise}
+
+#: What the planar arm's environments can observe, and do unless told otherwise.
+ARM_OBSERVABLES = tuple(name for name in OBSERVABLES if name != "reference_acceleration")
+DEFAULT_OBSERVABLES = tuple(n for n in ARM_OBSERVABLES if not n.startswith("tendon"))
+
+#: The same of the test rig. By default it has what the real rig has: camera, servos and reference.
+RIG_OBSERVABLES = tuple(OBSERVABLES)
+DEFAULT_RIG_OBSERVABLES = tuple(
+    name for name in OBSERVABLES if not name.startswith(("curvature", "tendon_tension"))
+)
+
+
+def observation_space(
+    observe: tuple[str, ...] | str, known: tuple[str, ...], sizes: Sizes
+) -> spaces.Dict:
+    """Dict space of some of the observables that an environment has.
+
+    Args:
+        observe: Their names, one name, or "all".
+        known: Names that the environment has.
+        sizes: Of its robot.
+
+    Raises:
+        ValueError: No name, an unknown name or a repeated one.
+    """
+    if isinstance(observe, str):
+        observe = known if observe == "all" else (observe,)
+    names = tuple(observe)
+    if not names or not set(names) <= set(known) or len(set(names)) < len(names):
+        raise ValueError(
+            f"observe needs distinct names out of {', '.join(known)}; got {list(names)}"
+        )
+    return spaces.Dict({name: _with_noise(OBSERVABLES[name], sizes) for name in names})
+
+
+def _with_noise(observable: Observable, sizes: Sizes) -> spaces.Box:
+    box, room = observable.space(sizes), sizes.noise * observable.noise
+    return spaces.Box(box.low - room, box.high + room, dtype=box.dtype) if room else box
+
+
+def readers(names: spaces.Dict, sources: Sources) -> list[tuple[str, Read]]:
+    """Observables in the order of a space, each with the function that reads it."""
+    return [(name, OBSERVABLES[name].read(sources)) for name in names]

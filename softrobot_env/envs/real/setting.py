@@ -1,0 +1,102 @@
+"""What the real rig's environment is built from: task, robot file, spaces."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES
+from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options, positive
+from softrobot_env.envs.setting import DEFAULT_RULE, Setting, rig_sizes, rig_task
+from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
+from softrobot_env.hardware.robot_file.toml import read_robot_file
+from softrobot_env.scene.quadrature import place_hinges
+from softrobot_env.scene.registry import RIG_PIECES
+from softrobot_env.tasks import Task
+
+#: Needs a board that measures forces.
+TENSION = "tendon_tension"
+
+#: What a rig can measure.
+_SEEN = tuple(name for name in RIG_OBSERVABLES if not name.startswith("curvature"))
+
+
+class RealSetting(Setting):
+    """The test rig over a serial line.
+
+    Attributes:
+        file: The robot file.
+        reach: Box of the tip positions that lie within reach.
+    """
+
+    def __init__(
+        self,
+        task: str | Task,
+        task_options: dict[str, float],
+        robot_file: str | Path | RobotFile | None,
+        port: str | None,
+        *,
+        control_period: float | None,
+        observe: tuple[str, ...] | str,
+        preview: tuple[float, ...],
+    ) -> None:
+        """Arguments as those of `RealRigEnv`."""
+        task = rig_task(task, task_options)
+        if any(task.start_input):
+            raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")
+        self.file = _choose_file(robot_file, port, task)
+        period = self.file.control_period if control_period is None else control_period
+        super().__init__(task, period, preview)
+        _check_period(self.file, period)
+        robot = task.robot
+        sizes = rig_sizes(robot, place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE), len(preview))
+        self.reach = OBSERVABLES["tip_position"].space(sizes)
+        if observe == "all":
+            observe = tuple(name for name in _SEEN if name != TENSION)
+        self._make_spaces(observe, _SEEN, sizes)
+
+    def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
+        """See `Setting`."""
+        return parse_options(options, REAL_OPTIONS)
+
+
+def _choose_file(given: str | Path | RobotFile | None, port: str | None, task: Task) -> RobotFile:
+    """The robot file, read if it is a path, with another `port` if one is given.
+
+    Raises:
+        ValueError: What the file must not say, or another number of tendons than the task's.
+        FileNotFoundError: No such file.
+    """
+    if given is None:
+        file = rig_file()
+    else:
+        file = given if isinstance(given, RobotFile) else read_robot_file(Path(given))
+    tendons = len(task.robot.tendons)
+    if len(file.tendons) != tendons:
+        raise ValueError(
+            f"robot {file.name!r} has {len(file.tendons)} tendons, the task's robot {tendons}"
+        )
+    return file if port is None else replace(file, port=port)
+
+
+def check_limits(max_missed: int, oldest: float) -> None:
+    """Raise ValueError for a number of missed periods or an age [s] that cannot be meant."""
+    if isinstance(max_missed, bool) or not isinstance(max_missed, int) or max_missed < 0:
+        raise ValueError(f"max_missed must be a whole number from 0, got {max_missed!r}")
+    positive("oldest", oldest)
+
+
+def _check_period(file: RobotFile, control_period: float) -> None:
+    """Raise ValueError for a control period [s] that does not fit to a robot file.
+
+    It must be longer than what the board waits to answer, and leave the watchdog some patience.
+    """
+    if control_period <= file.state_delay:
+        raise ValueError(
+            f"control_period must be longer than the state delay of {file.state_delay:g} s, got "
+            f"{control_period:g} s"
+        )
+    if control_period > file.watchdog / 2:
+        raise ValueError(
+            f"control_period must be at most half of the watchdog of {file.watchdog:g} s, got "
+            f"{control_period:g} s"
+        )

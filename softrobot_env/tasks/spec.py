@@ -1,0 +1,120 @@
+"""What a task is: a robot, a reference of its tip, a duration, a start, and its options."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from inspect import signature
+
+from softrobot_env.robots import LENGTH_SCALE, RobotParams, as_number
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.tasks.trajectories import Trajectory
+
+#: Longest episode [s]; its reference is sampled beforehand.
+LONGEST = 3600.0
+
+
+@dataclass(frozen=True)
+class Option:
+    """What tasks can be made with, in the words of reports, labels and file names.
+
+    Attributes:
+        column: Of a row of a report.
+        scale: Unit of labels per SI unit [1].
+        unit: That labels tell, empty for plain numbers.
+    """
+
+    column: str
+    scale: float = 1.0
+    unit: str = ""
+
+    def text(self, value: float) -> str:
+        """A value for people."""
+        return f"{self.scale * value:g} {self.unit}".rstrip()
+
+
+#: Options of all tasks, in the order of labels. Which of them a task has, and their defaults, are
+#: the parameters of the function that makes it.
+OPTIONS: dict[str, Option] = {
+    "seed": Option("path_seed"),
+    "step_width": Option("step_width", 1e3, "mm"),
+    "radius": Option("radius", 1e3, "mm"),
+    "speed": Option("speed", 1.0, "m/s"),
+    "period": Option("period", 1.0, "s"),
+    "hold": Option("hold", 1.0, "s"),
+}
+
+
+@dataclass(frozen=True)
+class Task:
+    """What an environment asks of a policy.
+
+    Attributes:
+        name: Key in the registry of tasks.
+        robot: The nominal robot; what is simulated may be a variation or a twin of it.
+        trajectory: Reference of the tip.
+        duration: [s] of an episode.
+        start_input: (n_inputs,), inputs in whose equilibrium the episode starts at rest: reduced
+            tendon inputs [N] of a planar robot, lengths [m] pulled in by each tendon of a spatial
+            one, these at most `LENGTH_SCALE` to either side.
+        options: What the task was made with, (name, value) each.
+        axes: The coordinates of the tip that the reference is about: "xz" of a planar robot, "xy"
+            of a spatial one.
+    """
+
+    name: str
+    robot: RobotParams
+    trajectory: Trajectory
+    duration: float
+    start_input: tuple[float, ...]
+    options: tuple[tuple[str, float], ...] = ()
+    axes: str = "xz"
+
+    def __post_init__(self) -> None:
+        inputs = TendonMap(self.robot).n_inputs if self.axes == "xz" else len(self.robot.tendons)
+        if inputs == 0 or len(self.start_input) != inputs:
+            raise ValueError(
+                f"task {self.name!r}: robot {self.robot.name!r} has {inputs} tendon inputs, "
+                f"start_input {len(self.start_input)}; a task needs as many, and at least one"
+            )
+        if self.axes == "xy" and not all(abs(s) <= LENGTH_SCALE for s in self.start_input):
+            raise ValueError(
+                f"task {self.name!r}: start_input must lie within +-{LENGTH_SCALE:g} m, got "
+                f"{self.start_input}"
+            )
+        if not 0 < self.duration <= LONGEST:
+            raise ValueError(
+                f"task {self.name!r}: duration must lie in (0, {LONGEST:g}] s, got "
+                f"{self.duration!r}"
+            )
+
+    @property
+    def step_width(self) -> float | None:
+        """[m] of the step task, None for the others."""
+        return dict(self.options).get("step_width")
+
+    @property
+    def label(self) -> str:
+        """Name for people, with the options."""
+        given = dict(self.options)
+        told = [option.text(given[name]) for name, option in OPTIONS.items() if name in given]
+        return " ".join([self.name, *told])
+
+
+#: Makes a task from values of its options; its parameters have their names and defaults.
+Maker = Callable[..., Task]
+
+
+def defaults(make: Maker) -> dict[str, float]:
+    """Options of a task by name, with their values unless given."""
+    return {name: p.default for name, p in signature(make).parameters.items()}
+
+
+def whole(seed: float) -> int:
+    """A seed as a whole number.
+
+    Raises:
+        ValueError: It is none, or negative.
+    """
+    number = as_number(seed)
+    if number is None or number < 0 or number != int(number):
+        raise ValueError(f"seed must be a whole number >= 0, got {seed!r}")
+    return int(number)
