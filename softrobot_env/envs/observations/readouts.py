@@ -72,16 +72,17 @@ class ChainReadout:
         """
         self._data = data = simulation.data
         self._model, layout = simulation.model, simulation.scene.layout
-        self._mean = mean_curvature(self._model, layout, pieces)
+        self._mean = mean = mean_curvature(self._model, layout, pieces)
         fine = None if pieces == layout.pieces else layout.pieces
         self._mean_fine = None if fine is None else mean_curvature(self._model, layout, fine)
         self._directions = len(self._mean) // pieces
         self._limit = robot.curvature_limit
+        self._angles, rates = data.qpos, data.qvel
         self._tip = data.sensordata[0:3][axes]
         self._driven_in_length = servos is not None
         self.tip_position, self.tip_velocity = self._tip.copy, data.sensordata[3:6][axes].copy
         self.curvature = lambda: self.bend
-        self.curvature_rate = lambda: self._mean.dot(data.qvel)
+        self.curvature_rate = lambda: mean.dot(rates)
         self.tendon_tension = data.actuator_force.copy
         if servos is None:
             inside, length = data.ten_length, _full_length(robot)
@@ -102,7 +103,7 @@ class ChainReadout:
         if self._driven_in_length:
             # The forces lag the state by a timestep where they depend on it.
             mujoco.mj_fwdActuation(self._model, self._data)
-        angles = self._data.qpos
+        angles = self._angles
         self.tip = self._tip.tolist()
         self.bend = bend = self._mean.dot(angles)
         if self._mean_fine is not None:
