@@ -2,10 +2,7 @@
 
 from gymnasium.envs.registration import register, registry
 
-ENTRY_POINT = "softrobot_env.envs.tracking:TrackingEnv"
-VECTOR_ENTRY_POINT = "softrobot_env.envs.vector:VectorTrackingEnv"
-
-#: Environment id -> name of its task in `softrobot_env.tasks`.
+#: Environment id -> name of its task: of the planar arm,
 ENVIRONMENTS = {
     "SoftRobot/ArmStep-v0": "step",
     "SoftRobot/ArmSwing-v0": "swing",
@@ -15,40 +12,37 @@ ENVIRONMENTS = {
     "SoftRobot/ArmRandom-v0": "random",
 }
 
-RIG_ENTRY_POINT = "softrobot_env.envs.rig:RigEnv"
-
-#: Environment id -> name of its task in `softrobot_env.tasks.rig`.
+#: of the spatial test rig,
 RIG_ENVIRONMENTS = {
     "SoftRobot/RigTriangle-v0": "triangle",
     "SoftRobot/RigCircle-v0": "rig_circle",
     "SoftRobot/RigReach-v0": "reach",
 }
 
-REAL_ENTRY_POINT = "softrobot_env.envs.real:RealRigEnv"
-
-#: The rig over a serial line, with the task it has unless told otherwise.
+#: and of the rig over a serial line, with the task it has unless told otherwise.
 REAL_ENVIRONMENTS = {"SoftRobot/RealRig-v0": "triangle"}
 
 
 def register_envs() -> None:
     """Register every environment with Gymnasium; calling it again changes nothing."""
-    for env_id, task in ENVIRONMENTS.items():
-        _register(env_id, ENTRY_POINT, VECTOR_ENTRY_POINT, task)
-    for env_id, task in RIG_ENVIRONMENTS.items():
-        _register(env_id, RIG_ENTRY_POINT, None, task)
-    for env_id, task in REAL_ENVIRONMENTS.items():
-        _register(env_id, REAL_ENTRY_POINT, None, task)
+    _register(
+        ENVIRONMENTS,
+        entry_point="softrobot_env.envs.tracking:TrackingEnv",
+        vector_entry_point="softrobot_env.envs.vector:VectorTrackingEnv",
+    )
+    _register(RIG_ENVIRONMENTS, entry_point="softrobot_env.envs.rig:RigEnv")
+    _register(REAL_ENVIRONMENTS, entry_point="softrobot_env.envs.real:RealRigEnv")
 
 
-def _register(env_id: str, entry_point: str, vector_entry_point: str | None, task: str) -> None:
-    if env_id not in registry:
-        # The environments refuse to step or render out of order themselves, and their
-        # contract is tested, so a step is spared Gymnasium's two wrappers.
-        register(
-            id=env_id,
-            entry_point=entry_point,
-            vector_entry_point=vector_entry_point,
-            kwargs={"task": task},
-            order_enforce=False,
-            disable_env_checker=True,
-        )
+def _register(environments: dict[str, str], **entry_points: str) -> None:
+    for env_id, task in environments.items():
+        if env_id not in registry:
+            # The environments refuse to step or render out of order themselves, and their
+            # contract is tested, so a step is spared Gymnasium's two wrappers.
+            register(
+                id=env_id,
+                kwargs={"task": task},
+                order_enforce=False,
+                disable_env_checker=True,
+                **entry_points,
+            )

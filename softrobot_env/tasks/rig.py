@@ -1,58 +1,16 @@
 """Tasks of the spatial test rig (thesis secs. 5.4 and 6.1, audit sec. 4)."""
 
-from dataclasses import dataclass
-from math import inf, isfinite, pi
-from typing import ClassVar
+from math import pi
 
 import numpy as np
 
 from softrobot_env.robots import RIG, WORKSPACE
-from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
+from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle, SetPoints
 from softrobot_env.tasks.spec import Maker, Task, whole
 from softrobot_env.tasks.trajectories import Trajectory
 
 #: Set points of a `reach` task.
 _POINTS = 10
-
-
-@dataclass(frozen=True)
-class SetPoints:
-    """Jumps from one point to the next, each held for a while.
-
-    Attributes:
-        points: (k, 3) [m].
-        hold: [s] at each point; the last one stays.
-    """
-
-    jumps: ClassVar[bool] = True
-
-    points: tuple[tuple[float, float, float], ...]
-    hold: float
-
-    def __post_init__(self) -> None:
-        if not self.points or not 0 < self.hold < inf:
-            raise ValueError(
-                f"set points need one point or more and a positive hold [s], got "
-                f"{len(self.points)} points and {self.hold} s"
-            )
-        for point in self.points:
-            if len(point) != 3 or not all(isfinite(x) for x in point):
-                raise ValueError(f"a set point needs three finite coordinates [m], got {point}")
-
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position (n, 3) [m] at times (n,) [s]; at a jump the new point."""
-        index = np.floor(np.asarray(t) / self.hold + 1e-9).astype(int)
-        return np.array(self.points)[np.clip(index, 0, len(self.points) - 1)]
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Zero: the jumps have no finite velocity."""
-        return np.zeros((*np.shape(t), 3))
-
-    acceleration = velocity
-
-    def path(self) -> np.ndarray:
-        """The points."""
-        return np.array(self.points)
 
 
 def _task(name: str, trajectory: Trajectory, duration: float) -> Task:

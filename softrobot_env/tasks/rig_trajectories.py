@@ -5,6 +5,8 @@ component is left zero. Both begin in the straight pose, on the axis.
 """
 
 from dataclasses import dataclass
+from math import inf, isfinite
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,8 +14,27 @@ import numpy as np
 Derivatives = tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
+class _Run:
+    """A trajectory whose position and derivatives are computed at once."""
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position (n, 3) [m] at times (n,) [s]."""
+        return self._motion(t)[0]
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Velocity (n, 3) [m/s] at times (n,) [s]."""
+        return self._motion(t)[1]
+
+    def acceleration(self, t: np.ndarray) -> np.ndarray:
+        """Acceleration (n, 3) [m/s2] at times (n,) [s]."""
+        return self._motion(t)[2]
+
+    def _motion(self, t: np.ndarray) -> Derivatives:
+        raise NotImplementedError
+
+
 @dataclass(frozen=True)
-class RoundedTriangle:
+class RoundedTriangle(_Run):
     """Laps of a triangle with rounded corners, clockwise, (5.40) with the audit's corrections.
 
     z = (b1 cos 2 pi w + b1/4 cos 4 pi w, -b1 sin 2 pi w + b1/4 sin 4 pi w), w counting laps. From
@@ -45,18 +66,6 @@ class RoundedTriangle:
     def end_time(self) -> float:
         """Time [s] at which the run comes to rest."""
         return self.approach + (self.laps + 4) * self.period
-
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position (n, 3) [m] at times (n,) [s]."""
-        return self._motion(t)[0]
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity (n, 3) [m/s] at times (n,) [s]."""
-        return self._motion(t)[1]
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration (n, 3) [m/s2] at times (n,) [s]."""
-        return self._motion(t)[2]
 
     def path(self) -> np.ndarray:
         """The straight line and one lap."""
@@ -100,7 +109,7 @@ class RoundedTriangle:
 
 
 @dataclass(frozen=True)
-class LapCircle:
+class LapCircle(_Run):
     """From the straight pose out to a circle, a lap counter-clockwise, and back (audit sec. 4).
 
     Out and back by the smooth step 10 s^3 - 15 s^4 + 6 s^5. With `ramp` 0 the lap starts and stops
@@ -145,18 +154,6 @@ class LapCircle:
         """Time [s] at which the rig is straight again."""
         return self.lap_time[1] + self.approach
 
-    def position(self, t: np.ndarray) -> np.ndarray:
-        """Position (n, 3) [m] at times (n,) [s]."""
-        return self._motion(t)[0]
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Velocity (n, 3) [m/s] at times (n,) [s]."""
-        return self._motion(t)[1]
-
-    def acceleration(self, t: np.ndarray) -> np.ndarray:
-        """Acceleration (n, 3) [m/s2] at times (n,) [s]."""
-        return self._motion(t)[2]
-
     def path(self) -> np.ndarray:
         """The straight line and one lap."""
         lap = self.radius * np.exp(2j * np.pi * np.linspace(0, 1, 201))
@@ -186,6 +183,46 @@ class LapCircle:
         steady = np.clip(since, self.ramp, end - begin - self.ramp) - self.ramp
         phase = self.rate * (steady + self.ramp * (risen + 0.5 - fallen))
         return phase, self.rate * np.minimum(up[0], down[0]), self.rate * (up[1] - down[1])
+
+
+@dataclass(frozen=True)
+class SetPoints:
+    """Jumps from one point to the next, each held for a while.
+
+    Attributes:
+        points: (k, 3) [m].
+        hold: [s] at each point; the last one stays.
+    """
+
+    jumps: ClassVar[bool] = True
+
+    points: tuple[tuple[float, float, float], ...]
+    hold: float
+
+    def __post_init__(self) -> None:
+        if not self.points or not 0 < self.hold < inf:
+            raise ValueError(
+                f"set points need one point or more and a positive hold [s], got "
+                f"{len(self.points)} points and {self.hold} s"
+            )
+        for point in self.points:
+            if len(point) != 3 or not all(isfinite(x) for x in point):
+                raise ValueError(f"a set point needs three finite coordinates [m], got {point}")
+
+    def position(self, t: np.ndarray) -> np.ndarray:
+        """Position (n, 3) [m] at times (n,) [s]; at a jump the new point."""
+        index = np.floor(np.asarray(t) / self.hold + 1e-9).astype(int)
+        return np.array(self.points)[np.clip(index, 0, len(self.points) - 1)]
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Zero: the jumps have no finite velocity."""
+        return np.zeros((*np.shape(t), 3))
+
+    acceleration = velocity
+
+    def path(self) -> np.ndarray:
+        """The points."""
+        return np.array(self.points)
 
 
 def _check(**values: float) -> None:
