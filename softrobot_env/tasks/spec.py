@@ -94,8 +94,9 @@ class Task:
     @property
     def label(self) -> str:
         """Name for people, with the options."""
-        given = dict(self.options)
-        told = [option.text(given[name]) for name, option in OPTIONS.items() if name in given]
+        order = [*OPTIONS, *(name for name, _ in self.options if name not in OPTIONS)]
+        given = sorted(self.options, key=lambda option: order.index(option[0]))
+        told = (OPTIONS.get(name, Option(name)).text(value) for name, value in given)
         return " ".join([self.name, *told])
 
 
