@@ -2,7 +2,7 @@
 
 import pytest
 
-from softrobot_env.hardware.protocol.device_clock import DeviceClock
+from softrobot_env.hardware.protocol.link import DeviceClock
 
 WRAP = 2**32
 

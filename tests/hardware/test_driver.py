@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from support.hardware_boards import Board, LiveBoard
 
-from softrobot_env.hardware.driver import Driver
+from softrobot_env.hardware.driver import Driver, ExitGuard
 from softrobot_env.hardware.errors import (
     LinkError,
     RefusedError,
@@ -20,7 +20,6 @@ from softrobot_env.hardware.errors import (
     RobotFaultError,
     SessionLostError,
 )
-from softrobot_env.hardware.exit_guard import ExitGuard
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
 from softrobot_env.hardware.robot_file.model import rig_file
@@ -272,7 +271,7 @@ def test_closing_goes_on_when_the_system_fails(live):
 def test_a_forked_child_leaves_the_robot_to_its_parent():
     program = """
         import os, signal, sys
-        from softrobot_env.hardware.exit_guard import ExitGuard
+        from softrobot_env.hardware.driver import ExitGuard
         ExitGuard(lambda: print("closed", flush=True)).install()
         for end in (lambda: signal.raise_signal(signal.SIGTERM), lambda: sys.exit(3)):
             child = os.fork()
@@ -287,7 +286,7 @@ def test_a_forked_child_leaves_the_robot_to_its_parent():
 def test_the_guard_may_be_installed_again_by_another_thread():
     program = """
         import signal, threading
-        from softrobot_env.hardware.exit_guard import ExitGuard
+        from softrobot_env.hardware.driver import ExitGuard
         guard = ExitGuard(lambda: print("closed", flush=True))
         guard.install()
         thread = threading.Thread(target=guard.install)

@@ -10,9 +10,8 @@ from softrobot_env.hardware.errors import ProtocolMismatchError, RobotError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
 from softrobot_env.hardware.protocol.link import LinkCounters
-from softrobot_env.hardware.protocol.phase import Phase
-from softrobot_env.hardware.robot_file.model import rig_file
-from softrobot_env.hardware.robot_file.parts import Supervision
+from softrobot_env.hardware.protocol.session import Phase
+from softrobot_env.hardware.robot_file.model import Supervision, rig_file
 
 
 def hello_ack(bench, **changes):
@@ -61,7 +60,7 @@ def test_another_number_of_servos_is_refused():
 def test_a_board_that_cannot_watch_what_the_file_asks_for_is_refused(changes, key, what):
     bench = Bench(replace(rig_file(), **changes))
     hello_ack(bench, capabilities=15)
-    assert bench.session.phase == Phase.GREETED
+    assert bench.session.phase == Phase.IDENTIFIED
     bench = Bench(replace(rig_file(), **changes))
     with pytest.raises(RobotError, match=f"asks for {key}.*not measure {what.name.lower()}"):
         hello_ack(bench, capabilities=15 & ~what)
@@ -70,7 +69,7 @@ def test_a_board_that_cannot_watch_what_the_file_asks_for_is_refused(changes, ke
 def test_the_rig_before_its_calibration_needs_only_a_supply():
     bench = Bench()
     hello_ack(bench, capabilities=int(m.Capability.SUPPLY))
-    assert bench.session.phase == Phase.GREETED
+    assert bench.session.phase == Phase.IDENTIFIED
 
 
 def test_an_answer_to_another_hello_is_ignored():

@@ -5,8 +5,7 @@ import pytest
 from support.hardware_boards import Bench
 
 from softrobot_env.hardware.robot_file.keys import RobotFileError
-from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
-from softrobot_env.hardware.robot_file.parts import Servo, Supervision, Tip
+from softrobot_env.hardware.robot_file.model import RobotFile, Servo, Supervision, Tip, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
 from softrobot_env.robots import SERVO_SPEED
 

@@ -29,7 +29,7 @@ _OLDEST = 1.0  # s
 #: Of `info`, in every step.
 _SAMPLED = ("rtt_s", "lateness_s", "tip_age", "error")
 
-#: Of the link, see `hardware.link.LinkCounters`.
+#: Of the link, see `hardware.protocol.link.LinkCounters`.
 _COUNTERS = (
     "lost",
     "crc_errors",

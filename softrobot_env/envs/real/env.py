@@ -28,7 +28,7 @@ from softrobot_env.envs.reference import TOP, ReferenceTable, sample_reference
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Capability, Fault
-from softrobot_env.hardware.protocol.readings import FaultInfo
+from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.hardware.transport import SerialTransport, Transport

@@ -20,9 +20,8 @@ from softrobot_env.hardware.errors import (
     UnansweredError,
 )
 from softrobot_env.hardware.protocol.messages import Capability
-from softrobot_env.hardware.protocol.readings import Reading
-from softrobot_env.hardware.robot_file.model import RobotFile
-from softrobot_env.hardware.robot_file.parts import Tip
+from softrobot_env.hardware.protocol.unit_conversion import Reading
+from softrobot_env.hardware.robot_file.model import RobotFile, Tip
 from softrobot_env.hardware.tip import Sight, TipSource, make_tip_source
 from softrobot_env.hardware.transport import Transport
 
