@@ -23,7 +23,7 @@ from softrobot_env.envs.real.options import (
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.spaces import TENSION, real_spaces
 from softrobot_env.envs.real.step_clock import StepClock
-from softrobot_env.envs.real.tip_filter import Sights, check_ages
+from softrobot_env.envs.real.tip_filter import TipFilter, check_ages
 from softrobot_env.envs.reference import TOP, ReferenceTable, sample_reference
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
@@ -168,7 +168,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._action = [0.0] * self.action_space.shape[0]
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
-        self._sights = Sights(self._session.sight(), self._reach)
+        self._tip = TipFilter(self._session.sight(), self._reach)
         self._running = True
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -233,7 +233,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         sight, reading = self._session.sight(), self._session.reading
         ages = {"the tip source": now - sight.time, "the microcontroller": reading.age(now)}
         check_ages(ages, self._oldest)
-        self._sights.add(sight)
+        self._tip.add(sight)
 
     def _check_forces(self) -> None:
         able = Capability.FORCE in self._session.capabilities
@@ -245,8 +245,8 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
     def _observe(self) -> Observation:
         reading = self._session.reading
         measured = {
-            "tip_position": self._sights.position.copy(),
-            "tip_velocity": self._sights.velocity.copy(),
+            "tip_position": self._tip.position.copy(),
+            "tip_velocity": self._tip.velocity.copy(),
             "tendon_length": reading.length.copy(),
             "tendon_tension": reading.force.copy(),
             "previous_action": np.array(self._action),
@@ -257,8 +257,8 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _error(self, now: float) -> float:
         """Distance [m] of the newest measurement to the reference of its own time."""
-        age = (now - self._sights.time) / self.control_period
-        return self._sights.error(self._reference.position, self._index - age)
+        age = (now - self._tip.time) / self.control_period
+        return self._tip.error(self._reference.position, self._index - age)
 
     def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
         reading = self._session.reading
@@ -266,7 +266,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         return {
             "time": self._index * self.control_period,
             "error": self._error(now),
-            "tip_age": now - self._sights.time,
+            "tip_age": now - self._tip.time,
             "tendon_tension": reading.force.copy() if able else np.full_like(reading.force, nan),
             "tendon_length": reading.length.copy(),
             "reward_terms": terms,

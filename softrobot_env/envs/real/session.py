@@ -1,4 +1,4 @@
-"""The real rig as an environment uses it: microcontroller, tip source, and waiting for rest."""
+"""The real rig as an environment uses it: microcontroller and tip source."""
 
 import os
 import weakref
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.envs.real.settling import wait_for_rest
+from softrobot_env.envs.real.tip_filter import wait_for_rest
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import (
     LinkError,
@@ -123,14 +123,14 @@ class RealSession:
             self._opened.tip = _open_tip(self.file.tip)
         self._opened.driver = Driver(self.file, self._line())
         try:
-            self._greet()
+            self._connect()
             if clear and self._driver.fault is not None:
                 self._driver.clear()
         except BaseException:
             self._opened.close_driver()
             raise
 
-    def _greet(self) -> None:
+    def _connect(self) -> None:
         self.capabilities = self._driver.connect().capabilities
 
     def _revive(self) -> None:
@@ -142,7 +142,7 @@ class RealSession:
         try:
             self._driver.stop()
             self._driver.clear()
-            self._greet()
+            self._connect()
         except RefusedError:
             raise
         except RobotError:

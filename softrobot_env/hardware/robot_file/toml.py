@@ -123,11 +123,8 @@ def _from_table(kind: type, table: Mapping[str, Any]) -> Any:
 
 def _written(kind: type) -> dict[str, tuple[str, Key | None]]:
     """Field of a dataclass -> its key in the file, and how its number is written."""
-    known = keys(kind)
-    return {
-        f.name: (known[f.name].name, known[f.name]) if f.name in known else (f.name, None)
-        for f in fields(kind)
-    }
+    known, names = keys(kind), [field.name for field in fields(kind)]
+    return {name: (known[name].name if name in known else name, known.get(name)) for name in names}
 
 
 def _read(written: str, key: Key | None, value: Any) -> Any:

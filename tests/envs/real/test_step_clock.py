@@ -5,7 +5,7 @@ import pytest
 from gymnasium import spaces
 
 from softrobot_env.envs.real.step_clock import StepClock
-from softrobot_env.envs.real.tip_filter import Sights, reference_at
+from softrobot_env.envs.real.tip_filter import TipFilter, reference_at
 from softrobot_env.hardware.tip import Sight
 
 
@@ -69,12 +69,12 @@ def test_later_skips_whole_periods(clock, time, work, missed):
 
 
 def test_velocity_is_by_difference_of_different_pictures():
-    sights = Sights(Sight(1.0, np.zeros(2)), spaces.Box(-1.0, 1.0, (2,), np.float64))
-    assert sights.velocity.tolist() == [0.0, 0.0]
-    sights.add(Sight(1.01, np.array([0.002, -0.001])))
-    assert sights.velocity == pytest.approx([0.2, -0.1])
-    sights.add(Sight(1.01, np.array([0.002, -0.001])))
-    assert sights.velocity == pytest.approx([0.2, -0.1])
+    tip = TipFilter(Sight(1.0, np.zeros(2)), spaces.Box(-1.0, 1.0, (2,), np.float64))
+    assert tip.velocity.tolist() == [0.0, 0.0]
+    tip.add(Sight(1.01, np.array([0.002, -0.001])))
+    assert tip.velocity == pytest.approx([0.2, -0.1])
+    tip.add(Sight(1.01, np.array([0.002, -0.001])))
+    assert tip.velocity == pytest.approx([0.2, -0.1])
 
 
 def test_reference_between_control_instants():
