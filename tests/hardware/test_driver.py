@@ -329,8 +329,7 @@ def test_a_program_that_ends_stops_its_robot(how):
     program = f"""
         import signal, sys
         from support.hardware_boards import LiveBoard
-        from softrobot_env.hardware.robot_file.model import rig_file
-        from softrobot_env.hardware.driver import Driver
+                from softrobot_env.hardware.driver import Driver
         board = LiveBoard().__enter__()
         driver = Driver(rig_file(), board.transport)
         close, driver._transport.close = driver._transport.close, lambda: print(

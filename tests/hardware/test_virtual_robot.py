@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from support.hardware_boards import Bench
 
-from softrobot_env.commands.robot.virtual import virtual_file
 from softrobot_env.hardware.protocol.messages import Fault
+from softrobot_env.hardware.robot_file.model import virtual_file
 from softrobot_env.hardware.virtual.robot import linked
 
 pytest.importorskip("serial", reason="needs the robot extra")

@@ -8,7 +8,6 @@ import socket
 import sys
 from array import array
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread, Timer
 
@@ -17,7 +16,7 @@ from rich.console import Console
 
 from softrobot_env.commands.arguments import positive
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
-from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, rig_file
+from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.virtual.robot import Pulses, VirtualRobot, linked
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
@@ -26,7 +25,6 @@ EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
 UNTIL_EOF = "--until-eof"
 
 _SUPPLY = 6.0  # V
-_MAX_FORCE, _STALL = 40.0, 5e-3  # N, m
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -88,13 +86,6 @@ def run(args: argparse.Namespace) -> int:
     if robot.failure is not None:
         console.print(f"The simulation failed: {robot.failure}")
     return int(robot.failure is not None)
-
-
-def virtual_file(port: str = "/dev/ttyUSB0") -> RobotFile:
-    """Robot file of a virtual robot: the rig's, with the checks of what only this one measures."""
-    file = rig_file(port)
-    servos = tuple(replace(servo, max_force=_MAX_FORCE) for servo in file.tendons)
-    return replace(file, tendons=servos, supervision=replace(file.supervision, stall=_STALL))
 
 
 def virtual_robot(

@@ -9,8 +9,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
-from softrobot_env.commands.robot.virtual import UNTIL_EOF, virtual_file
-from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.commands.robot.virtual import UNTIL_EOF
+from softrobot_env.hardware.robot_file.model import RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
 
 _START, _END = 60.0, 30.0  # s, a long log takes a while to write

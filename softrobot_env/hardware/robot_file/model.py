@@ -1,7 +1,7 @@
 """What is known of a robot before it moves: port, timing, limits, calibration of its servos."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import floor
 from typing import Annotated, Any
 
@@ -257,6 +257,13 @@ def rig_file(port: str = "/dev/ttyUSB0") -> RobotFile:
         tendons=tuple(Servo(k, 1500e-6, 31.83e-3, -LENGTH_SCALE, LENGTH_SCALE) for k in range(3)),
         slew=floor(1e5 * SERVO_SPEED) / 1e5,
     )
+
+
+def virtual_file(port: str = "/dev/ttyUSB0") -> RobotFile:
+    """Robot file of a virtual robot: the rig's, with the checks of what only this one measures."""
+    file = rig_file(port)
+    servos = tuple(replace(servo, max_force=40.0) for servo in file.tendons)
+    return replace(file, tendons=servos, supervision=replace(file.supervision, stall=5e-3))
 
 
 def _counts(record: Any, name: str) -> int:
