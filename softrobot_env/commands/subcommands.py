@@ -9,7 +9,7 @@ class Command(NamedTuple):
     """A command.
 
     Attributes:
-        module: Or another object: has `EXAMPLE` for people, `add_arguments(parser)` and `run(args)`,
+        module: Or an object: has `EXAMPLE` for people, `add_arguments(parser)` and `run(args)`,
             which returns the exit status.
         text: What it does.
     """

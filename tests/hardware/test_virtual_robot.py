@@ -2,12 +2,12 @@
 
 import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 from support.hardware_boards import Bench
+from support.processes import python
 
 from softrobot_env.hardware.protocol.messages import Fault
 from softrobot_env.hardware.robot_file.model import virtual_file
@@ -101,11 +101,9 @@ with virtual_process(0) as robot:
 
 @pytest.fixture
 def parent(tmp_path):
-    command = [sys.executable, "-c", PARENT]
     where = os.environ | {"TMPDIR": str(tmp_path)}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=where) as parent:
+    with python(PARENT, stdout=subprocess.PIPE, text=True, env=where) as parent:
         yield parent
-        parent.kill()
 
 
 def test_it_ends_with_a_parent_that_is_killed(parent):

@@ -2,13 +2,14 @@
 
 import signal
 import subprocess
-import sys
 import time
+from contextlib import contextmanager
 from dataclasses import replace
 
 import gymnasium
 import numpy as np
 import pytest
+from support.processes import python
 
 from softrobot_env.commands.robot.soak import unsafe_outputs
 from softrobot_env.commands.robot.virtual_process import virtual_process
@@ -23,6 +24,8 @@ from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
+
+pytestmark = pytest.mark.realtime("no process waits for the processor for 0.4 s")
 
 TWIN = 1
 
@@ -106,11 +109,12 @@ def test_an_episode_takes_its_time_by_the_clock(make):
 def test_info_tells_of_link_and_age(make, robot):
     env = make()
     begin(env)
-    for _ in range(5):
-        *_, info = env.step(still())
+    # A step that the robot answers in its period; on a busy machine not every one is.
+    steps = (env.step(still())[4] for _ in range(200))
+    info = next(info for info in steps if info["rtt_s"] is not None)
     assert info["fault"] is None and info["limited"] is False
-    assert 0 <= info["obs_age_s"] < 0.5 and 0.01 < info["tip_age"] < 0.5
-    assert robot.file.state_delay <= info["rtt_s"] < 0.5
+    assert 0 <= info["obs_age_s"] < PATIENT["oldest"] and 0.01 < info["tip_age"] < PATIENT["oldest"]
+    assert robot.file.state_delay <= info["rtt_s"] < PATIENT_FILE["ttl"]
     assert info["link"]["crc_errors"] == info["link"]["frame_errors"] == 0
     assert info["applied_action"] == pytest.approx(np.zeros(3), abs=1e-3)
 
@@ -183,11 +187,11 @@ class Freezing:
 
 def test_a_dead_tip_source_ends_the_episode(make, robot):
     source = Freezing(robot.tip)
-    env = make(tip=source, oldest=0.2)
+    env = make(tip=source, oldest=1.0)
     begin(env)
     env.step(still())
     source.frozen = robot.tip.latest(None, 0.0)
-    ends = (env.step(still()) for _ in range(60))
+    ends = (env.step(still()) for _ in range(200))
     *_, truncated, info = next(end for end in ends if end[3])
     assert truncated and "tip source" in info["failure"] and "old" in info["failure"]
 
@@ -226,13 +230,15 @@ def test_a_policy_does_the_same_in_simulation_and_over_the_wire(make):
 
 
 HOST = """
-import sys, time
+import signal, sys, time
 from dataclasses import replace
 import numpy as np
 from softrobot_env.hardware.robot_file.model import rig_file
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.transport import SerialTransport
 
+# Where tests run in the background, Ctrl-C is ignored, also by their children.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 file = replace(rig_file(sys.argv[1]), watchdog=0.5, ttl=0.4)
 driver = Driver(file, SerialTransport(file.port, file.baud))
 driver.connect()
@@ -247,21 +253,22 @@ while True:
 """
 
 
+@contextmanager
+def moving(port):
+    """A host that moves the robot at a port, in a process of its own."""
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
+    with python(HOST, port, text=True, **pipes) as host:
+        assert host.stdout.readline() == "moving\n"
+        yield host
+
+
 @pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 def test_killing_the_host_leaves_the_robot_at_rest(tmp_path, kill):
     log = tmp_path / "log.npz"
-    with virtual_process(TWIN, log=log) as robot:
-        host = subprocess.Popen(
-            [sys.executable, "-c", HOST, robot.file.port],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        assert host.stdout.readline() == "moving\n"
+    with virtual_process(TWIN, log=log) as robot, moving(robot.file.port) as host:
         killed = time.monotonic()
         host.send_signal(kill)
-        host.wait(10)
-        host.stdout.close()
+        host.wait(30)
         file = replace(robot.file, **PATIENT_FILE)
         time.sleep(file.watchdog + 0.02 / file.ramp + 0.3)
     with np.load(log) as data:

@@ -25,7 +25,10 @@ from softrobot_env.hardware.protocol.framing import Decoder, encode
 
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [
+    pytest.mark.timeout(60),
+    pytest.mark.realtime("no thread waits for the processor for 0.4 s"),
+]
 
 
 @pytest.fixture

@@ -27,7 +27,10 @@ from softrobot_env.hardware.virtual.robot import Pulses, VirtualRobot
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [
+    pytest.mark.timeout(60),
+    pytest.mark.realtime("no thread waits for the processor for 0.4 s"),
+]
 
 THERE = np.array([4e-3, -2e-3, 0.0])
 

@@ -2,11 +2,11 @@
 
 import shutil
 import subprocess
-import sys
 from types import SimpleNamespace
 
 import pytest
 from support.firmware_bench import running  # skips without a compiler
+from support.processes import python
 
 from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.protocol.schema import header
@@ -72,9 +72,8 @@ def test_it_is_compiled_once(cache, monkeypatch):
 
 def test_two_processes_may_compile_at_once(cache):
     code = "from softrobot_env.hardware.virtual.core import Core; Core().transmit()"
-    command = [sys.executable, "-c", code]
-    both = [subprocess.Popen(command, stderr=subprocess.PIPE) for _ in range(2)]
-    assert [process.communicate()[1] for process in both] == [b"", b""]
+    with python(code, stderr=subprocess.PIPE) as one, python(code, stderr=subprocess.PIPE) as other:
+        assert [process.communicate()[1] for process in (one, other)] == [b"", b""]
     assert len(list(cache.rglob("*.so"))) == 1
 
 
