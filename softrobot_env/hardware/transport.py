@@ -1,8 +1,7 @@
-"""Ways that bytes go: a serial port, or memory."""
+"""The way that bytes go: a serial port."""
 
 import termios
 from errno import EAGAIN
-from queue import Empty, SimpleQueue
 from types import ModuleType
 from typing import Protocol
 
@@ -88,41 +87,6 @@ def _told(error: Exception) -> str:
             "press the emergency switch"
         )
     return str(error)
-
-
-class MemoryTransport:
-    """One end of a pair of queues."""
-
-    def __init__(self, incoming: SimpleQueue[bytes], outgoing: SimpleQueue[bytes]) -> None:
-        self._incoming, self._outgoing = incoming, outgoing
-        self._closed = False
-
-    @classmethod
-    def pair(cls) -> tuple["MemoryTransport", "MemoryTransport"]:
-        """Two ends; what is written to one can be read from the other."""
-        one, other = SimpleQueue(), SimpleQueue()
-        return cls(one, other), cls(other, one)
-
-    def read(self, timeout: float) -> bytes:
-        """See `Transport`."""
-        self._check_open()
-        try:
-            return self._incoming.get(timeout=timeout)
-        except Empty:
-            return b""
-
-    def write(self, data: bytes) -> None:
-        """See `Transport`."""
-        self._check_open()
-        self._outgoing.put(data)
-
-    def close(self) -> None:
-        """See `Transport`."""
-        self._closed = True
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise LinkError("this end is closed")
 
 
 def load_serial() -> ModuleType:

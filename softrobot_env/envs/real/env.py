@@ -197,7 +197,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _step(self, values: list[float]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         if not self._started:
-            self._session.arm()
+            self._session.driver.arm()
             self._clock.start()
             self._started = True
         self._round_trip = None
@@ -230,20 +230,22 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         Raises:
             StaleError: One is older than allowed, or the tip is out of reach.
         """
-        sight, reading = self._session.sight(), self._session.reading
+        sight, reading = self._session.sight(), self._session.driver.reading
         ages = {"the tip source": now - sight.time, "the microcontroller": reading.age(now)}
         check_ages(ages, self._oldest)
         self._tip.add(sight)
 
+    def _measures_forces(self) -> bool:
+        return Capability.FORCE in self._session.driver.info.capabilities
+
     def _check_forces(self) -> None:
-        able = Capability.FORCE in self._session.capabilities
-        if TENSION in self.observation_space.spaces and not able:
+        if TENSION in self.observation_space.spaces and not self._measures_forces():
             raise RobotError(
                 "the board measures no forces: leave out the observable tendon_tension"
             )
 
     def _observe(self) -> Observation:
-        reading = self._session.reading
+        reading = self._session.driver.reading
         measured = {
             "tip_position": self._tip.position.copy(),
             "tip_velocity": self._tip.velocity.copy(),
@@ -261,13 +263,13 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         return self._tip.error(self._reference.position, self._index - age)
 
     def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
-        reading = self._session.reading
-        able = Capability.FORCE in self._session.capabilities
+        reading = self._session.driver.reading
+        force = reading.force if self._measures_forces() else np.full_like(reading.force, nan)
         return {
             "time": self._index * self.control_period,
             "error": self._error(now),
             "tip_age": now - self._tip.time,
-            "tendon_tension": reading.force.copy() if able else np.full_like(reading.force, nan),
+            "tendon_tension": force.copy(),
             "tendon_length": reading.length.copy(),
             "reward_terms": terms,
             "applied_action": reading.applied / self.length_scale,
@@ -277,7 +279,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             "obs_age_s": reading.age(now),
             "missed_steps": self._missed,
             "device_state": reading.state.name.lower(),
-            "link": self._session.link(),
+            "link": self._session.driver.link,
             "fault": None if self._fault is None else self._fault.text,
         }
 
