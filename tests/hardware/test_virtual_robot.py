@@ -91,7 +91,7 @@ def test_its_file_has_a_tendon_that_pulls_too_hard_noticed(bench):
 
 PARENT = """
 from time import sleep
-from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.commands.robot.virtual import virtual_process
 
 with virtual_process(0) as robot:
     print(robot.file.port, robot.process.pid, flush=True)

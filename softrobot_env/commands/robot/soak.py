@@ -15,7 +15,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from softrobot_env.commands.arguments import add_out, positive
-from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.tip import TipSource
 

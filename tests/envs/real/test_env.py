@@ -12,7 +12,7 @@ import pytest
 from support.processes import python
 
 from softrobot_env.commands.robot.soak import unsafe_outputs
-from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.rig import RigEnv
