@@ -23,7 +23,7 @@ from softrobot_env.envs.real.options import (
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.spaces import TENSION, real_spaces
 from softrobot_env.envs.real.step_clock import StepClock
-from softrobot_env.envs.real.tip_filter import TipFilter, check_ages
+from softrobot_env.envs.real.tip_filter import StaleError, TipFilter
 from softrobot_env.envs.reference import TOP, ReferenceTable, sample_reference
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
@@ -232,7 +232,12 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         """
         sight, reading = self._session.sight(), self._session.driver.reading
         ages = {"the tip source": now - sight.time, "the microcontroller": reading.age(now)}
-        check_ages(ages, self._oldest)
+        for whose, age in ages.items():
+            if age > self._oldest:
+                raise StaleError(
+                    f"the last measurement of {whose} is {1e3 * age:.0f} ms old, allowed are "
+                    f"{1e3 * self._oldest:.0f} ms"
+                )
         self._tip.add(sight)
 
     def _measures_forces(self) -> bool:

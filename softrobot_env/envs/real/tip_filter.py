@@ -78,24 +78,6 @@ def reference_at(points: np.ndarray, step: float) -> np.ndarray:
     return np.array([np.interp(step, steps, column) for column in points.T])
 
 
-def check_ages(ages: dict[str, float], oldest: float) -> None:
-    """Refuse measurements older than allowed.
-
-    Args:
-        ages: Age [s] of the last measurement, by whose it is.
-        oldest: [s].
-
-    Raises:
-        StaleError: One is older; names it.
-    """
-    for whose, age in ages.items():
-        if age > oldest:
-            raise StaleError(
-                f"the last measurement of {whose} is {1e3 * age:.0f} ms old, allowed are "
-                f"{1e3 * oldest:.0f} ms"
-            )
-
-
 def wait_for_rest(look: Callable[[], Sight | None], source: str) -> None:
     """Wait until the tip stands still.
 

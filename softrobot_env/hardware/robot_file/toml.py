@@ -57,14 +57,15 @@ def _value(value: Any) -> str:
 
 
 def _robot(table: Mapping[str, Any]) -> RobotFile:
-    rest = dict(table)
-    tendons = _tables(rest.pop(_TENDONS, []), _TENDONS)
-    parts = {_TENDONS: tuple(_servo(k, tendon) for k, tendon in enumerate(tendons))}
-    for name, build in ((_SUPERVISION, _supervision), (_TIP, _tip)):
-        if name in rest:
-            with _told_of(name):
-                parts[name] = build(_table(rest[name]))
-    return _from_table(RobotFile, rest | parts)
+    builders = {_TENDONS: _servos, _SUPERVISION: _supervision, _TIP: _tip}
+    parts = {name: build(table[name]) for name, build in builders.items() if name in table}
+    return _from_table(RobotFile, {_TENDONS: ()} | dict(table) | parts)
+
+
+def _servos(value: Any) -> tuple[Servo, ...]:
+    if not isinstance(value, list) or not all(isinstance(x, Mapping) for x in value):
+        raise RobotFileError(f"{_TENDONS} must be tables, each begun with [[{_TENDONS}]]")
+    return tuple(_servo(k, table) for k, table in enumerate(value))
 
 
 def _servo(index: int, table: Mapping[str, Any]) -> Servo:
@@ -72,27 +73,25 @@ def _servo(index: int, table: Mapping[str, Any]) -> Servo:
         return _from_table(Servo, table)
 
 
-def _supervision(table: dict[str, Any]) -> Supervision:
-    channels = table.get("adc_channels", [])
-    if not isinstance(channels, list):
-        raise RobotFileError(f"adc_channels must be a list, got {channels!r}")
-    return _from_table(Supervision, table | {"adc_channels": tuple(channels)})
+def _supervision(value: Any) -> Supervision:
+    with _told_of(_SUPERVISION):
+        table = _table(value)
+        channels = table.get("adc_channels", [])
+        if not isinstance(channels, list):
+            raise RobotFileError(f"adc_channels must be a list, got {channels!r}")
+        return _from_table(Supervision, table | {"adc_channels": tuple(channels)})
 
 
-def _tip(table: dict[str, Any]) -> Tip:
-    return Tip(table.pop("kind", None), table)
+def _tip(value: Any) -> Tip:
+    with _told_of(_TIP):
+        table = _table(value)
+        return Tip(table.pop("kind", None), table)
 
 
 def _table(value: Any) -> dict[str, Any]:
     if not isinstance(value, Mapping):
         raise RobotFileError(f"must be a table, got {value!r}")
     return dict(value)
-
-
-def _tables(value: Any, name: str) -> list[Mapping[str, Any]]:
-    if not isinstance(value, list) or not all(isinstance(x, Mapping) for x in value):
-        raise RobotFileError(f"{name} must be tables, each begun with [[{name}]]")
-    return value
 
 
 def _as_table(record: Any) -> dict[str, Any]:
