@@ -1,7 +1,11 @@
 """The way that bytes go: a serial port."""
 
+import os
 import termios
+from contextlib import suppress
 from errno import EAGAIN
+from select import select
+from time import monotonic
 from types import ModuleType
 from typing import Protocol
 
@@ -48,9 +52,7 @@ class SerialTransport:
         self._name = port
         serial = load_serial()
         try:
-            self._port = serial.Serial(
-                port, baud, timeout=0.0, write_timeout=WRITE_TIMEOUT, exclusive=True
-            )
+            self._port = serial.Serial(port, baud, timeout=0.0, exclusive=True)
         except (OSError, termios.error, ValueError) as error:
             raise LinkError(f"cannot open {port}: {_told(error)}") from error
 
@@ -67,9 +69,19 @@ class SerialTransport:
     def write(self, data: bytes) -> None:
         """See `Transport`."""
         try:
-            self._port.write(data)
+            self._send(data)
         except (OSError, termios.error) as error:
             raise LinkError(f"cannot write to {self._name}: {error}") from error
+
+    def _send(self, data: bytes) -> None:
+        """Not pyserial's `write`: it fails also where all bytes went out and this process slept."""
+        port, end = self._port.fileno(), monotonic() + WRITE_TIMEOUT
+        while data:
+            _, ready, _ = select([], [port], [], max(0.0, end - monotonic()))
+            if not ready:
+                raise TimeoutError(f"nobody has taken the bytes for {WRITE_TIMEOUT:g} s")
+            with suppress(BlockingIOError):
+                data = data[os.write(port, data) :]
 
     def close(self) -> None:
         """See `Transport`."""

@@ -22,6 +22,12 @@ from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_
 pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.5 s")
 
 
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """A robot that says nothing because the machine is busy is not taken for dead."""
+    monkeypatch.setattr("softrobot_env.hardware.driver._FRESH", 10.0)
+
+
 class Terminal:
     """A board behind a pseudo-terminal, in real time.
 

@@ -35,6 +35,12 @@ pytestmark = [
 THERE = np.array([4e-3, -2e-3, 0.0])
 
 
+@pytest.fixture(autouse=True)
+def patience(monkeypatch):
+    """A robot that says nothing because the machine is busy is not taken for dead."""
+    monkeypatch.setattr("softrobot_env.hardware.driver._FRESH", 10.0)
+
+
 class Servos:
     """A plant of ideal servos; see `virtual.Plant`.
 
