@@ -119,7 +119,7 @@ def test_calibrate_writes_what_was_found(robot, tmp_path, monkeypatch, capsys):
     out = tmp_path / "found.toml"
     assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 0
     found, before = read_robot_file(out), read_robot_file(Path(robot.file))
-    assert found.tendons[1].center == pytest.approx(1468e-6)  # 1500 us less 31.83 us
+    assert found.tendons[1].center == pytest.approx(1468e-6)  # 1500 µs less 31.83 µs
     assert found.tendons[1].rest == pytest.approx(2e-3, abs=1.1e-5)
     assert found.tendons[0] == before.tendons[0]
     assert "unknown command 'nonsense'; there are" in capsys.readouterr().out

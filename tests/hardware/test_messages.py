@@ -22,7 +22,7 @@ def test_every_number_that_stands_for_something_is_in_the_schema(kind):
     assert line.split()[1:] == [f"{code.name}={code.value}" for code in kind]
 
 
-def test_a_board_that_was_flashed_before_is_greeted():
+def test_a_board_that_was_flashed_before_passes_the_handshake():
     bench = Bench()
     ack = m.HelloAck(77, 1, 0x0100, 1, 1, FLASHED, 3, 15, 0)
     bench.session.receive(encode(ack, 0), bench.now)

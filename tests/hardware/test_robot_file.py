@@ -60,7 +60,7 @@ def test_parts_may_be_left_out(tmp_path):
         ("rest_mm = 0.0", "rest_mm = 0.004", "tendon 1: rest_mm has steps of 0.01"),
         ("rest_mm = 0.0", "rest_mm = 31", "tendon 1: minimum_mm <= rest_mm <= maximum_mm"),
         ("gain_us_per_mm = 31.83", "gain_us_per_mm = 0", "gain_us_per_mm must not be zero"),
-        ("maximum_mm = 30.0", "maximum_mm = 35", "maximum_mm means a pulse of 2614 us"),
+        ("maximum_mm = 30.0", "maximum_mm = 35", "maximum_mm means a pulse of 2614 µs"),
         ("channel = 1", "channel = 2", r"channels 0 to 2, each once, got \[0, 2, 2\]"),
         ("adc_channels = []", "adc_channels = [4]", "supervision: each of adc_channels"),
         ("adc_low = 8", "adc_low = 4090", "supervision: adc_low must be smaller"),

@@ -187,9 +187,8 @@ class UnitConversion:
             who = channel + 1
         elif code != Fault.ADC:
             channel = None
-        told = {"value": value, "channel": channel, "who": who}
-        told["millimetres"] = 1e3 * value if value is not None else None
-        return FaultInfo(code, channel, value, text.format(**told))
+        told = text.format(value=value, channel=channel, who=who, millimetres=1e3 * (value or 0.0))
+        return FaultInfo(code, channel, value, told)
 
     def _by_tendon(self, values: tuple[int, ...], unit: float) -> np.ndarray:
         return np.array(values)[self._channels] * unit

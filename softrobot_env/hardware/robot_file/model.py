@@ -80,8 +80,8 @@ class Servo:
             pulse = 1e6 * self.pulse(getattr(self, name))
             if not shortest - _EXACT_PULSE <= pulse <= longest + _EXACT_PULSE:
                 raise RobotFileError(
-                    f"{name}_mm means a pulse of {pulse:.0f} us, allowed are {shortest:.0f} to "
-                    f"{longest:.0f} us"
+                    f"{name}_mm means a pulse of {pulse:.0f} µs, allowed are {shortest:.0f} to "
+                    f"{longest:.0f} µs"
                 )
 
     def pulse(self, length: float) -> float:
@@ -248,7 +248,7 @@ class RobotFile:
 def rig_file(port: str = "/dev/ttyUSB0") -> RobotFile:
     """The spatial test rig before its calibration: three tendons of 30 mm either way.
 
-    A servo turns half a turn in 2000 us and winds with a horn of 20 mm. Only the supply is watched,
+    A servo turns half a turn in 2000 µs and winds with a horn of 20 mm. Only the supply is watched,
     as on a board that measures neither lengths nor forces.
     """
     return RobotFile(

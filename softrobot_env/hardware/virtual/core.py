@@ -104,7 +104,7 @@ class Core:
         """One pass of the main loop.
 
         Args:
-            now_us: Time [us], taken modulo 2**32.
+            now_us: Time [µs], taken modulo 2**32.
             measured: What the board measures at this time.
 
         Raises:

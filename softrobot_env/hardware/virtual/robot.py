@@ -50,7 +50,7 @@ class Plant(Protocol):
 
 
 class Pulses(NamedTuple):
-    """How servos of the plant understand pulses: (n,) [us] at zero, and (n,) [us/m]."""
+    """How servos of the plant understand pulses: (n,) [µs] at zero, and (n,) [µs/m]."""
 
     centre: np.ndarray
     gain: np.ndarray
