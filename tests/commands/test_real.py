@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
+from support.patience import patient_drivers
 from support.rig_learnt_file import learnt_file
 
 from softrobot_env.cli import main
@@ -38,6 +39,8 @@ def patient(monkeypatch):
     defaults = RealRigEnv.__init__.__kwdefaults__
     monkeypatch.setitem(defaults, "max_missed", 10_000)
     monkeypatch.setitem(defaults, "oldest", 2.0)
+    with patient_drivers():
+        yield
 
 
 @pytest.mark.realtime("no process waits for the processor for 0.9 s")

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.hardware_boards import PASS, Board, FullDisk
+from support.patience import patient_drivers
 
 from softrobot_env.cli import main
 from softrobot_env.commands.robot.command import ROBOT_COMMANDS
@@ -23,9 +24,9 @@ pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.5 s")
 
 
 @pytest.fixture(autouse=True)
-def patience(monkeypatch):
-    """A robot that says nothing because the machine is busy is not taken for dead."""
-    monkeypatch.setattr("softrobot_env.hardware.driver._FRESH", 10.0)
+def patience():
+    with patient_drivers():
+        yield
 
 
 class Terminal:

@@ -9,6 +9,7 @@ from dataclasses import replace
 import gymnasium
 import numpy as np
 import pytest
+from support.patience import patient_drivers
 from support.processes import python
 
 from softrobot_env.commands.robot.soak import unsafe_outputs
@@ -36,6 +37,12 @@ PATIENT_FILE = {"watchdog": 0.5, "ttl": 0.4}
 #: A lap of 5 s and the way to it, quicker than that of the registered task.
 RUN = RoundedTriangle(b1=0.05, period=3.0, laps=0, approach=2.0)
 TASK = RigTask("triangle", RIG, RUN, 6.0)
+
+
+@pytest.fixture(autouse=True)
+def patience():
+    with patient_drivers():
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +221,10 @@ def test_arguments_are_checked(robot):
 
 
 def test_a_policy_does_the_same_in_simulation_and_over_the_wire(make):
-    """Same twin, same policy: tips differ by less than a millimetre on average."""
+    """Same twin, same policy: tips differ by less than a millimetre on average.
+
+    A policy that is late is another policy: this needs a machine that gets every step done in time.
+    """
     env = make()
     rollouts = []
     begin(env)
@@ -223,6 +233,8 @@ def test_a_policy_does_the_same_in_simulation_and_over_the_wire(make):
     real, simulated = rollouts
     assert (real.source, simulated.source) == ("real", "sim")
     assert real.failure is None
+    if env._missed > 3:
+        pytest.skip(f"the machine is too busy: {env._missed} of 300 steps were missed")
     place = np.stack([np.interp(real.time, simulated.time, x) for x in simulated.tip.T], axis=1)
     apart = np.linalg.norm(real.tip - place, axis=1)
     assert apart.mean() < 1e-3

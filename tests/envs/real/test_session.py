@@ -10,6 +10,7 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 from support.hardware_boards import Board, LiveBoard
+from support.patience import patient_drivers
 
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultError
@@ -73,6 +74,12 @@ class Line:
     def _check(self):
         if not self.plugged:
             raise LinkError("unplugged")
+
+
+@pytest.fixture(autouse=True)
+def patience():
+    with patient_drivers():
+        yield
 
 
 @pytest.fixture

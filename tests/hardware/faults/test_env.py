@@ -7,6 +7,7 @@ from time import sleep
 import pytest
 from support.hardware_boards import Board, LiveBoard
 from support.output_witness import WatchedCore
+from support.patience import patient_drivers
 from support.real_episodes import (
     FILE,
     PERIOD,
@@ -29,6 +30,12 @@ pytestmark = [
     pytest.mark.timeout(60),
     pytest.mark.realtime("no thread waits for the processor for 0.4 s"),
 ]
+
+
+@pytest.fixture(autouse=True)
+def patience():
+    with patient_drivers():
+        yield
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 from support.output_witness import WatchedCore
+from support.patience import patient_drivers
 from support.real_episodes import (
     FILE,
     PERIOD,
@@ -36,9 +37,9 @@ THERE = np.array([4e-3, -2e-3, 0.0])
 
 
 @pytest.fixture(autouse=True)
-def patience(monkeypatch):
-    """A robot that says nothing because the machine is busy is not taken for dead."""
-    monkeypatch.setattr("softrobot_env.hardware.driver._FRESH", 10.0)
+def patience():
+    with patient_drivers():
+        yield
 
 
 class Servos:
