@@ -98,15 +98,17 @@ def test_spaces_are_those_of_the_simulated_rig(make):
 def test_an_episode_takes_its_time_by_the_clock(make):
     env = make()
     begin(env, duration=1.0)
-    over, count, since = False, 0, None
+    over, count, since, missed = False, 0, None, 0
     while not over:
+        before = count + missed
         *_, terminated, over, info = env.step(still())
+        missed = info["missed_steps"]
         since = time.monotonic() if count == 0 else since
         count += 1
     assert time.monotonic() - since > 0.9
     # The first step arms the robot, the last one ramps it down.
     assert not terminated and info["time"] == pytest.approx(1.0)
-    assert count + info["missed_steps"] == 50
+    assert before < 50 <= count + missed
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(still())
     env.reset()
