@@ -1,4 +1,4 @@
-"""Answers that do not fit, and the counters of a link."""
+"""Answers that do not fit."""
 
 from dataclasses import replace
 
@@ -8,7 +8,6 @@ from support.hardware_boards import Bench
 from softrobot_env.hardware.errors import ProtocolMismatchError, RobotError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.protocol.link import LinkCounters
 from softrobot_env.hardware.protocol.session import Phase
 from softrobot_env.hardware.robot_file.model import Supervision, rig_file, virtual_file
 
@@ -82,16 +81,3 @@ def test_another_configuration_is_not_taken_for_ours():
     hello_ack(bench)
     with pytest.raises(RobotError, match="another configuration"):
         bench.session.receive(encode(m.ConfigAck(1), 1), bench.now)
-
-
-def test_lost_and_doubled_messages_are_counted():
-    link = LinkCounters()
-    arrived = [link.note_arrival(seq) for seq in (65534, 65535, 65535, 3, 2, 4)]
-    assert arrived == [True, True, False, True, False, True]
-    assert (link.lost, link.old, link.received) == (3, 2, 4)
-
-
-def test_a_count_that_begins_anew_is_no_old_message():
-    link = LinkCounters()
-    assert link.note_arrival(500) and link.note_arrival(0)
-    assert (link.lost, link.old) == (0, 0)

@@ -9,7 +9,6 @@ Lengths travel in 0.01 mm, forces in 0.01 N, times in microseconds of a clock th
 """
 
 import struct
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from enum import IntEnum, IntFlag
 from functools import cache
@@ -328,18 +327,14 @@ UNSEEDED = (Hello.number, HelloAck.number)
 
 def schema_text() -> str:
     """Messages and enumerations as text, one a line; what `SCHEMA` is the hash of."""
-    return "\n".join([f"protocol {PROTOCOL}", *_told_messages(), *_told_codes()])
-
-
-def _told_messages() -> Iterator[str]:
+    lines = [f"protocol {PROTOCOL}"]
     for number, kind in TYPES.items():
         parts = (f"{name}:{code}{count}" for name, code, count in kind.layout)
-        yield " ".join([str(number), kind.__name__, *parts])
-
-
-def _told_codes() -> Iterator[str]:
-    for kind in (*ENUMERATIONS, *FLAGS):
-        yield " ".join([kind.__name__, *(f"{code.name}={code.value}" for code in kind)])
+        lines.append(" ".join([str(number), kind.__name__, *parts]))
+    for codes in (*ENUMERATIONS, *FLAGS):
+        parts = (f"{code.name}={code.value}" for code in codes)
+        lines.append(" ".join([codes.__name__, *parts]))
+    return "\n".join(lines)
 
 
 SCHEMA = crc32(schema_text().encode())
