@@ -26,13 +26,13 @@ from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.realtime("no process waits for the processor for 0.4 s")
+pytestmark = pytest.mark.realtime("no process waits for the processor for 0.8 s")
 
 TWIN = 1
 
 #: Other tests may load the machine: no test of what a step does may fail for being late.
 PATIENT = {"max_missed": 10_000, "oldest": 2.0}
-PATIENT_FILE = {"watchdog": 0.5, "ttl": 0.4}
+PATIENT_FILE = {"watchdog": 0.9, "ttl": 0.8}
 
 #: A lap of 5 s and the way to it, quicker than that of the registered task.
 RUN = RoundedTriangle(b1=0.05, period=3.0, laps=0, approach=2.0)
@@ -235,32 +235,35 @@ def test_a_policy_does_the_same_in_simulation_and_over_the_wire(make):
     real, simulated = rollouts
     assert (real.source, simulated.source) == ("real", "sim")
     assert real.failure is None
-    if env._missed > 3:
-        pytest.skip(f"the machine is too busy: {env._missed} of 300 steps were missed")
     place = np.stack([np.interp(real.time, simulated.time, x) for x in simulated.tip.T], axis=1)
     apart = np.linalg.norm(real.tip - place, axis=1)
+    if env._missed > 3 and apart.mean() >= 1e-3:
+        pytest.skip(f"the machine is too busy: {env._missed} of 300 steps were missed")
     assert apart.mean() < 1e-3
     assert np.ptp(real.tip[:, 0]) > 0.05  # it moved
 
 
-HOST = """
+HOST = f"""
 import signal, sys, time
+from contextlib import suppress
 from dataclasses import replace
 import numpy as np
+from softrobot_env.hardware.errors import UnansweredError
 from softrobot_env.hardware.robot_file.model import rig_file
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.transport import SerialTransport
 
 # Where tests run in the background, Ctrl-C is ignored, also by their children.
 signal.signal(signal.SIGINT, signal.default_int_handler)
-file = replace(rig_file(sys.argv[1]), watchdog=0.5, ttl=0.4)
+file = replace(rig_file(sys.argv[1]), **{PATIENT_FILE})
 driver = Driver(file, SerialTransport(file.port, file.baud))
-driver.connect()
-driver.arm()
-start = time.monotonic()
+driver.connect(20)
+driver.arm(20)
+start, seq = time.monotonic(), 0
 while True:
     since = time.monotonic() - start
-    seq = driver.command(np.array([0.008 * since, 0.0, 0.0]).clip(0, 0.02))
+    with suppress(UnansweredError):
+        seq = driver.command(np.array([0.008 * since, 0.0, 0.0]).clip(0, 0.02))
     driver.wait_for(seq, time.monotonic() + 0.06)
     if since > 1.0:
         print("moving", flush=True)
