@@ -273,8 +273,7 @@ while True:
 @contextmanager
 def moving(port):
     """A host that moves the robot at a port, in a process of its own."""
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.DEVNULL}
-    with python(HOST, port, text=True, **pipes) as host:
+    with python(HOST, port, text=True, stdout=subprocess.PIPE) as host:
         assert host.stdout.readline() == "moving\n"
         yield host
 
