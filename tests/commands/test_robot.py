@@ -20,7 +20,7 @@ from softrobot_env.hardware.protocol.messages import Capability, DeviceState
 from softrobot_env.hardware.robot_file.model import rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
 
-pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.5 s")
+pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.9 s")
 
 
 @pytest.fixture(autouse=True)
@@ -66,7 +66,7 @@ def robot(tmp_path):
     """A board, with a patient robot file at `robot.file`: this computer may be busy."""
     terminal = Terminal()
     terminal.file = str(tmp_path / "rig.toml")
-    patient = replace(rig_file(terminal.port), watchdog=0.8, ttl=0.5)
+    patient = replace(rig_file(terminal.port), watchdog=1.0, ttl=0.9)
     write_robot_file(patient, tmp_path / "rig.toml")
     yield terminal
     terminal.close()
