@@ -8,7 +8,7 @@ namespace converter {
 
 void begin();
 
-// 0 to 4095 of a channel from 0 to 7; takes about 30 us.
+// 0 to 4095 of a channel from 0 to 7; takes about 30 µs.
 uint16_t read(uint8_t channel);
 
 }  // namespace converter

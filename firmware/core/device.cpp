@@ -3,7 +3,7 @@
 namespace softrobot {
 namespace {
 
-constexpr uint32_t kMillisecond = 1000;  // us
+constexpr uint32_t kMillisecond = 1000;  // µs
 constexpr uint32_t kArmedForUs = 1000000;
 constexpr uint32_t kLongestRampUs = 10000000;  // however slow the host wants it
 

@@ -5,7 +5,7 @@ namespace {
 
 constexpr uint16_t kShortestWatchdogMs = 20, kLongestWatchdogMs = 1000;
 constexpr int32_t kShortestPulseUs = 400, kLongestPulseUs = 2600;
-constexpr int32_t kGainScale = 10000;  // 0.01 us per mm, times 0.01 mm
+constexpr int32_t kGainScale = 10000;  // 0.01 µs per mm, times 0.01 mm
 
 // Of whole numbers; halves away from zero.
 int32_t quotient(int32_t value, int32_t divisor) {

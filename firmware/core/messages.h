@@ -1,4 +1,4 @@
-// What arrives from the host, with the names and units of softrobot_env/hardware/protocol/messages.
+// What arrives from the host; names and units as in softrobot_env/hardware/protocol/messages.py.
 // A constructor reads the fields of a body, after its header, which the decoder has checked.
 #pragma once
 
@@ -35,7 +35,7 @@ struct Config {
 
   // Pulse of a servo in microseconds when `length` is pulled in.
   int32_t pulse(uint8_t tendon, int16_t length) const;
-  int32_t fine_pulse(uint8_t tendon, int16_t length) const;  // 0.0001 us
+  int32_t fine_pulse(uint8_t tendon, int16_t length) const;  // 0.0001 µs
 
   // Length pulled in that stands for such a pulse, or the outermost number beyond.
   int16_t length(uint8_t tendon, int32_t fine_pulse) const;

@@ -3,7 +3,7 @@
 namespace softrobot {
 namespace {
 
-constexpr uint32_t kMillisecond = 1000;  // us
+constexpr uint32_t kMillisecond = 1000;  // µs
 constexpr uint16_t kUnconfiguredPeriodMs = 50;
 constexpr uint32_t kFaultPeriodUs = 200000;
 constexpr uint16_t kFirmware = 0x0100;  // major << 8 | minor

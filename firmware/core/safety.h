@@ -20,7 +20,7 @@ class Lasting {
   }
 
  private:
-  static constexpr uint32_t kMillisecond = 1000;  // us
+  static constexpr uint32_t kMillisecond = 1000;  // µs
 
   bool wrong_ = false;
   uint32_t since_us_ = 0;

@@ -6,7 +6,7 @@ namespace {
 // The least offset rises by 1/128 of the time: the drift of a ceramic resonator, 0.5 %, is no age.
 constexpr uint32_t kDrift = 128;
 
-constexpr uint32_t kMillisecond = 1000;  // us
+constexpr uint32_t kMillisecond = 1000;  // µs
 
 }  // namespace
 

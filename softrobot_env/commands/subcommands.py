@@ -2,20 +2,19 @@
 
 import argparse
 from collections.abc import Mapping
-from types import ModuleType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 
 class Command(NamedTuple):
     """A command.
 
     Attributes:
-        module: Has `EXAMPLE` for people, `add_arguments(parser)` and `run(args)`, which returns the
-            exit status.
+        module: Or an object: has `EXAMPLE` for people, `add_arguments(parser)` and `run(args)`,
+            which returns the exit status.
         text: What it does.
     """
 
-    module: ModuleType
+    module: Any
     text: str
 
 

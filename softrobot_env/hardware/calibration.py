@@ -6,8 +6,13 @@ from typing import Self
 
 import numpy as np
 
-from softrobot_env.hardware.robot_file.model import LONGEST_RAMP, RobotFile
-from softrobot_env.hardware.robot_file.parts import LONGEST_PULSE, SHORTEST_PULSE, Servo
+from softrobot_env.hardware.robot_file.model import (
+    LONGEST_PULSE,
+    LONGEST_RAMP,
+    SHORTEST_PULSE,
+    RobotFile,
+    Servo,
+)
 
 _STEP, _DIGITS = 1e-5, 5  # m, of lengths in a robot file
 _LARGEST = 0.3  # m

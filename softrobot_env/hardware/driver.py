@@ -1,20 +1,25 @@
-"""Drives a robot, in SI units."""
+"""Drives a robot, in SI units, and stops it however a program ends."""
 
+import atexit
+import os
 import secrets
+import signal
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from math import ceil, inf
+from threading import current_thread, main_thread
 from time import monotonic
+from types import FrameType
 from typing import Any, Self
 
 import numpy as np
 
 from softrobot_env.hardware.errors import LinkError, RobotError, UnansweredError
 from softrobot_env.hardware.exchange import Exchange
-from softrobot_env.hardware.exit_guard import ExitGuard
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.readings import DeviceInfo, FaultInfo, Reading
+from softrobot_env.hardware.protocol.handshake import DeviceInfo
 from softrobot_env.hardware.protocol.session import Phase, Session
+from softrobot_env.hardware.protocol.unit_conversion import FaultInfo, Reading
 from softrobot_env.hardware.robot_file.model import LONGEST_RAMP, RobotFile
 from softrobot_env.hardware.transport import Transport
 
@@ -78,7 +83,7 @@ class Driver:
         return self._session.link.as_dict()
 
     def connect(self, timeout: float = 2.0) -> DeviceInfo:
-        """Greet and configure the robot, which stays disarmed; also anew after a lost session.
+        """Handshake and configuration; the robot stays disarmed. Also after a lost session.
 
         Raises:
             LinkError: No answer within `timeout` [s].
@@ -93,7 +98,7 @@ class Driver:
         end, ask = self._clock() + timeout, self._exchange.ask
         self._exchange.listen(session)
         self._guard.install()
-        ask(m.Hello, session.hello, lambda: session.phase >= Phase.GREETED, end)
+        ask(m.Hello, session.hello, lambda: session.phase >= Phase.IDENTIFIED, end)
         ask(m.Config, session.configure, lambda: session.phase >= Phase.CONFIGURED, end)
         if not self._exchange.wait(lambda: session.reading is not None, end):
             raise LinkError("the robot does not say where it is")
@@ -285,3 +290,44 @@ class Driver:
 def _quietly(stage: Callable[[], None]) -> None:
     with suppress(RobotError, OSError):
         stage()
+
+
+class ExitGuard:
+    """Calls a function when the interpreter ends, or when it gets SIGTERM.
+
+    The signal then goes on to whoever had it before. Only Python's main thread can be told of
+    signals; elsewhere the guard does without. What a process has opened is its own: in a forked
+    child the guard does nothing.
+    """
+
+    def __init__(self, close: Callable[[], None]) -> None:
+        self._close, self._owner = close, os.getpid()
+        self._previous: signal.Handlers | Callable | int | None = None
+
+    def install(self) -> None:
+        """Begin; twice is harmless."""
+        self.remove()
+        atexit.register(self._close_own)
+        if _in_main_thread():
+            self._previous = signal.getsignal(signal.SIGTERM)
+            if self._previous is not None:
+                signal.signal(signal.SIGTERM, self._handle)
+
+    def remove(self) -> None:
+        """End; the previous handler gets its signal back."""
+        atexit.unregister(self._close_own)
+        if _in_main_thread() and signal.getsignal(signal.SIGTERM) == self._handle:
+            signal.signal(signal.SIGTERM, self._previous)
+
+    def _close_own(self) -> None:
+        if os.getpid() == self._owner:
+            self._close()
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        self._close_own()
+        signal.signal(signal.SIGTERM, self._previous)
+        signal.raise_signal(number)
+
+
+def _in_main_thread() -> bool:
+    return current_thread() is main_thread()

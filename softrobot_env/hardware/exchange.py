@@ -2,10 +2,14 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from secrets import randbits
 from threading import Condition, Event, RLock, Thread
+from time import monotonic
 
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotError
-from softrobot_env.hardware.protocol.messages import Message, Reason
+from softrobot_env.hardware.protocol.framing import Decoder, encode
+from softrobot_env.hardware.protocol.handshake import DeviceInfo, introduced
+from softrobot_env.hardware.protocol.messages import PROTOCOL, Hello, HelloAck, Message, Reason
 from softrobot_env.hardware.protocol.session import Session
 from softrobot_env.hardware.transport import Transport
 
@@ -138,6 +142,25 @@ class Exchange:
     def _raise_error(self) -> None:
         if self._error is not None:
             raise self._error
+
+
+def identify(transport: Transport, timeout: float = 2.0) -> DeviceInfo:
+    """Ask who is at the other end; a robot that moves ramps down.
+
+    Raises:
+        LinkError: Nobody answers within `timeout` [s].
+        ProtocolMismatchError: See `introduced`.
+    """
+    hello, decoder = Hello(randbits(32), PROTOCOL, PROTOCOL), Decoder()
+    end = monotonic() + timeout
+    while monotonic() < end:
+        transport.write(encode(hello, 0))
+        retry = min(end, monotonic() + _RETRY)
+        while monotonic() < retry:
+            for message, _ in decoder.feed(transport.read(_POLL)):
+                if isinstance(message, HelloAck) and message.nonce == hello.nonce:
+                    return introduced(message)
+    raise LinkError(f"no robot has answered within {timeout:g} s")
 
 
 def _unanswered(kind: type[Message], reason: int | None) -> Exception:

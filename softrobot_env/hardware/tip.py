@@ -10,6 +10,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from softrobot_env.hardware.robot_file.keys import check_whole
+
 #: Most bytes of a tracker's datagram.
 _DATAGRAM = 512
 
@@ -55,8 +57,7 @@ class UdpTip:
             ValueError: No number of a port.
             OSError: The port is taken.
         """
-        if isinstance(port, bool) or not isinstance(port, int) or not 0 <= port <= _LAST_PORT:
-            raise ValueError(f"port must be a whole number from 0 to {_LAST_PORT}, got {port!r}")
+        check_whole("port", port, _LAST_PORT)
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))

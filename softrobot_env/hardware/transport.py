@@ -1,8 +1,11 @@
-"""Ways that bytes go: a serial port, or memory."""
+"""The way that bytes go: a serial port."""
 
+import os
 import termios
+from contextlib import suppress
 from errno import EAGAIN
-from queue import Empty, SimpleQueue
+from select import select
+from time import monotonic
 from types import ModuleType
 from typing import Protocol
 
@@ -49,9 +52,7 @@ class SerialTransport:
         self._name = port
         serial = load_serial()
         try:
-            self._port = serial.Serial(
-                port, baud, timeout=0.0, write_timeout=WRITE_TIMEOUT, exclusive=True
-            )
+            self._port = serial.Serial(port, baud, timeout=0.0, exclusive=True)
         except (OSError, termios.error, ValueError) as error:
             raise LinkError(f"cannot open {port}: {_told(error)}") from error
 
@@ -68,9 +69,19 @@ class SerialTransport:
     def write(self, data: bytes) -> None:
         """See `Transport`."""
         try:
-            self._port.write(data)
+            self._send(data)
         except (OSError, termios.error) as error:
             raise LinkError(f"cannot write to {self._name}: {error}") from error
+
+    def _send(self, data: bytes) -> None:
+        """Not pyserial's `write`: it fails also where all bytes went out and this process slept."""
+        port, end = self._port.fileno(), monotonic() + WRITE_TIMEOUT
+        while data:
+            _, ready, _ = select([], [port], [], max(0.0, end - monotonic()))
+            if not ready:
+                raise TimeoutError(f"nobody has taken the bytes for {WRITE_TIMEOUT:g} s")
+            with suppress(BlockingIOError):
+                data = data[os.write(port, data) :]
 
     def close(self) -> None:
         """See `Transport`."""
@@ -88,41 +99,6 @@ def _told(error: Exception) -> str:
             "press the emergency switch"
         )
     return str(error)
-
-
-class MemoryTransport:
-    """One end of a pair of queues."""
-
-    def __init__(self, incoming: SimpleQueue[bytes], outgoing: SimpleQueue[bytes]) -> None:
-        self._incoming, self._outgoing = incoming, outgoing
-        self._closed = False
-
-    @classmethod
-    def pair(cls) -> tuple["MemoryTransport", "MemoryTransport"]:
-        """Two ends; what is written to one can be read from the other."""
-        one, other = SimpleQueue(), SimpleQueue()
-        return cls(one, other), cls(other, one)
-
-    def read(self, timeout: float) -> bytes:
-        """See `Transport`."""
-        self._check_open()
-        try:
-            return self._incoming.get(timeout=timeout)
-        except Empty:
-            return b""
-
-    def write(self, data: bytes) -> None:
-        """See `Transport`."""
-        self._check_open()
-        self._outgoing.put(data)
-
-    def close(self) -> None:
-        """See `Transport`."""
-        self._closed = True
-
-    def _check_open(self) -> None:
-        if self._closed:
-            raise LinkError("this end is closed")
 
 
 def load_serial() -> ModuleType:

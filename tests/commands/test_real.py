@@ -6,10 +6,13 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
+from support.patience import patient_drivers
 from support.rig_learnt_file import learnt_file
 
 from softrobot_env.cli import main
+from softrobot_env.commands.robot import soak
 from softrobot_env.commands.robot.soak import answer_times
+from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import real as real_setup
 from softrobot_env.commands.setups.case import Case
 from softrobot_env.envs.real import RealRigEnv
@@ -22,6 +25,26 @@ pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
 
 
+@pytest.fixture
+def patient(monkeypatch):
+    """Virtual robots and their environments wait for a busy machine."""
+
+    @contextmanager
+    def process(*args, **options):
+        with virtual_process(*args, **options) as robot:
+            yield robot._replace(file=replace(robot.file, watchdog=1.0, ttl=0.9))
+
+    for module in (real_setup, soak):
+        monkeypatch.setattr(module, "virtual_process", process)
+    defaults = RealRigEnv.__init__.__kwdefaults__
+    monkeypatch.setitem(defaults, "max_missed", 10_000)
+    monkeypatch.setitem(defaults, "oldest", 2.0)
+    with patient_drivers():
+        yield
+
+
+@pytest.mark.realtime("no process waits for the processor for 0.9 s")
+@pytest.mark.usefixtures("patient")
 def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     out, record = tmp_path / "out", tmp_path / "links"
     learnt = learnt_file(tmp_path / "learnt.npz", twin=0)
@@ -100,6 +123,8 @@ def test_no_robot_at_the_port(tmp_path, capsys):
     assert "/dev/no_robot" in capsys.readouterr().out.replace("\n", "")
 
 
+@pytest.mark.realtime("no process waits for the processor for 0.9 s; a third of a core")
+@pytest.mark.usefixtures("patient")
 def test_a_short_soak_says_what_it_measured(tmp_path):
     main(["robot", "soak", "--seconds", "3", "--out", str(tmp_path)])
     row, *promises = json.loads((tmp_path / "report.json").read_text())["rows"]

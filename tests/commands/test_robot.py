@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.hardware_boards import PASS, Board, FullDisk
+from support.patience import patient_drivers
 
 from softrobot_env.cli import main
 from softrobot_env.commands.robot.command import ROBOT_COMMANDS
@@ -18,6 +19,14 @@ from softrobot_env.commands.robot.link import open_driver
 from softrobot_env.hardware.protocol.messages import Capability, DeviceState
 from softrobot_env.hardware.robot_file.model import rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
+
+pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.9 s")
+
+
+@pytest.fixture(autouse=True)
+def patience():
+    with patient_drivers():
+        yield
 
 
 class Terminal:
@@ -57,7 +66,7 @@ def robot(tmp_path):
     """A board, with a patient robot file at `robot.file`: this computer may be busy."""
     terminal = Terminal()
     terminal.file = str(tmp_path / "rig.toml")
-    patient = replace(rig_file(terminal.port), watchdog=0.8, ttl=0.5)
+    patient = replace(rig_file(terminal.port), watchdog=1.0, ttl=0.9)
     write_robot_file(patient, tmp_path / "rig.toml")
     yield terminal
     terminal.close()
@@ -111,7 +120,7 @@ def test_calibrate_writes_what_was_found(robot, tmp_path, monkeypatch, capsys):
     out = tmp_path / "found.toml"
     assert main(["robot", "calibrate", "--robot-file", robot.file, "--out", str(out)]) == 0
     found, before = read_robot_file(out), read_robot_file(Path(robot.file))
-    assert found.tendons[1].center == pytest.approx(1468e-6)  # 1500 us less 31.83 us
+    assert found.tendons[1].center == pytest.approx(1468e-6)  # 1500 µs less 31.83 µs
     assert found.tendons[1].rest == pytest.approx(2e-3, abs=1.1e-5)
     assert found.tendons[0] == before.tendons[0]
     assert "unknown command 'nonsense'; there are" in capsys.readouterr().out

@@ -1,18 +1,15 @@
-"""Answers that do not fit, and the counters of a link."""
+"""Answers that do not fit."""
 
 from dataclasses import replace
 
 import pytest
 from support.hardware_boards import Bench
 
-from softrobot_env.commands.robot.virtual import virtual_file
 from softrobot_env.hardware.errors import ProtocolMismatchError, RobotError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.protocol.link import LinkCounters
-from softrobot_env.hardware.protocol.phase import Phase
-from softrobot_env.hardware.robot_file.model import rig_file
-from softrobot_env.hardware.robot_file.parts import Supervision
+from softrobot_env.hardware.protocol.session import Phase
+from softrobot_env.hardware.robot_file.model import Supervision, rig_file, virtual_file
 
 
 def hello_ack(bench, **changes):
@@ -61,7 +58,7 @@ def test_another_number_of_servos_is_refused():
 def test_a_board_that_cannot_watch_what_the_file_asks_for_is_refused(changes, key, what):
     bench = Bench(replace(rig_file(), **changes))
     hello_ack(bench, capabilities=15)
-    assert bench.session.phase == Phase.GREETED
+    assert bench.session.phase == Phase.IDENTIFIED
     bench = Bench(replace(rig_file(), **changes))
     with pytest.raises(RobotError, match=f"asks for {key}.*not measure {what.name.lower()}"):
         hello_ack(bench, capabilities=15 & ~what)
@@ -70,7 +67,7 @@ def test_a_board_that_cannot_watch_what_the_file_asks_for_is_refused(changes, ke
 def test_the_rig_before_its_calibration_needs_only_a_supply():
     bench = Bench()
     hello_ack(bench, capabilities=int(m.Capability.SUPPLY))
-    assert bench.session.phase == Phase.GREETED
+    assert bench.session.phase == Phase.IDENTIFIED
 
 
 def test_an_answer_to_another_hello_is_ignored():
@@ -84,16 +81,3 @@ def test_another_configuration_is_not_taken_for_ours():
     hello_ack(bench)
     with pytest.raises(RobotError, match="another configuration"):
         bench.session.receive(encode(m.ConfigAck(1), 1), bench.now)
-
-
-def test_lost_and_doubled_messages_are_counted():
-    link = LinkCounters()
-    arrived = [link.note_arrival(seq) for seq in (65534, 65535, 65535, 3, 2, 4)]
-    assert arrived == [True, True, False, True, False, True]
-    assert (link.lost, link.old, link.received) == (3, 2, 4)
-
-
-def test_a_count_that_begins_anew_is_no_old_message():
-    link = LinkCounters()
-    assert link.note_arrival(500) and link.note_arrival(0)
-    assert (link.lost, link.old) == (0, 0)

@@ -2,7 +2,7 @@ import struct
 import time
 
 import pytest
-from support.hardware_boards import FullDisk, LiveBoard
+from support.hardware_boards import FullDisk, LiveBoard, MemoryTransport
 
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError
@@ -17,7 +17,6 @@ from softrobot_env.hardware.recording import (
     read_recording,
 )
 from softrobot_env.hardware.robot_file.model import rig_file
-from softrobot_env.hardware.transport import MemoryTransport
 
 
 @pytest.fixture

@@ -5,8 +5,7 @@ import pytest
 from support.hardware_boards import Bench
 
 from softrobot_env.hardware.robot_file.keys import RobotFileError
-from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
-from softrobot_env.hardware.robot_file.parts import Servo, Supervision, Tip
+from softrobot_env.hardware.robot_file.model import RobotFile, Servo, Supervision, Tip, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
 from softrobot_env.robots import SERVO_SPEED
 
@@ -61,7 +60,7 @@ def test_parts_may_be_left_out(tmp_path):
         ("rest_mm = 0.0", "rest_mm = 0.004", "tendon 1: rest_mm has steps of 0.01"),
         ("rest_mm = 0.0", "rest_mm = 31", "tendon 1: minimum_mm <= rest_mm <= maximum_mm"),
         ("gain_us_per_mm = 31.83", "gain_us_per_mm = 0", "gain_us_per_mm must not be zero"),
-        ("maximum_mm = 30.0", "maximum_mm = 35", "maximum_mm means a pulse of 2614 us"),
+        ("maximum_mm = 30.0", "maximum_mm = 35", "maximum_mm means a pulse of 2614 µs"),
         ("channel = 1", "channel = 2", r"channels 0 to 2, each once, got \[0, 2, 2\]"),
         ("adc_channels = []", "adc_channels = [4]", "supervision: each of adc_channels"),
         ("adc_low = 8", "adc_low = 4090", "supervision: adc_low must be smaller"),

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from support.hardware_boards import PASS, Bench, Board
 
-from softrobot_env.commands.robot.virtual import virtual_file
 from softrobot_env.hardware.errors import LinkError, RobotError, RobotFaultError, SessionLostError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.protocol.phase import Phase
-from softrobot_env.hardware.robot_file.model import rig_file
+from softrobot_env.hardware.protocol.session import Phase
+from softrobot_env.hardware.robot_file.model import rig_file, virtual_file
 
 HERE = [0.0, 0.0, 0.0]
 

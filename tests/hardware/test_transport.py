@@ -2,9 +2,11 @@
 
 import os
 import tty
+from itertools import count
 
 import pytest
 
+from softrobot_env.hardware import transport
 from softrobot_env.hardware.errors import LinkError
 from softrobot_env.hardware.transport import SerialTransport
 
@@ -35,6 +37,17 @@ def test_a_port_is_for_one_program(terminal):
     port = SerialTransport(terminal[1], 500000)
     with pytest.raises(LinkError, match=f"cannot open {terminal[1]}: another program drives"):
         SerialTransport(terminal[1], 500000)
+    port.close()
+
+
+def test_a_process_that_slept_while_it_wrote_has_written(terminal, monkeypatch):
+    """Its time is over before it looks whether there is room."""
+    master, path = terminal
+    port, times = SerialTransport(path, 500000), count(0.0, 10.0)
+    with monkeypatch.context() as busy:
+        busy.setattr(transport, "monotonic", lambda: next(times))
+        port.write(b"to robot")
+    assert os.read(master, 100) == b"to robot"
     port.close()
 
 

@@ -2,15 +2,15 @@
 
 import os
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 from support.hardware_boards import Bench
+from support.processes import python
 
-from softrobot_env.commands.robot.virtual import virtual_file
 from softrobot_env.hardware.protocol.messages import Fault
+from softrobot_env.hardware.robot_file.model import virtual_file
 from softrobot_env.hardware.virtual.robot import linked
 
 pytest.importorskip("serial", reason="needs the robot extra")
@@ -91,7 +91,7 @@ def test_its_file_has_a_tendon_that_pulls_too_hard_noticed(bench):
 
 PARENT = """
 from time import sleep
-from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.commands.robot.virtual import virtual_process
 
 with virtual_process(0) as robot:
     print(robot.file.port, robot.process.pid, flush=True)
@@ -101,11 +101,9 @@ with virtual_process(0) as robot:
 
 @pytest.fixture
 def parent(tmp_path):
-    command = [sys.executable, "-c", PARENT]
     where = os.environ | {"TMPDIR": str(tmp_path)}
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=where) as parent:
+    with python(PARENT, stdout=subprocess.PIPE, text=True, env=where) as parent:
         yield parent
-        parent.kill()
 
 
 def test_it_ends_with_a_parent_that_is_killed(parent):

@@ -17,8 +17,7 @@ from softrobot_env.hardware.protocol.messages import (
     State,
     pack,
 )
-from softrobot_env.hardware.virtual.core import CompilerMissingError, Core, Measured
-from softrobot_env.hardware.virtual.core_library import library
+from softrobot_env.hardware.virtual.core import CompilerMissingError, Core, Measured, library
 
 try:
     library()

@@ -3,12 +3,13 @@
 import errno
 import threading
 import time
+from queue import Empty, SimpleQueue
 
 import numpy as np
 
+from softrobot_env.hardware.errors import LinkError
 from softrobot_env.hardware.protocol.session import Session
 from softrobot_env.hardware.robot_file.model import rig_file
-from softrobot_env.hardware.transport import MemoryTransport
 from softrobot_env.hardware.virtual.core import Core, Measured
 
 PASS = 1e-3  # s, of a board's main loop
@@ -114,6 +115,38 @@ class FullDisk:
 
     def __str__(self):
         return "full.link"
+
+
+class MemoryTransport:
+    """One end of a pair of queues; see `transport.Transport`."""
+
+    def __init__(self, incoming, outgoing):
+        self._incoming, self._outgoing = incoming, outgoing
+        self._closed = False
+
+    @classmethod
+    def pair(cls):
+        """Two ends; what is written to one can be read from the other."""
+        one, other = SimpleQueue(), SimpleQueue()
+        return cls(one, other), cls(other, one)
+
+    def read(self, timeout):
+        self._check_open()
+        try:
+            return self._incoming.get(timeout=timeout)
+        except Empty:
+            return b""
+
+    def write(self, data):
+        self._check_open()
+        self._outgoing.put(data)
+
+    def close(self):
+        self._closed = True
+
+    def _check_open(self):
+        if self._closed:
+            raise LinkError("this end is closed")
 
 
 class LiveBoard:

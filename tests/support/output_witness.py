@@ -14,7 +14,7 @@ class Permission:
     Attributes:
         session: Its number.
         target: Of the last set-point that counted, None before the first.
-        fed: When that was [us].
+        fed: When that was [µs].
     """
 
     def __init__(self, session: int) -> None:
@@ -26,7 +26,7 @@ class Permission:
         self._least_at = 0
 
     def take(self, setpoint: m.Setpoint, seq: int, now: int, config: m.Config) -> bool:
-        """Whether a set-point that arrived at `now` [us] counts."""
+        """Whether a set-point that arrived at `now` [µs] counts."""
         if setpoint.session != self.session:
             return False
         if self.target is not None and _signed(seq - self._seq, _SEQ) <= 0:
@@ -40,7 +40,7 @@ class Permission:
         return True
 
     def _age(self, t_host: int, now: int) -> int:
-        """[us] beyond the least delay of the session, which may rise by 1/128 of the time."""
+        """[µs] beyond the least delay of the session, which may rise by 1/128 of the time."""
         offset = _signed(now - t_host, _CLOCK)
         if self._least is None:
             self._least = offset
@@ -62,7 +62,7 @@ class Witness:
     a permission away but never give one.
 
     Attributes:
-        followed: Time [us] and target of every set-point that counted.
+        followed: Time [µs] and target of every set-point that counted.
     """
 
     def __init__(self) -> None:
@@ -80,7 +80,7 @@ class Witness:
         after: Outputs,
         arrived: list[tuple[m.Message, int]],
     ) -> None:
-        """Outputs `before` and `after` a pass at `now` [us], and (message, number) in it."""
+        """Outputs `before` and `after` a pass at `now` [µs], and (message, number) in it."""
         elapsed, self._now = (now - self._now) % _CLOCK, now
         self._expire()
         self._check_limits(after)
@@ -120,7 +120,7 @@ class Witness:
             assert min(0, way) <= moved <= max(0, way), f"tendon {i} went {moved} of {way}"
             speed = config.slew[i] if follows else min(config.ramp, config.slew[i])
             left = self._carry[i] + speed * elapsed - _MILLION * abs(moved)
-            assert left >= 0, f"tendon {i} went {moved} in {elapsed} us"
+            assert left >= 0, f"tendon {i} went {moved} in {elapsed} µs"
             self._carry[i] = min(left, _MILLION)
 
     def _follow(self, arrived, measured, powered: bool) -> bool:

@@ -1,8 +1,8 @@
-"""`softrobot robot`: a real robot over serial; a module for each of its commands."""
+"""`softrobot robot`: a real robot over serial."""
 
 import argparse
 
-from softrobot_env.commands.robot import calibrate, estop, hold, info, replay, soak, stop, virtual
+from softrobot_env.commands.robot import calibrate, orders, replay, soak, virtual
 from softrobot_env.commands.robot import list as list_ports
 from softrobot_env.commands.subcommands import Command, add_commands
 from softrobot_env.registries import Registry
@@ -14,13 +14,13 @@ ROBOT_COMMANDS: Registry[Command] = Registry(
     "command of robot",
     {
         "list": Command(list_ports, "list serial ports and who answers there"),
-        "info": Command(info, "configure a robot and print what it says of itself"),
+        "info": Command(orders.INFO, "configure a robot and print what it says of itself"),
         "calibrate": Command(
             calibrate, "jog the servos, mark zero, range and rest, and write a robot file"
         ),
-        "hold": Command(hold, "arm a robot and hold it at rest"),
-        "stop": Command(stop, "ramp a robot to rest and switch its outputs off"),
-        "estop": Command(estop, "cut a robot's outputs at once"),
+        "hold": Command(orders.HOLD, "arm a robot and hold it at rest"),
+        "stop": Command(orders.STOP, "ramp a robot to rest and switch its outputs off"),
+        "estop": Command(orders.ESTOP, "cut a robot's outputs at once"),
         "replay": Command(replay, "print what a recorded link carried"),
         "virtual": Command(virtual, "run the rig without hardware, behind a serial port"),
         "soak": Command(

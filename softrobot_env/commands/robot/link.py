@@ -11,7 +11,8 @@ from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.hardware.driver import Driver
-from softrobot_env.hardware.protocol.readings import DeviceInfo, Reading
+from softrobot_env.hardware.protocol.handshake import DeviceInfo
+from softrobot_env.hardware.protocol.unit_conversion import Reading
 from softrobot_env.hardware.recording import RecordingTransport
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file

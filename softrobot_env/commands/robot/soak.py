@@ -3,7 +3,8 @@
 import argparse
 from array import array
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from dataclasses import asdict, dataclass
 from math import isnan, nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,8 +16,9 @@ from rich.progress import Progress
 from rich.table import Table
 
 from softrobot_env.commands.arguments import add_out, positive
-from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.hardware.robot_file.model import RobotFile
+from softrobot_env.hardware.robot_file.toml import read_robot_file
 from softrobot_env.hardware.tip import TipSource
 
 EXAMPLE = "softrobot robot soak --seconds 60"
@@ -29,7 +31,7 @@ _OLDEST = 1.0  # s
 #: Of `info`, in every step.
 _SAMPLED = ("rtt_s", "lateness_s", "tip_age", "error")
 
-#: Of the link, see `hardware.link.LinkCounters`.
+#: Of the link, see `hardware.protocol.link.LinkCounters`.
 _COUNTERS = (
     "lost",
     "crc_errors",
@@ -67,11 +69,12 @@ def run(args: argparse.Namespace) -> int:
         row = _soak(file, tip, args.seconds, console)
     if log is not None:
         row |= unsafe_outputs(log, file)
-    rows = [row, *_promises(row)]
-    write_json(args.out / "report.json", rows, args.command_line)
-    console.print(_table(rows))
+    promises = list(_promises(row))
+    told = [asdict(promise) | {"met": promise.met} for promise in promises]
+    write_json(args.out / "report.json", [row, *told], args.command_line)
+    console.print(_table(row, promises))
     console.print(f"Wrote {args.out}/report.json")
-    return int(not all(r["met"] for r in rows[1:]))
+    return int(not all(promise.met for promise in promises))
 
 
 @contextmanager
@@ -80,8 +83,6 @@ def _robot(
 ) -> Iterator[tuple[RobotFile, TipSource | None, dict[str, np.ndarray] | None]]:
     """Robot file, tip source, and a log that is filled when the context has ended."""
     if args.robot_file is not None:
-        from softrobot_env.hardware.robot_file.toml import read_robot_file
-
         yield read_robot_file(args.robot_file), None, None
         return
     with TemporaryDirectory() as folder:
@@ -110,17 +111,14 @@ def _soak(
     env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(_POLICY, RIG, env.control_period)
     samples, last = {name: array("d") for name in _SAMPLED}, {}
-    try:
-        with Progress(console=console, transient=True) as progress:
-            bar = progress.add_task("soak", total=seconds)
-            for count, moment in enumerate(play(env, policy)):
-                last = moment.info
-                if count > 0:
-                    _add(samples, last)
-                if count % 50 == 0:
-                    progress.update(bar, completed=last["time"])
-    finally:
-        env.close()
+    with closing(env), Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("soak", total=seconds)
+        for count, moment in enumerate(play(env, policy)):
+            last = moment.info
+            if count > 0:
+                _add(samples, last)
+            if count % 50 == 0:
+                progress.update(bar, completed=last["time"])
     return _measured(samples, last, env.control_period)
 
 
@@ -177,24 +175,34 @@ def unsafe_outputs(log: dict[str, np.ndarray], file: RobotFile) -> dict[str, Any
     return {"ticks": len(time), "unsafe_outputs": int(outside.sum() + np.sum(way > allowed))}
 
 
-def _promises(row: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    period = row["control_period"]
-    yield _promise("share of missed steps", row["missed_steps"] / row["steps"], _MOST_MISSED)
-    yield _promise("round trip, 99 % [s]", row["round_trip_p99"], period)
-    yield _promise("failures", float(row["failure"] is not None), 0.0)
+@dataclass(frozen=True)
+class Promise:
+    """What a run shall keep: a value of at most a limit."""
+
+    promise: str
+    value: float
+    limit: float
+
+    @property
+    def met(self) -> bool:
+        """Whether it was kept."""
+        return self.value <= self.limit
+
+
+def _promises(row: dict[str, Any]) -> Iterator[Promise]:
+    yield Promise("share of missed steps", row["missed_steps"] / row["steps"], _MOST_MISSED)
+    yield Promise("round trip, 99 % [s]", row["round_trip_p99"], row["control_period"])
+    yield Promise("failures", float(row["failure"] is not None), 0.0)
     if "unsafe_outputs" in row:
-        yield _promise("unsafe outputs", float(row["unsafe_outputs"]), 0.0)
+        yield Promise("unsafe outputs", float(row["unsafe_outputs"]), 0.0)
 
 
-def _promise(what: str, value: float, limit: float) -> dict[str, Any]:
-    return {"promise": what, "value": value, "limit": limit, "met": value <= limit}
-
-
-def _table(rows: list[dict[str, Any]]) -> Table:
+def _table(row: dict[str, Any], promises: list[Promise]) -> Table:
     out = Table(title="Soak", show_header=False)
-    for name, value in rows[0].items():
+    for name, value in row.items():
         out.add_row(name, f"{value:.4g}" if isinstance(value, float) else str(value))
-    for row in rows[1:]:
-        verdict = "met" if row["met"] else "BROKEN"
-        out.add_row(row["promise"], f"{row['value']:.4g}, at most {row['limit']:.4g}: {verdict}")
+    for promise in promises:
+        verdict = "met" if promise.met else "BROKEN"
+        text = f"{promise.value:.4g}, at most {promise.limit:.4g}: {verdict}"
+        out.add_row(promise.promise, text)
     return out

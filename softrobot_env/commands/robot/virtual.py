@@ -5,28 +5,33 @@ import json
 import os
 import signal
 import socket
+import subprocess
 import sys
+import time
 from array import array
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from threading import Event, Thread, Timer
+from typing import NamedTuple
 
 import numpy as np
 from rich.console import Console
 
 from softrobot_env.commands.arguments import positive
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
-from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, rig_file
+from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, virtual_file
+from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.virtual.robot import Pulses, VirtualRobot, linked
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
 
 #: Private flag: end when whoever has started this no longer holds its standard input open.
-UNTIL_EOF = "--until-eof"
+_UNTIL_EOF = "--until-eof"
 
 _SUPPLY = 6.0  # V
-_MAX_FORCE, _STALL = 40.0, 5e-3  # N, m
+_START, _END = 60.0, 30.0  # s, a long log takes a while to write
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -52,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="npz with what really happened: time, tip, applied, powered, at every millisecond",
     )
-    parser.add_argument(UNTIL_EOF, action="store_true", help=argparse.SUPPRESS)
+    parser.add_argument(_UNTIL_EOF, action="store_true", help=argparse.SUPPRESS)
 
 
 def run(args: argparse.Namespace) -> int:
@@ -88,13 +93,6 @@ def run(args: argparse.Namespace) -> int:
     if robot.failure is not None:
         console.print(f"The simulation failed: {robot.failure}")
     return int(robot.failure is not None)
-
-
-def virtual_file(port: str = "/dev/ttyUSB0") -> RobotFile:
-    """Robot file of a virtual robot: the rig's, with the checks of what only this one measures."""
-    file = rig_file(port)
-    servos = tuple(replace(servo, max_force=_MAX_FORCE) for servo in file.tendons)
-    return replace(file, tendons=servos, supervision=replace(file.supervision, stall=_STALL))
 
 
 def virtual_robot(
@@ -178,3 +176,73 @@ class Log:
             applied=LENGTH_UNIT * rows[:, 3:-1],
             powered=rows[:, -1] > 0,
         )
+
+
+# ---------------------------------------------------------------------- for commands and tests
+
+
+class Running(NamedTuple):
+    """A virtual robot that runs: its robot file, the source of its pictures, and its process."""
+
+    file: RobotFile
+    tip: UdpTip
+    process: subprocess.Popen
+
+
+@contextmanager
+def virtual_process(twin: int, seed: int = 0, log: Path | None = None) -> Iterator[Running]:
+    """Start `softrobot robot virtual` and stop it at the end of the context.
+
+    It also ends when this process is killed. Ctrl-C reaches this process alone, so that a robot
+    in motion is ramped down before it ends.
+
+    Args:
+        twin: Seed of the twin.
+        seed: Of the noise of camera and sensors.
+        log: Where to write what really happened, see the command.
+
+    Raises:
+        RuntimeError: It did not start; with what it said.
+    """
+    tip = UdpTip(0)
+    with TemporaryDirectory() as folder:
+        link = Path(folder) / "robot"
+        command = [sys.executable, "-m", "softrobot_env", "robot", "virtual"]
+        command += ["--twin", str(twin), "--seed", str(seed), "--link", str(link)]
+        command += ["--camera-port", str(tip.port)]
+        command += [] if log is None else ["--log", str(log)]
+        process = subprocess.Popen(
+            [*command, _UNTIL_EOF],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+        try:
+            _wait_for(link, process)
+            yield Running(virtual_file(str(link)), tip, process)
+        finally:
+            _end(process)
+            tip.close()
+
+
+def _wait_for(link: Path, process: subprocess.Popen) -> None:
+    end = time.monotonic() + _START
+    while not link.exists():
+        if process.poll() is not None:
+            raise RuntimeError(f"the virtual robot did not start: {process.stderr.read().strip()}")
+        if time.monotonic() > end:
+            raise RuntimeError(f"the virtual robot did not start within {_START:g} s")
+        time.sleep(0.02)
+
+
+def _end(process: subprocess.Popen) -> None:
+    process.terminate()
+    try:
+        process.wait(_END)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+    process.stdin.close()
+    process.stderr.close()

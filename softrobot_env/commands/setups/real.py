@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from softrobot_env.commands.robot.link import robot_of
-from softrobot_env.commands.robot.virtual_process import virtual_process
+from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups.case import Case
 from softrobot_env.commands.setups.rig import RigSetup
 from softrobot_env.envs.real import RealRigEnv

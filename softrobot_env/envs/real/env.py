@@ -14,12 +14,12 @@ from softrobot_env.envs.options import action_values
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.setting import TENSION, RealSetting, check_limits
 from softrobot_env.envs.real.step_clock import StepClock
-from softrobot_env.envs.real.tip_filter import Sights, check_ages
+from softrobot_env.envs.real.tip_filter import StaleError, TipFilter
 from softrobot_env.envs.reference import TOP, ReferenceTable
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Capability, Fault
-from softrobot_env.hardware.protocol.readings import FaultInfo
+from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.hardware.transport import SerialTransport, Transport
@@ -162,9 +162,9 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._action = [0.0] * self.action_space.shape[0]
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
-        self._sights = Sights(self._session.sight(), self._setting.reach)
+        self._tip = TipFilter(self._session.sight(), self._setting.reach)
         sources = Sources(
-            _Measured(self._session, self._sights),
+            _Measured(self._session, self._tip),
             lambda column: lambda: self._rows[column][self._index].copy(),
             lambda: np.array(self._action),
         )
@@ -197,7 +197,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _step(self, values: list[float]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         if not self._started:
-            self._session.arm()
+            self._session.driver.arm()
             self._clock.start()
             self._started = True
         self._round_trip = None
@@ -230,14 +230,21 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         Raises:
             StaleError: One is older than allowed, or the tip is out of reach.
         """
-        sight, reading = self._session.sight(), self._session.reading
+        sight, reading = self._session.sight(), self._session.driver.reading
         ages = {"the tip source": now - sight.time, "the microcontroller": reading.age(now)}
-        check_ages(ages, self._oldest)
-        self._sights.add(sight)
+        for whose, age in ages.items():
+            if age > self._oldest:
+                raise StaleError(
+                    f"the last measurement of {whose} is {1e3 * age:.0f} ms old, allowed are "
+                    f"{1e3 * self._oldest:.0f} ms"
+                )
+        self._tip.add(sight)
+
+    def _measures_forces(self) -> bool:
+        return Capability.FORCE in self._session.driver.info.capabilities
 
     def _check_forces(self) -> None:
-        able = Capability.FORCE in self._session.capabilities
-        if TENSION in self.observation_space.spaces and not able:
+        if TENSION in self.observation_space.spaces and not self._measures_forces():
             raise RobotError(
                 "the board measures no forces: leave out the observable tendon_tension"
             )
@@ -248,17 +255,17 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _error(self, now: float) -> float:
         """Distance [m] of the newest measurement to the reference of its own time."""
-        age = (now - self._sights.time) / self.control_period
-        return self._sights.error(self._reference.position, self._index - age)
+        age = (now - self._tip.time) / self.control_period
+        return self._tip.error(self._reference.position, self._index - age)
 
     def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
-        reading = self._session.reading
-        able = Capability.FORCE in self._session.capabilities
+        reading = self._session.driver.reading
+        force = reading.force if self._measures_forces() else np.full_like(reading.force, nan)
         return {
             "time": self._index * self.control_period,
             "error": self._error(now),
-            "tip_age": now - self._sights.time,
-            "tendon_tension": reading.force.copy() if able else np.full_like(reading.force, nan),
+            "tip_age": now - self._tip.time,
+            "tendon_tension": force.copy(),
             "tendon_length": reading.length.copy(),
             "reward_terms": terms,
             "applied_action": reading.applied / self.length_scale,
@@ -268,7 +275,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             "obs_age_s": reading.age(now),
             "missed_steps": self._missed,
             "device_state": reading.state.name.lower(),
-            "link": self._session.link(),
+            "link": self._session.driver.link,
             "fault": None if self._fault is None else self._fault.text,
         }
 
@@ -294,8 +301,8 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 class _Measured:
     """What is measured of the rig; see `observations.table.Measured`."""
 
-    def __init__(self, session: RealSession, sights: Sights) -> None:
-        self.tip_position = lambda: sights.position.copy()
-        self.tip_velocity = lambda: sights.velocity.copy()
-        self.tendon_length = lambda: session.reading.length.copy()
-        self.tendon_tension = lambda: session.reading.force.copy()
+    def __init__(self, session: RealSession, tip: TipFilter) -> None:
+        self.tip_position = lambda: tip.position.copy()
+        self.tip_velocity = lambda: tip.velocity.copy()
+        self.tendon_length = lambda: session.driver.reading.length.copy()
+        self.tendon_tension = lambda: session.driver.reading.force.copy()

@@ -1,4 +1,4 @@
-"""The real rig as an environment uses it: microcontroller, tip source, and waiting for rest."""
+"""The real rig as an environment uses it: microcontroller and tip source."""
 
 import os
 import weakref
@@ -6,11 +6,11 @@ from collections.abc import Callable
 from contextlib import suppress
 from threading import Thread, current_thread, main_thread
 from time import monotonic, sleep
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.envs.real.settling import wait_for_rest
+from softrobot_env.envs.real.tip_filter import wait_for_rest
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import (
     LinkError,
@@ -19,10 +19,7 @@ from softrobot_env.hardware.errors import (
     RobotFaultError,
     UnansweredError,
 )
-from softrobot_env.hardware.protocol.messages import Capability
-from softrobot_env.hardware.protocol.readings import Reading
-from softrobot_env.hardware.robot_file.model import RobotFile
-from softrobot_env.hardware.robot_file.parts import Tip
+from softrobot_env.hardware.robot_file.model import RobotFile, Tip
 from softrobot_env.hardware.tip import Sight, TipSource, make_tip_source
 from softrobot_env.hardware.transport import Transport
 
@@ -68,7 +65,7 @@ class _Opened:
 
 
 class RealSession:
-    """A robot, driven set-point by set-point, and its tip.
+    """A robot and its tip, opened when they are needed.
 
     A session that nobody refers to any more is closed.
     """
@@ -87,10 +84,10 @@ class RealSession:
         self._range = np.array([[s.minimum, s.maximum] for s in file.tendons]).T
         self._given_tip, self._opened = tip, _Opened()
         weakref.finalize(self, _abandon, self._opened, os.getpid()).atexit = False
-        self.capabilities = Capability(0)
 
     @property
-    def _driver(self) -> Driver | None:
+    def driver(self) -> Driver | None:
+        """The open driver, None before the first episode and after a lost line."""
         return self._opened.driver
 
     @property
@@ -109,13 +106,13 @@ class RealSession:
             RobotFaultError: A fault is latched and not to be cleared, or cannot be.
             RobotError: No answer, no tip, or no rest.
         """
-        if clear and self._driver is not None:
+        if clear and self.driver is not None:
             self._revive()
-        if self._driver is None:
+        if self.driver is None:
             self._open(clear)
-        if self._driver.fault is not None:
-            raise RobotFaultError(self._driver.fault)
-        self._driver.stop()
+        if self.driver.fault is not None:
+            raise RobotFaultError(self.driver.fault)
+        self.driver.stop()
         named = self.file.tip
         wait_for_rest(self.sight, f"{named.kind!r} with {dict(named.options)}")
 
@@ -124,15 +121,12 @@ class RealSession:
             self._opened.tip = _open_tip(self.file.tip)
         self._opened.driver = Driver(self.file, self._line())
         try:
-            self._greet()
-            if clear and self._driver.fault is not None:
-                self._driver.clear()
+            self.driver.connect()
+            if clear and self.driver.fault is not None:
+                self.driver.clear()
         except BaseException:
             self._opened.close_driver()
             raise
-
-    def _greet(self) -> None:
-        self.capabilities = self._driver.connect().capabilities
 
     def _revive(self) -> None:
         """Clear a fault and begin a new connection; one that is broken is closed instead.
@@ -141,9 +135,9 @@ class RealSession:
             RefusedError: The fault's cause is still there.
         """
         try:
-            self._driver.stop()
-            self._driver.clear()
-            self._greet()
+            self.driver.stop()
+            self.driver.clear()
+            self.driver.connect()
         except RefusedError:
             raise
         except RobotError:
@@ -154,10 +148,6 @@ class RealSession:
         self._opened.close()
 
     # ------------------------------------------------------------------ in an episode
-
-    def arm(self) -> None:
-        """Begin to follow set-points."""
-        self._driver.arm()
 
     def command(self, length: np.ndarray, deadline: float) -> Answer:
         """Send lengths (n,) [m], as far as the robot file's range allows, and await the answer.
@@ -174,44 +164,35 @@ class RealSession:
         """
         allowed, answer = np.clip(length, *self._range), None
         with suppress(UnansweredError):
-            answer = self._driver.wait_for(self._driver.command(allowed), deadline)
-        if self._driver.fault is not None:
-            raise RobotFaultError(self._driver.fault)
+            answer = self.driver.wait_for(self.driver.command(allowed), deadline)
+        if self.driver.fault is not None:
+            raise RobotFaultError(self.driver.fault)
         limited = bool(np.any(allowed != length))
         return Answer(limited, None if answer is None else answer.round_trip)
 
-    @property
-    def reading(self) -> Reading:
-        """What the microcontroller said last."""
-        return self._driver.reading
-
     def sight(self) -> Sight | None:
         """The newest measurement of the tip."""
-        reading = self._driver.reading
+        reading = self.driver.reading
         if reading is None:
             return self._tip.latest(None, monotonic())
         return self._tip.latest(tuple(reading.adc.tolist()), reading.taken)
 
-    def link(self) -> dict[str, Any]:
-        """Counters of the line."""
-        return self._driver.link
-
     def end(self) -> None:
         """Ramp down; a line that is lost is left to the watchdog."""
         with suppress(RobotError):
-            self._driver.stop()
+            self.driver.stop()
 
     def emergency_stop(self) -> None:
         """Cut the power, and wait a little for the robot to say that it has.
 
         A line that is lost is left to the watchdog.
         """
-        if self._driver is None:
+        if self.driver is None:
             return
         end = monotonic() + _ESTOP_ECHO
         with suppress(RobotError):
-            self._driver.estop()
-            while self._driver.fault is None and monotonic() < end:
+            self.driver.estop()
+            while self.driver.fault is None and monotonic() < end:
                 sleep(_POLL)
 
 

@@ -1,20 +1,33 @@
-"""What measurements of the tip say about its motion and its error."""
+"""What measurements of the tip say: its motion and its error, and whether it has settled."""
 
+from collections.abc import Callable
 from math import dist
+from time import monotonic, sleep
 
 import numpy as np
 from gymnasium import spaces
 
-from softrobot_env.hardware.errors import RobotError
+from softrobot_env.hardware.errors import LinkError, RobotError
 from softrobot_env.hardware.tip import Sight
+
+#: The tip stands still where it moves by less than this [m] in this time [s].
+STILL, STILL_TIME = 1.5e-3, 0.4
+
+_LONGEST_REST = 10.0  # s, that a rig may swing
+_FIRST_SIGHT = 2.0  # s
+_POLL = 0.005  # s
 
 
 class StaleError(RobotError):
     """Measurements are too old, or out of reach."""
 
 
-class Sights:
-    """Measurements of the tip as control instants find them.
+class NotStillError(RobotError):
+    """The tip does not come to rest."""
+
+
+class TipFilter:
+    """Position and velocity of the tip, from its measurements as control instants find them.
 
     Attributes:
         position: (2,) [m].
@@ -65,19 +78,38 @@ def reference_at(points: np.ndarray, step: float) -> np.ndarray:
     return np.array([np.interp(step, steps, column) for column in points.T])
 
 
-def check_ages(ages: dict[str, float], oldest: float) -> None:
-    """Refuse measurements older than allowed.
+def wait_for_rest(look: Callable[[], Sight | None], source: str) -> None:
+    """Wait until the tip stands still.
 
     Args:
-        ages: Age [s] of the last measurement, by whose it is.
-        oldest: [s].
+        look: The newest measurement of the tip, None before the first.
+        source: What the robot file says of the tip source.
 
     Raises:
-        StaleError: One is older; names it.
+        LinkError: No measurement comes.
+        NotStillError: The tip goes on moving.
     """
-    for whose, age in ages.items():
-        if age > oldest:
-            raise StaleError(
-                f"the last measurement of {whose} is {1e3 * age:.0f} ms old, allowed are "
-                f"{1e3 * oldest:.0f} ms"
+    begin = monotonic()
+    since, place = begin, _first_sight(look, source).position
+    while monotonic() - since < STILL_TIME:
+        if monotonic() - begin > _LONGEST_REST:
+            raise NotStillError(
+                f"the tip still moves {_LONGEST_REST:g} s after a stop: more than "
+                f"{1e3 * STILL:g} mm in {STILL_TIME:g} s"
             )
+        sleep(_POLL)
+        sight = look()
+        if sight is not None and dist(sight.position, place) > STILL:
+            since, place = monotonic(), sight.position
+
+
+def _first_sight(look: Callable[[], Sight | None], source: str) -> Sight:
+    end = monotonic() + _FIRST_SIGHT
+    while monotonic() < end:
+        sight = look()
+        if sight is not None and monotonic() - sight.time < STILL_TIME:
+            return sight
+        sleep(_POLL)
+    raise LinkError(
+        f"no measurement of the tip in {_FIRST_SIGHT:g} s; the robot file's source is {source}"
+    )

@@ -1,25 +1,35 @@
-"""Who answered a hello, and whether it fits."""
+"""The handshake: who answered a hello, and whether it fits."""
 
-from secrets import randbits
-from time import monotonic
+from dataclasses import dataclass
 
-from softrobot_env.hardware.errors import LinkError, ProtocolMismatchError, RobotError
-from softrobot_env.hardware.protocol.framing import Decoder, encode
-from softrobot_env.hardware.protocol.messages import (
-    PROTOCOL,
-    SCHEMA,
-    Capability,
-    Hello,
-    HelloAck,
-    Reset,
-)
-from softrobot_env.hardware.protocol.readings import DeviceInfo
+from softrobot_env.hardware.errors import ProtocolMismatchError, RobotError
+from softrobot_env.hardware.protocol.messages import PROTOCOL, SCHEMA, Capability, HelloAck, Reset
 from softrobot_env.hardware.robot_file.model import RobotFile
-from softrobot_env.hardware.transport import Transport
-
-_RETRY, _POLL = 0.25, 0.02  # s
 
 _REMEDY = "flash the firmware that belongs to this package"
+
+
+@dataclass(frozen=True)
+class DeviceInfo:
+    """Who answered.
+
+    Attributes:
+        boot_id: Another number after every start.
+        firmware: "major.minor".
+        protocols: Oldest and newest protocol it speaks.
+        schema: Hash of its table of messages.
+        tendons: Number of its servos.
+        capabilities: What it measures.
+        reset_cause: Why it started last.
+    """
+
+    boot_id: int
+    firmware: str
+    protocols: tuple[int, int]
+    schema: int
+    tendons: int
+    capabilities: Capability
+    reset_cause: Reset
 
 
 def introduced(ack: HelloAck) -> DeviceInfo:
@@ -57,25 +67,6 @@ def check_needs(robot: RobotFile, info: DeviceInfo) -> None:
                 f"robot {robot.name!r} asks for {key}, but the board does not measure "
                 f"{what.name.lower()}: set it to nothing in the robot file, or use another board"
             )
-
-
-def identify(transport: Transport, timeout: float = 2.0) -> DeviceInfo:
-    """Ask who is at the other end; a robot that moves ramps down.
-
-    Raises:
-        LinkError: Nobody answers within `timeout` [s].
-        ProtocolMismatchError: See `introduced`.
-    """
-    hello, decoder = Hello(randbits(32), PROTOCOL, PROTOCOL), Decoder()
-    end = monotonic() + timeout
-    while monotonic() < end:
-        transport.write(encode(hello, 0))
-        retry = min(end, monotonic() + _RETRY)
-        while monotonic() < retry:
-            for message, _ in decoder.feed(transport.read(_POLL)):
-                if isinstance(message, HelloAck) and message.nonce == hello.nonce:
-                    return introduced(message)
-    raise LinkError(f"no robot has answered within {timeout:g} s")
 
 
 def told_loss(before: DeviceInfo, now: DeviceInfo) -> str:

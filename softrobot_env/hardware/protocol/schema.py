@@ -62,7 +62,7 @@ def _flags(kind: type[IntFlag]) -> str:
 
 def _layouts() -> str:
     """C++ function that tells the sizes of a message type."""
-    cases = "".join(_case(number) for number in messages.TYPES)
+    cases = "".join(_case(kind) for kind in messages.TYPES.values())
     return f"""\
 // Size of a body: `fixed + n * per_tendon` bytes, header included. Where the type tells its
 // number of tendons, n stands at index `n_at`, which is 0 for the other types.
@@ -80,10 +80,10 @@ inline bool layout_of(uint8_t type, Layout& layout) {{
 """
 
 
-def _case(number: int) -> str:
+def _case(kind: type[messages.Message]) -> str:
     """Line of one type of message."""
     fixed, per_tendon, n_at = messages.HEADER_SIZE, 0, 0
-    for name, code, count in messages.LAYOUTS[number]:
+    for name, code, count in kind.layout:
         size = struct.calcsize(f"<{code}")
         if name == "n":
             n_at = fixed
@@ -91,8 +91,8 @@ def _case(number: int) -> str:
             per_tendon += size
         else:
             fixed += size * count
-    name = messages.TYPES[number].__name__
-    return f"    case {number}: layout = {{{fixed}, {per_tendon}, {n_at}}}; break;  // {name}\n"
+    layout = f"{{{fixed}, {per_tendon}, {n_at}}}"
+    return f"    case {kind.number}: layout = {layout}; break;  // {kind.__name__}\n"
 
 
 if __name__ == "__main__":

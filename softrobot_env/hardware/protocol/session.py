@@ -1,24 +1,66 @@
 """The host's side of the protocol: bytes in, bytes out; no clock, no threads, no port."""
 
 from collections import deque
+from enum import IntEnum
 from zlib import crc32
 
 import numpy as np
 
 from softrobot_env.hardware.errors import LinkError, RobotError, RobotFaultError, SessionLostError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.device_clock import DeviceClock
 from softrobot_env.hardware.protocol.framing import Decoder, encode
-from softrobot_env.hardware.protocol.handshake import check_needs, introduced, told_loss
-from softrobot_env.hardware.protocol.in_flight import Flight
-from softrobot_env.hardware.protocol.link import LinkCounters, newer
-from softrobot_env.hardware.protocol.phase import Phase, next_phase
-from softrobot_env.hardware.protocol.readings import DeviceInfo, FaultInfo, Reading
-from softrobot_env.hardware.protocol.unit_conversion import Arrival, Wire, faults, kind_of_fault
+from softrobot_env.hardware.protocol.handshake import (
+    DeviceInfo,
+    check_needs,
+    introduced,
+    told_loss,
+)
+from softrobot_env.hardware.protocol.link import DeviceClock, InFlight, LinkCounters, newer
+from softrobot_env.hardware.protocol.unit_conversion import (
+    FaultInfo,
+    Reading,
+    UnitConversion,
+    faults,
+    kind_of_fault,
+)
 from softrobot_env.hardware.robot_file.model import RobotFile
 
 _KEPT = 16  # readings
 _CLOCK, _SEQ = 1 << 32, 1 << 16
+
+
+class Phase(IntEnum):
+    """How far a host has come with a robot, from knowing nothing to running."""
+
+    LOST = -1  # the robot has forgotten a session that was going on
+    NEW = 0  # nobody has answered
+    IDENTIFIED = 1  # the handshake is done
+    CONFIGURED = 2
+    ARMING = 3
+    ARMED = 4
+    RUNNING = 5
+    STOPPING = 6
+
+
+_FOLLOWING = {m.DeviceState.ARMED: Phase.ARMED, m.DeviceState.RUNNING: Phase.RUNNING}
+
+
+def _next_phase(phase: Phase, state: m.DeviceState, ours: bool) -> Phase:
+    """Phase after a state message without faults.
+
+    Args:
+        phase: The phase before.
+        state: What the robot does.
+        ours: Whether it names the host's session.
+    """
+    if phase == Phase.STOPPING:
+        over = state in (m.DeviceState.DISARMED, m.DeviceState.LATCHED)
+        return Phase.CONFIGURED if over else phase
+    if phase == Phase.ARMED and state == m.DeviceState.DISARMED:
+        return Phase.CONFIGURED  # no first set-point came in time, or none was accepted
+    if phase >= Phase.ARMING and ours:
+        return _FOLLOWING.get(state, phase)
+    return Phase.LOST if phase >= Phase.ARMED else phase
 
 
 class Session:
@@ -45,11 +87,11 @@ class Session:
         self.fault: FaultInfo | None = None
         self.fault_told = False
         self.link = LinkCounters()
-        self._wire, self._decoder = Wire(robot), Decoder()
+        self._units, self._decoder = UnitConversion(robot), Decoder()
         self._config = robot.to_message()
         self._config_crc = crc32(m.pack(self._config, 0)[m.HEADER_SIZE :])
         self._nonce, self._number, self._seq = nonce, 0, 0
-        self._flight, self._clock = Flight(), DeviceClock()
+        self._in_flight, self._clock = InFlight(), DeviceClock()
         self._refusals: dict[int, int] = {}  # type of message -> why it was refused
 
     # What the host says.
@@ -60,7 +102,7 @@ class Session:
 
     def configure(self) -> bytes:
         """Send calibration and limits."""
-        self._need(Phase.GREETED)
+        self._need(Phase.IDENTIFIED)
         return self._frame(self._config)
 
     def arm(self, number: int) -> bytes:
@@ -75,7 +117,7 @@ class Session:
             raise RobotError(
                 f"arm() needs a robot that is configured, it is {self.phase.name.lower()}"
             )
-        self._number, self._flight = number, Flight()
+        self._number, self._in_flight = number, InFlight()
         self.phase = Phase.ARMING
         return self._frame(m.Arm(number, self._config_crc))
 
@@ -91,11 +133,11 @@ class Session:
         """
         if mode != m.MODE_LENGTH:
             raise ValueError(f"mode must be {m.MODE_LENGTH} (lengths), got {mode!r}")
-        target = self._wire.target(length)
+        target = self._units.target(length)
         self._refuse_faults()
         if self.phase not in (Phase.ARMED, Phase.RUNNING):
             raise RobotError(f"a set-point needs an armed robot, it is {self.phase.name.lower()}")
-        self._flight.check_room(now, self.robot.ttl)
+        self._in_flight.check_room(now, self.robot.ttl)
         message = m.Setpoint(
             session=self._number,
             t_host=round(now / m.CLOCK_UNIT) % _CLOCK,
@@ -105,7 +147,7 @@ class Session:
             target=target,
         )
         frame = self._frame(message)
-        self._flight.add(self._seq, now)
+        self._in_flight.add(self._seq, now)
         return self._seq, frame
 
     def stop(self) -> bytes:
@@ -136,7 +178,7 @@ class Session:
         Raises:
             ValueError: Another shape, or outside the robot file's range.
         """
-        self._wire.target(length)
+        self._units.target(length)
 
     # What the robot says.
 
@@ -154,7 +196,7 @@ class Session:
         if self.reading is None:
             raise LinkError("the robot has not told its position")
         measures = m.Capability.LENGTH in self.info.capabilities
-        return self._wire.nearest_target(self.reading.length if measures else self.reading.applied)
+        return self._units.nearest_target(self.reading.length if measures else self.reading.applied)
 
     def echo(self, seq: int) -> Reading | None:
         """First reading kept that answers a set-point or a later one."""
@@ -187,18 +229,18 @@ class Session:
     def _take(self, message: m.Message, now: float) -> bytes:
         match message:
             case m.HelloAck():
-                self._greeted(message)
+                self._identified(message)
             case m.ConfigAck():
                 self._configured(message)
             case m.State() if self.info is not None:
                 return self._measured(message, now)
             case m.FaultReport() if self.info is not None:
-                self._stopped(self._wire.fault(message), told=True)
+                self._stopped(self._units.fault(message), told=True)
             case m.Nack():
                 self._refused(message)
         return b""
 
-    def _greeted(self, ack: m.HelloAck) -> None:
+    def _identified(self, ack: m.HelloAck) -> None:
         if ack.nonce != self._nonce:
             return
         info, before = introduced(ack), self.info
@@ -206,10 +248,10 @@ class Session:
         if self.phase == Phase.LOST or (before is not None and before.boot_id != info.boot_id):
             raise SessionLostError(told_loss(before, info))
         self.info = info
-        self.phase = max(self.phase, Phase.GREETED)
+        self.phase = max(self.phase, Phase.IDENTIFIED)
 
     def _configured(self, ack: m.ConfigAck) -> None:
-        if self.phase != Phase.GREETED:
+        if self.phase != Phase.IDENTIFIED:
             return
         if ack.crc != self._config_crc:
             raise RobotError("the robot acknowledged another configuration than was sent")
@@ -220,9 +262,11 @@ class Session:
         self.link.device_frame_errors = state.frame_errors
         ours = self._number != 0 and state.session == self._number
         round_trip = self._echo(state.last_seq, now) if ours else None
-        arrival = Arrival(now, self._clock.taken(state.t_dev, now))
-        self.link.note_delay(arrival.time - arrival.taken)
-        self.readings.append(self._wire.reading(state, arrival, self._flight.echoed, round_trip))
+        taken, seq = self._clock.taken(state.t_dev, now), self._in_flight.echoed
+        self.link.note_delay(now - taken)
+        self.readings.append(
+            self._units.reading(state, time=now, taken=taken, seq=seq, round_trip=round_trip)
+        )
         found = faults(state)
         if not found:
             self.fault = None
@@ -232,13 +276,13 @@ class Session:
 
     def _follow(self, state: m.DeviceState, ours: bool) -> bytes:
         """Go on to the phase that the robot is in; ask who it is if it has forgotten us."""
-        before, self.phase = self.phase, next_phase(self.phase, state, ours)
+        before, self.phase = self.phase, _next_phase(self.phase, state, ours)
         if before >= Phase.ARMING > self.phase:
             self._forget_session()
         return self.hello() if self.phase == Phase.LOST != before else b""
 
     def _echo(self, seq: int, now: float) -> float | None:
-        round_trip = self._flight.echo(seq, now)
+        round_trip = self._in_flight.echo(seq, now)
         if round_trip is not None:
             self.link.note_round_trip(round_trip)
         return round_trip
@@ -252,10 +296,10 @@ class Session:
         self.link.note_refusal(nack.reason)
         self._refusals[nack.about] = nack.reason
         if nack.about == m.Setpoint.number:
-            self._flight.refuse(nack.about_seq)
+            self._in_flight.refuse(nack.about_seq)
 
     def _forget_session(self) -> None:
-        self._number, self._flight = 0, Flight()
+        self._number, self._in_flight = 0, InFlight()
 
     def _end(self, message: m.Stop | m.Disarm) -> bytes:
         if self.phase >= Phase.ARMING:

@@ -1,5 +1,6 @@
-"""Between SI units by tendon, and whole numbers by channel of the board."""
+"""Between SI units by tendon, and the whole numbers by channel of the board that messages carry."""
 
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -14,44 +15,111 @@ from softrobot_env.hardware.protocol.messages import (
     State,
     Warning,
 )
-from softrobot_env.hardware.protocol.readings import FaultInfo, Reading
 from softrobot_env.hardware.robot_file.model import RobotFile
 
 _MILLI = 1e-3
+_THERE = 1.5 * LENGTH_UNIT
 
-#: Fault -> unit of its value in SI, and what happened; `who` is a tendon or a channel.
+
+@dataclass(frozen=True)
+class Reading:
+    """A state message.
+
+    Attributes:
+        time: [s], when it arrived on the host's clock.
+        taken: [s], when it was sent by the host's clock, up to the delay of the quickest message
+            of the connection. A message that waited somewhere has been taken before it arrived.
+        device_time: [s] of the microcontroller's clock, which wraps after 4295 s.
+        seq: Last set-point of this session that it had accepted; None before the first.
+        round_trip: [s] from sending that set-point; None unless this reading was its first echo.
+        applied: (n,) [m], what the outputs were driven to.
+        length: (n,) [m], measured; as applied if the board cannot.
+        force: (n,) [N], zero if the board cannot.
+        adc: (4,) counts of the converter.
+        supply: [V].
+        state: What it is doing.
+        warnings: Does not stop it.
+        faults: What stopped it, in no order.
+    """
+
+    time: float
+    taken: float
+    device_time: float
+    seq: int | None
+    round_trip: float | None
+    applied: np.ndarray
+    length: np.ndarray
+    force: np.ndarray
+    adc: np.ndarray
+    supply: float
+    state: DeviceState
+    warnings: Warning
+    faults: tuple[Fault, ...]
+
+    def age(self, now: float) -> float:
+        """How old it is [s] at `now` [s] on the host's clock."""
+        return now - self.taken
+
+    def is_at(self, length: np.ndarray) -> bool:
+        """Whether the outputs have come to lengths (n,) [m], to the last count."""
+        return bool(np.abs(self.applied - length).max() < _THERE)
+
+
+@dataclass(frozen=True)
+class FaultInfo:
+    """The first cause of a stop.
+
+    Attributes:
+        code: What happened.
+        channel: Index of the tendon, or of the converter's channel; None if it concerns neither.
+        value: [m] that a servo is behind, [N] of a tendon, counts of the converter, [V] of the
+            supply, [s] of silence; None if unknown.
+        text: For people.
+    """
+
+    code: Fault
+    channel: int | None
+    value: float | None
+    text: str
+
+
+class _Told(NamedTuple):
+    """What is told of a fault.
+
+    Attributes:
+        unit: Of its value in SI, None where it has none.
+        report: What happened; `who` is a tendon or a channel.
+        kind: The same as long as its report has not come.
+    """
+
+    unit: float | None
+    report: str
+    kind: str
+
+
 _FAULTS = {
-    Fault.WATCHDOG: (_MILLI, "no set-point for {value:.3g} s"),
-    Fault.ESTOP: (None, "emergency stop"),
-    Fault.FORCE: (FORCE_UNIT, "tendon {who} pulled with {value:.2f} N"),
-    Fault.SLACK: (FORCE_UNIT, "tendon {who} is loose at {value:.2f} N"),
-    Fault.STALL: (LENGTH_UNIT, "tendon {who} stalled {millimetres:.1f} mm behind"),
-    Fault.ADC: (1.0, "channel {channel} of the converter stands at {value:.0f}"),
-    Fault.BROWN_OUT: (_MILLI, "supply fell to {value:.2f} V"),
-}
-
-_KINDS = {
-    Fault.WATCHDOG: "no set-point in time",
-    Fault.ESTOP: "emergency stop",
-    Fault.FORCE: "a tendon pulled too hard",
-    Fault.SLACK: "a tendon is loose",
-    Fault.STALL: "a servo stalled",
-    Fault.ADC: "a channel of the converter is at a rail",
-    Fault.BROWN_OUT: "supply too low",
+    Fault.WATCHDOG: _Told(_MILLI, "no set-point for {value:.3g} s", "no set-point in time"),
+    Fault.ESTOP: _Told(None, "emergency stop", "emergency stop"),
+    Fault.FORCE: _Told(
+        FORCE_UNIT, "tendon {who} pulled with {value:.2f} N", "a tendon pulled too hard"
+    ),
+    Fault.SLACK: _Told(FORCE_UNIT, "tendon {who} is loose at {value:.2f} N", "a tendon is loose"),
+    Fault.STALL: _Told(
+        LENGTH_UNIT, "tendon {who} stalled {millimetres:.1f} mm behind", "a servo stalled"
+    ),
+    Fault.ADC: _Told(
+        1.0,
+        "channel {channel} of the converter stands at {value:.0f}",
+        "a channel of the converter is at a rail",
+    ),
+    Fault.BROWN_OUT: _Told(_MILLI, "supply fell to {value:.2f} V", "supply too low"),
 }
 
 _OF_TENDONS = (Fault.FORCE, Fault.SLACK, Fault.STALL)
 
 
-class Arrival(NamedTuple):
-    """When a message arrived and when it was sent [s], see `Reading`."""
-
-    time: float
-    taken: float
-
-
-class Wire:
-    """Translates for one robot."""
+class UnitConversion:
+    """Converts for one robot: SI units by tendon there, whole numbers by channel here."""
 
     def __init__(self, robot: RobotFile) -> None:
         config = robot.to_message()
@@ -83,12 +151,18 @@ class Wire:
         return np.clip(length, least * LENGTH_UNIT, most * LENGTH_UNIT)
 
     def reading(
-        self, state: State, arrival: Arrival, seq: int | None, round_trip: float | None
+        self,
+        state: State,
+        *,
+        time: float,
+        taken: float,
+        seq: int | None,
+        round_trip: float | None,
     ) -> Reading:
-        """What a state message says; `seq` and `round_trip` as in `Reading`."""
+        """What a state message says; the other arguments are those of `Reading`."""
         return Reading(
-            time=arrival.time,
-            taken=arrival.taken,
+            time=time,
+            taken=taken,
             device_time=state.t_dev * CLOCK_UNIT,
             seq=seq,
             round_trip=round_trip,
@@ -105,7 +179,7 @@ class Wire:
     def fault(self, report: FaultReport) -> FaultInfo:
         """A fault as the microcontroller reports it."""
         code = Fault(report.code)
-        unit, text = _FAULTS[code]
+        unit, text, _ = _FAULTS[code]
         value = None if unit is None else abs(report.value) * unit
         channel, who = report.channel, report.channel
         if code in _OF_TENDONS:
@@ -113,9 +187,8 @@ class Wire:
             who = channel + 1
         elif code != Fault.ADC:
             channel = None
-        told = {"value": value, "channel": channel, "who": who}
-        told["millimetres"] = 1e3 * value if value is not None else None
-        return FaultInfo(code, channel, value, text.format(**told))
+        told = text.format(value=value, channel=channel, who=who, millimetres=1e3 * (value or 0.0))
+        return FaultInfo(code, channel, value, told)
 
     def _by_tendon(self, values: tuple[int, ...], unit: float) -> np.ndarray:
         return np.array(values)[self._channels] * unit
@@ -135,4 +208,4 @@ def faults(state: State) -> tuple[Fault, ...]:
 
 def kind_of_fault(code: Fault) -> FaultInfo:
     """A fault of which only the kind is known."""
-    return FaultInfo(code, None, None, _KINDS[code])
+    return FaultInfo(code, None, None, _FAULTS[code].kind)

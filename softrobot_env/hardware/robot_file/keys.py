@@ -1,16 +1,15 @@
 """Numbers of a robot file: key, unit, resolution and range in one place.
 
 A field `x: Annotated[float, Key("x_mm", 1e-3, 0.01, 0, 10)]` is kept in metres and written in the
-file as millimetres. A number that is finer than what the wire can carry is refused, not rounded.
+file as millimetres. A number that is finer than what a message can carry is refused, not rounded.
 """
 
-from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from functools import cache
 from math import isfinite
 from typing import Any, NamedTuple, get_args, get_type_hints
 
-_RESOLUTION = 0.01  # mm, mm/s and N on the wire
+_RESOLUTION = 0.01  # mm, mm/s and N in a message
 _EXACT = 1e-6  # of a step; what is left of a decimal number after a change of units
 
 
@@ -36,7 +35,7 @@ class Key(NamedTuple):
         return round(number * self.unit, 12)
 
     def counts(self, value: float) -> int:
-        """A value in SI as the number of steps that goes over the wire."""
+        """A value in SI as the number of steps that a message carries."""
         return round(value / self.unit / self.step)
 
     def check(self, value: float) -> None:
@@ -87,50 +86,6 @@ def check_numbers(record: Any) -> None:
     """
     for name, key in keys(type(record)).items():
         key.check(getattr(record, name))
-
-
-def as_table(record: Any) -> dict[str, Any]:
-    """A dataclass as the file has it."""
-    known = keys(type(record))
-    values = ((field.name, getattr(record, field.name)) for field in fields(record))
-    return {
-        (known[name].name if name in known else name): (
-            known[name].written(value) if name in known else value
-        )
-        for name, value in values
-    }
-
-
-def from_table(kind: type, table: Mapping[str, Any]) -> dict[str, Any]:
-    """Arguments of a dataclass from a table of the file.
-
-    Raises:
-        RobotFileError: A key is unknown or missing, or a text stands where a number belongs.
-    """
-    known = keys(kind)
-    names = {known[f.name].name if f.name in known else f.name: f.name for f in fields(kind)}
-    unknown = sorted(set(table) - set(names))
-    if unknown:
-        raise RobotFileError(f"unknown key {unknown[0]!r}; allowed are {', '.join(names)}")
-    needed = [f.name for f in fields(kind) if f.default is f.default_factory is MISSING]
-    missing = [key for key, name in names.items() if name in needed and key not in table]
-    if missing:
-        raise RobotFileError(f"{', '.join(missing)} missing")
-    return dict(_arguments(known, names, table))
-
-
-def _arguments(
-    known: Mapping[str, Key], names: Mapping[str, str], table: Mapping[str, Any]
-) -> Iterator[tuple[str, Any]]:
-    for written, value in table.items():
-        name = names[written]
-        key = known.get(name)
-        if key is None:
-            yield name, value
-        elif isinstance(value, bool) or not isinstance(value, int | float):
-            raise RobotFileError(f"{written} must be a number, got {value!r}")
-        else:
-            yield name, key.read(value)
 
 
 def check_whole(name: str, value: Any, most: int) -> None:

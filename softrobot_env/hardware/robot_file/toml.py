@@ -4,10 +4,11 @@ import json
 import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.hardware.robot_file.keys import RobotFileError, as_table, from_table
+from softrobot_env.hardware.robot_file.keys import Key, RobotFileError, keys
 from softrobot_env.hardware.robot_file.model import RobotFile, Servo, Supervision, Tip
 
 _TENDONS, _SUPERVISION, _TIP = "tendons", "supervision", "tip"
@@ -30,11 +31,11 @@ def read_robot_file(path: Path) -> RobotFile:
 
 def write_robot_file(robot: RobotFile, path: Path) -> None:
     """Write a robot to a TOML file that `read_robot_file` reads as the same robot."""
-    table = as_table(robot)
+    table = _as_table(robot)
     servos, supervision, tip = table.pop(_TENDONS), table.pop(_SUPERVISION), table.pop(_TIP)
     blocks = [_lines(table)]
-    blocks += [f"[[{_TENDONS}]]\n{_lines(as_table(servo))}" for servo in servos]
-    blocks.append(f"[{_SUPERVISION}]\n{_lines(as_table(supervision))}")
+    blocks += [f"[[{_TENDONS}]]\n{_lines(_as_table(servo))}" for servo in servos]
+    blocks.append(f"[{_SUPERVISION}]\n{_lines(_as_table(supervision))}")
     blocks.append(f"[{_TIP}]\n{_lines({'kind': tip.kind, **tip.options})}")
     path.write_text("\n".join(blocks), "utf-8")
 
@@ -56,30 +57,35 @@ def _value(value: Any) -> str:
 
 
 def _robot(table: Mapping[str, Any]) -> RobotFile:
-    rest = dict(table)
-    tendons = _tables(rest.pop(_TENDONS, []), _TENDONS)
-    parts = {_TENDONS: tuple(_servo(k, tendon) for k, tendon in enumerate(tendons))}
-    for name, build in ((_SUPERVISION, _supervision), (_TIP, _tip)):
-        if name in rest:
-            with _told_of(name):
-                parts[name] = build(_table(rest[name]))
-    return RobotFile(**from_table(RobotFile, rest | parts))
+    builders = {_TENDONS: _servos, _SUPERVISION: _supervision, _TIP: _tip}
+    parts = {name: build(table[name]) for name, build in builders.items() if name in table}
+    return _from_table(RobotFile, {_TENDONS: ()} | dict(table) | parts)
+
+
+def _servos(value: Any) -> tuple[Servo, ...]:
+    if not isinstance(value, list) or not all(isinstance(x, Mapping) for x in value):
+        raise RobotFileError(f"{_TENDONS} must be tables, each begun with [[{_TENDONS}]]")
+    return tuple(_servo(k, table) for k, table in enumerate(value))
 
 
 def _servo(index: int, table: Mapping[str, Any]) -> Servo:
     with _told_of(f"tendon {index + 1}"):
-        return Servo(**from_table(Servo, table))
+        return _from_table(Servo, table)
 
 
-def _supervision(table: dict[str, Any]) -> Supervision:
-    channels = table.get("adc_channels", [])
-    if not isinstance(channels, list):
-        raise RobotFileError(f"adc_channels must be a list, got {channels!r}")
-    return Supervision(**from_table(Supervision, table | {"adc_channels": tuple(channels)}))
+def _supervision(value: Any) -> Supervision:
+    with _told_of(_SUPERVISION):
+        table = _table(value)
+        channels = table.get("adc_channels", [])
+        if not isinstance(channels, list):
+            raise RobotFileError(f"adc_channels must be a list, got {channels!r}")
+        return _from_table(Supervision, table | {"adc_channels": tuple(channels)})
 
 
-def _tip(table: dict[str, Any]) -> Tip:
-    return Tip(table.pop("kind", None), table)
+def _tip(value: Any) -> Tip:
+    with _told_of(_TIP):
+        table = _table(value)
+        return Tip(table.pop("kind", None), table)
 
 
 def _table(value: Any) -> dict[str, Any]:
@@ -88,10 +94,44 @@ def _table(value: Any) -> dict[str, Any]:
     return dict(value)
 
 
-def _tables(value: Any, name: str) -> list[Mapping[str, Any]]:
-    if not isinstance(value, list) or not all(isinstance(x, Mapping) for x in value):
-        raise RobotFileError(f"{name} must be tables, each begun with [[{name}]]")
-    return value
+def _as_table(record: Any) -> dict[str, Any]:
+    """A dataclass as the file has it."""
+    table = {}
+    for name, (written, key) in _written(type(record)).items():
+        value = getattr(record, name)
+        table[written] = value if key is None else key.written(value)
+    return table
+
+
+def _from_table(kind: type, table: Mapping[str, Any]) -> Any:
+    """A dataclass from a table of the file.
+
+    Raises:
+        RobotFileError: A key is unknown or missing, or a text stands where a number belongs.
+    """
+    known = {written: (name, key) for name, (written, key) in _written(kind).items()}
+    unknown = sorted(set(table) - set(known))
+    if unknown:
+        raise RobotFileError(f"unknown key {unknown[0]!r}; allowed are {', '.join(known)}")
+    needed = {f.name for f in fields(kind) if f.default is f.default_factory is MISSING}
+    missing = [key for key, (name, _) in known.items() if name in needed and key not in table]
+    if missing:
+        raise RobotFileError(f"{', '.join(missing)} missing")
+    return kind(**{known[key][0]: _read(key, known[key][1], x) for key, x in table.items()})
+
+
+def _written(kind: type) -> dict[str, tuple[str, Key | None]]:
+    """Field of a dataclass -> its key in the file, and how its number is written."""
+    known, names = keys(kind), [field.name for field in fields(kind)]
+    return {name: (known[name].name if name in known else name, known.get(name)) for name in names}
+
+
+def _read(written: str, key: Key | None, value: Any) -> Any:
+    if key is None:
+        return value
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise RobotFileError(f"{written} must be a number, got {value!r}")
+    return key.read(value)
 
 
 @contextmanager

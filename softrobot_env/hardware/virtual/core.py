@@ -1,11 +1,20 @@
 """The microcontroller's program, `firmware/core`, in this process.
 
-Its C++ sources are compiled on first use, which takes a second or two.
+Its C++ sources, with those of `firmware/host`, are compiled on first use into a library of the
+user's cache, which takes a second or two.
 """
 
 import ctypes
+import hashlib
+import os
+import shlex
+import shutil
 import struct
+import subprocess
+import tempfile
 import weakref
+from functools import cache
+from pathlib import Path
 from typing import NamedTuple
 
 from softrobot_env.hardware.protocol.messages import (
@@ -15,15 +24,17 @@ from softrobot_env.hardware.protocol.messages import (
     DeviceState,
     Reset,
 )
-from softrobot_env.hardware.virtual.core_library import CompilerMissingError, library
-
-__all__ = ["CompilerMissingError", "Core", "Measured", "Outputs"]
+from softrobot_env.paths import firmware_dir
 
 _CLOCK = 2**32  # where the device's clock wraps
 
 #: Bytes that wait for the next pass, as in the receive buffer of a serial port.
 _WAITING = 2**15
 _SENT_AT_ONCE = 512  # more than the device's queue holds
+
+_COMPILERS = ("c++", "g++", "clang++")
+_FLAGS = ("-std=c++11", "-O2", "-fPIC", "-shared", "-fno-exceptions", "-fno-rtti")
+_SUFFIXES = (".h", ".cpp")
 
 
 class Measured(NamedTuple):
@@ -93,7 +104,7 @@ class Core:
         """One pass of the main loop.
 
         Args:
-            now_us: Time [us], taken modulo 2**32.
+            now_us: Time [µs], taken modulo 2**32.
             measured: What the board measures at this time.
 
         Raises:
@@ -145,3 +156,83 @@ def _image(measured: Measured, n: int) -> bytes:
         return _MEASURED.pack(*length, *missing, *force, *missing, *adc, vbus, estop)
     except struct.error as error:
         raise ValueError(f"{measured} does not fit into a device's numbers: {error}") from None
+
+
+# ---------------------------------------------------------------------- the library
+
+
+class CompilerMissingError(RuntimeError):
+    """No C++ compiler, or one that cannot compile the device's program."""
+
+
+@cache
+def library() -> ctypes.CDLL:
+    """The compiled program with the functions of `firmware/host`.
+
+    Raises:
+        CompilerMissingError: There is no C++ compiler, or it fails.
+    """
+    found = ctypes.CDLL(str(compiled()))
+    device, byte, half, word = ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint16, ctypes.c_uint32
+    data = ctypes.c_char_p
+    found.softrobot_create.argtypes = (byte, word, byte, half)
+    found.softrobot_create.restype = device
+    found.softrobot_destroy.argtypes = (device,)
+    found.softrobot_run.argtypes = (device, word, data, data, half)
+    found.softrobot_transmit.argtypes = (device, data, half)
+    found.softrobot_transmit.restype = half
+    found.softrobot_outputs.argtypes = (device, ctypes.c_void_p)
+    return found
+
+
+def compiled() -> Path:
+    """Path of the library; compiles if these sources never were with this compiler.
+
+    Raises:
+        CompilerMissingError: There is no C++ compiler, or it fails.
+    """
+    sources, compiler = _sources(), _compiler()
+    path = _folder(sources, compiler) / "core.so"
+    if not path.exists():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _compile([*compiler, *_FLAGS], sources, path)
+    return path
+
+
+def _sources() -> list[Path]:
+    folders = (firmware_dir() / "core", firmware_dir() / "host")
+    return sorted(p for folder in folders for p in folder.iterdir() if p.suffix in _SUFFIXES)
+
+
+def _compiler() -> list[str]:
+    """Command of the C++ compiler: `$CXX`, or one that is on the path."""
+    chosen = shlex.split(os.environ.get("CXX", ""))
+    candidates = [chosen] if chosen else [[name] for name in _COMPILERS]
+    for command in candidates:
+        if shutil.which(command[0]):
+            return command
+    named = f"; $CXX names {chosen[0]!r}, which is not there" if chosen else ""
+    raise CompilerMissingError(
+        "the device's program needs a C++ compiler: install one (Debian, Ubuntu: apt install g++; "
+        f"Fedora: dnf install gcc-c++; macOS: xcode-select --install) or name it in $CXX{named}"
+    )
+
+
+def _folder(sources: list[Path], compiler: list[str]) -> Path:
+    """Folder in the user's cache for what this compiler makes of these sources."""
+    digest = hashlib.sha256(repr((compiler, shutil.which(compiler[0]), _FLAGS)).encode())
+    for path in sources:
+        digest.update(path.name.encode() + b"\0" + path.read_bytes())
+    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    return Path(root) / "softrobot_env" / f"core-{digest.hexdigest()[:16]}"
+
+
+def _compile(command: list[str], sources: list[Path], path: Path) -> None:
+    """Under another name first: two processes may do this at once."""
+    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
+        new = Path(folder) / path.name
+        units = [str(source) for source in sources if source.suffix == ".cpp"]
+        done = subprocess.run([*command, *units, "-o", str(new)], capture_output=True, text=True)
+        if done.returncode:
+            raise CompilerMissingError(f"{shlex.join(command)} failed:\n{done.stderr}")
+        new.replace(path)

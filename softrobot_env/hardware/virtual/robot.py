@@ -50,7 +50,7 @@ class Plant(Protocol):
 
 
 class Pulses(NamedTuple):
-    """How servos of the plant understand pulses: (n,) [us] at zero, and (n,) [us/m]."""
+    """How servos of the plant understand pulses: (n,) [µs] at zero, and (n,) [µs/m]."""
 
     centre: np.ndarray
     gain: np.ndarray
@@ -97,7 +97,6 @@ class VirtualRobot:
         tty.setraw(self._slave)
         os.set_blocking(self._master, False)
         self.port = os.ttyname(self._slave)
-        self.estop_pressed = False
         self.outputs: Outputs = core.outputs
         self.failure: str | None = None
         self.lag = 0.0
@@ -169,7 +168,7 @@ class VirtualRobot:
             force=tuple(round(x / FORCE_UNIT) for x in plant.tension.tolist()),
             adc=plant.adc(),
             vbus=self._millivolts,
-            estop=self.estop_pressed,
+            estop=False,
         )
 
 

@@ -10,6 +10,7 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 from support.hardware_boards import Board, LiveBoard
+from support.patience import patient_drivers
 
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultError
@@ -19,6 +20,8 @@ from softrobot_env.hardware.tip import Sight, UdpTip
 from softrobot_env.hardware.virtual.core import Core
 
 pytest.importorskip("cobs", reason="needs the robot extra")
+
+pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.4 s")
 
 #: Other programs may load the machine: only what a test breaks may make a robot stop.
 FILE = replace(rig_file(), watchdog=0.9, ttl=0.4)
@@ -71,6 +74,12 @@ class Line:
     def _check(self):
         if not self.plugged:
             raise LinkError("unplugged")
+
+
+@pytest.fixture(autouse=True)
+def patience():
+    with patient_drivers():
+        yield
 
 
 @pytest.fixture

@@ -1,12 +1,8 @@
 """Deadlines of control periods: lateness does not build up, nothing is made up for in a burst."""
 
-import numpy as np
 import pytest
-from gymnasium import spaces
 
 from softrobot_env.envs.real.step_clock import StepClock
-from softrobot_env.envs.real.tip_filter import Sights, reference_at
-from softrobot_env.hardware.tip import Sight
 
 
 class Time:
@@ -66,18 +62,3 @@ def test_later_skips_whole_periods(clock, time, work, missed):
     assert step(clock, time) == (pytest.approx(0.0), 0)
     assert time.now == pytest.approx(100.0 + (missed + 2) * 0.02)
     assert max(time.slept) <= 0.03
-
-
-def test_velocity_is_by_difference_of_different_pictures():
-    sights = Sights(Sight(1.0, np.zeros(2)), spaces.Box(-1.0, 1.0, (2,), np.float64))
-    assert sights.velocity.tolist() == [0.0, 0.0]
-    sights.add(Sight(1.01, np.array([0.002, -0.001])))
-    assert sights.velocity == pytest.approx([0.2, -0.1])
-    sights.add(Sight(1.01, np.array([0.002, -0.001])))
-    assert sights.velocity == pytest.approx([0.2, -0.1])
-
-
-def test_reference_between_control_instants():
-    points = np.array([[0.0, 0.0], [1.0, 10.0], [2.0, 40.0]])
-    assert reference_at(points, 1.5) == pytest.approx([1.5, 25.0])
-    assert reference_at(points, -1.0) == pytest.approx([0.0, 0.0])

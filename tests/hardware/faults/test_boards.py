@@ -20,8 +20,7 @@ from support.rough_bench import (
 from softrobot_env.hardware.errors import UnansweredError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import LONGEST, encode
-from softrobot_env.hardware.protocol.messages import layouts
-from softrobot_env.hardware.protocol.phase import Phase
+from softrobot_env.hardware.protocol.session import Phase
 
 
 @pytest.fixture
@@ -141,7 +140,7 @@ def test_a_host_of_another_table_arms_nothing(rough, monkeypatch):
     config = rough.robot.to_message()
     setpoint = m.Setpoint(9, round(1e6 * rough.now), 50, 0, 3, (0, 0, 0))
     with monkeypatch.context() as other:
-        other.setattr(layouts, "SCHEMA", layouts.SCHEMA ^ 1)
+        other.setattr(m, "SCHEMA", m.SCHEMA ^ 1)
         frames = [encode(message, 1) for message in (config, m.Arm(9, 0), setpoint)]
     for frame in frames:
         rough.say(frame, 0.06)

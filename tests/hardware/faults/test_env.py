@@ -7,6 +7,7 @@ from time import sleep
 import pytest
 from support.hardware_boards import Board, LiveBoard
 from support.output_witness import WatchedCore
+from support.patience import patient_drivers
 from support.real_episodes import (
     FILE,
     PERIOD,
@@ -25,7 +26,16 @@ from softrobot_env.hardware.protocol.framing import Decoder, encode
 
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [
+    pytest.mark.timeout(60),
+    pytest.mark.realtime("no thread waits for the processor for 0.4 s"),
+]
+
+
+@pytest.fixture(autouse=True)
+def patience():
+    with patient_drivers():
+        yield
 
 
 @pytest.fixture

@@ -7,6 +7,7 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 from support.output_witness import WatchedCore
+from support.patience import patient_drivers
 from support.real_episodes import (
     FILE,
     PERIOD,
@@ -20,16 +21,25 @@ from support.serial_proxy import KINDS, Harm, SerialProxy
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.in_flight import MOST_IN_FLIGHT
+from softrobot_env.hardware.protocol.link import MOST_IN_FLIGHT
 from softrobot_env.hardware.transport import SerialTransport
 from softrobot_env.hardware.virtual.robot import Pulses, VirtualRobot
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.timeout(60)
+pytestmark = [
+    pytest.mark.timeout(60),
+    pytest.mark.realtime("no thread waits for the processor for 0.4 s"),
+]
 
 THERE = np.array([4e-3, -2e-3, 0.0])
+
+
+@pytest.fixture(autouse=True)
+def patience():
+    with patient_drivers():
+        yield
 
 
 class Servos:

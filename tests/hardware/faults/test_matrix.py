@@ -57,7 +57,7 @@ from support.serial_proxy import Harm
 
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.protocol.phase import Phase
+from softrobot_env.hardware.protocol.session import Phase
 
 
 @pytest.fixture

@@ -2,15 +2,15 @@
 
 import shutil
 import subprocess
-import sys
 from types import SimpleNamespace
 
 import pytest
 from support.firmware_bench import running  # skips without a compiler
+from support.processes import python
 
 from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.protocol.schema import header
-from softrobot_env.hardware.virtual import core, core_library
+from softrobot_env.hardware.virtual import core
 from softrobot_env.hardware.virtual.core import CompilerMissingError, Core, Measured
 from softrobot_env.paths import firmware_dir
 
@@ -35,7 +35,7 @@ def test_the_core_calls_no_platform_and_takes_no_memory():
 
 
 def test_it_compiles_without_a_warning(tmp_path):
-    done = make("host", f"BUILD={tmp_path}", f"CXX={core_library._compiler()[0]}")
+    done = make("host", f"BUILD={tmp_path}", f"CXX={core._compiler()[0]}")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "core.so").exists()
 
@@ -63,35 +63,34 @@ def cache(monkeypatch, tmp_path):
 
 
 def test_it_is_compiled_once(cache, monkeypatch):
-    path = core_library.compiled()
+    path = core.compiled()
     assert path.is_relative_to(cache / "softrobot_env")
-    monkeypatch.setattr(core_library.subprocess, "run", None)
-    assert core_library.compiled() == path
+    monkeypatch.setattr(core.subprocess, "run", None)
+    assert core.compiled() == path
     assert list(path.parent.iterdir()) == [path]
 
 
 def test_two_processes_may_compile_at_once(cache):
     code = "from softrobot_env.hardware.virtual.core import Core; Core().transmit()"
-    command = [sys.executable, "-c", code]
-    both = [subprocess.Popen(command, stderr=subprocess.PIPE) for _ in range(2)]
-    assert [process.communicate()[1] for process in both] == [b"", b""]
+    with python(code, stderr=subprocess.PIPE) as one, python(code, stderr=subprocess.PIPE) as other:
+        assert [process.communicate()[1] for process in (one, other)] == [b"", b""]
     assert len(list(cache.rglob("*.so"))) == 1
 
 
 def test_a_missing_compiler_is_named(cache, monkeypatch):
     monkeypatch.setenv("CXX", "absent-compiler -O2")
     with pytest.raises(CompilerMissingError, match=r"apt install g\+\+.*'absent-compiler'"):
-        core_library.compiled()
+        core.compiled()
     monkeypatch.delenv("CXX")
     monkeypatch.setenv("PATH", "")
     with pytest.raises(CompilerMissingError, match=r"apt install g\+\+"):
-        core_library.compiled()
+        core.compiled()
 
 
 def test_a_compiler_that_fails_is_quoted(cache, monkeypatch):
-    monkeypatch.setenv("CXX", f"{core_library._compiler()[0]} --no-such-option")
+    monkeypatch.setenv("CXX", f"{core._compiler()[0]} --no-such-option")
     with pytest.raises(CompilerMissingError, match="no-such-option"):
-        core_library.compiled()
+        core.compiled()
     assert list(cache.rglob("*.so")) == []
 
 

@@ -18,7 +18,7 @@ from softrobot_env.hardware.protocol.messages import (
     Setpoint,
     pack,
 )
-from softrobot_env.hardware.virtual.core_library import library
+from softrobot_env.hardware.virtual.core import library
 
 #: Range of each field type, by the name of its annotation's struct code.
 RANGES = {

@@ -1,8 +1,8 @@
-"""Ages of what a microcontroller says, from its clock and the host's."""
+"""Ages of what a microcontroller says, from its clock and the host's, and a link's counters."""
 
 import pytest
 
-from softrobot_env.hardware.protocol.device_clock import DeviceClock
+from softrobot_env.hardware.protocol.link import DeviceClock, LinkCounters
 
 WRAP = 2**32
 
@@ -43,3 +43,16 @@ def test_the_drift_of_a_resonator_is_no_age(drift):
 def test_a_clock_that_starts_again_is_believed():
     found = ages([500.0, 500.1, 0.2, 0.3], [1.0, 1.1, 1.6, 1.7])
     assert found == pytest.approx([0, 0, 0, 0], abs=1e-9)
+
+
+def test_lost_and_doubled_messages_are_counted():
+    link = LinkCounters()
+    arrived = [link.note_arrival(seq) for seq in (65534, 65535, 65535, 3, 2, 4)]
+    assert arrived == [True, True, False, True, False, True]
+    assert (link.lost, link.old, link.received) == (3, 2, 4)
+
+
+def test_a_count_that_begins_anew_is_no_old_message():
+    link = LinkCounters()
+    assert link.note_arrival(500) and link.note_arrival(0)
+    assert (link.lost, link.old) == (0, 0)

@@ -1,0 +1,16 @@
+"""Processes that tests start."""
+
+import subprocess
+import sys
+from contextlib import contextmanager
+
+
+@contextmanager
+def python(program, *arguments, **options):
+    """A Python program in a process that is killed and waited for at the end of the context."""
+    command = [sys.executable, "-c", program, *arguments]
+    with subprocess.Popen(command, **options) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
