@@ -39,9 +39,9 @@ class PolicySpec:
 
 #: Policies of planar robots.
 POLICIES: dict[str, PolicySpec] = {
-    "hold": PolicySpec("softrobot_env.control.hold:make_hold"),
-    "feedforward": PolicySpec("softrobot_env.control.arm.feedforward:make_feedforward"),
-    "feedforward_pi": PolicySpec("softrobot_env.control.arm.feedforward_pi:FeedforwardPI"),
+    "hold": PolicySpec("softrobot_env.control.base:Hold"),
+    "feedforward": PolicySpec("softrobot_env.control.arm.feedforward:Feedforward"),
+    "feedforward_pi": PolicySpec("softrobot_env.control.arm.feedforward:FeedforwardPI"),
     "qs_nn": PolicySpec(
         "softrobot_env.control.arm.qs_nn:QuasiStaticNetwork",
         environment={"control_period": 0.01, "preview": (0.2,)},
@@ -68,9 +68,9 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     **{
         name: PolicySpec(
-            "softrobot_env.control.neural:NeuralPolicy",
+            "softrobot_env.control.arm.neural:NeuralPolicy",
             {"weights": f"{name}.npz"},
-            environment="softrobot_env.control.neural:environment",
+            environment="softrobot_env.control.arm.neural:environment",
         )
         for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
     },
@@ -137,7 +137,7 @@ def make_policy(
     policy = load(spec.make)(robot, control_period, **(spec.options | options))
     if feedback == "state" or "curvature_rate" not in policy.requires:
         return policy
-    from softrobot_env.control.observer import RateObserver
+    from softrobot_env.control.arm.observer import RateObserver
     from softrobot_env.control.output_feedback import OutputFeedback
 
     return OutputFeedback(policy, RateObserver(robot, control_period))

@@ -64,12 +64,6 @@ def excess(inputs: np.ndarray, limit: np.ndarray) -> float:
 
 
 @kernel
-def unsound(action: np.ndarray, memory: np.ndarray) -> bool:
-    """Whether an observation, though finite, was too absurd to compute with."""
-    return not (finite(action) and finite(memory))
-
-
-@kernel
 def limited(inputs: np.ndarray, limit: np.ndarray, action: np.ndarray) -> bool:
     """Set an action (n_inputs,) in [-1, 1] from inputs and limits (n_inputs,) [N].
 

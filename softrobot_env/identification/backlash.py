@@ -11,8 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.data import disk_points, nominal_lengths
-from softrobot_env.identification.twin_data import Visit, measure
+from softrobot_env.identification.recording import Visit, disk_points, measure, nominal_lengths
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 
@@ -46,7 +45,7 @@ def visit_sides(twin: Twin | int | None, seed: int = 0, count: int = PLACES) -> 
 
 
 def play_of(sides: np.ndarray, statics: Callable[[np.ndarray], np.ndarray]) -> float:
-    """Play [m], see `Learnt`, by least squares from what `visit_sides` found.
+    """Play [m], see `IdentifiedParameters`, by least squares from what `visit_sides` found.
 
     Args:
         sides: (3 k, 2, 2) [m].

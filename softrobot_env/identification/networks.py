@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softrobot_env.identification.data import RigData
+from softrobot_env.identification.recording import RigData
 from softrobot_env.learned import early_stopping
 from softrobot_env.learned.early_stopping import Dataset, Fit
 from softrobot_env.learned.network import Network, Scaling, initial_network

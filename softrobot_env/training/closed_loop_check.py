@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softrobot_env.control import neural
+from softrobot_env.control.arm import neural
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics

@@ -9,7 +9,7 @@ from multiprocessing import get_context
 import numpy as np
 import torch
 
-from softrobot_env.control import neural
+from softrobot_env.control.arm import neural
 from softrobot_env.control.mpc.controller import MPC
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.envs.randomization import Randomization

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from softrobot_env.control import neural
+from softrobot_env.control.arm import neural
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.tasks import Task, make_task

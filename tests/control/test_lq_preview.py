@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from softrobot_env.control.arm.preview_gains import KNOTS, Weights, discretized, preview_design
 
 from softrobot_env.beams.closed_forms.planar_arm import inertia_forces, make_planar_arm
 from softrobot_env.control import reference_smoothing as jumps
 from softrobot_env.control.arm.estimation import PRIOR, update_estimate
 from softrobot_env.control.arm.lq_preview import PERIOD
 from softrobot_env.control.arm.lqi import linear_model
-from softrobot_env.control.arm.preview_gains import KNOTS, Weights, discretized, preview_design
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics

@@ -18,7 +18,7 @@ from softrobot_env.tasks import ALL_TASKS
 from softrobot_env.tasks.rig import RIG_TASKS
 
 if TYPE_CHECKING:
-    from softrobot_env.control.rig.identified import Learnt
+    from softrobot_env.control.rig.identified import IdentifiedParameters
 
 #: The twin whose networks are shipped.
 _SHIPPED = 0
@@ -83,7 +83,7 @@ class RigSetup:
         return learnt_label(self._learnt.twin) if learns(case.policy) else None
 
     @cached_property
-    def _learnt(self) -> "Learnt":
+    def _learnt(self) -> "IdentifiedParameters":
         return load_learnt(self._args.learnt)
 
     def reset_options(self, case: Case) -> dict[str, Any]:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.control.base import Controller
-from softrobot_env.control.rig.identified import Learnt, turned
+from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import InverseModel, Motion, OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.control.rig.servo_flexible import InversionError
@@ -79,7 +79,7 @@ class RigFeedforward(Controller):
         self,
         robot: RobotParams,
         control_period: float,
-        learnt: Learnt | None = None,
+        learnt: IdentifiedParameters | None = None,
         model: InverseModel | None = None,
         ahead: bool = False,
         play: float | None = None,
@@ -92,7 +92,7 @@ class RigFeedforward(Controller):
             learnt: Statics of the rig; those of the model unless given.
             model: Dynamics; the controller is quasi-static unless given.
             ahead: Take the reference half a control period ahead.
-            play: [m], see `Learnt`; unless given, the servos are taken as ideal.
+            play: [m], see `IdentifiedParameters`; unless given, the servos are taken as ideal.
 
         Raises:
             ValueError: Neither statics nor a model are given, or the period is not positive and
@@ -181,10 +181,14 @@ class RigFeedforward(Controller):
         return _SLOW if max(map(abs, change.tolist())) > self._reach else None
 
 
+#: What is known of a rig, or its file; None for the one shipped, of twin 0.
+Identified = IdentifiedParameters | str | Path | None
+
+
 def make_network(
     robot: RobotParams,
     control_period: float,
-    learnt: Learnt | str | Path | None = None,
+    learnt: Identified = None,
     ahead: bool = False,
 ) -> RigFeedforward:
     """Quasi-static controller; `learnt` is what is known of the rig, or its file."""
@@ -199,7 +203,7 @@ def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False)
 def make_hybrid(
     robot: RobotParams,
     control_period: float,
-    learnt: Learnt | str | Path | None = None,
+    learnt: Identified = None,
     model: str = "one piece",
     ahead: bool = False,
     play: float | None = None,
@@ -230,7 +234,9 @@ def make_hybrid(
 
 
 def make_calibrated(
-    robot: RobotParams, control_period: float, learnt: Learnt | str | Path | None = None
+    robot: RobotParams,
+    control_period: float,
+    learnt: Identified = None,
 ) -> RigFeedforward:
     """The hybrid with all that goes beyond the thesis; arguments as `make_hybrid`."""
     known = _known(robot, learnt)
@@ -253,5 +259,9 @@ def _keep(observation: Observation, state: RigState, status: str) -> tuple[np.nd
     return kept, RigState(action=kept.copy(), status=status)
 
 
-def _known(robot: RobotParams, learnt: Learnt | str | Path | None) -> Learnt:
-    return learnt if isinstance(learnt, Learnt) else Learnt.load(robot, learnt)
+def _known(robot: RobotParams, learnt: Identified) -> IdentifiedParameters:
+    return (
+        learnt
+        if isinstance(learnt, IdentifiedParameters)
+        else IdentifiedParameters.load(robot, learnt)
+    )

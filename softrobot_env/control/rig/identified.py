@@ -35,7 +35,7 @@ _SCALE = 1e-3  # m, of the residuals
 
 
 @dataclass(frozen=True)
-class Learnt:
+class IdentifiedParameters:
     """What is known of one rig.
 
     Attributes:
@@ -71,7 +71,7 @@ class Learnt:
         self.network.save(path, describe_rig(robot) | numbers | twin | about)
 
     @classmethod
-    def load(cls, robot: RobotParams, path: str | Path | None = None) -> "Learnt":
+    def load(cls, robot: RobotParams, path: str | Path | None = None) -> "IdentifiedParameters":
         """Read what `save` wrote.
 
         Args:
@@ -152,7 +152,7 @@ def calibrate(robot: RobotParams, lengths: np.ndarray, outputs: np.ndarray) -> t
 
     def missing(parameters: np.ndarray) -> np.ndarray:
         model = FlexibleServoConstraints(turned(robot, *parameters), PIECES)
-        off = pulled_with_total(model.tripod, *hold_outputs(model, outputs), TOTAL) - lengths
+        off = pulled_with_total(model.tendons, *hold_outputs(model, outputs), TOTAL) - lengths
         return (off - off.mean(axis=0)).ravel() / _SCALE
 
     found = least_squares(missing, (EQUIVALENT, 0.0), diff_step=_STEP)

@@ -17,7 +17,7 @@ from softrobot_env.control.rig.servo_flexible import (
     Progress,
 )
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import Tripod, mean_curvature
+from softrobot_env.robots.three_tendons import ThreeTendons, mean_curvature
 
 #: Sum of the tensions [N]. The nominal rig needs 25.7 N to respect its pretension up to 121 mm.
 TOTAL = 26.0
@@ -84,14 +84,14 @@ class OnePiece:
     """Servo constraints on one piece, in closed form (thesis sec. 5.2.2)."""
 
     def __init__(self, robot: RobotParams) -> None:
-        self._servo, self._tripod = ServoConstraints(robot), Tripod(robot)
+        self._servo, self._tendons = ServoConstraints(robot), ThreeTendons(robot)
 
     def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
         """See `InverseModel`; nothing but a guess is remembered."""
         found = self._servo.step(*then, guess=memory)
-        tension = self._tripod.with_total(found.reduced, TOTAL)
-        total = self._tripod.pulled(tension, self._servo.curvature(found.y))
-        dynamic = self._tripod.spread @ (found.reduced - found.static) / self._tripod.stiffness
+        tension = self._tendons.with_total(found.reduced, TOTAL)
+        total = self._tendons.pulled(tension, self._servo.curvature(found.y))
+        dynamic = self._tendons.spread @ (found.reduced - found.static) / self._tendons.stiffness
         return Pull(total, dynamic, tension), found.y
 
 
@@ -127,10 +127,10 @@ class SeveralPieces:
         """See `InverseModel`."""
         start = memory is None or _jumped(memory.now, now, period)
         past = self._begin(now, then) if start else self._go_on(memory, now, then, period)
-        tripod, rest = self._model.tripod, past.rest
-        tension = tripod.with_total(past.progress.reduced, TOTAL)
-        moving = tripod.pulled(tension, mean_curvature(past.progress.q[2]))
-        held = pulled_with_total(tripod, mean_curvature(rest[:-2]), rest[-2:], TOTAL)
+        tendons, rest = self._model.tendons, past.rest
+        tension = tendons.with_total(past.progress.reduced, TOTAL)
+        moving = tendons.pulled(tension, mean_curvature(past.progress.q[2]))
+        held = pulled_with_total(tendons, mean_curvature(rest[:-2]), rest[-2:], TOTAL)
         return Pull(moving, moving - held, tension), past
 
     def _begin(self, now: Motion, then: Motion) -> _Past:
@@ -164,17 +164,17 @@ def _jumped(before: Motion, now: Motion, period: float) -> bool:
 
 
 def pulled_with_total(
-    tripod: Tripod, curvature: np.ndarray, reduced: np.ndarray, total: float
+    tendons: ThreeTendons, curvature: np.ndarray, reduced: np.ndarray, total: float
 ) -> np.ndarray:
-    """Lengths (..., 3) [m] for a sum of tensions, see `Tripod.with_total`.
+    """Lengths (..., 3) [m] for a sum of tensions, see `ThreeTendons.with_total`.
 
     Args:
-        tripod: The tendons.
+        tendons: The tendons.
         curvature: (..., 2) [1/m].
         reduced: (..., 2) [N].
         total: The sum [N].
     """
-    return tripod.pulled(tripod.with_total(reduced, total), curvature)
+    return tendons.pulled(tendons.with_total(reduced, total), curvature)
 
 
 def hold_outputs(

@@ -25,7 +25,7 @@ from softrobot_env.beams.closed_forms.spatial_piece import (
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.beams.pcc import Station
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 
 class OutOfReachError(ValueError):
@@ -42,13 +42,13 @@ class OutOfReachError(ValueError):
 
 @structure
 class Servo(NamedTuple):
-    """Data of the kernels: a rig and its tendons; see `RigPiece` and `Tripod`.
+    """Data of the kernels: a rig and its tendons; see `RigPiece` and `ThreeTendons`.
 
     Attributes:
         piece: `RigPiece`.
         limit, reach: Bending angle [rad] of the farthest output, and its distance [m].
         lever: [m].
-        spread, null, arc, pretension, stiffness: As in `Tripod`.
+        spread, null, arc, pretension, stiffness: As in `ThreeTendons`.
     """
 
     piece: RigPiece
@@ -67,7 +67,7 @@ class Inverse(NamedTuple):
 
     Attributes:
         y, v, a: (n, 2) [rad, rad/s, rad/s2], coordinates of `RigPiece` and their derivatives.
-        reduced: (n, 2) [N], F_red of `Tripod`; the effective tendon force (5.42).
+        reduced: (n, 2) [N], F_red of `ThreeTendons`; the effective tendon force (5.42).
         static: (n, 2) [N], its part that holds y at rest: elastic and gravity.
         tension: (n, 3) [N], least tensions that respect the pretension; the drive's limit does
             not enter.
@@ -98,8 +98,8 @@ class ServoConstraints:
     def __init__(self, robot: RobotParams, inertia: str | Sequence[Station] = SUBPIECES) -> None:
         """Build the model; arguments and errors are those of `make_rig_piece`."""
         self.robot = robot
-        piece, tripod = make_rig_piece(robot, inertia), Tripod(robot)
-        if not np.all(np.isfinite(tripod.stiffness)):
+        piece, tendons = make_rig_piece(robot, inertia), ThreeTendons(robot)
+        if not np.all(np.isfinite(tendons.stiffness)):
             raise ValueError(f"robot {robot.name!r}: tendons need a finite stiffness")
         limit, self.reach = rig_output.reach(piece)
         self.data = reference(
@@ -107,12 +107,12 @@ class ServoConstraints:
                 piece=piece,
                 limit=limit,
                 reach=self.reach,
-                lever=tripod.lever,
-                spread=np.ascontiguousarray(tripod.spread),
-                null=tripod.null,
-                arc=tripod.arc,
-                pretension=tripod.pretension,
-                stiffness=tripod.stiffness,
+                lever=tendons.lever,
+                spread=np.ascontiguousarray(tendons.spread),
+                null=tendons.null,
+                arc=tendons.arc,
+                pretension=tendons.pretension,
+                stiffness=tendons.stiffness,
             )
         )
 
@@ -192,7 +192,7 @@ class ServoConstraints:
 
 @kernel
 def _least(servo: Servo, reduced: np.ndarray, out: np.ndarray) -> None:
-    """Set out (3,) [N] to the tensions of `Tripod.tension` for a reduced input (2,) [N]."""
+    """Set out (3,) [N] to the tensions of `ThreeTendons.tension` for a reduced input (2,) [N]."""
     shift = -np.inf
     for k in range(3):
         out[k] = servo.spread[k, 0] * reduced[0] + servo.spread[k, 1] * reduced[1]

@@ -26,7 +26,7 @@ from softrobot_env.control.rig.servo_dae import (
     place_outputs,
 )
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import Tripod, mean_curvature
+from softrobot_env.robots.three_tendons import ThreeTendons, mean_curvature
 from softrobot_env.tasks.trajectories import Trajectory
 
 _STATIC_STEP = 0.01  # m, of the output when its statics are followed
@@ -53,7 +53,7 @@ class FlexibleInverse(NamedTuple):
     Attributes:
         time: (k,) [s].
         q, v: (k, n), curvatures (beta, gamma) of the pieces [1/m] and their rates.
-        reduced: (k, 2) [N], F_red of `Tripod`.
+        reduced: (k, 2) [N], F_red of `ThreeTendons`.
         tension: (k, 3) [N], least tensions that respect the pretension.
         pulled: (k, 3) [m], lengths pulled in.
         dynamic: (k, 3) [m], what they have more than at rest in the same places: s_dyn of (5.36),
@@ -93,7 +93,7 @@ class FlexibleServoConstraints:
     Attributes:
         robot: The rig.
         model: `PCC` of the rig, driven by tension.
-        tripod: Its tendons.
+        tendons: Its tendons.
         data: `FlexibleRig`, as a reference for kernels.
     """
 
@@ -116,10 +116,10 @@ class FlexibleServoConstraints:
         if robot.head is None:
             raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
         _check_ends(robot)
-        self.robot, self.tripod = robot, Tripod(robot)
+        self.robot, self.tendons = robot, ThreeTendons(robot)
         self.model = PCC(robot, pieces, axes="spatial", inertia=inertia)
         # Each piece of length l bends under the whole moment, lever * F_red.
-        moment = robot.length / self.model.pieces * self.tripod.lever * np.eye(2)
+        moment = robot.length / self.model.pieces * self.tendons.lever * np.eye(2)
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         self.data = reference(
             FlexibleRig(
@@ -163,7 +163,7 @@ class FlexibleServoConstraints:
             q: (n,) [1/m] in equilibrium.
             reduced: (2,) [N] that hold it.
         """
-        space = self.model.linearize(State(q, np.zeros_like(q)), self.tripod.tension(reduced))
+        space = self.model.linearize(State(q, np.zeros_like(q)), self.tendons.tension(reduced))
         outputs = np.empty((2, len(q)))
         output_matrix(self.data, q, outputs)
         hidden, free = _null_space(outputs), _null_space(self.data.inputs.T)
@@ -257,8 +257,8 @@ class FlexibleServoConstraints:
 
     def _inputs(self, q: np.ndarray, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tensions and lengths pulled in (..., 3) for q (..., n) and reduced inputs (..., 2)."""
-        tension = self.tripod.tension(reduced)
-        return tension, self.tripod.pulled(tension, mean_curvature(q))
+        tension = self.tendons.tension(reduced)
+        return tension, self.tendons.pulled(tension, mean_curvature(q))
 
     def _pulled_at_rest(
         self, times: np.ndarray, z: np.ndarray, q: np.ndarray, reduced: np.ndarray

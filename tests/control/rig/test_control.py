@@ -8,10 +8,10 @@ import pytest
 
 from softrobot_env.control.registry import RIG_POLICIES, installed_policies, make_policy
 from softrobot_env.control.rig.feedforward import LENGTH_SCALE, RigFeedforward, make_hybrid
-from softrobot_env.control.rig.identified import Learnt
+from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.control.rig.inverse import TOTAL, Motion, OnePiece, SeveralPieces
 from softrobot_env.envs.simulation.servos import Servos
-from softrobot_env.identification.data import nominal_lengths
+from softrobot_env.identification.recording import nominal_lengths
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import SERVO_SPEED
 from softrobot_env.tasks.rig_trajectories import RoundedTriangle
@@ -231,7 +231,7 @@ def test_periods_that_are_none_are_refused(period):
 
 
 def test_the_calibrated_hybrid_takes_the_play_that_was_learnt():
-    known = Learnt.load(RIG)
+    known = IdentifiedParameters.load(RIG)
     wanted = motions(FAST, np.arange(2, 3, PERIOD))
     none, some = (
         follow(

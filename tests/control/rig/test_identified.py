@@ -7,15 +7,14 @@ import numpy as np
 import pytest
 
 from softrobot_env.cli import main
-from softrobot_env.control.rig.identified import Learnt, calibrate, turned
+from softrobot_env.control.rig.identified import IdentifiedParameters, calibrate, turned
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.identification.backlash import play_of, visit_sides
-from softrobot_env.identification.data import disk_points, nominal_lengths
 from softrobot_env.identification.decay import damping_of, rates_of_decay, visit_decays
-from softrobot_env.identification.statics import RigStatics
-from softrobot_env.identification.twin_data import Visit, measure
-from softrobot_env.identification.twin_networks import NEEDED, Visited, learn
+from softrobot_env.identification.parameters import NEEDED, Visited, learn
+from softrobot_env.identification.recording import Visit, disk_points, measure, nominal_lengths
+from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG
 from softrobot_env.robots.twin import nominal_twin, rig3d_twin
@@ -40,19 +39,21 @@ def test_too_little_data_are_refused():
 
 def some_learnt():
     box = Scaling(-np.ones(2), np.ones(2)), Scaling(-np.ones(3), np.ones(3))
-    return Learnt(initial_network((4,), *box, np.random.default_rng(0)), 1.07, 0.12, 0.9, 1.3e-4, 3)
+    return IdentifiedParameters(
+        initial_network((4,), *box, np.random.default_rng(0)), 1.07, 0.12, 0.9, 1.3e-4, 3
+    )
 
 
 def test_what_is_learnt_can_be_kept(tmp_path):
     learnt = some_learnt()
     learnt.save(tmp_path / "rig.npz", RIG, {})
-    loaded = Learnt.load(RIG, tmp_path / "rig.npz")
+    loaded = IdentifiedParameters.load(RIG, tmp_path / "rig.npz")
     point = np.array([0.3, -0.2])
     np.testing.assert_array_equal(loaded.statics(point), learnt.statics(point))
     assert (loaded.stiffness, loaded.turn) == (1.07, 0.12)
     assert (loaded.damping, loaded.play, loaded.twin) == (0.9, 1.3e-4, 3)
     with pytest.raises(ValueError, match="not for this 'arm'"):
-        Learnt.load(ARM, tmp_path / "rig.npz")
+        IdentifiedParameters.load(ARM, tmp_path / "rig.npz")
 
 
 @pytest.mark.parametrize(
@@ -71,7 +72,7 @@ def test_what_is_learnt_can_be_kept(tmp_path):
 def test_what_is_learnt_of_a_rig_with_other_statics_is_refused(tmp_path, changed):
     some_learnt().save(tmp_path / "rig.npz", RIG, {})
     with pytest.raises(ValueError, match="as it was then"):
-        Learnt.load(replace(RIG, **changed), tmp_path / "rig.npz")
+        IdentifiedParameters.load(replace(RIG, **changed), tmp_path / "rig.npz")
 
 
 def test_the_play_of_servos_and_friction_is_measured():

@@ -14,7 +14,7 @@ import numpy as np
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.learned.early_stopping import Dataset
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 #: Number of points, and radius [m] of the disk they fill (audit: usable workspace).
 POINTS = 926
@@ -106,8 +106,8 @@ def nominal_lengths(
     inverse = servo.plan(points, still, still)
     if total is None:
         return inverse.pulled
-    tripod = Tripod(robot)
-    return tripod.pulled(tripod.tension(inverse.reduced, total), servo.curvature(inverse.y))
+    tendons = ThreeTendons(robot)
+    return tendons.pulled(tendons.tension(inverse.reduced, total), servo.curvature(inverse.y))
 
 
 def collect(

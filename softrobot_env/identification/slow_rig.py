@@ -14,7 +14,7 @@ from softrobot_env.beams.closed_forms.spatial_output import output
 from softrobot_env.beams.closed_forms.spatial_piece import RigPiece, add_static, make_rig_piece
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.robots import RIG, RobotParams
-from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 _STEP = 0.5e-3  # [m], largest change of a length in one step of the motion
 _ITERATIONS = 50  # of Newton's method; three as a rule
@@ -24,7 +24,7 @@ _DIFFERENCE = 1e-5  # [rad], for the stiffness; its error slows the iteration, n
 
 @structure
 class _Rig(NamedTuple):
-    """Data of the kernels: a rig, and of its tendons the fields of `Tripod` and the friction."""
+    """Data of the kernels: a rig, fields of its `ThreeTendons`, and their friction."""
 
     piece: RigPiece
     arc: np.ndarray
@@ -55,8 +55,8 @@ class RigStatics:
             ValueError: The robot is no rig with three elastic tendons, or negative friction or
                 noise.
         """
-        tripod = Tripod(robot)
-        if not np.all(np.isfinite(tripod.stiffness)):
+        tendons = ThreeTendons(robot)
+        if not np.all(np.isfinite(tendons.stiffness)):
             raise ValueError(f"robot {robot.name!r}: tendons need a finite stiffness")
         if not (0 <= friction < np.inf and 0 <= noise < np.inf):
             raise ValueError(
@@ -64,10 +64,12 @@ class RigStatics:
             )
         self._noise, self._rng = noise, np.random.default_rng(seed)
         self._data = reference(
-            _Rig(make_rig_piece(robot), tripod.arc, tripod.pretension, tripod.stiffness, friction)
+            _Rig(
+                make_rig_piece(robot), tendons.arc, tendons.pretension, tendons.stiffness, friction
+            )
         )
         self._lengths, self._y = np.zeros(3), np.zeros(2)
-        self._tension = tripod.pretension.copy()
+        self._tension = tendons.pretension.copy()
 
     def __call__(self, lengths: np.ndarray) -> np.ndarray:
         """Outputs (n, 2) [m] after lengths (n, 3) [m], each on a straight line from the last one.

@@ -4,10 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.control.rig.identified import Learnt, calibrate, turned
+from softrobot_env.control.rig.identified import IdentifiedParameters, calibrate, turned
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.identification.backlash import play_of, visit_sides
-from softrobot_env.identification.data import RigData, Split, collect, disk_points, split
 from softrobot_env.identification.decay import damping_of, visit_decays
 from softrobot_env.identification.networks import (
     TRAINING,
@@ -17,7 +16,14 @@ from softrobot_env.identification.networks import (
     fit,
     rms,
 )
-from softrobot_env.identification.twin_data import measure
+from softrobot_env.identification.recording import (
+    RigData,
+    Split,
+    collect,
+    disk_points,
+    measure,
+    split,
+)
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
@@ -58,7 +64,7 @@ class Lesson:
         largest: Largest norms of the errors [m].
     """
 
-    learnt: Learnt
+    learnt: IdentifiedParameters
     forward: Network
     errors: dict[str, float]
     largest: dict[str, float]
@@ -118,7 +124,7 @@ def learn(visited: Visited, seed: int = 0) -> Lesson:
     stiffness, turn = calibrate(RIG, data.lengths[known], data.measured[known])
     play = play_of(visited.sides, networks["inverse"])
     damping, _ = damping_of(visited.decays, turned(RIG, stiffness, turn, 1.0))
-    learnt = Learnt(networks["inverse"], stiffness, turn, damping, play, visited.twin)
+    learnt = IdentifiedParameters(networks["inverse"], stiffness, turn, damping, play, visited.twin)
     return Lesson(learnt, networks["forward"], errors, largest)
 
 
