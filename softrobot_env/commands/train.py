@@ -15,8 +15,8 @@ from rich.table import Table
 
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_out
+from softrobot_env.interfaces import Show
 from softrobot_env.paths import models_dir
-from softrobot_env.training.progress import Show
 
 if TYPE_CHECKING:
     import numpy as np
@@ -121,23 +121,23 @@ def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
 
 
 def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
-    """What the rig's controllers have to learn of a twin (thesis sec. 5.1)."""
+    """Identified parameters of a twin, for the rig's controllers (thesis sec. 5.1)."""
     from math import degrees
 
-    from softrobot_env.identification.parameters import learn, visit
+    from softrobot_env.identification.parameters import identify, record
     from softrobot_env.robots import RIG
 
-    lesson = learn(visit(twin, seed, show=show), seed)
-    lesson.learnt.save(path, RIG, {"seed": seed})
-    errors = {name: f"{1e3 * value:.3f} mm" for name, value in lesson.errors.items()}
+    found = identify(record(twin, seed, show=show), seed)
+    rig = found.parameters
+    rig.save(path, RIG, {"seed": seed})
     return [
         ("twin", str(twin)),
-        ("rms error, lengths of outputs", errors["inverse"]),
-        ("rms error, outputs of lengths", errors["forward"]),
-        ("bending stiffness over nominal", f"{lesson.learnt.stiffness:.3f}"),
-        ("bending damping over nominal", f"{lesson.learnt.damping:.3f}"),
-        ("turn of the tendons", f"{degrees(lesson.learnt.turn):.2f} deg"),
-        ("play of the tendons", f"{1e3 * lesson.learnt.play:.3f} mm"),
+        ("rms error, lengths of outputs", f"{1e3 * found.errors['inverse']:.3f} mm"),
+        ("rms error, outputs of lengths", f"{1e3 * found.errors['forward']:.3f} mm"),
+        ("bending stiffness over nominal", f"{rig.stiffness:.3f}"),
+        ("bending damping over nominal", f"{rig.damping:.3f}"),
+        ("turn of the tendons", f"{degrees(rig.turn):.2f} deg"),
+        ("backlash of the tendons", f"{1e3 * rig.backlash:.3f} mm"),
     ]
 
 

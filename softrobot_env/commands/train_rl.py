@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 from softrobot_env.commands.arguments import expand_all, names_or_all
 
 if TYPE_CHECKING:
+    from softrobot_env.interfaces import Show
     from softrobot_env.learned.network import Network
-    from softrobot_env.training.progress import Show
     from softrobot_env.training.rl_config import RLConfig
 
 #: Known without loading stable-baselines3; a test holds both to the training's own.

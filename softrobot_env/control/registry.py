@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.registries import load
+from softrobot_env.registries import Registry, load
 from softrobot_env.robots import RobotParams
 
 if TYPE_CHECKING:
@@ -77,8 +77,8 @@ POLICIES: dict[str, PolicySpec] = {
 }
 
 #: Policies of the spatial test rig, whose environments have other observations and actions. All
-#: but the inverse dynamics take as option `learnt` what was learnt of one rig; without it, that is
-#: what is shipped, of twin 0.
+#: but the inverse dynamics take as option `learnt` the identified parameters of one rig; without
+#: it, they take those that are shipped, of twin 0.
 RIG_POLICIES: dict[str, PolicySpec] = {
     "rig_nn": PolicySpec("softrobot_env.control.rig.feedforward:make_network"),
     "inverse_dynamics": PolicySpec("softrobot_env.control.rig.feedforward:make_inverse"),
@@ -104,10 +104,7 @@ def installed_policies() -> list[str]:
 
 
 def _find(name: str) -> PolicySpec:
-    known = POLICIES | RIG_POLICIES
-    if name not in known:
-        raise ValueError(f"unknown policy {name!r}; choose from {', '.join(known)}")
-    return known[name]
+    return Registry("policy", POLICIES | RIG_POLICIES).find(name)
 
 
 def make_policy(
@@ -137,10 +134,9 @@ def make_policy(
     policy = load(spec.make)(robot, control_period, **(spec.options | options))
     if feedback == "state" or "curvature_rate" not in policy.requires:
         return policy
-    from softrobot_env.control.arm.observer import RateObserver
-    from softrobot_env.control.output_feedback import OutputFeedback
+    from softrobot_env.control.arm.observer import OutputFeedback
 
-    return OutputFeedback(policy, RateObserver(robot, control_period))
+    return OutputFeedback(policy, robot, control_period)
 
 
 def policy_environment(name: str) -> dict[str, Any]:

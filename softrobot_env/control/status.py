@@ -35,6 +35,16 @@ class Memory(NamedTuple):
         return REASONS[self.code]
 
 
+class Said(NamedTuple):
+    """State of a policy that remembers nothing: what is to be said of its last action.
+
+    Attributes:
+        status: Why the action is not the one wanted, or None.
+    """
+
+    status: str | None
+
+
 @kernel
 def finite(values: np.ndarray) -> bool:
     """Whether all values (k,) are finite."""

@@ -2,7 +2,7 @@
 
 The rig is one piece of constant curvature, always in equilibrium. The drive pulls tendon k with
 T_k = F_pre + c (s_k - s_geo,k), or nothing if it is slack; the tension F_k that acts on the rig
-follows it with a play of the friction R (Prandtl): it stays as it is while |F_k - T_k| < R, and is
+follows it across a gap, the friction R (Prandtl): it stays as it is while |F_k - T_k| < R, and is
 dragged along at that distance otherwise.
 """
 

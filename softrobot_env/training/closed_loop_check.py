@@ -31,7 +31,7 @@ def trial(
         duration: [s] of the episodes, the tasks' own unless given.
         reward: Whose mean is told; the environments' default unless given.
     """
-    policy = neural.NeuralPolicy.of(ARM, network, neural.PERIOD)
+    policy = neural.NeuralPolicy(ARM, neural.PERIOD, network)
     return trial_of(policy, variations, duration, reward)
 
 

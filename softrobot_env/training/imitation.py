@@ -14,11 +14,10 @@ from softrobot_env.control.mpc.controller import MPC
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.interfaces import Observation
+from softrobot_env.interfaces import Observation, Show
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM
-from softrobot_env.training.networks import as_network, new_layers
-from softrobot_env.training.progress import Show
+from softrobot_env.training.artifacts import as_network, new_layers
 from softrobot_env.training.references import draw_task
 
 #: The controller to imitate: `mpc_preview`, deciding as often as the network.
@@ -184,7 +183,7 @@ def _episode(
     duration = config.duration * rng.uniform(0.3, 1.0)
     task = draw_task(rng, duration)
     env = TrackingEnv(task, control_period=neural.PERIOD, preview=(*neural.PREVIEW, *TEACHER.times))
-    actor = None if network is None else neural.NeuralPolicy.of(ARM, network, neural.PERIOD)
+    actor = None if network is None else neural.NeuralPolicy(ARM, neural.PERIOD, network)
     observation, _ = env.reset(options=_start(config, task.start_input, rng))
     state, over = None, False
     while not over:

@@ -9,9 +9,9 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
+from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
 from softrobot_env.training.learners import LEARNERS, freeze_actor, make_model, put_actor
-from softrobot_env.training.progress import Show
 from softrobot_env.training.rl_config import RLConfig
 from softrobot_env.training.training_env import make_training_env
 from softrobot_env.training.watch import Point, Watch, curve_of

@@ -9,10 +9,10 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
 from softrobot_env.training.closed_loop_check import trial
 from softrobot_env.training.learners import actor_of
-from softrobot_env.training.progress import Show
 from softrobot_env.training.rl_config import RLConfig
 
 #: Environment steps, mean `SCORE` of the trials, largest error [mm] on swing and L-shape among

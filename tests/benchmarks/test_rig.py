@@ -150,7 +150,7 @@ def test_a_quick_run_takes_what_is_shipped(monkeypatch):
         )
 
     monkeypatch.setattr(rig, "run_case", run_one)
-    monkeypatch.setattr(rig, "visit", None)
+    monkeypatch.setattr(rig, "record", None)
     found = rig.run(quick=True)
     assert {(c.policy, c.period) for c in ran} == {(p, t) for p in RIG_POLICIES for t in (1, 5)}
     assert {c.twin for c in ran} == {0}
@@ -161,14 +161,14 @@ def test_every_twin_has_what_was_learnt_of_it(monkeypatch):
     """Its own visit, and networks trained with its own seed."""
     ran, taught = [], []
 
-    def learn(visited, seed):
+    def identify(visited, seed):
         taught.append((visited, seed))
-        return SimpleNamespace(learnt=("learnt of", visited, seed))
+        return SimpleNamespace(parameters=("learnt of", visited, seed))
 
     shipped = SimpleNamespace(load=lambda robot: ("learnt of", 0, 0))
     monkeypatch.setattr(rig, "IdentifiedParameters", shipped)
-    monkeypatch.setattr(rig, "visit", lambda twin: twin.seed)
-    monkeypatch.setattr(rig, "learn", learn)
+    monkeypatch.setattr(rig, "record", lambda twin: twin.seed)
+    monkeypatch.setattr(rig, "identify", identify)
     monkeypatch.setattr(rig, "run_case", lambda case, learnt, traced: ran.append((case, learnt)))
     for twin in (None, *rig.TWINS):
         for _, work in rig._jobs(twin, shipped=False):

@@ -19,7 +19,9 @@ def constant_learnt(twin=None):
         Scaling(-np.ones(2), np.ones(2)),
         Scaling(-scale, scale),
     )
-    return IdentifiedParameters(network, stiffness=1.2, turn=0.0, damping=1.0, play=0.0, twin=twin)
+    return IdentifiedParameters(
+        network, stiffness=1.2, turn=0.0, damping=1.0, backlash=0.0, twin=twin
+    )
 
 
 def learnt_file(path, twin=None):

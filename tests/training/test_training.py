@@ -24,10 +24,10 @@ from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
 from softrobot_env.training import artifacts as shipping  # noqa: E402
 from softrobot_env.training import references  # noqa: E402
+from softrobot_env.training.artifacts import as_network, new_layers, put_network  # noqa: E402
 from softrobot_env.training.closed_loop_check import trial  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
 from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
-from softrobot_env.training.networks import as_network, new_layers, put_network  # noqa: E402
 from softrobot_env.training.rl import begin, train  # noqa: E402
 from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  # noqa: E402
 from softrobot_env.training.training_env import make_training_env  # noqa: E402

@@ -9,7 +9,7 @@ from softrobot_env.benchmarks.rig.cases import FAST, SLOW, Case, rig_name, run_c
 from softrobot_env.benchmarks.rig.forces import force_rows
 from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.control.rig.identified import IdentifiedParameters
-from softrobot_env.identification.parameters import learn, visit
+from softrobot_env.identification.parameters import identify, record
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import twin_or_ideal
 
@@ -55,7 +55,7 @@ def _jobs(twin: int | None, shipped: bool) -> list[Job]:
         if shipped:
             return IdentifiedParameters.load(RIG)
         # Another seed for each, so that what differs between twins includes the training.
-        return learn(visit(twin_or_ideal(twin)), seed=twin or 0).learnt
+        return identify(record(twin_or_ideal(twin)), seed=twin or 0).parameters
 
     def taught() -> list[Row]:
         learnt()

@@ -118,8 +118,9 @@ class OutputFeedback(Controller):
     `mpc_preview` oscillates if the robot is a third as heavy as it was told.
     """
 
-    def __init__(self, policy: Controller, observer: RateObserver) -> None:
-        self._policy, self._observer = policy, observer
+    def __init__(self, policy: Controller, robot: RobotParams, control_period: float) -> None:
+        """Of a policy for a nominal robot, called every control period [s]."""
+        self._policy, self._observer = policy, RateObserver(robot, control_period)
         self.hold = policy.hold
         measured = ("curvature", "previous_action")
         others = (n for n in policy.requires if n not in (*measured, "curvature_rate"))

@@ -6,7 +6,7 @@
 
 and beyond the thesis: the reference half a control period ahead, as an input that is held for a
 period lags by half of it; the model in several pieces; that model calibrated by the data that the
-network was trained with; and what is known of the servos, their speed and play.
+network was trained with; and what is known of the servos, their speed and backlash.
 """
 
 from math import inf
@@ -20,16 +20,17 @@ from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import InverseModel, Motion, OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.control.rig.servo_flexible import InversionError
+from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
-_TURNING = 2e-3  # m/s, below which it is not clear on which side of its play a servo is
+_TURNING = 2e-3  # m/s, below which it is not clear on which side of its backlash a servo is
 _BLIND = 0.1  # s without a finite reference, after which it is given up
 
 _MOTION = ("reference", "reference_velocity", "reference_acceleration")
 _LIMITED, _OUTSIDE = "length limit reached", "outside the trained workspace"
-_UNREACHABLE, _NOT_FINITE = "reference out of reach", "observation not finite"
+_UNREACHABLE, _NOT_FINITE = REASONS[UNREACHABLE], REASONS[NOT_FINITE]
 _SLACK, _SLOW = "tendon would slacken", "servo too slow"
 
 
@@ -82,17 +83,17 @@ class RigFeedforward(Controller):
         learnt: IdentifiedParameters | None = None,
         model: InverseModel | None = None,
         ahead: bool = False,
-        play: float | None = None,
+        backlash: float | None = None,
     ) -> None:
         """Put the parts together.
 
         Args:
             robot: Nominal rig.
             control_period: [s] between calls.
-            learnt: Statics of the rig; those of the model unless given.
+            learnt: Identified parameters, whose statics count; those of the model unless given.
             model: Dynamics; the controller is quasi-static unless given.
             ahead: Take the reference half a control period ahead.
-            play: [m], see `IdentifiedParameters`; unless given, the servos are taken as ideal.
+            backlash: [m], see `IdentifiedParameters`; unless given, the servos are taken as ideal.
 
         Raises:
             ValueError: Neither statics nor a model are given, or the period is not positive and
@@ -103,9 +104,9 @@ class RigFeedforward(Controller):
                 f"control_period must be positive and finite, got {control_period!r} s"
             )
         if learnt is None and model is None:
-            raise ValueError("a feedforward controller needs learnt statics, a model or both")
+            raise ValueError("a feedforward controller needs identified statics, a model or both")
         self._network = None if learnt is None else learnt.statics
-        self._model, self._period, self._play = model, control_period, play
+        self._model, self._period, self._backlash = model, control_period, backlash
         self._lead = control_period / 2 if ahead else 0.0
         self._reach = SERVO_SPEED * control_period / LENGTH_SCALE  # of an action, in a period
         self._tendons = len(robot.tendons)
@@ -158,12 +159,12 @@ class RigFeedforward(Controller):
 
     def _driven(self, wanted: np.ndarray, before: np.ndarray | None) -> np.ndarray:
         """Commands (3,) [m] with which the horns are on average where they should be."""
-        if self._play is None or before is None:
+        if self._backlash is None or before is None:
             return wanted
         rate = (wanted - before) / self._period
         # A servo takes a while, |rate| T / speed, for its way in a period.
         late = np.minimum(np.abs(rate), SERVO_SPEED) * self._period / (2 * SERVO_SPEED)
-        return wanted + late * rate + self._play * np.tanh(rate / _TURNING)
+        return wanted + late * rate + self._backlash * np.tanh(rate / _TURNING)
 
     def _doubt(self, now: Motion, tension: np.ndarray | None, change: np.ndarray) -> str | None:
         """Why the rig will not do as wanted although the action (3,) is within its limits, or None.
@@ -182,16 +183,16 @@ class RigFeedforward(Controller):
 
 
 #: What is known of a rig, or its file; None for the one shipped, of twin 0.
-Identified = IdentifiedParameters | str | Path | None
+KnownRig = IdentifiedParameters | str | Path | None
 
 
 def make_network(
     robot: RobotParams,
     control_period: float,
-    learnt: Identified = None,
+    learnt: KnownRig = None,
     ahead: bool = False,
 ) -> RigFeedforward:
-    """Quasi-static controller; `learnt` is what is known of the rig, or its file."""
+    """Quasi-static controller; `learnt`: the identified parameters of the rig, or their file."""
     return RigFeedforward(robot, control_period, _known(robot, learnt), ahead=ahead)
 
 
@@ -203,20 +204,21 @@ def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False)
 def make_hybrid(
     robot: RobotParams,
     control_period: float,
-    learnt: Identified = None,
+    learnt: KnownRig = None,
     model: str = "one piece",
     ahead: bool = False,
-    play: float | None = None,
+    backlash: float | None = None,
 ) -> RigFeedforward:
     """Network plus the dynamic part of an inverse model.
 
     Args:
         robot: Nominal rig.
         control_period: [s] between calls.
-        learnt: What is known of the rig, or its file; the one shipped, of twin 0, unless given.
+        learnt: Identified parameters of the rig, or their file; the one shipped, of twin 0,
+            unless given.
         model: "one piece" of the nominal rig; "several pieces" of a rig that stands as that one
-            does; or "calibrated", several pieces of the rig as learnt.
-        ahead, play: See `RigFeedforward`.
+            does; or "calibrated", several pieces of the rig as identified.
+        ahead, backlash: See `RigFeedforward`.
 
     Raises:
         ValueError: Another model, or a file of another robot.
@@ -230,17 +232,19 @@ def make_hybrid(
     }
     if model not in models:
         raise ValueError(f"unknown model {model!r}; choose from {', '.join(models)}")
-    return RigFeedforward(robot, control_period, known, models[model](), ahead, play)
+    return RigFeedforward(robot, control_period, known, models[model](), ahead, backlash)
 
 
 def make_calibrated(
     robot: RobotParams,
     control_period: float,
-    learnt: Identified = None,
+    learnt: KnownRig = None,
 ) -> RigFeedforward:
     """The hybrid with all that goes beyond the thesis; arguments as `make_hybrid`."""
     known = _known(robot, learnt)
-    return make_hybrid(robot, control_period, known, "calibrated", ahead=True, play=known.play)
+    return make_hybrid(
+        robot, control_period, known, "calibrated", ahead=True, backlash=known.backlash
+    )
 
 
 def _finite(lengths: np.ndarray) -> np.ndarray:
@@ -259,7 +263,7 @@ def _keep(observation: Observation, state: RigState, status: str) -> tuple[np.nd
     return kept, RigState(action=kept.copy(), status=status)
 
 
-def _known(robot: RobotParams, learnt: Identified) -> IdentifiedParameters:
+def _known(robot: RobotParams, learnt: KnownRig) -> IdentifiedParameters:
     return (
         learnt
         if isinstance(learnt, IdentifiedParameters)

@@ -148,10 +148,31 @@ class FlexibleServoConstraints:
         count = 1 + int(np.hypot(*position) / _STATIC_STEP)
         for share in np.linspace(0, 1, count + 1)[1:]:
             if not hold(self.data, share * position, q, reduced):
-                raise InversionError(
-                    f"the output of robot {self.robot.name!r} cannot be held at {position} m", 0.0
-                )
+                raise self._unreachable(position)
         return q, reduced
+
+    def hold(self, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Curvatures (k, n) [1/m] and reduced inputs (k, 2) [N] that hold outputs (k, 2) [m].
+
+        Points are quickest one beside the other: where the way from one to the next is too far,
+        it is gone from the straight pose.
+
+        Raises:
+            InversionError: One of them is out of reach.
+        """
+        outputs = np.ascontiguousarray(outputs, dtype=float)
+        found, done = np.empty((len(outputs), self.model.n + 2)), 0
+        while done < len(outputs):
+            start = self.statics(outputs[done])
+            held = hold_along(self.data, outputs[done:], *start, found[done:])
+            if held == 0:
+                raise self._unreachable(outputs[done])
+            done += held
+        return found[:, :-2], found[:, -2:]
+
+    def _unreachable(self, position: np.ndarray) -> InversionError:
+        name = self.robot.name
+        return InversionError(f"the output of robot {name!r} cannot be held at {position} m", 0.0)
 
     def internal_poles(self, q: np.ndarray, reduced: np.ndarray) -> np.ndarray:
         """Poles (2 n - 4,) [1/s] of the internal dynamics at rest, slowest first.
@@ -208,7 +229,7 @@ class FlexibleServoConstraints:
             raise _failure(float(fine[done]), z[done])
         q, v, reduced = (x[_LEAD::substeps] for x in (q, v, reduced))
         tension, pulled = self._inputs(q, reduced)
-        dynamic = pulled - self._pulled_at_rest(times, z[_LEAD::substeps], q[0], reduced[0])
+        dynamic = pulled - self._inputs(*self.hold(z[_LEAD::substeps]))[1]
         return FlexibleInverse(times, q, v, reduced, tension, pulled, dynamic)
 
     def start(self, position: np.ndarray) -> Progress:
@@ -259,16 +280,6 @@ class FlexibleServoConstraints:
         """Tensions and lengths pulled in (..., 3) for q (..., n) and reduced inputs (..., 2)."""
         tension = self.tendons.tension(reduced)
         return tension, self.tendons.pulled(tension, mean_curvature(q))
-
-    def _pulled_at_rest(
-        self, times: np.ndarray, z: np.ndarray, q: np.ndarray, reduced: np.ndarray
-    ) -> np.ndarray:
-        """Lengths pulled in (k, 3) [m] that hold the output at z (k, 2), from a state near z[0]."""
-        out = np.empty((len(z), self.model.n + 2))
-        done = hold_along(self.data, np.ascontiguousarray(z), q.copy(), reduced.copy(), out)
-        if done < len(z):
-            raise _failure(float(times[done]), z[done])
-        return self._inputs(out[:, :-2], out[:, -2:])[1]
 
 
 def _fine(times: np.ndarray, substeps: int) -> np.ndarray:

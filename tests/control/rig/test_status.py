@@ -113,7 +113,7 @@ def test_a_servo_is_too_slow_where_it_does_not_arrive_in_time(period):
 @pytest.mark.parametrize("period", [5.0, 1.0])
 @pytest.mark.parametrize("model", [None, OnePiece, SeveralPieces])
 def test_nothing_is_said_of_laps_that_can_be_done(period, model):
-    policy = RigFeedforward(RIG, PERIOD, KNOWN, model and model(RIG), ahead=True, play=1e-4)
+    policy = RigFeedforward(RIG, PERIOD, KNOWN, model and model(RIG), ahead=True, backlash=1e-4)
     assert set(statuses(policy, laps(period)[1])) == {None}
 
 
