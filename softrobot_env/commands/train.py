@@ -51,6 +51,7 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
 
     from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
     from softrobot_env.learned import quasi_static
+    from softrobot_env.learned.network import describe
     from softrobot_env.robots import ARM
 
     statics = ConstantCurvatureStatics(ARM)
@@ -64,9 +65,8 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
 
     fit = quasi_static.fit_inverse(samples, start, progress=report)
     validation = quasi_static.sample(statics.tip, statics.n_inputs, how, fresh)
-    about = quasi_static.describe(ARM)
-    about |= {"workspace": quasi_static.workspace(samples.reached), "seed": np.array(seed)}
-    fit.network.save(path, about)
+    reached = quasi_static.workspace(samples.inputs[:, 2:4])
+    fit.network.save(path, {**describe(ARM), "workspace": reached, "seed": seed})
     return [
         ("rms error, training data", f"{quasi_static.rms(fit.network, samples):.4f} N"),
         ("rms error, fresh data", f"{quasi_static.rms(fit.network, validation):.4f} N"),

@@ -133,7 +133,7 @@ def _config(args: argparse.Namespace) -> "RLConfig":
 
 
 def _start(args: argparse.Namespace, path: Path) -> "Network | None":
-    from softrobot_env.learned.quasi_static import load_for
+    from softrobot_env.learned.network import load_for
     from softrobot_env.robots import ARM
     from softrobot_env.training.artifacts import load_start
 

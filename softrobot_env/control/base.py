@@ -160,6 +160,7 @@ def state_sizes(robot: RobotParams) -> dict[str, int]:
     """Entries of the observables that the state of a planar robot and its inputs have."""
     return {
         "curvature": robot.pieces,
+        "curvature_rate": robot.pieces,
         "tip_position": 2,
         "reference": 2,
         "previous_action": TendonMap(robot).n_inputs,

@@ -20,7 +20,7 @@ import numpy as np
 
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.envs.rig import RigEnv
-from softrobot_env.learned.early_stopping import Dataset
+from softrobot_env.learned.network import Dataset
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import LONGEST

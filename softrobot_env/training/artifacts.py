@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from softrobot_env.learned.network import Network, Scaling
-from softrobot_env.learned.quasi_static import describe
+from softrobot_env.learned.network import Network, Scaling, describe
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM
 from softrobot_env.training.closed_loop_check import trial

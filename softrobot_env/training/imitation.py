@@ -15,7 +15,7 @@ from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.interfaces import Observation, Show
-from softrobot_env.learned.network import Network
+from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.robots import ARM
 from softrobot_env.training.artifacts import as_network, new_layers
 from softrobot_env.training.references import draw_task
@@ -72,27 +72,6 @@ class ImitationConfig:
     threads: int = 1
 
 
-@dataclass(frozen=True)
-class Data:
-    """Decisions of the teacher.
-
-    Attributes:
-        seen: (k, n_features) float32.
-        wanted: (k, n_inputs) float32, outputs of the network that give the teacher's action.
-    """
-
-    seen: np.ndarray
-    wanted: np.ndarray
-
-    @staticmethod
-    def join(parts: list["Data"]) -> "Data":
-        """All of them, in order."""
-        return Data(
-            np.concatenate([part.seen for part in parts]),
-            np.concatenate([part.wanted for part in parts]),
-        )
-
-
 def imitate(
     config: ImitationConfig,
     seed: int,
@@ -110,7 +89,7 @@ def imitate(
     torch.manual_seed(seed)
     torch.set_num_threads(config.threads)
     layers = new_layers(neural.feature_count(ARM), config.hidden, 3)
-    parts: list[Data] = []
+    parts: list[Dataset] = []
     network: Network | None = None
     with _pool(config.processes) as each:
         for k in range(config.rounds):
@@ -121,7 +100,7 @@ def imitate(
                 show(f"round {k + 1} of {config.rounds}: data", i + 1, config.shares)
             last = k == config.rounds - 1
             epochs = config.last_epochs if last else config.epochs
-            for epoch, loss in fit(layers, Data.join(parts), epochs, config):
+            for epoch, loss in fit(layers, Dataset.join(parts), epochs, config):
                 show(f"round {k + 1} of {config.rounds}: loss {loss:.2e}", epoch, epochs)
             network = as_network(layers)
             if keep is not None:
@@ -130,7 +109,7 @@ def imitate(
 
 
 @contextmanager
-def _pool(processes: int) -> Iterator[Callable[..., Iterator[Data]]]:
+def _pool(processes: int) -> Iterator[Callable[..., Iterator[Dataset]]]:
     """A `map` over processes."""
     if processes == 0:
         yield map
@@ -140,10 +119,10 @@ def _pool(processes: int) -> Iterator[Callable[..., Iterator[Data]]]:
 
 
 def fit(
-    layers: torch.nn.Sequential, data: Data, epochs: int, config: ImitationConfig
+    layers: torch.nn.Sequential, data: Dataset, epochs: int, config: ImitationConfig
 ) -> Iterator[tuple[int, float]]:
     """Least squares by Adam under a falling rate; yields epoch and mean squared error."""
-    seen, wanted = torch.from_numpy(data.seen), torch.from_numpy(data.wanted)
+    seen, wanted = torch.from_numpy(data.inputs), torch.from_numpy(data.outputs)
     optimiser = torch.optim.Adam(layers.parameters(), config.rate)
     batches = -(-len(seen) // config.batch)
     steps = epochs * batches
@@ -162,8 +141,12 @@ def fit(
         yield epoch + 1, total / len(seen)
 
 
-def _collect(job: tuple[ImitationConfig, Network | None, np.random.SeedSequence]) -> Data:
-    """A share of a round: the teacher's decisions where it or the network acts."""
+def _collect(job: tuple[ImitationConfig, Network | None, np.random.SeedSequence]) -> Dataset:
+    """A share of a round: the teacher's decisions where it or the network acts.
+
+    Inputs are features (k, n_features), outputs those of a network that give the teacher's action
+    (k, n_inputs), both float32.
+    """
     config, network, seed = job
     rng = np.random.default_rng(seed)
     teacher = MPC(ARM, neural.PERIOD, TEACHER)
@@ -173,7 +156,7 @@ def _collect(job: tuple[ImitationConfig, Network | None, np.random.SeedSequence]
         for one, action in _episode(config, network, teacher, rng):
             seen.append(neural.features(one))
             wanted.append(neural.output_of(action - one["previous_action"]))
-    return Data(np.array(seen, np.float32), np.array(wanted, np.float32))
+    return Dataset(np.array(seen, np.float32), np.array(wanted, np.float32))
 
 
 def _episode(

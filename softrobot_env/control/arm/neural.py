@@ -10,8 +10,7 @@ import numpy as np
 from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE, Said
 from softrobot_env.interfaces import Observation
-from softrobot_env.learned.network import Network
-from softrobot_env.learned.quasi_static import load_for
+from softrobot_env.learned.network import Network, load_for
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 
@@ -116,8 +115,10 @@ class NeuralPolicy(Controller):
         network = weights
         if not isinstance(weights, Network):  # an absolute path stays what it is
             network, _ = load_for(models_dir() / weights, robot, "softrobot train")
-        sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
-        sizes |= {"reference_velocity": 2, "reference_preview": 2 * len(PREVIEW)}
+        sizes = state_sizes(robot) | {
+            "reference_velocity": 2,
+            "reference_preview": 2 * len(PREVIEW),
+        }
         self.sizes, self._reach = sizes, robot.length
         weights = tuple(weight.astype(float) for weight in network.weights)
         self._network = replace(network, weights=weights)  # mixed precision would be slower

@@ -92,7 +92,7 @@ class ScheduledController(Controller):
             ValueError: Another control period, or a table of another robot.
         """
         self.hold = hold_for(PERIOD, control_period, name)
-        self.sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
+        self.sizes = state_sizes(robot)
         arm, path = make_planar_arm(robot), models_dir() / f"{name}.npz"
         n, m = arm.inputs.shape
         command, size = f"softrobot train {name}", m * (2 * n + count)

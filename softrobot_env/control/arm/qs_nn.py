@@ -9,8 +9,8 @@ from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import Controller, hold_for
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, Said
 from softrobot_env.interfaces import Observation
-from softrobot_env.learned.network import Network
-from softrobot_env.learned.quasi_static import load_for
+from softrobot_env.learned.inference import absorbed
+from softrobot_env.learned.network import Network, load_for
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -120,13 +120,11 @@ def _fold(network: Network, input_scale: np.ndarray, workspace: np.ndarray) -> _
     """Fold all scaling into the weights."""
     if len(network.weights) != 2:
         raise ValueError(f"qs_nn has one hidden layer, this network {len(network.weights) - 1}")
-    unit = np.concatenate((np.ones(4), input_scale))  # SI units per unit of the observation
-    into = network.weights[0] / network.inputs.half
-    threshold = network.biases[0] - into @ network.inputs.centre
-    half = network.outputs.half / input_scale
+    (into, threshold), (out, offset) = absorbed(network)
+    into[:, 4:] *= input_scale  # of actions, not inputs in N
     return _Folded(
-        np.hstack([into * unit, threshold[:, None], (network.weights[1] * half[:, None]).T]),
-        network.biases[1] * half + network.outputs.centre / input_scale,
+        np.hstack([into, threshold[:, None], (out / input_scale[:, None]).T]),
+        offset / input_scale,
         workspace + _MARGIN * np.array([-1.0, 1.0]),
     )
 

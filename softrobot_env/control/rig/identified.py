@@ -14,8 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from softrobot_env.learned.inference import CompiledInference
-from softrobot_env.learned.network import Network
-from softrobot_env.learned.quasi_static import describe, load_for
+from softrobot_env.learned.network import Network, describe, load_for
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 

@@ -13,17 +13,15 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
-from softrobot_env.beams.model import State
+from softrobot_env.beams.model import IntegrationError, State
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.beams.pcc import PCC, Station
 from softrobot_env.control.rig.servo_dae import (
     FlexibleRig,
     advance,
     hold,
-    hold_along,
-    integrate,
     output_matrix,
-    place_outputs,
+    place_output,
 )
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.three_tendons import ThreeTendons, mean_curvature
@@ -35,16 +33,8 @@ _LEAD = 4  # steps in which errors of the first one, by the implicit Euler metho
 STABILISATION = 50.0
 
 
-class InversionError(RuntimeError):
-    """Newton's iteration failed: the output cannot follow, or the step is too large.
-
-    Attributes:
-        time: [s] of the step.
-    """
-
-    def __init__(self, message: str, time: float) -> None:
-        super().__init__(message)
-        self.time = time
+class InversionError(IntegrationError):
+    """Newton's iteration failed: the output cannot follow, or the step is too large."""
 
 
 class FlexibleInverse(NamedTuple):
@@ -132,9 +122,9 @@ class FlexibleServoConstraints:
 
     def output(self, q: np.ndarray) -> np.ndarray:
         """Place (k, 2) [m] of the output beside the axis for curvatures (k, n) [1/m]."""
-        q = np.ascontiguousarray(q, dtype=float)
         out = np.empty((len(q), 2))
-        place_outputs(self.data, q, out)
+        for curvature, place in zip(np.ascontiguousarray(q, dtype=float), out, strict=True):
+            place_output(self.data, curvature, place)
         return out
 
     def statics(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -148,7 +138,9 @@ class FlexibleServoConstraints:
         count = 1 + int(np.hypot(*position) / _STATIC_STEP)
         for share in np.linspace(0, 1, count + 1)[1:]:
             if not hold(self.data, share * position, q, reduced):
-                raise self._unreachable(position)
+                raise InversionError(
+                    f"the output of robot {self.robot.name!r} cannot be held at {position} m", 0.0
+                )
         return q, reduced
 
     def hold(self, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -161,18 +153,13 @@ class FlexibleServoConstraints:
             InversionError: One of them is out of reach.
         """
         outputs = np.ascontiguousarray(outputs, dtype=float)
-        found, done = np.empty((len(outputs), self.model.n + 2)), 0
-        while done < len(outputs):
-            start = self.statics(outputs[done])
-            held = hold_along(self.data, outputs[done:], *start, found[done:])
-            if held == 0:
-                raise self._unreachable(outputs[done])
-            done += held
-        return found[:, :-2], found[:, -2:]
-
-    def _unreachable(self, position: np.ndarray) -> InversionError:
-        name = self.robot.name
-        return InversionError(f"the output of robot {name!r} cannot be held at {position} m", 0.0)
+        found, forces = np.empty((len(outputs), self.model.n)), np.empty((len(outputs), 2))
+        q, reduced = self.statics(outputs[0])
+        for k, place in enumerate(outputs):
+            if not hold(self.data, place, q, reduced):
+                q, reduced = self.statics(place)
+            found[k], forces[k] = q, reduced
+        return found, forces
 
     def internal_poles(self, q: np.ndarray, reduced: np.ndarray) -> np.ndarray:
         """Poles (2 n - 4,) [1/s] of the internal dynamics at rest, slowest first.
@@ -222,11 +209,14 @@ class FlexibleServoConstraints:
             np.ascontiguousarray(f(fine)[:, :2]) for f in (trajectory.position, trajectory.velocity)
         )
         q, v = np.empty((2, len(fine), self.model.n))
-        reduced = np.empty((len(fine), 2))
-        q[0], v[0], reduced[0] = self._begin(z[0], dz[0])
-        done = integrate(self.data, fine[1] - fine[0], stabilisation, z, dz, q, v, reduced)
-        if done < len(fine):
-            raise _failure(float(fine[done]), z[done])
+        reduced, past = np.empty((len(fine), 2)), np.zeros((2, 3, self.model.n))
+        past[0, 2], past[1, 2], force = self._begin(z[0], dz[0])
+        for k in range(len(fine)):
+            if k and not advance(
+                self.data, fine[1] - fine[0], stabilisation, k == 1, z[k], dz[k], *past, force
+            ):
+                raise _failure(float(fine[k]), z[k])
+            q[k], v[k], reduced[k] = *past[:, 2], force
         q, v, reduced = (x[_LEAD::substeps] for x in (q, v, reduced))
         tension, pulled = self._inputs(q, reduced)
         dynamic = pulled - self._inputs(*self.hold(z[_LEAD::substeps]))[1]
