@@ -32,7 +32,7 @@ class Sampling:
         change: [N], bound on the norm of the change u_k+1 - u_k (6.18).
         noise: [m], standard deviation on both coordinates of z_k. Without noise the network
             learns to trust z_k fully, and the loop is unstable at 5 Hz (audit of sec. 6.3); the
-            default is the smallest with which all trainings tried gave a stable loop.
+            default is the smallest with which all trainings made gave a stable loop.
     """
 
     pairs: int = 10_000

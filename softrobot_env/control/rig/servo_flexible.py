@@ -65,15 +65,12 @@ class Progress(NamedTuple):
     Attributes:
         q, v: (3, n), the last states, newest last.
         reduced: (2,) [N].
-        tension, pulled: (3,) [N, m], as in `FlexibleInverse`.
         steps: Steps taken.
     """
 
     q: np.ndarray
     v: np.ndarray
     reduced: np.ndarray
-    tension: np.ndarray
-    pulled: np.ndarray
     steps: int
 
 
@@ -218,8 +215,8 @@ class FlexibleServoConstraints:
                 raise _failure(float(fine[k]), z[k])
             q[k], v[k], reduced[k] = *past[:, 2], force
         q, v, reduced = (x[_LEAD::substeps] for x in (q, v, reduced))
-        tension, pulled = self._inputs(q, reduced)
-        dynamic = pulled - self._inputs(*self.hold(z[_LEAD::substeps]))[1]
+        tension, pulled = self.inputs(q, reduced)
+        dynamic = pulled - self.inputs(*self.hold(z[_LEAD::substeps]))[1]
         return FlexibleInverse(times, q, v, reduced, tension, pulled, dynamic)
 
     def start(self, position: np.ndarray) -> Progress:
@@ -231,7 +228,7 @@ class FlexibleServoConstraints:
         q, v, reduced = self._begin(np.asarray(position, dtype=float)[:2], np.zeros(2))
         past = np.zeros((2, 3, self.model.n))
         past[:, 2] = q, v
-        return Progress(*past, reduced, *self._inputs(q, reduced), 0)
+        return Progress(*past, reduced, 0)
 
     def step(
         self,
@@ -257,7 +254,7 @@ class FlexibleServoConstraints:
         first, steps = progress.steps == 0, progress.steps + 1
         if not advance(self.data, period, stabilisation, first, z, dz, q, v, reduced):
             raise _failure(steps * period, z)
-        return Progress(q, v, reduced, *self._inputs(q[2], reduced), steps)
+        return Progress(q, v, reduced, steps)
 
     def _begin(self, z: np.ndarray, dz: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates and reduced input at rest, and the least rates with the velocity wanted."""
@@ -266,7 +263,7 @@ class FlexibleServoConstraints:
         output_matrix(self.data, q, outputs)
         return q, np.linalg.pinv(outputs) @ dz, reduced
 
-    def _inputs(self, q: np.ndarray, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def inputs(self, q: np.ndarray, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tensions and lengths pulled in (..., 3) for q (..., n) and reduced inputs (..., 2)."""
         tension = self.tendons.tension(reduced)
         return tension, self.tendons.pulled(tension, mean_curvature(q))
