@@ -80,20 +80,20 @@ POLICIES: dict[str, PolicySpec] = {
 #: but the inverse dynamics take as option `learnt` the identified parameters of one rig; without
 #: it, they take those that are shipped, of twin 0.
 RIG_POLICIES: dict[str, PolicySpec] = {
-    "rig_nn": PolicySpec("softrobot_env.control.rig.feedforward:make_network"),
-    "inverse_dynamics": PolicySpec("softrobot_env.control.rig.feedforward:make_inverse"),
-    "inverse_dynamics_ahead": PolicySpec(
-        "softrobot_env.control.rig.feedforward:make_inverse", {"ahead": True}
-    ),
-    "hybrid": PolicySpec("softrobot_env.control.rig.feedforward:make_hybrid"),
-    "hybrid_ahead": PolicySpec(
-        "softrobot_env.control.rig.feedforward:make_hybrid", {"ahead": True}
-    ),
-    "hybrid_flexible": PolicySpec(
-        "softrobot_env.control.rig.feedforward:make_hybrid",
-        {"ahead": True, "model": "several pieces"},
-    ),
-    "hybrid_calibrated": PolicySpec("softrobot_env.control.rig.feedforward:make_calibrated"),
+    name: PolicySpec(f"softrobot_env.control.rig.feedforward:{make}", options)
+    for name, make, options in (
+        ("rig_nn", "make_hybrid", {"model": "none"}),
+        ("inverse_dynamics", "make_inverse", {}),
+        ("inverse_dynamics_ahead", "make_inverse", {"ahead": True}),
+        ("hybrid", "make_hybrid", {}),
+        ("hybrid_ahead", "make_hybrid", {"ahead": True}),
+        ("hybrid_flexible", "make_hybrid", {"model": "several pieces", "ahead": True}),
+        (
+            "hybrid_calibrated",
+            "make_hybrid",
+            {"model": "calibrated", "ahead": True, "backlash": True},
+        ),
+    )
 }
 
 

@@ -12,7 +12,6 @@ from softrobot_env.identification.networks import (
     TRAINING,
     VALIDATION,
     direction_of,
-    distances,
     fit,
     rms,
 )
@@ -62,13 +61,11 @@ class Identification:
         parameters: For the controllers.
         forward: s -> z.
         errors: rms on the test set by direction, "forward" and "inverse", [m].
-        largest: Largest norms of the errors [m].
     """
 
     parameters: IdentifiedParameters
     forward: Network
     errors: dict[str, float]
-    largest: dict[str, float]
 
 
 def record(
@@ -115,13 +112,12 @@ def identify(recording: Recording, seed: int = 0) -> Identification:
         raise ValueError(f"need {NEEDED} points or more, got {len(data.lengths)}")
     rng = np.random.default_rng(seed)
     parts = _enough(split(len(data.lengths), rng))
-    networks, errors, largest = {}, {}, {}
+    networks, errors = {}, {}
     for name in ("forward", "inverse"):
         every = direction_of(data, name)
         network = fit(every.take(parts.training), every.take(parts.validation), rng).network
         test = every.take(parts.test)
         networks[name], errors[name] = network, rms(network, test)
-        largest[name] = float(distances(network, test).max())
     known = parts.training
     stiffness, turn = calibrate(RIG, data.lengths[known], data.measured[known])
     backlash = backlash_of(recording.sides, networks["inverse"])
@@ -129,7 +125,7 @@ def identify(recording: Recording, seed: int = 0) -> Identification:
     found = IdentifiedParameters(
         networks["inverse"], stiffness, turn, damping, backlash, recording.twin
     )
-    return Identification(found, networks["forward"], errors, largest)
+    return Identification(found, networks["forward"], errors)
 
 
 def _enough(parts: Split) -> Split:

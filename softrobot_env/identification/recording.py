@@ -10,9 +10,10 @@ their own can do at the same time. At 2.6 s a point, the 215 points of a network
 on a rig; the thesis tells five.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from math import pi, sqrt
 from multiprocessing import get_context
 
@@ -200,7 +201,7 @@ def measure(
     seed: int = 0,
     runs: int = 1,
     processes: int = 1,
-    visit: Visit | None = None,
+    visit: Visit = Visit(),
     progress: Callable[[int], None] | None = None,
 ) -> np.ndarray:
     """Outputs (n, 2) [m] of a twin at lengths (n, 3) [m], visited in turn.
@@ -219,7 +220,6 @@ def measure(
             runs or processes below one.
         RuntimeError: The simulation failed.
     """
-    visit = visit or Visit()
     lengths = np.asarray(lengths, dtype=float)
     scale = RigEnv.length_scale
     if lengths.ndim != 2 or lengths.shape[1] != len(RIG.tendons) or not len(lengths):
@@ -228,26 +228,14 @@ def measure(
         raise ValueError(f"lengths must lie within {scale:g} m, the servos' limit")
     if runs < 1 or processes < 1:
         raise ValueError(f"need one run and process or more, got {runs} and {processes}")
-    jobs = list(_jobs(twin, lengths, seed, runs, visit))
-    if processes == 1:
-        return np.concatenate([_run(*job, progress) for job in jobs])
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        return np.concatenate(list(pool.map(_run, *zip(*jobs, strict=True))))
-
-
-_Job = tuple[Twin | int | None, np.ndarray, np.random.SeedSequence, Visit]
-
-
-def _jobs(
-    twin: Twin | int | None, lengths: np.ndarray, seed: int, runs: int, visit: Visit
-) -> Iterator[_Job]:
-    """Arguments of `_run`."""
     longest = int(LONGEST / visit_duration(visit, 1))
     runs = min(len(lengths), max(runs, -(-len(lengths) // longest)))
-    for part, own in zip(
-        np.array_split(lengths, runs), np.random.SeedSequence(seed).spawn(runs), strict=True
-    ):
-        yield twin, part, own, visit
+    parts, seeds = np.array_split(lengths, runs), np.random.SeedSequence(seed).spawn(runs)
+    run = partial(_run, twin, visit)
+    if processes == 1:
+        return np.concatenate([run(*one, progress) for one in zip(parts, seeds, strict=True)])
+    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+        return np.concatenate(list(pool.map(run, parts, seeds)))
 
 
 def visit_duration(visit: Visit, points: int) -> float:
@@ -257,9 +245,9 @@ def visit_duration(visit: Visit, points: int) -> float:
 
 def _run(
     twin: Twin | int | None,
+    visit: Visit,
     lengths: np.ndarray,
     seed: np.random.SeedSequence,
-    visit: Visit,
     progress: Callable[[int], None] | None = None,
 ) -> np.ndarray:
     """Outputs (n, 2) [m] of a run from the straight pose."""

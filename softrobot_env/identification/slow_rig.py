@@ -34,7 +34,7 @@ class _Rig(NamedTuple):
 
 
 class RigStatics:
-    """The rig, with what has happened to it; call it to measure, as `rig_data.Measure`."""
+    """The rig, with what has happened to it; call it to measure, as `recording.Measure`."""
 
     def __init__(
         self,

@@ -52,12 +52,7 @@ def _unscaled(count: int) -> Scaling:
 
 def save(network: Network, path: Path, seed: int) -> None:
     """Write a network in single precision, with the robot and the seed."""
-    single = Network(
-        tuple(weight.astype(np.float32) for weight in network.weights),
-        tuple(bias.astype(np.float32) for bias in network.biases),
-        network.inputs,
-        network.outputs,
-    )
+    single = network.with_parameters(network.parameters.astype(np.float32))
     single.save(path, {**describe(ARM), "seed": seed})
 
 

@@ -182,20 +182,6 @@ class RigFeedforward(Controller):
         return _SLOW if max(map(abs, change.tolist())) > self._reach else None
 
 
-#: What is known of a rig, or its file; None for the one shipped, of twin 0.
-KnownRig = IdentifiedParameters | str | Path | None
-
-
-def make_network(
-    robot: RobotParams,
-    control_period: float,
-    learnt: KnownRig = None,
-    ahead: bool = False,
-) -> RigFeedforward:
-    """Quasi-static controller; `learnt`: the identified parameters of the rig, or their file."""
-    return RigFeedforward(robot, control_period, _known(robot, learnt), ahead=ahead)
-
-
 def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False) -> RigFeedforward:
     """Inverse dynamics of the nominal rig in one piece."""
     return RigFeedforward(robot, control_period, model=OnePiece(robot), ahead=ahead)
@@ -204,10 +190,10 @@ def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False)
 def make_hybrid(
     robot: RobotParams,
     control_period: float,
-    learnt: KnownRig = None,
+    learnt: IdentifiedParameters | str | Path | None = None,
     model: str = "one piece",
     ahead: bool = False,
-    backlash: float | None = None,
+    backlash: bool = False,
 ) -> RigFeedforward:
     """Network plus the dynamic part of an inverse model.
 
@@ -217,34 +203,27 @@ def make_hybrid(
         learnt: Identified parameters of the rig, or their file; the one shipped, of twin 0,
             unless given.
         model: "one piece" of the nominal rig; "several pieces" of a rig that stands as that one
-            does; or "calibrated", several pieces of the rig as identified.
-        ahead, backlash: See `RigFeedforward`.
+            does; "calibrated", several pieces of the rig as identified; or "none".
+        ahead: See `RigFeedforward`.
+        backlash: Whether to make up for the servos' delay and the backlash identified.
 
     Raises:
         ValueError: Another model, or a file of another robot.
         FileNotFoundError: No such file.
     """
-    known = _known(robot, learnt)
+    known = learnt
+    if not isinstance(learnt, IdentifiedParameters):
+        known = IdentifiedParameters.load(robot, learnt)
     models = {
         "one piece": lambda: OnePiece(robot),
         "several pieces": lambda: SeveralPieces(turned(robot, EQUIVALENT, 0.0)),
         "calibrated": lambda: SeveralPieces(known.believed(robot)),
+        "none": lambda: None,
     }
     if model not in models:
         raise ValueError(f"unknown model {model!r}; choose from {', '.join(models)}")
-    return RigFeedforward(robot, control_period, known, models[model](), ahead, backlash)
-
-
-def make_calibrated(
-    robot: RobotParams,
-    control_period: float,
-    learnt: KnownRig = None,
-) -> RigFeedforward:
-    """The hybrid with all that goes beyond the thesis; arguments as `make_hybrid`."""
-    known = _known(robot, learnt)
-    return make_hybrid(
-        robot, control_period, known, "calibrated", ahead=True, backlash=known.backlash
-    )
+    width = known.backlash if backlash else None
+    return RigFeedforward(robot, control_period, known, models[model](), ahead, width)
 
 
 def _finite(lengths: np.ndarray) -> np.ndarray:
@@ -261,11 +240,3 @@ def _keep(observation: Observation, state: RigState, status: str) -> tuple[np.nd
         before = np.zeros_like(before) if state.action is None else state.action
     kept = np.clip(before, -1.0, 1.0)
     return kept, RigState(action=kept.copy(), status=status)
-
-
-def _known(robot: RobotParams, learnt: KnownRig) -> IdentifiedParameters:
-    return (
-        learnt
-        if isinstance(learnt, IdentifiedParameters)
-        else IdentifiedParameters.load(robot, learnt)
-    )

@@ -89,7 +89,7 @@ class OnePiece:
     def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
         """See `InverseModel`; nothing but a guess is remembered."""
         tendons = self._servo.tendons
-        y, _, _, reduced, static = self._servo.motion(*then, guess=memory)
+        y, _, _, reduced, static = self._servo.motion(*(x[None] for x in then), memory)[:, 0]
         tension = tendons.with_total(reduced, TOTAL)
         total = tendons.pulled(tension, self._servo.curvature(y))
         return Pull(total, tendons.spread @ (reduced - static) / tendons.stiffness, tension), y

@@ -109,8 +109,8 @@ class ServoConstraints:
             OutOfReachError: A position is out of reach; the message says which.
             ValueError: Other shapes, or values that are not finite.
         """
-        z, dz, ddz = _references("(n, 2) or (n, 3)", 2, position, velocity, acceleration)
-        return self._inverse(self._motion(z, dz, ddz, np.zeros((5, len(z), 2))))
+        wanted = _references("(n, 2) or (n, 3)", 2, position, velocity, acceleration)
+        return self._inverse(self.motion(*wanted))
 
     def step(
         self,
@@ -130,30 +130,23 @@ class ServoConstraints:
             OutOfReachError: As `plan`.
             ValueError: As `plan`.
         """
-        return self._inverse(self.motion(position, velocity, acceleration, guess))
-
-    def motion(
-        self,
-        position: np.ndarray,
-        velocity: np.ndarray,
-        acceleration: np.ndarray,
-        guess: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """As `step`, of `Inverse` the first five fields (5, 2) alone."""
         wanted = _references("(2,) or (3,)", 1, position, velocity, acceleration)
-        motion = np.zeros((5, 1, 2))
-        if guess is not None:
-            motion[0, 0] = guess
-        return self._motion(*(x[None] for x in wanted), motion)[:, 0]
+        return self._inverse(self.motion(*(x[None] for x in wanted), guess)[:, 0])
 
     def curvature(self, y: np.ndarray) -> np.ndarray:
         """Curvatures (..., 2) [1/m] towards x and y of coordinates (..., 2) [rad]."""
         return np.stack([y[..., 1], -y[..., 0]], axis=-1) / self.robot.length
 
-    def _motion(
-        self, z: np.ndarray, dz: np.ndarray, ddz: np.ndarray, motion: np.ndarray
+    def motion(
+        self, z: np.ndarray, dz: np.ndarray, ddz: np.ndarray, guess: np.ndarray | None = None
     ) -> np.ndarray:
-        """`_solve` for references (n, 2) or (n, 3); raises an error unless all were done."""
+        """Of `Inverse` the first five fields alone (5, n, 2); arguments and errors as `plan`.
+
+        Not checked are the arguments' shapes. Also `step`'s guess (2,) [rad], for the first.
+        """
+        motion = np.zeros((5, len(z), 2))
+        if guess is not None:
+            motion[0, 0] = guess
         done = _solve(self.data, z, dz, ddz, motion)
         if done == len(z):
             return motion
