@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
@@ -91,7 +91,12 @@ def imitate(
     layers = new_layers(neural.feature_count(ARM), config.hidden, 3)
     parts: list[Dataset] = []
     network: Network | None = None
-    with _pool(config.processes) as each:
+    with ExitStack() as stack:
+        each = map
+        if config.processes:
+            context = get_context("spawn")
+            pool = ProcessPoolExecutor(config.processes, mp_context=context)
+            each = stack.enter_context(pool).map
         for k in range(config.rounds):
             seeds = np.random.SeedSequence([seed, k]).spawn(config.shares)
             jobs = [(config, network, one) for one in seeds]
@@ -106,16 +111,6 @@ def imitate(
             if keep is not None:
                 keep(k, network)
     return network
-
-
-@contextmanager
-def _pool(processes: int) -> Iterator[Callable[..., Iterator[Dataset]]]:
-    """A `map` over processes."""
-    if processes == 0:
-        yield map
-        return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        yield pool.map
 
 
 def fit(

@@ -134,7 +134,7 @@ def _split(memory: np.ndarray, n: int, m: int) -> tuple:
 
 
 @kernel
-def _learn(
+def _estimate(
     law: Law,
     adaptive: bool,
     memory: np.ndarray,
@@ -194,7 +194,7 @@ def _act(
     if not (sound and finite(target) and finite(preview)):
         begun[0] = 0.0  # the next balance of forces would span more than a period
         return kept(previous), memory, NOT_FINITE
-    scale = _learn(law, adaptive, memory, curvature, rate, tip, previous)
+    scale = _estimate(law, adaptive, memory, curvature, rate, tip, previous)
 
     points = np.empty((len(_TIMES), 2))
     points[0] = target

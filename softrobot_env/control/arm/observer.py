@@ -144,15 +144,8 @@ class OutputFeedback(Controller):
         action, inner = self._policy.predict(full, state.inner)
         return action, ObservedState(estimate, inner)
 
-    def _go_on(
-        self, observation: Observation, state: ObservedState
-    ) -> tuple[np.ndarray, ObservedState]:
-        return self.act(observation, state)
-
-    def _decide(
-        self, observation: Observation, inner: ObservedState
-    ) -> tuple[np.ndarray, ObservedState]:
-        return self.act(observation, inner)
+    # The policy itself holds its actions.
+    _go_on = _decide = act
 
 
 def _stationary_gain(
