@@ -17,7 +17,6 @@ from softrobot_env.identification.networks import (
 )
 from softrobot_env.identification.recording import (
     RigData,
-    Split,
     collect,
     disk_points,
     measure,
@@ -111,14 +110,15 @@ def identify(recording: Recording, seed: int = 0) -> Identification:
     if len(data.lengths) < NEEDED:
         raise ValueError(f"need {NEEDED} points or more, got {len(data.lengths)}")
     rng = np.random.default_rng(seed)
-    parts = _enough(split(len(data.lengths), rng))
+    parts = split(len(data.lengths), rng)
+    known = parts.training[:TRAINING]  # as many as the thesis has, and as many to watch with
+    watched = parts.validation[:VALIDATION]
     networks, errors = {}, {}
     for name in ("forward", "inverse"):
         every = direction_of(data, name)
-        network = fit(every.take(parts.training), every.take(parts.validation), rng).network
+        network = fit(every.take(known), every.take(watched), rng).network
         test = every.take(parts.test)
         networks[name], errors[name] = network, rms(network, test)
-    known = parts.training
     stiffness, turn = calibrate(RIG, data.lengths[known], data.measured[known])
     backlash = backlash_of(recording.sides, networks["inverse"])
     damping, _ = damping_of(recording.decays, turned(RIG, stiffness, turn, 1.0))
@@ -126,8 +126,3 @@ def identify(recording: Recording, seed: int = 0) -> Identification:
         networks["inverse"], stiffness, turn, damping, backlash, recording.twin
     )
     return Identification(found, networks["forward"], errors)
-
-
-def _enough(parts: Split) -> Split:
-    """As many samples to train and to watch with as the thesis has."""
-    return Split(parts.training[:TRAINING], parts.validation[:VALIDATION], parts.test)

@@ -112,26 +112,6 @@ def _shorten(step: np.ndarray, limit: np.ndarray) -> np.ndarray:
 
 
 @kernel
-def equilibrium(
-    arm: PlanarArm, inputs: np.ndarray, force: np.ndarray, scale: float, out: np.ndarray
-) -> None:
-    """Set out (n,) [1/m] to the curvature at rest.
-
-    Args:
-        arm: The arm.
-        inputs: (n_inputs,) [N].
-        force: (n,), more generalised force on the curvatures.
-        scale: Factor [1] on the arm's stiffness.
-        out: Set.
-    """
-    for i in range(arm.n):
-        total = force[i]
-        for j in range(len(inputs)):
-            total += arm.inputs[i, j] * inputs[j]
-        out[i] = total / (scale * arm.stiffness)
-
-
-@kernel
 def inverse_jacobian(
     by_inputs: np.ndarray, free: np.ndarray, damping: float, out: np.ndarray, null: np.ndarray
 ) -> None:
@@ -173,7 +153,11 @@ def _gap(
     way: np.ndarray,
 ) -> float:
     """Distance [m] from the equilibrium's tip to a target; sets the last three arguments."""
-    equilibrium(arm, inputs, force, scale, curvature)
+    for i in range(arm.n):
+        total = force[i]
+        for j in range(len(inputs)):
+            total += arm.inputs[i, j] * inputs[j]
+        curvature[i] = total / (scale * arm.stiffness)
     tip(arm, curvature, way, jacobian)
     for i in range(2):
         way[i] = target[i] - way[i]
