@@ -1,4 +1,4 @@
-"""Protocols shared by environments, controllers, learned policies and beam models."""
+"""Protocols, and an error, shared by environments, controllers, learned policies and models."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
@@ -8,6 +8,13 @@ import numpy as np
 from softrobot_env.robots import RobotParams
 
 Observation = dict[str, np.ndarray]
+
+#: Told how far a long piece of work is: a description, how much is done and how much there is.
+Show = Callable[[str, int, int], None]
+
+
+class EquilibriumError(RuntimeError):
+    """No static equilibrium was found, or only an unstable one."""
 
 
 class Measurement(NamedTuple):
@@ -49,7 +56,7 @@ class PlantModel(Protocol):
         """Coordinates (n,) at rest under tensions (n_tendons,) [N].
 
         Raises:
-            RuntimeError: There is none, or it is unstable.
+            EquilibriumError: There is none, or it is unstable.
         """
 
     def bent(self, curvature: np.ndarray) -> np.ndarray:

@@ -8,14 +8,15 @@ import pytest
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.control.arm import lqi
-from softrobot_env.control.arm.lqi import linear_model
+from softrobot_env.control.arm.operating_points import linear_model
+from softrobot_env.control.arm.statics import least_norm
 from softrobot_env.robots import ARM
 
 
 def follow(statics, start, end, guess):
     """Inverse statics along a straight line, by continuation."""
     for share in np.linspace(0, 1, 60):
-        solution = statics.inverse((1 - share) * np.array(start) + share * np.array(end), guess)
+        solution = least_norm(statics, (1 - share) * np.array(start) + share * np.array(end), guess)
         assert solution.converged
         guess = solution.reduced
     return guess

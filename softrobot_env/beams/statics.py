@@ -5,16 +5,13 @@ import numpy as np
 from softrobot_env.beams.mechanics import bandwidth, iteration_matrix, residual
 from softrobot_env.beams.numerics import band
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.interfaces import EquilibriumError
 
 _ITERATIONS = 60
 _LARGEST_CHANGE = 0.5  # of a coordinate's scale in one iteration
 _CONVERGED = 1e-10
 _STALLED = 1e-7  # where a change that no longer shrinks is rounding error
 _SMALLEST_LOAD_STEP = 1 / 256
-
-
-class EquilibriumError(RuntimeError):
-    """No equilibrium was found, or the one found is unstable."""
 
 
 @kernel

@@ -15,11 +15,13 @@ from rich.table import Table
 
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_out
+from softrobot_env.interfaces import Show
 from softrobot_env.paths import models_dir
-from softrobot_env.training.progress import Show
 
 if TYPE_CHECKING:
     import numpy as np
+
+    from softrobot_env.beams.closed_forms.planar_arm import PlanarArm
 
 EXAMPLE = """softrobot train --algo ppo --randomize
   softrobot train rig_nn --twin 3 --out out"""
@@ -49,6 +51,7 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
 
     from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
     from softrobot_env.learned import quasi_static
+    from softrobot_env.learned.network import describe
     from softrobot_env.robots import ARM
 
     statics = ConstantCurvatureStatics(ARM)
@@ -62,9 +65,8 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
 
     fit = quasi_static.fit_inverse(samples, start, progress=report)
     validation = quasi_static.sample(statics.tip, statics.n_inputs, how, fresh)
-    about = quasi_static.describe(ARM)
-    about |= {"workspace": quasi_static.workspace(samples.reached), "seed": np.array(seed)}
-    fit.network.save(path, about)
+    reached = quasi_static.workspace(samples.inputs[:, 2:4])
+    fit.network.save(path, {**describe(ARM), "workspace": reached, "seed": seed})
     return [
         ("rms error, training data", f"{quasi_static.rms(fit.network, samples):.4f} N"),
         ("rms error, fresh data", f"{quasi_static.rms(fit.network, validation):.4f} N"),
@@ -77,33 +79,35 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
 
 def _train_lqi(seed: int, path: Path, show: Show) -> Figures:
     """Gain table of the LQI controller for the arm (thesis sec. 6.4); nothing in it is random."""
-    from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
     from softrobot_env.control.arm import lqi
-    from softrobot_env.control.arm.operating_points import build_gains, save_gains
-    from softrobot_env.robots import ARM
 
-    arm = make_planar_arm(ARM)
-    gains = build_gains(ARM, lambda bend: lqi.design(arm, bend), _points(show))
-    save_gains(path, ARM, gains)
-    return _table_figures(gains)
+    return _gain_table(lqi.design, path, show)
 
 
 def _train_lq_preview(seed: int, path: Path, show: Show) -> Figures:
     """Gain table of LQ tracking with preview for the arm; nothing in it is random."""
+    from softrobot_env.control.arm import lq_preview
+
+    return _gain_table(lq_preview.preview_design, path, show)
+
+
+def _gain_table(
+    design: "Callable[[PlanarArm, np.ndarray], np.ndarray]", path: Path, show: Show
+) -> Figures:
     from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
-    from softrobot_env.control.arm import preview_gains
-    from softrobot_env.control.arm.lq_preview import PERIOD
     from softrobot_env.control.arm.operating_points import build_gains, save_gains
     from softrobot_env.robots import ARM
 
-    arm, weights = make_planar_arm(ARM), preview_gains.Weights()
-
-    def design(bend: "np.ndarray") -> "np.ndarray":
-        return preview_gains.preview_design(arm, bend, PERIOD, weights)
-
-    gains = build_gains(ARM, design, _points(show))
+    gains = build_gains(
+        ARM,
+        partial(design, make_planar_arm(ARM)),
+        lambda done, total: show("operating points", done, total),
+    )
     save_gains(path, ARM, gains)
-    return _table_figures(gains)
+    return [
+        ("operating points", " x ".join(str(count) for count in gains.shape[:3])),
+        ("gains per point", str(gains.shape[3])),
+    ]
 
 
 def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
@@ -117,34 +121,23 @@ def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
 
 
 def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
-    """What the rig's controllers have to learn of a twin (thesis sec. 5.1)."""
+    """Identified parameters of a twin, for the rig's controllers (thesis sec. 5.1)."""
     from math import degrees
 
-    from softrobot_env.identification.twin_networks import learn, visit
+    from softrobot_env.identification.parameters import identify, record
     from softrobot_env.robots import RIG
 
-    lesson = learn(visit(twin, seed, show=show), seed)
-    lesson.learnt.save(path, RIG, {"seed": seed})
-    errors = {name: f"{1e3 * value:.3f} mm" for name, value in lesson.errors.items()}
+    found = identify(record(twin, seed, show=show), seed)
+    rig = found.parameters
+    rig.save(path, RIG, {"seed": seed})
     return [
         ("twin", str(twin)),
-        ("rms error, lengths of outputs", errors["inverse"]),
-        ("rms error, outputs of lengths", errors["forward"]),
-        ("bending stiffness over nominal", f"{lesson.learnt.stiffness:.3f}"),
-        ("bending damping over nominal", f"{lesson.learnt.damping:.3f}"),
-        ("turn of the tendons", f"{degrees(lesson.learnt.turn):.2f} deg"),
-        ("play of the tendons", f"{1e3 * lesson.learnt.play:.3f} mm"),
-    ]
-
-
-def _points(show: Show) -> Callable[[int, int], None]:
-    return lambda done, total: show("operating points", done, total)
-
-
-def _table_figures(gains: "np.ndarray") -> Figures:
-    return [
-        ("operating points", " x ".join(str(count) for count in gains.shape[:3])),
-        ("gains per point", str(gains.shape[3])),
+        ("rms error, lengths of outputs", f"{1e3 * found.errors['inverse']:.3f} mm"),
+        ("rms error, outputs of lengths", f"{1e3 * found.errors['forward']:.3f} mm"),
+        ("bending stiffness over nominal", f"{rig.stiffness:.3f}"),
+        ("bending damping over nominal", f"{rig.damping:.3f}"),
+        ("turn of the tendons", f"{degrees(rig.turn):.2f} deg"),
+        ("backlash of the tendons", f"{1e3 * rig.backlash:.3f} mm"),
     ]
 
 

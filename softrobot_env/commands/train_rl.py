@@ -2,20 +2,18 @@
 
 import argparse
 from dataclasses import fields, replace
-from math import isfinite, nan
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softrobot_env.commands.arguments import expand_all, names_or_all
+from softrobot_env.training.rl_config import SCRATCH_SETTINGS, TRAINING_TASKS, RLConfig, preset
 
 if TYPE_CHECKING:
+    from softrobot_env.interfaces import Show
     from softrobot_env.learned.network import Network
-    from softrobot_env.training.progress import Show
     from softrobot_env.training.rl_config import RLConfig
 
-#: Known without loading stable-baselines3; a test holds both to the training's own.
-ALGORITHMS = ("ppo", "sac", "td3")
-TASKS = ("step", "swing", "lshape", "drawn")
+ALGORITHMS = tuple(SCRATCH_SETTINGS)
 
 PACKAGES = ("torch", "stable_baselines3")
 
@@ -29,10 +27,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--task",
         nargs="+",
-        type=names_or_all(list(TASKS)),
+        type=names_or_all(list(TRAINING_TASKS)),
         default=["all"],
         metavar="TASK",
-        help=f"out of {', '.join(TASKS)} (references drawn at random); default: all",
+        help=f"out of {', '.join(TRAINING_TASKS)} (references drawn at random); default: all",
     )
     group.add_argument(
         "--start",
@@ -68,14 +66,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _setting(text: str) -> tuple[str, float]:
     """`name=number`."""
-    name, _, text_of_number = text.partition("=")
+    name, _, value = text.partition("=")
     try:
-        value = float(text_of_number)
+        return name, float(value)
     except ValueError:
-        value = nan
-    if not isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER")
-    return name, value
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER") from None
 
 
 def given(args: argparse.Namespace) -> list[str]:
@@ -111,16 +106,14 @@ def run(args: argparse.Namespace, path: Path, show: "Show") -> list[tuple[str, s
     return [*figures(network, config.trials), ("learning curve", written)]
 
 
-def _config(args: argparse.Namespace) -> "RLConfig":
+def _config(args: argparse.Namespace) -> RLConfig:
     """Settings of the arguments.
 
     Raises:
         ValueError: A setting that does not exist or is no number, or one out of range.
     """
-    from softrobot_env.training.rl_config import RLConfig, preset
-
     config = preset(args.algo, args.start != _NO_START, args.randomize)
-    tasks = tuple(expand_all(args.task, list(TASKS)))
+    tasks = tuple(expand_all(args.task, list(TRAINING_TASKS)))
     wanted = {"tasks": tasks} if args.steps is None else {"tasks": tasks, "steps": args.steps}
     numbers = {f.name: f.type for f in fields(RLConfig) if f.type in (int, float)}
     for name, value in args.set:
@@ -133,7 +126,7 @@ def _config(args: argparse.Namespace) -> "RLConfig":
 
 
 def _start(args: argparse.Namespace, path: Path) -> "Network | None":
-    from softrobot_env.learned.quasi_static import load_for
+    from softrobot_env.learned.network import load_for
     from softrobot_env.robots import ARM
     from softrobot_env.training.artifacts import load_start
 

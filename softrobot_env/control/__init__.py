@@ -1,1 +1,1 @@
-"""Policies: the thesis' controllers and their extensions, one per file."""
+"""Policies: the thesis' controllers and their extensions; `registry` names them."""

@@ -129,6 +129,23 @@ class Controller(ABC):
         return np.stack(actions), states
 
 
+class Hold(Controller):
+    """Repeat the action in force at the start; the baseline that any controller has to beat."""
+
+    requires = ("previous_action",)
+
+    def __init__(self, robot: RobotParams, control_period: float) -> None:
+        """Of any robot, at any control period [s]."""
+
+    def start(self, observation: Observation) -> np.ndarray:
+        """The action to keep."""
+        return usable(observation["previous_action"])
+
+    def act(self, observation: Observation, state: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The kept action."""
+        return state.copy(), state
+
+
 def _single(episode_start: np.ndarray) -> bool:
     """Whether the episode of a single environment starts."""
     try:
@@ -143,6 +160,7 @@ def state_sizes(robot: RobotParams) -> dict[str, int]:
     """Entries of the observables that the state of a planar robot and its inputs have."""
     return {
         "curvature": robot.pieces,
+        "curvature_rate": robot.pieces,
         "tip_position": 2,
         "reference": 2,
         "previous_action": TendonMap(robot).n_inputs,

@@ -5,7 +5,7 @@ from importlib.util import find_spec
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.registries import load
+from softrobot_env.registries import Registry, load
 from softrobot_env.robots import RobotParams
 
 if TYPE_CHECKING:
@@ -39,9 +39,9 @@ class PolicySpec:
 
 #: Policies of planar robots.
 POLICIES: dict[str, PolicySpec] = {
-    "hold": PolicySpec("softrobot_env.control.hold:make_hold"),
-    "feedforward": PolicySpec("softrobot_env.control.arm.feedforward:make_feedforward"),
-    "feedforward_pi": PolicySpec("softrobot_env.control.arm.feedforward_pi:FeedforwardPI"),
+    "hold": PolicySpec("softrobot_env.control.base:Hold"),
+    "feedforward": PolicySpec("softrobot_env.control.arm.feedforward:Feedforward"),
+    "feedforward_pi": PolicySpec("softrobot_env.control.arm.feedforward:FeedforwardPI"),
     "qs_nn": PolicySpec(
         "softrobot_env.control.arm.qs_nn:QuasiStaticNetwork",
         environment={"control_period": 0.01, "preview": (0.2,)},
@@ -68,32 +68,32 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     **{
         name: PolicySpec(
-            "softrobot_env.control.neural:NeuralPolicy",
+            "softrobot_env.control.arm.neural:NeuralPolicy",
             {"weights": f"{name}.npz"},
-            environment="softrobot_env.control.neural:environment",
+            environment="softrobot_env.control.arm.neural:environment",
         )
         for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
     },
 }
 
 #: Policies of the spatial test rig, whose environments have other observations and actions. All
-#: but the inverse dynamics take as option `learnt` what was learnt of one rig; without it, that is
-#: what is shipped, of twin 0.
+#: but the inverse dynamics take as option `learnt` the identified parameters of one rig; without
+#: it, they take those that are shipped, of twin 0.
 RIG_POLICIES: dict[str, PolicySpec] = {
-    "rig_nn": PolicySpec("softrobot_env.control.rig.feedforward:make_network"),
-    "inverse_dynamics": PolicySpec("softrobot_env.control.rig.feedforward:make_inverse"),
-    "inverse_dynamics_ahead": PolicySpec(
-        "softrobot_env.control.rig.feedforward:make_inverse", {"ahead": True}
-    ),
-    "hybrid": PolicySpec("softrobot_env.control.rig.feedforward:make_hybrid"),
-    "hybrid_ahead": PolicySpec(
-        "softrobot_env.control.rig.feedforward:make_hybrid", {"ahead": True}
-    ),
-    "hybrid_flexible": PolicySpec(
-        "softrobot_env.control.rig.feedforward:make_hybrid",
-        {"ahead": True, "model": "several pieces"},
-    ),
-    "hybrid_calibrated": PolicySpec("softrobot_env.control.rig.feedforward:make_calibrated"),
+    name: PolicySpec(f"softrobot_env.control.rig.feedforward:{make}", options)
+    for name, make, options in (
+        ("rig_nn", "make_hybrid", {"model": "none"}),
+        ("inverse_dynamics", "make_inverse", {}),
+        ("inverse_dynamics_ahead", "make_inverse", {"ahead": True}),
+        ("hybrid", "make_hybrid", {}),
+        ("hybrid_ahead", "make_hybrid", {"ahead": True}),
+        ("hybrid_flexible", "make_hybrid", {"model": "several pieces", "ahead": True}),
+        (
+            "hybrid_calibrated",
+            "make_hybrid",
+            {"model": "calibrated", "ahead": True, "backlash": True},
+        ),
+    )
 }
 
 
@@ -104,10 +104,7 @@ def installed_policies() -> list[str]:
 
 
 def _find(name: str) -> PolicySpec:
-    known = POLICIES | RIG_POLICIES
-    if name not in known:
-        raise ValueError(f"unknown policy {name!r}; choose from {', '.join(known)}")
-    return known[name]
+    return Registry("policy", POLICIES | RIG_POLICIES).find(name)
 
 
 def make_policy(
@@ -137,10 +134,9 @@ def make_policy(
     policy = load(spec.make)(robot, control_period, **(spec.options | options))
     if feedback == "state" or "curvature_rate" not in policy.requires:
         return policy
-    from softrobot_env.control.observer import RateObserver
-    from softrobot_env.control.output_feedback import OutputFeedback
+    from softrobot_env.control.arm.observer import OutputFeedback
 
-    return OutputFeedback(policy, RateObserver(robot, control_period))
+    return OutputFeedback(policy, robot, control_period)
 
 
 def policy_environment(name: str) -> dict[str, Any]:

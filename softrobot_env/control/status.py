@@ -35,6 +35,16 @@ class Memory(NamedTuple):
         return REASONS[self.code]
 
 
+class Said(NamedTuple):
+    """State of a policy that remembers nothing: what is to be said of its last action.
+
+    Attributes:
+        status: Why the action is not the one wanted, or None.
+    """
+
+    status: str | None
+
+
 @kernel
 def finite(values: np.ndarray) -> bool:
     """Whether all values (k,) are finite."""
@@ -61,12 +71,6 @@ def excess(inputs: np.ndarray, limit: np.ndarray) -> float:
     for j in range(len(inputs)):
         total += max(abs(inputs[j]) / limit[j] - 1, 0.0)
     return total
-
-
-@kernel
-def unsound(action: np.ndarray, memory: np.ndarray) -> bool:
-    """Whether an observation, though finite, was too absurd to compute with."""
-    return not (finite(action) and finite(memory))
 
 
 @kernel

@@ -1,9 +1,9 @@
-"""Play of a twin's servos, measured: the same lengths, approached from both sides.
+"""Backlash of a twin's servos, measured: the same lengths, approached from both sides.
 
-Without dither a tendon lags behind its command by half of the servo's play and by friction over the
-tendon's stiffness, unless the rig sways. So, slowly moved, the rig stands elsewhere after a tendon
-was pulled there, and the others let out, than after the reverse; the network of its statics tells
-how far apart that is in lengths.
+Without dither a tendon lags behind its command by half of the servo's backlash and by friction over
+the tendon's stiffness, unless the rig sways. So, slowly moved, the rig stands elsewhere after a
+tendon was pulled there, and the others let out, than after the reverse; the network of its statics
+tells how far apart that is in lengths.
 """
 
 from collections.abc import Callable
@@ -11,8 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.data import disk_points, nominal_lengths
-from softrobot_env.identification.twin_data import Visit, measure
+from softrobot_env.identification.recording import Visit, disk_points, measure, nominal_lengths
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 
@@ -20,10 +19,10 @@ from softrobot_env.robots.twin import Twin
 PLACES, _RADIUS = 5, 0.09
 
 #: [m], by which the tendon pulled moves on the way to a place; the others' half is more than any
-#: play.
+#: backlash.
 _WAY = 1e-3
 
-#: Slow enough not to sway: swaying works against friction as dither does against play.
+#: Slow enough not to sway: swaying works against friction as dither does against backlash.
 _SLOWLY = Visit(move=4.0, rest=0.2, dither=0.0)
 
 #: One tendon is pulled, the others are let out by half as much: (3, 3), a row each.
@@ -45,8 +44,8 @@ def visit_sides(twin: Twin | int | None, seed: int = 0, count: int = PLACES) -> 
     return found.reshape(-1, 4, 2)[:, 1::2]
 
 
-def play_of(sides: np.ndarray, statics: Callable[[np.ndarray], np.ndarray]) -> float:
-    """Play [m], see `Learnt`, by least squares from what `visit_sides` found.
+def backlash_of(sides: np.ndarray, statics: Callable[[np.ndarray], np.ndarray]) -> float:
+    """Backlash [m], see `IdentifiedParameters`, by least squares from what `visit_sides` found.
 
     Args:
         sides: (3 k, 2, 2) [m].

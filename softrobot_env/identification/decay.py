@@ -12,8 +12,15 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.data import nominal_lengths
-from softrobot_env.identification.twin_data import PERIOD, Visit, go, started, step, visit_duration
+from softrobot_env.identification.recording import (
+    PERIOD,
+    Visit,
+    go,
+    nominal_lengths,
+    started,
+    step,
+    visit_duration,
+)
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.twin import Twin, nominal_twin
 

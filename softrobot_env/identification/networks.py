@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from softrobot_env.identification.data import RigData
+from softrobot_env.identification.recording import RigData
 from softrobot_env.learned import early_stopping
-from softrobot_env.learned.early_stopping import Dataset, Fit
-from softrobot_env.learned.network import Network, Scaling, initial_network
+from softrobot_env.learned.early_stopping import Fit
+from softrobot_env.learned.network import Dataset, Network
 
 #: Neurons of the hidden layers.
 HIDDEN = (10, 10)
@@ -46,8 +46,7 @@ def fit(
     Raises:
         ValueError: As `early_stopping.train`, or fewer than two different values of a quantity.
     """
-    inputs, outputs = Scaling.of(training.inputs), Scaling.of(training.outputs)
-    network = initial_network(hidden, inputs, outputs, rng)
+    network = training.new_network(hidden, rng)
     return early_stopping.train(network, training, validation, iterations)
 
 

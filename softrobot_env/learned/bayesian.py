@@ -8,9 +8,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError, cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve
 
-from softrobot_env.learned.levenberg_marquardt import DAMPING_LIMIT, LeastSquares
+from softrobot_env.learned.levenberg_marquardt import LeastSquares, descend
 from softrobot_env.learned.network import Network
 
 _DAMPING_START = 5e-3
@@ -101,7 +101,7 @@ def train(
         if step is None:
             converged = True
             break
-        moved, damping = step
+        _, moved, damping = step
         gamma = _effective(square, point)
         decrease = point.cost - moved.cost
         costs.append(decrease / abs(point.cost))
@@ -144,18 +144,14 @@ def _effective(square: np.ndarray, point: _Point) -> float:
 
 def _descend(
     problem: LeastSquares, point: _Point, slope: np.ndarray, square: np.ndarray, damping: float
-) -> tuple[_Point, float] | None:
-    """A point of lower cost and the damping to begin with there; None if there is none."""
+) -> tuple[float, _Point, float] | None:
+    """A lower cost, its point, and the damping to begin with there; None if there is none."""
     gradient = point.beta * slope + point.alpha * point.parameters
-    while damping <= DAMPING_LIMIT:
+
+    def attempt(damping: float) -> tuple[float, _Point]:
         hessian = point.beta * square + (point.alpha + damping) * np.eye(len(square))
-        try:
-            step = cho_solve(cho_factor(hessian), gradient)
-        except LinAlgError:
-            damping *= 10
-            continue
-        trial = _point(problem, point.parameters - step, point.alpha, point.beta)
-        if trial.cost < point.cost:
-            return trial, max(damping / 10, 1e-20)
-        damping *= 10
-    return None
+        step = cho_solve(cho_factor(hessian), gradient)
+        moved = _point(problem, point.parameters - step, point.alpha, point.beta)
+        return moved.cost, moved
+
+    return descend(attempt, point.cost, damping)

@@ -8,34 +8,13 @@ validation error.
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import LinAlgError
 
-from softrobot_env.learned.levenberg_marquardt import DAMPING_LIMIT, LeastSquares, Linearization
-from softrobot_env.learned.network import Network
+from softrobot_env.learned.levenberg_marquardt import LeastSquares, Linearization, descend
+from softrobot_env.learned.network import Dataset, Network
 
-_DAMPING_START, _DAMPING_LEAST = 1e-3, 1e-20
+_DAMPING_START = 1e-3
 _GRADIENT_TOLERANCE = 1e-7  # of the mean squared error of the scaled outputs
 _PATIENCE = 6  # steps in which the validation error may be above its least one
-
-
-@dataclass(frozen=True)
-class Dataset:
-    """Inputs of a network and the outputs wanted of it.
-
-    Attributes:
-        inputs: (k, n_in).
-        outputs: (k, n_out).
-    """
-
-    inputs: np.ndarray
-    outputs: np.ndarray
-
-    def __len__(self) -> int:
-        return len(self.inputs)
-
-    def take(self, which: np.ndarray | slice) -> "Dataset":
-        """Some of them, by index or slice."""
-        return Dataset(self.inputs[which], self.outputs[which])
 
 
 @dataclass(frozen=True)
@@ -97,7 +76,7 @@ def train(network: Network, training: Dataset, validation: Dataset, iterations: 
         if step is None:
             reason = "damping"
             break
-        moved, error, damping = step
+        error, moved, damping = step
         point = _Point(moved, error, watched.squared_error(moved), point.done + 1)
         best = point if point.validation < best.validation else best
         reason = _reason(point.done, best.done, iterations)
@@ -120,16 +99,11 @@ def _reason(done: int, best: int, iterations: int) -> str | None:
 
 def _descend(
     problem: LeastSquares, point: _Point, near: Linearization, damping: float
-) -> tuple[np.ndarray, float, float] | None:
-    """Parameters of lower error, that error, the damping to begin with there; None if none."""
-    while damping <= DAMPING_LIMIT:
-        try:
-            moved = point.parameters - near.step(damping)
-        except LinAlgError:
-            damping *= 10
-            continue
-        error = problem.squared_error(moved)
-        if error < point.error:
-            return moved, error, max(damping / 10, _DAMPING_LEAST)
-        damping *= 10
-    return None
+) -> tuple[float, np.ndarray, float] | None:
+    """A lower error, its parameters, and the damping to begin with there; None if there is none."""
+
+    def attempt(damping: float) -> tuple[float, np.ndarray]:
+        moved = point.parameters - near.step(damping)
+        return problem.squared_error(moved), moved
+
+    return descend(attempt, point.error, damping)

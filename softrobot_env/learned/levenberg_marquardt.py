@@ -7,16 +7,47 @@ of what enters the layer and of the output's slope, so that J J^T is a sum over 
 products of two small Gram matrices, and J^T v is one backpropagation of v.
 """
 
-from typing import Protocol
+from collections.abc import Callable
+from typing import Protocol, TypeVar
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
 from softrobot_env.learned.network import Network
 
-DAMPING_LIMIT = 1e10
+#: Smallest and largest damping mu.
+_DAMPING_LIMITS = 1e-20, 1e10
 
 _CHUNK = 1000  # samples whose Jacobian is held at once
+
+
+Moved = TypeVar("Moved")
+
+
+def descend(
+    attempt: Callable[[float], tuple[float, Moved]], cost: float, damping: float
+) -> tuple[float, Moved, float] | None:
+    """The first of ever shorter steps that lowers the cost; None if none does.
+
+    Args:
+        attempt: From the damping of a step to its cost and what it leads to; LinAlgError where
+            the damping is too small.
+        cost: Where the steps begin.
+        damping: Of the first of them.
+
+    Returns:
+        Its cost, what it leads to, and the damping to go on with.
+    """
+    least, most = _DAMPING_LIMITS
+    while damping <= most:
+        try:
+            reached, moved = attempt(damping)
+        except LinAlgError:
+            reached = np.inf
+        if reached < cost:
+            return reached, moved, max(damping / 10, least)
+        damping *= 10
+    return None
 
 
 def check_data(network: Network, inputs: np.ndarray, outputs: np.ndarray) -> None:

@@ -1,13 +1,18 @@
 """Feed-forward network with tanh neurons, a linear output layer and scaled inputs and outputs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from softrobot_env.robots import RobotParams
+
 _ABOUT = "about_"
+
+#: What the statics of a robot depend on, by name.
+Describe = Callable[[RobotParams], dict[str, np.ndarray]]
 
 
 @dataclass(frozen=True)
@@ -148,6 +153,38 @@ class Network:
         return network, about
 
 
+@dataclass(frozen=True)
+class Dataset:
+    """Inputs of a network and the outputs wanted of it.
+
+    Attributes:
+        inputs: (k, n_in).
+        outputs: (k, n_out).
+    """
+
+    inputs: np.ndarray
+    outputs: np.ndarray
+
+    def __len__(self) -> int:
+        return len(self.inputs)
+
+    def take(self, which: np.ndarray | slice) -> "Dataset":
+        """Some of them, by index or slice."""
+        return Dataset(self.inputs[which], self.outputs[which])
+
+    @staticmethod
+    def join(parts: Sequence["Dataset"]) -> "Dataset":
+        """All of them, in order."""
+        return Dataset(
+            np.concatenate([part.inputs for part in parts]),
+            np.concatenate([part.outputs for part in parts]),
+        )
+
+    def new_network(self, hidden: Sequence[int], rng: np.random.Generator) -> Network:
+        """A network before training, scaled by the ranges of the data, see `initial_network`."""
+        return initial_network(hidden, Scaling.of(self.inputs), Scaling.of(self.outputs), rng)
+
+
 def initial_network(
     hidden: Sequence[int], inputs: Scaling, outputs: Scaling, rng: np.random.Generator
 ) -> Network:
@@ -168,3 +205,52 @@ def initial_network(
     weights.append(rng.uniform(-0.5, 0.5, (sizes[-1], sizes[-2])))
     biases.append(rng.uniform(-0.5, 0.5, sizes[-1]))
     return Network(tuple(weights), tuple(biases), inputs, outputs)
+
+
+def describe(robot: RobotParams) -> dict[str, np.ndarray]:
+    """What the statics of a robot depend on, by name; the first is the robot's own name."""
+    return {
+        "robot": np.array(robot.name),
+        "length": np.array(robot.length),
+        "bending_stiffness": np.array(robot.bending_stiffness),
+        "tendon_offset": np.array([t.offset for t in robot.tendons]),
+        "tendon_end": np.array([t.end for t in robot.tendons]),
+    }
+
+
+def suits(about: dict[str, np.ndarray], robot: RobotParams, described: Describe = describe) -> bool:
+    """Whether a network was trained for this robot, by the description that its file has."""
+    wanted = described(robot)
+    return all(name in about and _same(about[name], value) for name, value in wanted.items())
+
+
+def load_for(
+    path: Path, robot: RobotParams, command: str, described: Describe = describe
+) -> tuple[Network, dict]:
+    """Network and description from a file that belongs to a robot.
+
+    Args:
+        path: The file.
+        robot: The robot.
+        command: Makes the file.
+        described: What the file tells of its robot.
+
+    Raises:
+        FileNotFoundError: No such file.
+        ValueError: It belongs to another robot.
+    """
+    if not path.is_file():
+        raise FileNotFoundError(f"no network at {path}; make it with `{command}`")
+    network, about = Network.load(path)
+    if not suits(about, robot, described):
+        raise ValueError(
+            f"{path} was trained for robot {str(about.get('robot'))!r} as it was then, not for "
+            f"this {robot.name!r}; train it anew with `{command}`"
+        )
+    return network, about
+
+
+def _same(one: np.ndarray, other: np.ndarray) -> bool:
+    if other.dtype.kind == "U":
+        return str(one) == str(other)
+    return one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=0)

@@ -8,7 +8,7 @@ import numpy as np
 from softrobot_env.robots.parameters import RobotParams, Tendon
 
 
-class Tripod:
+class ThreeTendons:
     """Maps between reduced inputs, tensions and pulled-in lengths of three tendons.
 
     The reduced input F_red = Phi F [N] is the pull of the tendons projected on x and y, (3.1): the

@@ -5,13 +5,11 @@ from copy import copy
 import mujoco
 import numpy as np
 
+from softrobot_env.interfaces import EquilibriumError
+
 _ITERATIONS = 50
 _STEP = 1e-6
 _LARGEST_TURN = 0.5  # rad a joint may turn in one iteration
-
-
-class EquilibriumError(RuntimeError):
-    """Newton's method found no equilibrium."""
 
 
 def equilibrium(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softrobot_env.control import neural
+from softrobot_env.control.arm import neural
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics
@@ -31,7 +31,7 @@ def trial(
         duration: [s] of the episodes, the tasks' own unless given.
         reward: Whose mean is told; the environments' default unless given.
     """
-    policy = neural.NeuralPolicy.of(ARM, network, neural.PERIOD)
+    policy = neural.NeuralPolicy(ARM, neural.PERIOD, network)
     return trial_of(policy, variations, duration, reward)
 
 

@@ -2,23 +2,22 @@
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from multiprocessing import get_context
 
 import numpy as np
 import torch
 
-from softrobot_env.control import neural
+from softrobot_env.control.arm import neural
 from softrobot_env.control.mpc.controller import MPC
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.interfaces import Observation
-from softrobot_env.learned.network import Network
+from softrobot_env.interfaces import Observation, Show
+from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.robots import ARM
-from softrobot_env.training.networks import as_network, new_layers
-from softrobot_env.training.progress import Show
+from softrobot_env.training.artifacts import as_network, new_layers
 from softrobot_env.training.references import draw_task
 
 #: The controller to imitate: `mpc_preview`, deciding as often as the network.
@@ -73,27 +72,6 @@ class ImitationConfig:
     threads: int = 1
 
 
-@dataclass(frozen=True)
-class Data:
-    """Decisions of the teacher.
-
-    Attributes:
-        seen: (k, n_features) float32.
-        wanted: (k, n_inputs) float32, outputs of the network that give the teacher's action.
-    """
-
-    seen: np.ndarray
-    wanted: np.ndarray
-
-    @staticmethod
-    def join(parts: list["Data"]) -> "Data":
-        """All of them, in order."""
-        return Data(
-            np.concatenate([part.seen for part in parts]),
-            np.concatenate([part.wanted for part in parts]),
-        )
-
-
 def imitate(
     config: ImitationConfig,
     seed: int,
@@ -111,9 +89,14 @@ def imitate(
     torch.manual_seed(seed)
     torch.set_num_threads(config.threads)
     layers = new_layers(neural.feature_count(ARM), config.hidden, 3)
-    parts: list[Data] = []
+    parts: list[Dataset] = []
     network: Network | None = None
-    with _pool(config.processes) as each:
+    with ExitStack() as stack:
+        each = map
+        if config.processes:
+            context = get_context("spawn")
+            pool = ProcessPoolExecutor(config.processes, mp_context=context)
+            each = stack.enter_context(pool).map
         for k in range(config.rounds):
             seeds = np.random.SeedSequence([seed, k]).spawn(config.shares)
             jobs = [(config, network, one) for one in seeds]
@@ -122,7 +105,7 @@ def imitate(
                 show(f"round {k + 1} of {config.rounds}: data", i + 1, config.shares)
             last = k == config.rounds - 1
             epochs = config.last_epochs if last else config.epochs
-            for epoch, loss in fit(layers, Data.join(parts), epochs, config):
+            for epoch, loss in fit(layers, Dataset.join(parts), epochs, config):
                 show(f"round {k + 1} of {config.rounds}: loss {loss:.2e}", epoch, epochs)
             network = as_network(layers)
             if keep is not None:
@@ -130,21 +113,11 @@ def imitate(
     return network
 
 
-@contextmanager
-def _pool(processes: int) -> Iterator[Callable[..., Iterator[Data]]]:
-    """A `map` over processes."""
-    if processes == 0:
-        yield map
-        return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
-        yield pool.map
-
-
 def fit(
-    layers: torch.nn.Sequential, data: Data, epochs: int, config: ImitationConfig
+    layers: torch.nn.Sequential, data: Dataset, epochs: int, config: ImitationConfig
 ) -> Iterator[tuple[int, float]]:
     """Least squares by Adam under a falling rate; yields epoch and mean squared error."""
-    seen, wanted = torch.from_numpy(data.seen), torch.from_numpy(data.wanted)
+    seen, wanted = torch.from_numpy(data.inputs), torch.from_numpy(data.outputs)
     optimiser = torch.optim.Adam(layers.parameters(), config.rate)
     batches = -(-len(seen) // config.batch)
     steps = epochs * batches
@@ -163,8 +136,12 @@ def fit(
         yield epoch + 1, total / len(seen)
 
 
-def _collect(job: tuple[ImitationConfig, Network | None, np.random.SeedSequence]) -> Data:
-    """A share of a round: the teacher's decisions where it or the network acts."""
+def _collect(job: tuple[ImitationConfig, Network | None, np.random.SeedSequence]) -> Dataset:
+    """A share of a round: the teacher's decisions where it or the network acts.
+
+    Inputs are features (k, n_features), outputs those of a network that give the teacher's action
+    (k, n_inputs), both float32.
+    """
     config, network, seed = job
     rng = np.random.default_rng(seed)
     teacher = MPC(ARM, neural.PERIOD, TEACHER)
@@ -174,7 +151,7 @@ def _collect(job: tuple[ImitationConfig, Network | None, np.random.SeedSequence]
         for one, action in _episode(config, network, teacher, rng):
             seen.append(neural.features(one))
             wanted.append(neural.output_of(action - one["previous_action"]))
-    return Data(np.array(seen, np.float32), np.array(wanted, np.float32))
+    return Dataset(np.array(seen, np.float32), np.array(wanted, np.float32))
 
 
 def _episode(
@@ -184,7 +161,7 @@ def _episode(
     duration = config.duration * rng.uniform(0.3, 1.0)
     task = draw_task(rng, duration)
     env = TrackingEnv(task, control_period=neural.PERIOD, preview=(*neural.PREVIEW, *TEACHER.times))
-    actor = None if network is None else neural.NeuralPolicy.of(ARM, network, neural.PERIOD)
+    actor = None if network is None else neural.NeuralPolicy(ARM, neural.PERIOD, network)
     observation, _ = env.reset(options=_start(config, task.start_input, rng))
     state, over = None, False
     while not over:

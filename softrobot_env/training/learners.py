@@ -12,7 +12,7 @@ from stable_baselines3.common.noise import NormalActionNoise
 from torch import nn
 
 from softrobot_env.learned.network import Network
-from softrobot_env.training.networks import as_network, put_network
+from softrobot_env.training.artifacts import as_network, put_network
 from softrobot_env.training.rl_config import RLConfig
 from softrobot_env.training.vec_env import TrackingVecEnv
 

@@ -4,8 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms import planar_arm
-from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.trajectories import Polyline, Step
@@ -13,6 +12,8 @@ from softrobot_env.tasks.trajectories import Polyline, Step
 #: Inputs [N] of random postures: a common part within +-, and the deviation of each from it, drawn
 #: between two values, as simple bends and S-shapes both occur.
 _COMMON, _EACH = 14.0, (2.0, 16.0)
+
+_STATICS = ConstantCurvatureStatics(ARM)
 
 _KNOT = 0.01  # s, between the knots of a smooth reference
 
@@ -27,12 +28,8 @@ def random_input(rng: np.random.Generator) -> np.ndarray:
 
 def tips(inputs: np.ndarray) -> np.ndarray:
     """Tips (k, 3) [m] at rest under inputs (k, 3) [N], of the nominal arm."""
-    arm = make_planar_arm(ARM)
-    curvature = inputs @ arm.inputs.T / arm.stiffness
-    out, jacobian, point = np.zeros((len(inputs), 3)), np.empty((2, arm.n)), np.empty(2)
-    for row, bent in zip(out, curvature, strict=True):
-        planar_arm.tip(arm, bent, point, jacobian)
-        row[0::2] = point
+    out = np.zeros((len(inputs), 3))
+    out[:, 0::2] = [_STATICS.tip(one) for one in inputs]
     return out
 
 

@@ -1,23 +1,37 @@
 """Reinforcement learning of a network on all tasks at once (stable-baselines3)."""
 
 import json
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import torch
+from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
+from softrobot_env.control.arm import neural
+from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
+from softrobot_env.tasks import Task, make_task
 from softrobot_env.training.learners import LEARNERS, freeze_actor, make_model, put_actor
-from softrobot_env.training.progress import Show
+from softrobot_env.training.references import draw_reference
 from softrobot_env.training.rl_config import RLConfig
-from softrobot_env.training.training_env import make_training_env
+from softrobot_env.training.vec_env import TrackingVecEnv
 from softrobot_env.training.watch import Point, Watch, curve_of
 
 #: Files of a checkpoint, besides those of `watch`.
 _MODEL, _BUFFER, _CONFIG = "model.zip", "buffer.pkl", "config.json"
+
+
+#: Widths [m] and duration [s] of the steps.
+_STEP_WIDTHS = (0.03, 0.05, 0.1, 0.2)
+_STEP_DURATION = 1.5
+
+#: Duration [s] of drawn references.
+_DRAWN_DURATION = 6.0
 
 
 def train(
@@ -37,13 +51,13 @@ def train(
         seed: Of everything random.
         show: Told the progress.
         start: Network to start from.
-        checkpoint: Folder that is written to at every trial, if given.
+        checkpoint: Folder that is written to at every closed-loop check, if given.
         resume: Whether to go on with the training that the folder holds: with other draws, new
             episodes, and the learning rate that so many of all steps are left for.
         log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
 
     Returns:
-        The network that did best in the trials, the one to start from among them, and the
+        The network that did best in the checks, the one to start from among them, and the
         learning curve.
 
     Raises:
@@ -71,6 +85,36 @@ def train(
         watch.judge()
     model.get_env().close()
     return watch.best, watch.curve
+
+
+def make_training_env(config: RLConfig, seed: int) -> TrackingVecEnv:
+    """All tasks of a training at once, robots drawn anew for every episode."""
+    rng = np.random.default_rng([seed, 1])  # the environments have streams of `seed` itself
+    parts = [_part(config, task) for name in config.tasks for task in _tasks(config, name, rng)]
+    env = TrackingVecEnv(parts, stagger=True, reward_scale=1 - config.discount)
+    env.seed(seed)
+    return env
+
+
+def _tasks(config: RLConfig, name: str, rng: np.random.Generator) -> list[Task]:
+    if name == "step":
+        return [replace(make_task("step", w), duration=_STEP_DURATION) for w in _STEP_WIDTHS]
+    if name == "drawn":
+        return [draw_reference(rng, _DRAWN_DURATION) for _ in range(config.drawn_tasks)]
+    return [make_task(name)] * 2
+
+
+def _part(config: RLConfig, task: Task) -> VectorTrackingEnv:
+    return VectorTrackingEnv(
+        config.envs_per_task,
+        task,
+        control_period=neural.PERIOD,
+        preview=neural.PREVIEW,
+        reward=TrackingReward(fine_scale=config.fine_scale),
+        randomization=config.randomization,
+        threads=config.threads,
+        autoreset_mode=AutoresetMode.SAME_STEP,
+    )
 
 
 def begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None:

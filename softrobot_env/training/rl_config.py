@@ -21,7 +21,7 @@ BROAD = Randomization(
     sensor_noise=(0.0, 1.0),
 )
 
-#: Trials of the policy during a training: Young's modulus alone, and disturbances as well.
+#: Robots of the closed-loop checks in a training: Young's modulus alone, and disturbances as well.
 MODULI = ({"youngs_modulus": 0.5}, {}, {"youngs_modulus": 1.5})
 DISTURBED = (
     *MODULI,
@@ -71,9 +71,10 @@ class RLConfig:
             and the divergence at which an update ends early.
         buffer, updates, warm_up: SAC and TD3: steps remembered, gradient steps after every step of
             all environments, and steps before the first of them.
-        trial_every: Environment steps between trials of the mean action; the best network is kept.
-        trials: Robots and disturbances of the trials, as in the option `vary` of `reset`.
-        trial_duration: [s] of the trials' episodes, the tasks' own for None.
+        trial_every: Environment steps between closed-loop checks of the mean action; the best
+            network is kept.
+        trials: Robots and disturbances of the checks, as in the option `vary` of `reset`.
+        trial_duration: [s] of the checks' episodes, the tasks' own for None.
         threads: Of torch and the simulation.
     """
 

@@ -1,4 +1,4 @@
-"""Trials of the policy during a training, and its learning curve."""
+"""Closed-loop checks of the policy during a training, and its learning curve."""
 
 import json
 from collections.abc import Callable
@@ -9,13 +9,13 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
 from softrobot_env.training.closed_loop_check import trial
 from softrobot_env.training.learners import actor_of
-from softrobot_env.training.progress import Show
 from softrobot_env.training.rl_config import RLConfig
 
-#: Environment steps, mean `SCORE` of the trials, largest error [mm] on swing and L-shape among
+#: Environment steps, mean `SCORE` of the checks, largest error [mm] on swing and L-shape among
 #: them, and number of failures.
 Point = dict[str, float]
 
@@ -25,7 +25,7 @@ _BEST, _CURVE = "best.npz", "curve.json"
 #: What networks are judged by, whatever they learn from.
 SCORE = TrackingReward()
 
-#: Taken from the reward for each failed trial.
+#: Taken from the reward for each failed episode.
 _PENALTY = 1.0
 
 
@@ -38,9 +38,9 @@ class Watch(BaseCallback):
     """Tries the mean action now and then, keeps the best network and the learning curve.
 
     Attributes:
-        best: Network of the best trial so far.
-        curve: Results of the trials.
-        folder: Where both are written at every trial, if not None.
+        best: Network of the best check so far.
+        curve: Results of the checks.
+        folder: Where both are written at every check, if not None.
     """
 
     def __init__(self, config: RLConfig, show: Show, save: Callable[[BaseAlgorithm], None]) -> None:
@@ -49,7 +49,7 @@ class Watch(BaseCallback):
         Args:
             config: Of the training.
             show: Told the progress.
-            save: Called after every trial.
+            save: Called after every check.
         """
         super().__init__()
         self._config, self._show, self._save = config, show, save
@@ -67,7 +67,7 @@ class Watch(BaseCallback):
 
     @property
     def steps(self) -> int:
-        """Environment steps at the last trial."""
+        """Environment steps at the last check."""
         return int(self.curve[-1]["steps"])
 
     def _on_step(self) -> bool:

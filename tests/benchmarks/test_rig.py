@@ -17,7 +17,7 @@ from softrobot_env.benchmarks.rig.tables import tables
 from softrobot_env.benchmarks.rig_networks import run as rig_networks
 from softrobot_env.commands.benchmark import BENCHMARKS
 from softrobot_env.control.registry import RIG_POLICIES
-from softrobot_env.control.rig.identified import Learnt
+from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.evaluation.thesis import TRIANGLE
 from softrobot_env.robots import RIG
 
@@ -72,7 +72,7 @@ def test_every_policy_is_run_on_every_rig():
 
 
 def test_an_episode_starts_to_count_after_the_approach():
-    row = run_case(Case(0, FAST, "rig_nn"), Learnt.load(RIG), traced=True)
+    row = run_case(Case(0, FAST, "rig_nn"), IdentifiedParameters.load(RIG), traced=True)
     trace = row["trace"]
     assert trace["time"][0] == 0 and trace["time"][-1] == pytest.approx(7 - 0.02)
     np.testing.assert_allclose(trace["reference"][0], [0.0875, 0.0], atol=1e-3)
@@ -144,13 +144,13 @@ def test_a_quick_run_takes_what_is_shipped(monkeypatch):
 
     def run_one(case, learnt, traced):
         ran.append(case)
-        assert isinstance(learnt, Learnt) and traced
+        assert isinstance(learnt, IdentifiedParameters) and traced
         return next(
             r for r in made_up((0,)) if (r["policy"], r["period"]) == (case.policy, case.period)
         )
 
     monkeypatch.setattr(rig, "run_case", run_one)
-    monkeypatch.setattr(rig, "visit", None)
+    monkeypatch.setattr(rig, "record", None)
     found = rig.run(quick=True)
     assert {(c.policy, c.period) for c in ran} == {(p, t) for p in RIG_POLICIES for t in (1, 5)}
     assert {c.twin for c in ran} == {0}
@@ -161,14 +161,14 @@ def test_every_twin_has_what_was_learnt_of_it(monkeypatch):
     """Its own visit, and networks trained with its own seed."""
     ran, taught = [], []
 
-    def learn(visited, seed):
+    def identify(visited, seed):
         taught.append((visited, seed))
-        return SimpleNamespace(learnt=("learnt of", visited, seed))
+        return SimpleNamespace(parameters=("learnt of", visited, seed))
 
     shipped = SimpleNamespace(load=lambda robot: ("learnt of", 0, 0))
-    monkeypatch.setattr(rig, "Learnt", shipped)
-    monkeypatch.setattr(rig, "visit", lambda twin: twin.seed)
-    monkeypatch.setattr(rig, "learn", learn)
+    monkeypatch.setattr(rig, "IdentifiedParameters", shipped)
+    monkeypatch.setattr(rig, "record", lambda twin: twin.seed)
+    monkeypatch.setattr(rig, "identify", identify)
     monkeypatch.setattr(rig, "run_case", lambda case, learnt, traced: ran.append((case, learnt)))
     for twin in (None, *rig.TWINS):
         for _, work in rig._jobs(twin, shipped=False):

@@ -23,8 +23,8 @@ from softrobot_env.benchmarks.rig_networks.cases import (
 )
 from softrobot_env.benchmarks.rig_networks.plots import plot
 from softrobot_env.benchmarks.rig_networks.tables import select, tables
-from softrobot_env.identification.data import collect, disk_points, split
-from softrobot_env.identification.statics import RigStatics
+from softrobot_env.identification.recording import collect, disk_points, split
+from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.robots import RIG
 
 

@@ -11,7 +11,7 @@ from softrobot_env.cli import main
 from softrobot_env.control.rig.identified import describe_rig
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.identification import twin_networks as rig_twin_networks
+from softrobot_env.identification import parameters
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RIG
 
@@ -119,10 +119,10 @@ def test_a_video_shows_what_the_file_says(learnt, tmp_path, monkeypatch):
 def test_the_trained_file_is_of_its_twin(tmp_path, monkeypatch, capsys):
     """What `train` writes is what `evaluate` takes."""
     lesson = SimpleNamespace(
-        learnt=constant_learnt(3), errors={"inverse": 1e-4, "forward": 2e-4}, forward=None
+        parameters=constant_learnt(3), errors={"inverse": 1e-4, "forward": 2e-4}, forward=None
     )
-    monkeypatch.setattr(rig_twin_networks, "visit", lambda twin, seed, **_: None)
-    monkeypatch.setattr(rig_twin_networks, "learn", lambda visited, seed: lesson)
+    monkeypatch.setattr(parameters, "record", lambda twin, seed, **_: None)
+    monkeypatch.setattr(parameters, "identify", lambda visited, seed: lesson)
     assert main(["train", "rig_nn", "--twin", "3", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "bending damping over nominal" in said and "1.000" in said

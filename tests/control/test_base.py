@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.arm.feedforward import Feedforward
-from softrobot_env.control.arm.feedforward_pi import FeedforwardPI
+from softrobot_env.control.arm.feedforward import Feedforward, FeedforwardPI
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
@@ -31,20 +30,20 @@ def test_unknown_policy_lists_the_known_ones():
 
 def test_feedforward_needs_a_robot_with_closed_statics():
     with pytest.raises(ValueError, match="cantilever_weak"):
-        Feedforward(CANTILEVER_WEAK)
+        Feedforward(CANTILEVER_WEAK, PERIOD)
 
 
 @pytest.mark.parametrize("target", [(0.2, 0.44), (-0.3, 0.36), (0.0, 0.5), (0.24, 0.3)])
 def test_feedforward_holds_the_tip_on_the_reference(target):
     guess = (0.05, 0.05, 0.05) if target[0] >= 0 else (-0.05, -0.05, -0.05)
-    action, state = Feedforward(ARM).predict(observe(target, action=guess), None)
+    action, state = Feedforward(ARM, PERIOD).predict(observe(target, action=guess), None)
     # float32 actions resolve 80 N to 5e-6 N, which moves the tip by less than a micrometre.
     np.testing.assert_allclose(STATICS.tip(80.0 * action.astype(float)), target, atol=1e-6)
     assert state.status is None
 
 
 def test_feedforward_says_when_the_reference_is_out_of_reach():
-    action, state = Feedforward(ARM).predict(observe((0.4, 0.5)), None)
+    action, state = Feedforward(ARM, PERIOD).predict(observe((0.4, 0.5)), None)
     # The arm is 0.5 m long and the reference 0.64 m away: at least 140 mm are missing.
     assert "out of reach" in state.status
     assert state.statics.residual >= np.hypot(0.4, 0.5) - ARM.length
@@ -54,7 +53,7 @@ def test_feedforward_says_when_the_reference_is_out_of_reach():
 def test_feedforward_says_when_tensions_saturate():
     """The L-shape's corner needs about 55 N; this arm's tendons hold 40 N."""
     tendons = tuple(replace(t, tension_limit=40.0) for t in ARM.tendons)
-    policy = Feedforward(replace(ARM, tendons=tendons))
+    policy = Feedforward(replace(ARM, tendons=tendons), PERIOD)
     action, state = policy.predict(observe((0.24, 0.30)), None)
     assert state.statics.converged
     assert state.status == "tension limit reached"

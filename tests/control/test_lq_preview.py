@@ -4,11 +4,15 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.closed_forms.planar_arm import inertia_forces, make_planar_arm
-from softrobot_env.control import reference_smoothing as jumps
 from softrobot_env.control.arm.estimation import PRIOR, update_estimate
-from softrobot_env.control.arm.lq_preview import PERIOD
-from softrobot_env.control.arm.lqi import linear_model
-from softrobot_env.control.arm.preview_gains import KNOTS, Weights, discretized, preview_design
+from softrobot_env.control.arm.lq_preview import KNOTS, Weights, preview_design
+from softrobot_env.control.arm.operating_points import PERIOD, discretized, linear_model
+from softrobot_env.control.arm.reference_smoothing import (
+    ACCELERATION,
+    SIZE,
+    begin_smoothing,
+    smoothed,
+)
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
@@ -140,12 +144,12 @@ def smooth(targets, ahead=0):
 
     Also (T, 2), what is said then of 20 steps later.
     """
-    memory, here, later = np.zeros(jumps.SIZE), [], []
+    memory, here, later = np.zeros(SIZE), [], []
     times = PERIOD * np.array([0.0, 1.0, 20.0])
-    jumps.begin_smoothing(targets[0], memory)
+    begin_smoothing(targets[0], memory)
     for k, target in enumerate(targets):
         points = np.array([targets[min(k + min(ahead, n), len(targets) - 1)] for n in (0, 1, 20)])
-        jumps.smoothed(PERIOD, np.array(target), times, memory, points)
+        smoothed(PERIOD, np.array(target), times, memory, points)
         here.append(points[0])
         later.append(points[2])
     return np.array(here), np.array(later)
@@ -174,15 +178,15 @@ def test_a_jump_becomes_a_motion_of_bounded_acceleration():
     assert np.all(np.diff(along) >= -1e-15) and along[5] < 1e-6
     np.testing.assert_allclose(path[-1], B, atol=1e-15)
     acceleration = np.linalg.norm(np.diff(path, 2, axis=0), axis=1) / PERIOD**2
-    assert acceleration.max() == pytest.approx(jumps.ACCELERATION, rel=0.01)
+    assert acceleration.max() == pytest.approx(ACCELERATION, rel=0.01)
 
 
 def test_a_second_jump_goes_on_smoothly():
     path, _ = smooth([A] * 5 + [B] * 60 + [C] * 600)
     velocity = np.diff(path, axis=0) / PERIOD
     acceleration = np.diff(velocity, axis=0) / PERIOD
-    assert np.linalg.norm(acceleration, axis=1).max() < 2 * jumps.ACCELERATION
-    assert np.abs(np.diff(acceleration, axis=0)).max() < 0.1 * jumps.ACCELERATION
+    assert np.linalg.norm(acceleration, axis=1).max() < 2 * ACCELERATION
+    assert np.abs(np.diff(acceleration, axis=0)).max() < 0.1 * ACCELERATION
     np.testing.assert_allclose(path[-1], C, atol=1e-15)
 
 

@@ -10,8 +10,7 @@ from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.control.mpc.optimisation import Optimiser, Problem
-from softrobot_env.control.mpc.quadratic_program import BoundedSolver
+from softrobot_env.control.mpc.optimisation import BoundedSolver, Optimiser, Problem
 from softrobot_env.control.mpc.settings import PREVIEW, THESIS, MPCSettings
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap

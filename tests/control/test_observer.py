@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from softrobot_env.control.observer import RateObserver
+from softrobot_env.control.arm.observer import RateObserver
 from softrobot_env.control.registry import FEEDBACKS, make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode

@@ -15,7 +15,7 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.learned import quasi_static
-from softrobot_env.learned.network import Network
+from softrobot_env.learned.network import Network, suits
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
@@ -192,7 +192,7 @@ def test_training_command_says_what_can_be_trained(capsys):
 def test_shipped_file_says_what_it_is():
     network, about = Network.load(WEIGHTS)
     assert network.sizes == (7, 30, 3)
-    assert quasi_static.suits(about, ARM)
+    assert suits(about, ARM)
     assert about["seed"] == 0
     assert WEIGHTS.with_suffix(".md").read_text("utf-8").count("softrobot train qs_nn") > 0
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.robots import ARM, RIG
-from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 #: Tendons with errors of azimuth [degrees] and radius [m], as on a real robot.
 ROUGH = replace(
@@ -27,37 +27,37 @@ def directions(count=721):
 
 @ROBOTS
 def test_reduced_input_is_the_moment_over_the_lever(robot):
-    tripod, tension = Tripod(robot), np.array([1.0, 2.0, 4.0])
+    tendons, tension = ThreeTendons(robot), np.array([1.0, 2.0, 4.0])
     offsets = np.array([t.offset for t in robot.tendons])
-    np.testing.assert_allclose(tripod.lever * tripod.reduced(tension), offsets.T @ tension)
+    np.testing.assert_allclose(tendons.lever * tendons.reduced(tension), offsets.T @ tension)
 
 
 def test_phi_is_that_of_the_thesis():
     half, side = np.sin(np.radians(30)), np.cos(np.radians(30))
     expected = [[1, -half, -half], [0, side, -side]]
-    np.testing.assert_allclose(Tripod(RIG).phi, expected, atol=1e-15)
+    np.testing.assert_allclose(ThreeTendons(RIG).phi, expected, atol=1e-15)
 
 
 @ROBOTS
 def test_tensions_invert_the_projection_in_all_quadrants(robot):
-    tripod, reduced = Tripod(robot), directions()
-    for tension in (tripod.tension(reduced), tripod.tension(reduced, total=30.0)):
-        np.testing.assert_allclose(tripod.reduced(tension), reduced, atol=1e-14)
-        assert np.all(tension - tripod.pretension >= -1e-14)
+    tendons, reduced = ThreeTendons(robot), directions()
+    for tension in (tendons.tension(reduced), tendons.tension(reduced, total=30.0)):
+        np.testing.assert_allclose(tendons.reduced(tension), reduced, atol=1e-14)
+        assert np.all(tension - tendons.pretension >= -1e-14)
 
 
 @ROBOTS
 def test_least_tensions_leave_one_tendon_at_its_pretension(robot):
     """Less co-contraction would go below it, so none can be spared."""
-    tripod = Tripod(robot)
-    above = tripod.tension(directions()) - tripod.pretension
+    tendons = ThreeTendons(robot)
+    above = tendons.tension(directions()) - tendons.pretension
     np.testing.assert_allclose(above.min(axis=1), 0, atol=1e-14)
-    assert np.all(tripod.null > 0)
-    np.testing.assert_allclose(tripod.phi @ tripod.null, 0, atol=1e-15)
+    assert np.all(tendons.null > 0)
+    np.testing.assert_allclose(tendons.phi @ tendons.null, 0, atol=1e-15)
 
 
 def test_tensions_are_the_audits_at_120_degrees():
-    tripod, reduced = Tripod(RIG), directions()
+    tendons, reduced = ThreeTendons(RIG), directions()
     azimuth = 2 * np.pi / 3 * np.arange(3)
     pull = (
         2
@@ -65,55 +65,55 @@ def test_tensions_are_the_audits_at_120_degrees():
         * (np.outer(reduced[:, 0], np.cos(azimuth)) + np.outer(reduced[:, 1], np.sin(azimuth)))
     )
     least = pull - pull.min(axis=1, keepdims=True) + 0.5
-    np.testing.assert_allclose(tripod.tension(reduced), least, atol=1e-14)
-    np.testing.assert_allclose(tripod.tension(reduced, total=12.0), 4 + pull, atol=1e-14)
+    np.testing.assert_allclose(tendons.tension(reduced), least, atol=1e-14)
+    np.testing.assert_allclose(tendons.tension(reduced, total=12.0), 4 + pull, atol=1e-14)
 
 
 @ROBOTS
 def test_tensions_are_continuous(robot):
     """Halving the steps halves the largest jump; a jump would stay."""
-    tripod = Tripod(robot)
+    tendons = ThreeTendons(robot)
     coarse, fine = (
-        np.abs(np.diff(tripod.tension(directions(n)), axis=0)).max() for n in (721, 1441)
+        np.abs(np.diff(tendons.tension(directions(n)), axis=0)).max() for n in (721, 1441)
     )
     assert coarse / fine == pytest.approx(2, rel=0.02)
 
 
 def test_constant_sum_keeps_the_sum_of_lengths():
     """Audit: the sum of the lengths is then constant, whatever the bending."""
-    tripod, reduced = Tripod(RIG), directions()
+    tendons, reduced = ThreeTendons(RIG), directions()
     curvature = 5 * reduced[::-1]
-    tension = tripod.tension(reduced, total=12.0)
+    tension = tendons.tension(reduced, total=12.0)
     np.testing.assert_allclose(tension.sum(axis=1), 12.0)
-    total = tripod.pulled(tension, curvature).sum(axis=1)
+    total = tendons.pulled(tension, curvature).sum(axis=1)
     np.testing.assert_allclose(total, (12.0 - 1.5) / 980.0)
 
 
 def test_a_sum_too_small_is_refused_with_the_least_one():
-    tripod = Tripod(RIG)
+    tendons = ThreeTendons(RIG)
     with pytest.raises(ValueError, match=r"leaves a tendon .* give at least 7\.5 N"):
-        tripod.tension(np.array([[-3.0, 0.0], [2.0, 0.0]]), total=5.0)
-    assert tripod.tension(np.array([-3.0, 0.0]), total=7.5).sum() == pytest.approx(7.5)
+        tendons.tension(np.array([[-3.0, 0.0], [2.0, 0.0]]), total=5.0)
+    assert tendons.tension(np.array([-3.0, 0.0]), total=7.5).sum() == pytest.approx(7.5)
 
 
 @ROBOTS
 def test_lengths_and_tensions_are_inverse(robot):
-    tripod, curvature = Tripod(robot), 7 * directions()
-    tension = tripod.tension(directions()[::-1])
-    pulled = tripod.pulled(tension, curvature)
-    np.testing.assert_allclose(tripod.pulling(pulled, curvature), tension, atol=1e-12)
-    slack = tripod.pulling(pulled - 0.1, curvature)
+    tendons, curvature = ThreeTendons(robot), 7 * directions()
+    tension = tendons.tension(directions()[::-1])
+    pulled = tendons.pulled(tension, curvature)
+    np.testing.assert_allclose(tendons.pulling(pulled, curvature), tension, atol=1e-12)
+    slack = tendons.pulling(pulled - 0.1, curvature)
     assert slack.min() == 0.0
 
 
 @ROBOTS
 def test_channels_shorten_on_the_inner_side(robot):
     """A channel at the offset p runs on an arc of radius 1 / kappa - p."""
-    tripod, bend = Tripod(robot), 6.0
+    tendons, bend = ThreeTendons(robot), 6.0
     expected = [
         robot.length - (1 / bend - t.offset[1]) * bend * robot.length for t in robot.tendons
     ]
-    np.testing.assert_allclose(tripod.geometric(np.array([0.0, bend])), expected, atol=1e-15)
+    np.testing.assert_allclose(tendons.geometric(np.array([0.0, bend])), expected, atol=1e-15)
 
 
 @pytest.mark.parametrize(
@@ -143,4 +143,4 @@ def test_channels_shorten_on_the_inner_side(robot):
 )
 def test_other_tendons_are_refused(robot, reason):
     with pytest.raises(ValueError, match=reason):
-        Tripod(robot)
+        ThreeTendons(robot)

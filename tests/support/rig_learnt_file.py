@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softrobot_env.control.rig.identified import Learnt
+from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.learned.network import Network, Scaling
 from softrobot_env.robots import LENGTH_SCALE, RIG
 
@@ -19,7 +19,9 @@ def constant_learnt(twin=None):
         Scaling(-np.ones(2), np.ones(2)),
         Scaling(-scale, scale),
     )
-    return Learnt(network, stiffness=1.2, turn=0.0, damping=1.0, play=0.0, twin=twin)
+    return IdentifiedParameters(
+        network, stiffness=1.2, turn=0.0, damping=1.0, backlash=0.0, twin=twin
+    )
 
 
 def learnt_file(path, twin=None):

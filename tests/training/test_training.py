@@ -13,7 +13,7 @@ pytest.importorskip("daqp")
 from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.commands import train as train_command  # noqa: E402
 from softrobot_env.commands import train_rl  # noqa: E402
-from softrobot_env.control import neural  # noqa: E402
+from softrobot_env.control.arm import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
 from softrobot_env.envs.randomization import Randomization  # noqa: E402
 from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
@@ -24,13 +24,12 @@ from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
 from softrobot_env.training import artifacts as shipping  # noqa: E402
 from softrobot_env.training import references  # noqa: E402
+from softrobot_env.training.artifacts import as_network, new_layers, put_network  # noqa: E402
 from softrobot_env.training.closed_loop_check import trial  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
 from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
-from softrobot_env.training.networks import as_network, new_layers, put_network  # noqa: E402
-from softrobot_env.training.rl import begin, train  # noqa: E402
+from softrobot_env.training.rl import begin, make_training_env, train  # noqa: E402
 from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  # noqa: E402
-from softrobot_env.training.training_env import make_training_env  # noqa: E402
 from softrobot_env.training.vec_env import TrackingVecEnv  # noqa: E402
 from softrobot_env.training.watch import SCORE  # noqa: E402
 
@@ -380,7 +379,6 @@ def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatc
 
 def test_the_command_knows_what_the_training_knows():
     assert tuple(LEARNERS) == train_rl.ALGORITHMS
-    assert TRAINING_TASKS == train_rl.TASKS
 
 
 def test_the_command_trains_and_goes_on(tmp_path, capsys):

@@ -7,36 +7,16 @@ angle phi(s) is then linear in the reduced inputs u, and tip and derivatives are
 exp(i phi(s)), smooth through the straight pose.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
 _NODES = 16
-_TOLERANCE = 1e-8  # m
-_NULL_TOLERANCE = 1e-7  # N
-_ITERATIONS = 60
-
-
-@dataclass(frozen=True)
-class InverseStatics:
-    """Outcome of `ConstantCurvatureStatics.inverse`.
-
-    Attributes:
-        reduced: (n_inputs,) [N], reduced tendon inputs.
-        residual: [m], distance between the target and the tip these inputs hold.
-        converged: Whether the tip is on the target at a local minimum of the tension norm.
-    """
-
-    reduced: np.ndarray
-    residual: float
-    converged: bool
 
 
 class ConstantCurvatureStatics:
-    """Tip (x, z) as a function of the reduced tendon inputs, its derivatives and its inverse."""
+    """Tip (x, z) as a function of the reduced tendon inputs, and its derivatives."""
 
     def __init__(self, robot: RobotParams) -> None:
         """Raise ValueError when the robot has gravity, guides or no tendons."""
@@ -80,10 +60,10 @@ class ConstantCurvatureStatics:
 
     def jacobian(self, reduced: np.ndarray) -> np.ndarray:
         """Derivative (2, n_inputs) [m/N] of the tip."""
-        return self._expand(reduced)[1]
+        return self.expand(reduced)[1]
 
-    def _expand(self, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Tip (2,), first (2, n) and second (2, n, n) derivatives."""
+    def expand(self, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Tip (2,), its first (2, n) and second (2, n, n) derivatives under inputs (n,) [N]."""
         e = self._weights * np.exp(1j * (self._slope @ reduced))
         first = 1j * (e @ self._slope)
         second = -(self._slope.T * e) @ self._slope
@@ -93,55 +73,3 @@ class ConstantCurvatureStatics:
             np.stack([first.imag, first.real]),
             np.stack([second.imag, second.real]),
         )
-
-    def inverse(self, target: np.ndarray, guess: np.ndarray) -> InverseStatics:
-        """Inputs of least norm that hold the tip on a target, near a guess.
-
-        Minimises |u|^2 / 2 subject to tip(u) = target by a range- and null-space Newton
-        method with step control; the redundancy of the arm is resolved by minimum tension.
-
-        Args:
-            target: (2,) [m], (x, z).
-            guess: (n_inputs,) [N], start; the nearest local minimum is found.
-
-        Returns:
-            The inputs. `converged` is False where the target cannot be reached from the guess;
-            the inputs are then those of the smallest residual met.
-        """
-        u = np.array(guess, dtype=float)
-        best, best_residual = u, np.inf
-        for _ in range(_ITERATIONS):
-            tip, first, second = self._expand(u)
-            gap = np.asarray(target) - tip
-            residual = float(np.hypot(*gap))
-            if residual < best_residual:
-                best, best_residual = u, residual
-            to_range, to_null = _newton_steps(u, gap, first, second)
-            if residual < _TOLERANCE and np.max(np.abs(to_null)) < _NULL_TOLERANCE:
-                return InverseStatics(u, residual, True)
-            u = u + _shorten(to_range, self.limit) + _shorten(to_null, self.limit)
-        return InverseStatics(best, best_residual, False)
-
-
-def _newton_steps(
-    u: np.ndarray, gap: np.ndarray, first: np.ndarray, second: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Step towards the target in the row space of J, and down |u|^2 in its null space."""
-    left, singular, right = np.linalg.svd(first)
-    # Near the straight pose J loses rank; the damping bounds the step there and vanishes with
-    # the gap, so it does not disturb convergence.
-    damping = 1e-3 * np.hypot(*gap) * singular[0]
-    gain = singular / (singular**2 + damping)
-    range_, null = right[: len(singular)].T, right[len(singular) :].T
-    to_range = range_ @ (gain * (left.T @ gap))
-    multiplier = -left @ (gain * (range_.T @ u))
-    bend = np.eye(len(u)) + multiplier[0] * second[0] + multiplier[1] * second[1]
-    hessian = null.T @ bend @ null
-    values, vectors = np.linalg.eigh(hessian)
-    slope = vectors.T @ (null.T @ u)
-    return to_range, -null @ (vectors @ (slope / np.maximum(np.abs(values), 0.1)))
-
-
-def _shorten(step: np.ndarray, limit: np.ndarray) -> np.ndarray:
-    """The step, scaled down to at most a tenth of the tension limit."""
-    return step / max(1.0, np.max(np.abs(step) / (0.1 * limit)))

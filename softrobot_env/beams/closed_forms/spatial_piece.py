@@ -28,7 +28,7 @@ from softrobot_env.beams.numerics.compilation import kernel, reference, structur
 from softrobot_env.beams.pcc import Station
 from softrobot_env.beams.pcc.constant_strain import stumpff
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 #: The three subpieces of Tab. 5.1, the last with the cube (audit: moments in 1e-6 kg m2).
 SUBPIECES: tuple[Station, ...] = (
@@ -83,8 +83,8 @@ def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIE
             f"robot {robot.name!r}: the closed form needs a robot without anisotropy and "
             "precurvature"
         )
-    tripod = Tripod(robot)
-    towards_x, towards_y = tripod.arc.T / robot.length
+    tendons = ThreeTendons(robot)
+    towards_x, towards_y = tendons.arc.T / robot.length
     return reference(
         RigPiece(
             length=robot.length,

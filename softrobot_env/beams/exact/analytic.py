@@ -14,13 +14,11 @@ import numpy as np
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
+from softrobot_env.interfaces import EquilibriumError
+
 _NODES = 101
 _TOLERANCE = 1e-9
 _MAX_NODES = 20000
-
-
-class ElasticaError(RuntimeError):
-    """The boundary-value solver did not converge at one of the load steps."""
 
 
 def euler_bernoulli_deflection(
@@ -198,7 +196,7 @@ def elastica(
         load_steps: Number of load steps.
 
     Raises:
-        ElasticaError: The solver failed at a load step.
+        EquilibriumError: The solver failed at a load step.
     """
     # Lengths in units of L, forces in EI / L^2.
     unit = length**2 / bending_stiffness
@@ -232,5 +230,5 @@ def _solve(derivative: Callable, moment: float, s: np.ndarray, y: np.ndarray, sc
 
     result = solve_bvp(derivative, boundary, s, y, tol=_TOLERANCE, max_nodes=_MAX_NODES)
     if not result.success:
-        raise ElasticaError(f"no elastica at {scale:.0%} of the load: {result.message}")
+        raise EquilibriumError(f"no elastica at {scale:.0%} of the load: {result.message}")
     return result

@@ -16,7 +16,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from softrobot_env.beams.exact.shearable_rod import RodError, Section, section, section_slope
+from softrobot_env.beams.exact.shearable_rod import Section, section, section_slope
+from softrobot_env.interfaces import EquilibriumError
 from softrobot_env.robots import RobotParams
 
 _RTOL, _ATOL = 1e-11, 1e-13
@@ -54,7 +55,7 @@ def column_tip(
         shear_coefficient: k [1] of the shear stiffness; None leaves out shear and extension.
 
     Raises:
-        RodError: No equilibrium was found.
+        EquilibriumError: No equilibrium was found.
         ValueError: The lengths pull to no side.
     """
     rod = section(robot, shear_coefficient)
@@ -67,7 +68,7 @@ def column_tip(
         found = root(lambda x, s=lengths: _missing(robot, rod, s, x), unknown, tol=1e-12)
         unknown = found.x
     if np.max(np.abs(found.fun)) > _SMALL:
-        raise RodError(f"no equilibrium of the rig at {pulled} m: {found.message}")
+        raise EquilibriumError(f"no equilibrium of the rig at {pulled} m: {found.message}")
     bend = unknown[:2]
     angle = float(np.hypot(*bend))
     base = _toward_base(robot, rod, angle, *_pull(robot, lengths, unknown))

@@ -20,16 +20,13 @@ from scipy.linalg import expm
 from scipy.optimize import brentq, root
 
 from softrobot_env.beams.exact.analytic import euler_bernoulli_frequency
+from softrobot_env.interfaces import EquilibriumError
 from softrobot_env.robots import RobotParams
 
 _NODES = 101
 _TOLERANCE = 1e-9
 _MAX_NODES = 20000
 _LOAD_STEPS = 5
-
-
-class RodError(RuntimeError):
-    """A boundary-value problem could not be solved."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +78,7 @@ def rod_tip(
         moment: [N m] at the tip, positive towards +x.
 
     Raises:
-        RodError: The boundary-value solver failed at a load step.
+        EquilibriumError: The boundary-value solver failed at a load step.
     """
     # Lengths in units of L, forces in EI / L^2.
     unit = length**2 / rod.bending
@@ -102,7 +99,7 @@ def rod_tip(
 
         result = solve_bvp(derivative, ends, s, y, tol=_TOLERANCE, max_nodes=_MAX_NODES)
         if not result.success:
-            raise RodError(f"no solution at {share:.0%} of the load: {result.message}")
+            raise EquilibriumError(f"no solution at {share:.0%} of the load: {result.message}")
         y = result.sol(s)
     return length * result.y[2:, -1]
 
@@ -118,7 +115,7 @@ def tendon_tip(robot: RobotParams, rod: Section, tension: np.ndarray) -> np.ndar
     from that of the last by a boundary-value problem in three unknowns.
 
     Raises:
-        RodError: The pose of a guide was not found.
+        EquilibriumError: The pose of a guide was not found.
         ValueError: Some tendons have guides, others none, or not the same ones.
     """
     if not any(t.guides for t in robot.tendons):
@@ -172,7 +169,7 @@ def _next_guides(
     guess = pose + span * np.array([np.sin(pose[2]), np.cos(pose[2]), 0.0])
     found = root(lambda x: integrate(x) - x, integrate(guess), tol=1e-12)
     if np.max(np.abs(found.fun)) > 1e-10:
-        raise RodError(f"no pose of the next guides: {found.message}")
+        raise EquilibriumError(f"no pose of the next guides: {found.message}")
     return found.x
 
 

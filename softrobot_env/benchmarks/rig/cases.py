@@ -6,7 +6,7 @@ import numpy as np
 
 from softrobot_env.benchmarks.jobs import Row
 from softrobot_env.control.registry import RIG_POLICIES, make_policy
-from softrobot_env.control.rig.identified import Learnt
+from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.run import run_episode, warm_up
@@ -41,7 +41,7 @@ def rig_name(twin: int | None) -> str:
     return "without errors" if twin is None else f"twin {twin}"
 
 
-def run_case(case: Case, learnt: Learnt, traced: bool) -> Row:
+def run_case(case: Case, learnt: IdentifiedParameters, traced: bool) -> Row:
     """Run an episode; see `rig.run` for the row.
 
     Args:

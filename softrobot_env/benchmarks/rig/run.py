@@ -8,8 +8,8 @@ from softrobot_env.benchmarks.rig import goals as rig_goals
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, Case, rig_name, run_case
 from softrobot_env.benchmarks.rig.forces import force_rows
 from softrobot_env.control.registry import RIG_POLICIES
-from softrobot_env.control.rig.identified import Learnt
-from softrobot_env.identification.twin_networks import learn, visit
+from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.identification.parameters import identify, record
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import twin_or_ideal
 
@@ -51,11 +51,11 @@ def _jobs(twin: int | None, shipped: bool) -> list[Job]:
     """The visit of a rig, and its episodes."""
 
     @cache
-    def learnt() -> Learnt:
+    def learnt() -> IdentifiedParameters:
         if shipped:
-            return Learnt.load(RIG)
+            return IdentifiedParameters.load(RIG)
         # Another seed for each, so that what differs between twins includes the training.
-        return learn(visit(twin_or_ideal(twin)), seed=twin or 0).learnt
+        return identify(record(twin_or_ideal(twin)), seed=twin or 0).parameters
 
     def taught() -> list[Row]:
         learnt()
@@ -66,5 +66,5 @@ def _jobs(twin: int | None, shipped: bool) -> list[Job]:
     return [visited, *((case.label, _episode(case, learnt)) for case in cases)]
 
 
-def _episode(case: Case, learnt: Callable[[], Learnt]) -> Callable[[], list[Row]]:
+def _episode(case: Case, learnt: Callable[[], IdentifiedParameters]) -> Callable[[], list[Row]]:
     return lambda: [run_case(case, learnt(), traced=case.twin == SHOWN)]

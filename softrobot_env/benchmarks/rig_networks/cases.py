@@ -9,8 +9,8 @@ import numpy as np
 
 from softrobot_env.benchmarks.jobs import Row
 from softrobot_env.identification import networks as rig_networks
-from softrobot_env.identification.data import RigData, Split
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, VALIDATION
+from softrobot_env.identification.recording import RigData, Split
 from softrobot_env.learned.early_stopping import Fit
 
 #: Hidden layers and neurons of each of them, Figs. 3.7 and 5.3.

@@ -13,9 +13,9 @@ from softrobot_env.benchmarks.jobs import Progress, Row
 from softrobot_env.benchmarks.rig_networks.cases import Case, run_case
 from softrobot_env.benchmarks.rig_networks.pool import run_tasks
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.data import collect, split
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING
-from softrobot_env.identification.statics import RigStatics
+from softrobot_env.identification.recording import collect, split
+from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.robots import RIG
 
 #: Friction [N] of each tendon.

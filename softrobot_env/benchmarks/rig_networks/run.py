@@ -21,10 +21,17 @@ from softrobot_env.benchmarks.rig_networks.friction import friction_rows
 from softrobot_env.benchmarks.rig_networks.pool import run_tasks
 from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.data import POINTS, Measure, RigData, Split, collect, disk_points
-from softrobot_env.identification.data import split as split_data
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, direction_of
-from softrobot_env.identification.twin_data import measure as measure_twin
+from softrobot_env.identification.recording import (
+    POINTS,
+    Measure,
+    RigData,
+    Split,
+    collect,
+    disk_points,
+)
+from softrobot_env.identification.recording import measure as measure_twin
+from softrobot_env.identification.recording import split as split_data
 from softrobot_env.learned.inference import CompiledInference, PlainInference
 from softrobot_env.robots import RIG
 

@@ -8,7 +8,7 @@ from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.robots import RIG
 
 if TYPE_CHECKING:
-    from softrobot_env.control.rig.identified import Learnt
+    from softrobot_env.control.rig.identified import IdentifiedParameters
 
 
 def learns(policy: str) -> bool:
@@ -27,7 +27,7 @@ def check_learnt(path: Path | None, policies: list[str]) -> None:
         raise ValueError(f"--learnt: only with the policies {able}")
 
 
-def load_learnt(path: Path | None) -> "Learnt":
+def load_learnt(path: Path | None) -> "IdentifiedParameters":
     """What was learnt of a rig.
 
     Args:
@@ -37,14 +37,14 @@ def load_learnt(path: Path | None) -> "Learnt":
         FileNotFoundError: No such file.
         ValueError: It is another kind of file, belongs to another robot or lacks something.
     """
-    from softrobot_env.control.rig.identified import Learnt
+    from softrobot_env.control.rig.identified import IdentifiedParameters
 
     if path is None:
-        return Learnt.load(RIG)
+        return IdentifiedParameters.load(RIG)
     strange = f"{path} is not a file of `softrobot train rig_nn`"
     if path.is_file() and not is_zipfile(path):
         raise ValueError(strange)
     try:
-        return Learnt.load(RIG, path)
+        return IdentifiedParameters.load(RIG, path)
     except (KeyError, BadZipFile) as error:
         raise ValueError(strange) from error

@@ -17,7 +17,7 @@ from softrobot_env.robots.twin import twin_or_ideal
 from softrobot_env.tasks import ALL_TASKS, RIG_TASKS
 
 if TYPE_CHECKING:
-    from softrobot_env.control.rig.identified import Learnt
+    from softrobot_env.control.rig.identified import IdentifiedParameters
 
 #: The twin whose networks are shipped.
 _SHIPPED = 0
@@ -82,7 +82,7 @@ class RigSetup:
         return learnt_label(self._learnt.twin) if learns(case.policy) else None
 
     @cached_property
-    def _learnt(self) -> "Learnt":
+    def _learnt(self) -> "IdentifiedParameters":
         return load_learnt(self._args.learnt)
 
     def reset_options(self, case: Case) -> dict[str, Any]:

@@ -1,19 +1,15 @@
-"""Inverse statics as feedforward: the tensions that hold the tip at the present reference."""
+"""Inverse statics as feedforward, alone or with PI feedback (the structure of thesis sec. 6.1)."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms.constant_curvature import (
-    ConstantCurvatureStatics,
-    InverseStatics,
-)
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.control.arm.statics import InverseStatics, least_norm
 from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
-
-#: Status of a policy that was shown something that is no number.
-NOT_FINITE = "observation not finite"
 
 
 @dataclass(frozen=True)
@@ -23,16 +19,18 @@ class FeedforwardState:
     Attributes:
         target: (2,) [m], reference that `statics` belongs to.
         statics: Inputs that hold the tip there.
+        integral: (2,) [m s], integrated tip error; zero without feedback.
         status: Why the action is not the one wanted, or None.
     """
 
     target: np.ndarray
     statics: InverseStatics
+    integral: np.ndarray
     status: str | None
 
 
 class Feedforward(Controller):
-    """Constant-curvature inverse statics, redundancy resolved by minimum tension norm.
+    """The tensions of least norm that hold the tip at the present reference.
 
     Follows the inverse along the reference by warm starts. Out of reach, the inputs of the
     smallest residual are held and the state's `status` says so.
@@ -40,55 +38,91 @@ class Feedforward(Controller):
 
     requires = ("reference", "previous_action")
 
-    def __init__(self, robot: RobotParams) -> None:
-        """Raise ValueError for robots without constant-curvature statics."""
+    def __init__(self, robot: RobotParams, control_period: float) -> None:
+        """At any control period [s]; ValueError for robots without constant-curvature statics."""
         self._statics = ConstantCurvatureStatics(robot)
         self.sizes = {"reference": 2, "previous_action": self._statics.n_inputs}
 
     def start(self, observation: Observation) -> FeedforwardState:
         """Begin from the inputs in force."""
         inputs = usable(observation["previous_action"]) * self._statics.limit
-        return FeedforwardState(np.full(2, np.nan), InverseStatics(inputs, 0.0, True), None)
+        in_force = InverseStatics(inputs, 0.0, True)
+        return FeedforwardState(np.full(2, np.nan), in_force, np.zeros(2), None)
 
     def act(
         self, observation: Observation, state: FeedforwardState
     ) -> tuple[np.ndarray, FeedforwardState]:
-        """Statics of the present reference."""
-        action = keep_if_not_finite(observation, self.requires)
-        if action is not None:
-            return action, replace(state, status=NOT_FINITE)
-        solution = self.solve(observation["reference"], state)
-        action, saturated = saturate(solution.reduced / self._statics.limit)
-        status = explain(solution, saturated)
-        return action, FeedforwardState(observation["reference"].copy(), solution, status)
+        """Statics of the present reference, with feedback if there is any."""
+        if not all(np.isfinite(observation[name]).all() for name in self.requires):
+            kept = usable(observation["previous_action"])
+            return kept, replace(state, status=REASONS[NOT_FINITE])
+        target, statics = observation["reference"].copy(), state.statics
+        if not np.array_equal(target, state.target):  # it rests most of the time
+            statics = least_norm(self._statics, target, statics.reduced)
+        inputs, integral = self._correct(observation, statics.reduced, state.integral)
+        wanted = inputs / self._statics.limit
+        action, status = np.clip(wanted, -1.0, 1.0), None
+        if np.any(action != wanted):
+            integral, status = state.integral, REASONS[SATURATED]
+        if not statics.converged:
+            status = REASONS[UNREACHABLE]
+        return action, FeedforwardState(target, statics, integral, status)
 
-    def solve(self, target: np.ndarray, state: FeedforwardState) -> InverseStatics:
-        """Inverse statics of a target (2,) [m], reused while the target rests."""
-        if np.array_equal(target, state.target):
-            return state.statics
-        return self._statics.inverse(target, state.statics.reduced)
-
-
-def keep_if_not_finite(observation: Observation, names: tuple[str, ...]) -> np.ndarray | None:
-    """The previous action, or zero, if a named observable is not finite; else None."""
-    if all(np.isfinite(observation[name]).all() for name in names):
-        return None
-    return usable(observation["previous_action"])
-
-
-def saturate(action: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Limit an action to [-1, 1], and tell whether that changed it."""
-    limited = np.clip(action, -1.0, 1.0)
-    return limited, bool(np.any(limited != action))
+    def _correct(
+        self, observation: Observation, inputs: np.ndarray, integral: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Inputs (n_inputs,) [N] after feedback, and the integrated error (2,) [m s]."""
+        return inputs, integral
 
 
-def explain(solution: InverseStatics, saturated: bool) -> str | None:
-    """Why an action falls short, for people; None if it does not."""
-    if not solution.converged:
-        return "reference out of reach"
-    return "tension limit reached" if saturated else None
+class FeedforwardPI(Feedforward):
+    """u = u_ff(z_ref) + J+ (K_P e + K_I int e dt), e = z_ref - z.
 
+    J is the static tip Jacobian at u_ff; J+ is damped, because J loses rank in the straight pose.
+    The error is integrated only while no tension is at its limit (no wind-up).
 
-def make_feedforward(robot: RobotParams, control_period: float) -> Feedforward:
-    """The policy of a robot; it works at any control period [s]."""
-    return Feedforward(robot)
+    Quasi-statically the plant from J+ e to e has unit gain, and its first mode (frequency w,
+    damping rate mu w^2) limits both gains: an action held for a period T acts T / 2 late on
+    average, which takes K_P w^2 T / 2 from the damping rate, so K_P < 2 mu / T; pure integral
+    action needs K_I < mu w^2. The default gains are fractions of these limits, and K_P at most 2.
+    They track better than feedforward alone but damp nothing, so that a step swings longer.
+    """
+
+    requires = ("reference", "previous_action", "tip_position")
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        proportional: float | None = None,
+        integral: float | None = None,
+        damping: float = 1e-3,
+    ) -> None:
+        """Set the gains.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between calls.
+            proportional: K_P [1]; by default 0.4 of its limit, at most 2.
+            integral: K_I [1/s]; by default 0.45 of its limit.
+            damping: [m/N], singular values of J well below it are not inverted.
+        """
+        super().__init__(robot, control_period)
+        self.sizes = {**self.sizes, "tip_position": 2}
+        self._period = control_period
+        decay = robot.damping_time * (2 * np.pi * robot.first_frequency) ** 2
+        gain = min(2.0, 0.8 * robot.damping_time / control_period)
+        self._proportional = gain if proportional is None else proportional
+        self._integral = 0.45 * decay if integral is None else integral
+        self._damping = damping
+
+    def _correct(
+        self, observation: Observation, inputs: np.ndarray, integral: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """See `Feedforward`; J+ is damped."""
+        error = observation["reference"] - observation["tip_position"]
+        integral = integral + self._period * error
+        jacobian = self._statics.jacobian(inputs)
+        square = jacobian @ jacobian.T + self._damping**2 * np.eye(2)
+        change = self._proportional * error + self._integral * integral
+        return inputs + jacobian.T @ np.linalg.solve(square, change), integral

@@ -5,55 +5,56 @@ from moves with the reference; unannounced jumps are smoothed; and in place of t
 error, which overshoots, what the model leaves unexplained is estimated and compensated.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
+from scipy.linalg import solve_discrete_are
 
 from softrobot_env.beams.closed_forms import planar_arm
-from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
-from softrobot_env.beams.numerics.compilation import kernel, reference, structure
-from softrobot_env.control import reference_smoothing as jumps
+from softrobot_env.beams.closed_forms.planar_arm import PlanarArm
+from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.arm.estimation import PRIOR, stiffness_factor, update_estimate
-from softrobot_env.control.arm.operating_points import GainTable, interpolate, load_gains
-from softrobot_env.control.arm.preview_gains import KNOTS
-from softrobot_env.control.arm.statics import REACH, RELAXATION, follow
-from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
-from softrobot_env.control.status import (
-    FINE,
-    NOT_FINITE,
-    OUTSIDE,
-    SATURATED,
-    UNREACHABLE,
-    Memory,
-    finite,
-    kept,
-    limited,
-    unsound,
+from softrobot_env.control.arm.operating_points import (
+    PERIOD,
+    Law,
+    ScheduledController,
+    conclude,
+    discretized,
+    interpolate,
+    linear_model,
 )
+from softrobot_env.control.arm.reference_smoothing import JUMP, SIZE, begin_smoothing, smoothed
+from softrobot_env.control.arm.statics import RELAXATION, follow
+from softrobot_env.control.base import usable
+from softrobot_env.control.status import FINE, NOT_FINITE, Memory, finite, kept
 from softrobot_env.interfaces import Observation
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.actuation import TendonMap
 
-#: [s] between decisions.
-PERIOD = 1e-3
+#: Times [s] ahead at which the reference is used; straight lines in between.
+KNOTS = (0.001, 0.002, 0.004, 0.007, 0.011, 0.016, 0.023, 0.032, 0.045, 0.06, 0.08, 0.105, 0.15)
+_TIMES = np.array((0.0, *KNOTS))
 
 _OFFSET_BANDWIDTH = 100.0  # 1/s, of the difference between measured and modelled tip
 
 
-@structure
-class _Law(NamedTuple):
-    """What the kernel needs of a robot; one argument is faster to pass than five."""
+@dataclass(frozen=True)
+class Weights:
+    """Weights of the cost sum_k (|e|^2 + velocity |e.|^2 + inputs |u|^2).
 
-    arm: PlanarArm
-    table: GainTable
-    limit: np.ndarray
-    times: np.ndarray
-    adaptive: bool
+    e is the tip's distance [m] from the reference, u the inputs' [N] from those that hold it.
+
+    Attributes:
+        velocity: [s2].
+        inputs: [m2/N2].
+    """
+
+    velocity: float = 1e-3
+    inputs: float = 3e-7
 
 
-class LQPreview(Controller):
+class LQPreview(ScheduledController):
     """u = u_OP + mu u._OP - K(sigma) (x - x_OP) + sum_i G_i(sigma) (r_i - r_0 - t_i r.).
 
     x_OP and u_OP hold the tip at the present reference r_0 and move with it at its velocity r.;
@@ -82,23 +83,14 @@ class LQPreview(Controller):
         """Load the gain table.
 
         Args:
-            robot: Nominal robot.
-            control_period: [s] between calls, a part of 1 ms or 1 ms.
+            robot, control_period, gains: As in `ScheduledController`.
             adaptive: Whether to estimate the stiffness.
-            gains: Gain table; the shipped one unless given.
 
         Raises:
-            ValueError: Another control period, or a table of another robot.
+            ValueError: As `ScheduledController`.
         """
-        self.hold = hold_for(PERIOD, control_period, "lq_preview")
-        self.sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
-        arm = make_planar_arm(robot)
-        path = models_dir() / "lq_preview.npz" if gains is None else gains
-        n, m = arm.inputs.shape
-        count = 2 * m * (n + len(KNOTS))
-        table = load_gains(path, robot, "softrobot train lq_preview", count)
-        limit, times = TendonMap(robot).input_scale, np.array((0.0, *KNOTS))
-        self._law = reference(_Law(arm, table, limit, times, adaptive))
+        super().__init__(robot, control_period, "lq_preview", gains, count=2 * len(KNOTS))
+        self._adaptive = adaptive
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the inputs in force, with the nominal model.
@@ -109,33 +101,25 @@ class LQPreview(Controller):
         if observation["reference_preview"].size != 2 * len(KNOTS):
             raise ValueError(f"lq_preview needs an environment with preview={KNOTS}")
         n, m = self._law.arm.inputs.shape
-        values = np.zeros(3 * n + m + 5 + jumps.SIZE)
-        _, _, _, inputs, _, information, jump, _ = _split(values, n, m)
+        values = np.zeros(3 * n + m + 5 + SIZE)
+        _, _, _, inputs, _, information, smoothing, _ = _split(values, n, m)
         inputs[:] = usable(observation["previous_action"]) * self._law.limit
         information[:] = PRIOR
         tip = observation["tip_position"]
         here = tip if np.isfinite(tip).all() else observation["reference"]
-        jumps.begin_smoothing(usable(here), jump)
+        begin_smoothing(usable(here), smoothing)
         return Memory(values, FINE)
 
     def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
         """The control law."""
-        action, values, code = _act(
-            self._law,
-            state.values,
-            observation["curvature"],
-            observation["curvature_rate"],
-            observation["tip_position"],
-            observation["reference"],
-            observation["reference_preview"],
-            observation["previous_action"],
-        )
+        seen = self._seen(observation)
+        action, values, code = _act(self._law, self._adaptive, state.values, *seen)
         return action, Memory(values, code)
 
 
 @kernel
 def _split(memory: np.ndarray, n: int, m: int) -> tuple:
-    """Views: curvature, rate, force, inputs, tip offset, information, jump and begun (1,)."""
+    """Views: curvature, rate, force, inputs, tip offset, information, smoothing, begun (1,)."""
     k = 3 * n + m
     return (
         memory[:n],
@@ -150,8 +134,9 @@ def _split(memory: np.ndarray, n: int, m: int) -> tuple:
 
 
 @kernel
-def _learn(
-    law: _Law,
+def _estimate(
+    law: Law,
+    adaptive: bool,
     memory: np.ndarray,
     curvature: np.ndarray,
     rate: np.ndarray,
@@ -165,7 +150,7 @@ def _learn(
     point, jacobian = np.empty(2), np.empty((2, n))
     planar_arm.tip(arm, curvature, point, jacobian)
     share = 1.0
-    scale = stiffness_factor(law.adaptive, information)
+    scale = stiffness_factor(adaptive, information)
     if begun[0]:
         share = 1 - np.exp(-_OFFSET_BANDWIDTH * PERIOD)
         scale = update_estimate(
@@ -177,7 +162,7 @@ def _learn(
             rate,
             previous * limit,
             limit,
-            law.adaptive,
+            adaptive,
             information,
             force,
         )
@@ -190,7 +175,8 @@ def _learn(
 
 @kernel
 def _act(
-    law: _Law,
+    law: Law,
+    adaptive: bool,
     memory: np.ndarray,
     curvature: np.ndarray,
     rate: np.ndarray,
@@ -200,32 +186,32 @@ def _act(
     previous: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (n_inputs,), next memory and code."""
-    arm, table, limit, times = law.arm, law.table, law.limit, law.times
+    arm, limit = law.arm, law.limit
     n, m = arm.inputs.shape
     original, memory = memory, memory.copy()
     sound = finite(curvature) and finite(rate) and finite(tip) and finite(previous)
-    _, _, force, inputs, offset, _, jump, begun = _split(memory, n, m)
+    _, _, force, inputs, offset, _, smoothing, begun = _split(memory, n, m)
     if not (sound and finite(target) and finite(preview)):
         begun[0] = 0.0  # the next balance of forces would span more than a period
         return kept(previous), memory, NOT_FINITE
-    scale = _learn(law, memory, curvature, rate, tip, previous)
+    scale = _estimate(law, adaptive, memory, curvature, rate, tip, previous)
 
-    points = np.empty((len(times), 2))
+    points = np.empty((len(_TIMES), 2))
     points[0] = target
-    for k in range(1, len(times)):
+    for k in range(1, len(_TIMES)):
         points[k, 0], points[k, 1] = preview[2 * k - 2], preview[2 * k - 1]
-    jumps.smoothed(PERIOD, target, times, jump, points)
+    smoothed(PERIOD, target, _TIMES, smoothing, points)
     rest, inverse = np.empty(n), np.empty((m, 2))
     gap = follow(arm, points[0] - offset, force, scale, RELAXATION, limit, inputs, rest, inverse)
-    velocity = (points[1] - points[0]) / times[1]
-    if np.hypot(velocity[0], velocity[1]) * PERIOD > jumps.JUMP:
+    velocity = (points[1] - points[0]) / _TIMES[1]
+    if np.hypot(velocity[0], velocity[1]) * PERIOD > JUMP:
         velocity[:] = 0.0  # a jump ahead is no motion
     inputs_rate = inverse @ velocity
     rest_rate = arm.inputs @ inputs_rate / (scale * arm.stiffness)
 
-    knots = len(times) - 1
+    knots = len(_TIMES) - 1
     gains = np.empty(m * 2 * (n + knots))
-    inside = interpolate(table, curvature, gains)
+    inside = interpolate(law.table, curvature, gains)
     gain = gains.reshape(m, 2 * (n + knots))
     wanted = inputs + arm.damping_time * inputs_rate
     for j in range(m):
@@ -234,19 +220,63 @@ def _act(
             wanted[j] -= gain[j, n + i] * (rate[i] - rest_rate[i])
         for k in range(knots):
             for i in range(2):
-                ahead = points[k + 1, i] - points[0, i] - times[k + 1] * velocity[i]
+                ahead = points[k + 1, i] - points[0, i] - _TIMES[k + 1] * velocity[i]
                 wanted[j] += gain[j, 2 * (n + k) + i] * ahead
-    action = np.empty(m)
-    saturated = limited(wanted, limit, action)
-    if unsound(action, memory):
-        return kept(previous), original, NOT_FINITE
-    if saturated:
-        return action, memory, SATURATED
-    if gap > REACH:
-        return action, memory, UNREACHABLE
-    return action, memory, FINE if inside else OUTSIDE
+    return conclude(wanted, law, gap, inside, previous, original, memory)
 
 
 def environment() -> dict[str, Any]:
     """Keyword arguments of the environment that the policy needs."""
     return {"control_period": PERIOD, "preview": KNOTS}
+
+
+def preview_design(
+    arm: PlanarArm, curvature: np.ndarray, period: float = PERIOD, weights: Weights = Weights()
+) -> np.ndarray:
+    """Gains of u = -K x + sum_i G_i r_i, flattened to (n_inputs * (2 n + 2 * knots),).
+
+    x = (curvatures, rates) and r_i, the reference at the i-th knot, are deviations from an
+    operating point. The optimum for a known reference: with P from Riccati's equation,
+    W = (R + B'PB)^-1, and A_c = A - BK, the reference j steps ahead enters through W B' A_c'^(j-1).
+    Beyond the last knot it is taken to stay there.
+
+    Args:
+        arm: The arm.
+        curvature: (n,) [1/m] of the operating point.
+        period: [s] between decisions.
+        weights: Of the cost.
+    """
+    continuous_a, continuous_b, position = linear_model(arm, curvature)
+    a, b = discretized(continuous_a, continuous_b, period)
+    speed = np.roll(position, arm.n, axis=1)
+    state_weight = position.T @ position + weights.velocity * speed.T @ speed
+    # Riccati's equation needs every state in the cost; this is far below the rest.
+    state_weight += 1e-12 * np.eye(len(a))
+    m = b.shape[1]
+    riccati = solve_discrete_are(a, b, state_weight, weights.inputs * np.eye(m))
+    gain = np.linalg.solve(weights.inputs * np.eye(m) + b.T @ riccati @ b, b.T)
+    feedback = gain @ riccati @ a
+    closed = a - b @ feedback
+    steps = round(KNOTS[-1] / period)
+    per_step = np.zeros((m, 2, steps + 1))
+    for j in range(1, steps + 1):
+        per_step[:, :, j] += gain @ position.T
+        by_speed = weights.velocity * gain @ speed.T / (2 * period)
+        if j < steps:
+            per_step[:, :, j + 1] += by_speed
+            per_step[:, :, j - 1] -= by_speed
+        gain = gain @ closed.T
+    rest = np.linalg.solve(np.eye(len(a)) - closed, gain.T).T
+    per_step[:, :, -1] += rest @ position.T
+    preview = per_step @ _hats(steps, period)
+    return np.concatenate([feedback, preview.transpose(0, 2, 1).reshape(m, -1)], axis=1).ravel()
+
+
+def _hats(steps: int, period: float) -> np.ndarray:
+    """Weights (steps + 1, knots) with which the reference at every step follows from the knots.
+
+    The present reference, from which the others deviate, has none.
+    """
+    times = period * np.arange(steps + 1)
+    points = np.concatenate(([0.0], KNOTS))
+    return np.stack([np.interp(times, points, row) for row in np.eye(len(points))[1:]], axis=1)

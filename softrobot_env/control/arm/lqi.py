@@ -1,37 +1,25 @@
 """LQI control with gain scheduling (thesis sec. 6.4, with the audit's corrections)."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_continuous_are
 
-from softrobot_env.beams.closed_forms import planar_arm
-from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
-from softrobot_env.beams.numerics.compilation import kernel, reference, structure
-from softrobot_env.control.arm.operating_points import GainTable, interpolate, load_gains
-from softrobot_env.control.arm.statics import REACH, RELAXATION, follow
-from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
-from softrobot_env.control.status import (
-    FINE,
-    NOT_FINITE,
-    OUTSIDE,
-    SATURATED,
-    UNREACHABLE,
-    Memory,
-    excess,
-    finite,
-    kept,
-    limited,
-    unsound,
+from softrobot_env.beams.closed_forms.planar_arm import PlanarArm
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.arm.operating_points import (
+    PERIOD,
+    Law,
+    ScheduledController,
+    conclude,
+    interpolate,
+    linear_model,
 )
+from softrobot_env.control.arm.statics import REACH, RELAXATION, follow
+from softrobot_env.control.base import usable
+from softrobot_env.control.status import FINE, NOT_FINITE, Memory, excess, finite, kept
 from softrobot_env.interfaces import Observation
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.actuation import TendonMap
-
-#: [s] between decisions.
-PERIOD = 1e-3
 
 #: Weights on the integrated tip error and on the inputs. The thesis gives none; this ratio comes
 #: closest to its rise times (audit of sec. 6.4).
@@ -39,16 +27,7 @@ ERROR_WEIGHT = 10.0  # 1/(m s)2
 INPUT_WEIGHT = 1e-6  # 1/N2
 
 
-@structure
-class _Law(NamedTuple):
-    """What the kernel needs of a robot; one argument is faster to pass than three."""
-
-    arm: PlanarArm
-    table: GainTable
-    limit: np.ndarray
-
-
-class LQI(Controller):
+class LQI(ScheduledController):
     """u = -K(sigma) (x - x_OP) - K_i(sigma) int (z - z_ref) dt + u_OP, corrected (6.28).
 
     x holds curvatures and their rates; x_OP and u_OP are the equilibrium with the tip at the
@@ -63,47 +42,23 @@ class LQI(Controller):
     def __init__(
         self, robot: RobotParams, control_period: float, gains: Path | None = None
     ) -> None:
-        """Load the gain table.
-
-        Args:
-            robot: Nominal robot.
-            control_period: [s] between calls, a part of 1 ms or 1 ms.
-            gains: Gain table; the shipped one unless given.
-
-        Raises:
-            ValueError: Another control period, or a table of another robot.
-        """
-        self.hold = hold_for(PERIOD, control_period, "lqi")
-        self.sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
-        arm = make_planar_arm(robot)
-        self._limit = TendonMap(robot).input_scale
-        path = models_dir() / "lqi.npz" if gains is None else gains
-        n, m = arm.inputs.shape
-        table = load_gains(path, robot, "softrobot train lqi", m * (2 * n + 2))
-        self._law = reference(_Law(arm, table, self._limit))
+        """Load the gain table; arguments and errors as `ScheduledController`."""
+        super().__init__(robot, control_period, "lqi", gains, count=2)
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the inputs in force, without integrated error."""
-        inputs = usable(observation["previous_action"]) * self._limit
+        inputs = usable(observation["previous_action"]) * self._law.limit
         return Memory(np.concatenate([inputs, np.zeros(2)]), FINE)
 
     def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
         """The control law."""
-        action, values, code = _act(
-            self._law,
-            state.values,
-            observation["curvature"],
-            observation["curvature_rate"],
-            observation["tip_position"],
-            observation["reference"],
-            observation["previous_action"],
-        )
+        action, values, code = _act(self._law, state.values, *self._seen(observation))
         return action, Memory(values, code)
 
 
 @kernel
 def _act(
-    law: _Law,
+    law: Law,
     memory: np.ndarray,
     curvature: np.ndarray,
     rate: np.ndarray,
@@ -135,15 +90,7 @@ def _act(
     if gap <= REACH and (beyond == 0 or beyond < excess(wanted, limit)):
         integral += step
         wanted = integrated
-    action = np.empty(m)
-    saturated = limited(wanted, limit, action)
-    if unsound(action, memory):
-        return kept(previous), before, NOT_FINITE
-    if saturated:
-        return action, memory, SATURATED
-    if gap > REACH:
-        return action, memory, UNREACHABLE
-    return action, memory, FINE if inside else OUTSIDE
+    return conclude(wanted, law, gap, inside, previous, before, memory)
 
 
 def design(arm: PlanarArm, curvature: np.ndarray) -> np.ndarray:
@@ -161,23 +108,3 @@ def design(arm: PlanarArm, curvature: np.ndarray) -> np.ndarray:
     weights = np.diag([0.0] * states + [ERROR_WEIGHT] * 2)
     riccati = solve_continuous_are(a, b, weights, INPUT_WEIGHT * np.eye(m))
     return (b.T @ riccati / INPUT_WEIGHT).ravel()
-
-
-def linear_model(
-    arm: PlanarArm, curvature: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B and C of (6.25) to (6.27) for x = (curvatures, rates) and the tip (x, z).
-
-    Args:
-        arm: The arm.
-        curvature: (n,) [1/m], at rest in equilibrium.
-    """
-    n = arm.n
-    mass, gyroscopic, point, jacobian = np.empty((n, n)), np.empty(n), np.empty(2), np.empty((2, n))
-    planar_arm.inertia_forces(arm, curvature, np.zeros(n), mass, gyroscopic)
-    planar_arm.tip(arm, curvature, point, jacobian)
-    inverse = np.linalg.inv(mass)
-    stiffness = arm.stiffness * inverse
-    a = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -arm.damping_time * stiffness]])
-    b = np.vstack([np.zeros_like(arm.inputs), inverse @ arm.inputs])
-    return a, b, np.hstack([jacobian, np.zeros((2, n))])

@@ -1,19 +1,41 @@
-"""Gains on a regular grid of operating points, and their interpolation (thesis sec. 6.4).
+"""Laws whose gains are scheduled by the operating point (thesis sec. 6.4).
+
+The linear model at a point, gains on a regular grid of points and in a file, their interpolation.
 
 Without outer forces an equilibrium of the arm is given by one curvature of each third; the
 scheduling variables are those of the first piece of each third, sigma = (beta_1, beta_3, beta_5).
 """
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import expm
 
+from softrobot_env.beams.closed_forms import planar_arm
+from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
+from softrobot_env.control.arm.statics import REACH
+from softrobot_env.control.base import Controller, hold_for, state_sizes
+from softrobot_env.control.status import (
+    FINE,
+    NOT_FINITE,
+    OUTSIDE,
+    SATURATED,
+    UNREACHABLE,
+    finite,
+    kept,
+    limited,
+)
+from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import TendonMap
+
+#: [s] between decisions of a law.
+PERIOD = 1e-3
 
 #: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points
 #: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be
@@ -36,17 +58,74 @@ class GainTable(NamedTuple):
     gains: np.ndarray
 
 
-@dataclass(frozen=True)
-class OperatingPoint:
-    """A point of the grid.
+@structure
+class Law(NamedTuple):
+    """What the kernel of a law needs of a robot; one argument is faster to pass than three.
 
     Attributes:
-        index: Place (i, j, k) in the grid.
-        curvature: (pieces,) [1/m].
+        arm: The nominal arm.
+        table: Its gains.
+        limit: (n_inputs,) [N], full-scale inputs.
     """
 
-    index: tuple[int, int, int]
-    curvature: np.ndarray
+    arm: PlanarArm
+    table: GainTable
+    limit: np.ndarray
+
+
+class ScheduledController(Controller):
+    """A controller that decides every millisecond by gains out of a table, in one kernel."""
+
+    def __init__(
+        self, robot: RobotParams, control_period: float, name: str, gains: Path | None, count: int
+    ) -> None:
+        """Load the gain table.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between calls, a part of 1 ms or 1 ms.
+            name: Of the policy, whose table is the shipped one.
+            gains: Gain table; the shipped one unless given.
+            count: Number of gains per input, besides those of the states.
+
+        Raises:
+            ValueError: Another control period, or a table of another robot.
+        """
+        self.hold = hold_for(PERIOD, control_period, name)
+        self.sizes = state_sizes(robot)
+        arm, path = make_planar_arm(robot), models_dir() / f"{name}.npz"
+        n, m = arm.inputs.shape
+        command, size = f"softrobot train {name}", m * (2 * n + count)
+        table = load_gains(path if gains is None else gains, robot, command, size)
+        self._seen = itemgetter(*self.requires)
+        self._law = reference(Law(arm, table, TendonMap(robot).input_scale))
+
+
+def linear_model(
+    arm: PlanarArm, curvature: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A, B and C of (6.25) to (6.27) for x = (curvatures, rates) and the tip (x, z).
+
+    Args:
+        arm: The arm.
+        curvature: (n,) [1/m], at rest in equilibrium.
+    """
+    n = arm.n
+    mass, gyroscopic, point, jacobian = np.empty((n, n)), np.empty(n), np.empty(2), np.empty((2, n))
+    planar_arm.inertia_forces(arm, curvature, np.zeros(n), mass, gyroscopic)
+    planar_arm.tip(arm, curvature, point, jacobian)
+    inverse = np.linalg.inv(mass)
+    stiffness = arm.stiffness * inverse
+    a = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -arm.damping_time * stiffness]])
+    b = np.vstack([np.zeros_like(arm.inputs), inverse @ arm.inputs])
+    return a, b, np.hstack([jacobian, np.zeros((2, n))])
+
+
+def discretized(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """Exact A (n, n) and B (n, m) over a period [s] with constant inputs."""
+    n, m = b.shape
+    both = expm(period * np.block([[a, b], [np.zeros((m, n + m))]]))
+    return both[:n, :n], both[:n, n:]
 
 
 def axes() -> list[np.ndarray]:
@@ -54,12 +133,10 @@ def axes() -> list[np.ndarray]:
     return [np.linspace(-limit, limit, count) for count, limit in GRID]
 
 
-def operating_points(pieces: int) -> Iterator[OperatingPoint]:
-    """All points, for a robot whose thirds have pieces / 3 pieces each."""
-    points = axes()
-    for index in product(*(range(len(axis)) for axis in points)):
-        sigma = [axis[i] for axis, i in zip(points, index, strict=True)]
-        yield OperatingPoint(index, np.repeat(sigma, pieces // 3))
+def operating_points(pieces: int) -> Iterator[np.ndarray]:
+    """Curvatures (pieces,) [1/m] of all points, for thirds of pieces / 3 pieces each."""
+    for sigma in product(*axes()):
+        yield np.repeat(sigma, pieces // 3)
 
 
 def build_gains(
@@ -74,14 +151,11 @@ def build_gains(
         design: Function from the curvature (pieces,) [1/m] of an operating point to gains (k,).
         progress: Called with the numbers of points done and of all points.
     """
-    shape = tuple(count for count, _ in GRID)
-    total, table = int(np.prod(shape)), None
-    for done, point in enumerate(operating_points(robot.pieces)):
-        gains = design(point.curvature)
-        table = np.empty((*shape, len(gains))) if table is None else table
-        table[point.index] = gains
-        progress(done + 1, total)
-    return table
+    shape, gains = tuple(count for count, _ in GRID), []
+    for curvature in operating_points(robot.pieces):
+        gains.append(design(curvature))
+        progress(len(gains), int(np.prod(shape)))
+    return np.reshape(gains, (*shape, -1))
 
 
 def identity(robot: RobotParams) -> np.ndarray:
@@ -161,3 +235,36 @@ def interpolate(table: GainTable, curvature: np.ndarray, out: np.ndarray) -> boo
         for k in range(len(out)):
             out[k] += weight * gains[k]
     return inside
+
+
+@kernel
+def conclude(
+    wanted: np.ndarray,
+    law: Law,
+    gap: float,
+    inside: bool,
+    previous: np.ndarray,
+    before: np.ndarray,
+    memory: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Action (n_inputs,), next memory (k,) and code of a decision.
+
+    Args:
+        wanted: (n_inputs,) [N].
+        law: Whose limits hold.
+        gap: [m], from the operating point's tip to the reference.
+        inside: Whether the operating point lies in the table's grid.
+        previous: (n_inputs,) [1], action kept if an observation, though finite, was too absurd to
+            compute with.
+        before: (k,), memory kept then.
+        memory: (k,), of this decision.
+    """
+    action = np.empty(len(wanted))
+    saturated = limited(wanted, law.limit, action)
+    if not (finite(action) and finite(memory)):
+        return kept(previous), before, NOT_FINITE
+    if saturated:
+        return action, memory, SATURATED
+    if gap > REACH:
+        return action, memory, UNREACHABLE
+    return action, memory, FINE if inside else OUTSIDE

@@ -7,9 +7,10 @@ import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import Controller, hold_for
+from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, Said
 from softrobot_env.interfaces import Observation
-from softrobot_env.learned.network import Network
-from softrobot_env.learned.quasi_static import load_for
+from softrobot_env.learned.inference import absorbed
+from softrobot_env.learned.network import Network, load_for
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -28,24 +29,14 @@ _REQUIRES = ("tip_position", "reference_preview", "previous_action")
 _LIMITED, _OUTSIDE, _BAD = 1, 2, 4  # codes of `_decide`; `_BAD` plus the index of an observable
 _STATUSES = (
     None,
-    "tension limit reached",
+    REASONS[SATURATED],
     "outside the trained workspace",
-    "outside the trained workspace, tension limit reached",
-    *(f"observation not finite: {name}" for name in _REQUIRES),
+    f"outside the trained workspace, {REASONS[SATURATED]}",
+    *(f"{REASONS[NOT_FINITE]}: {name}" for name in _REQUIRES),
 )
 
 
-class QuasiStaticState(NamedTuple):
-    """What is to be said of a decision; the next one needs nothing of it.
-
-    Attributes:
-        status: Why the action is not the one wanted, or None.
-    """
-
-    status: str | None
-
-
-_STATES = tuple(QuasiStaticState(status) for status in _STATUSES)
+_STATES = tuple(Said(status) for status in _STATUSES)
 
 
 class _Folded(NamedTuple):
@@ -94,7 +85,7 @@ class QuasiStaticNetwork(Controller):
         self._n_inputs = len(robot.tendons) // 2
         self.sizes = {"tip_position": 2, "previous_action": self._n_inputs}
 
-    def start(self, observation: Observation) -> QuasiStaticState:
+    def start(self, observation: Observation) -> Said:
         """Nothing is remembered.
 
         Raises:
@@ -108,9 +99,7 @@ class QuasiStaticNetwork(Controller):
             )
         return _STATES[0]
 
-    def act(
-        self, observation: Observation, state: QuasiStaticState
-    ) -> tuple[np.ndarray, QuasiStaticState]:
+    def act(self, observation: Observation, state: Said) -> tuple[np.ndarray, Said]:
         """What the network gives, within the tension limit."""
         action = np.empty(self._n_inputs, np.float32)
         # One by one: a structure costs a call more than all of them.
@@ -131,13 +120,11 @@ def _fold(network: Network, input_scale: np.ndarray, workspace: np.ndarray) -> _
     """Fold all scaling into the weights."""
     if len(network.weights) != 2:
         raise ValueError(f"qs_nn has one hidden layer, this network {len(network.weights) - 1}")
-    unit = np.concatenate((np.ones(4), input_scale))  # SI units per unit of the observation
-    into = network.weights[0] / network.inputs.half
-    threshold = network.biases[0] - into @ network.inputs.centre
-    half = network.outputs.half / input_scale
+    (into, threshold), (out, offset) = absorbed(network)
+    into[:, 4:] *= input_scale  # of actions, not inputs in N
     return _Folded(
-        np.hstack([into * unit, threshold[:, None], (network.weights[1] * half[:, None]).T]),
-        network.biases[1] * half + network.outputs.centre / input_scale,
+        np.hstack([into, threshold[:, None], (out / input_scale[:, None]).T]),
+        offset / input_scale,
         workspace + _MARGIN * np.array([-1.0, 1.0]),
     )
 

@@ -11,25 +11,13 @@ from softrobot_env.control.arm.estimation import PRIOR, update_estimate
 from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.mpc.optimisation import Iterate, Optimiser, Problem
 from softrobot_env.control.mpc.settings import PREVIEW, THESIS, MPCSettings
+from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
 #: Part of the limit from which an input counts as saturated.
 _FULL = 1 - 1e-9
-
-
-@dataclass(frozen=True)
-class Plan:
-    """An optimum to begin the next optimisation from.
-
-    Attributes:
-        inputs: (c, n_inputs) [N].
-        guess: (p, stages, n) [1/(m s2)], accelerations over the horizon.
-    """
-
-    inputs: np.ndarray
-    guess: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -61,7 +49,7 @@ class MPCState:
     """
 
     action: np.ndarray
-    plan: Plan | None
+    plan: Iterate | None
     seen: np.ndarray | None
     estimate: Estimate
     status: str | None
@@ -93,7 +81,7 @@ class MPC(Controller):
         """
         self.hold = hold_for(settings.period, control_period, "model predictive control")
         self.requires = _required(settings)
-        sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
+        sizes = state_sizes(robot)
         self.sizes = {name: size for name, size in sizes.items() if name in self.requires}
         self._reach = robot.length
         self._settings, self._arm = settings, make_planar_arm(robot)
@@ -121,7 +109,7 @@ class MPC(Controller):
         """First input of the optimum, or the last action that was determined."""
         for name in self.requires:
             if not np.all(np.isfinite(observation[name])):
-                status = f"observation not finite: {name}"
+                status = f"{REASONS[NOT_FINITE]}: {name}"
                 return state.action, replace(state, plan=None, seen=None, status=status, costs=())
         seen = np.stack([observation["curvature"], observation["curvature_rate"]])
         before = self._limit * observation["previous_action"]
@@ -131,7 +119,7 @@ class MPC(Controller):
         optimum = self._optimiser.minimise(problem, *self._beginning(before, state))
         now = MPCState(state.action, None, seen, estimate, None, optimum.costs)
         if np.hypot(*observation["reference"]) > self._reach:
-            now = replace(now, status="reference out of reach")
+            now = replace(now, status=REASONS[UNREACHABLE])
         if optimum.failure is not None:
             reasons = filter(None, (now.status, f"last action kept: {optimum.failure}"))
             return now.action, replace(now, status="; ".join(reasons))
@@ -139,9 +127,8 @@ class MPC(Controller):
 
     def _apply(self, optimum: Iterate, state: MPCState) -> tuple[np.ndarray, MPCState]:
         action = np.clip(optimum.inputs[0] / self._limit, -1.0, 1.0)
-        status = "tension limit reached" if np.any(np.abs(action) >= _FULL) else state.status
-        plan = Plan(optimum.inputs, optimum.guess)
-        return action, replace(state, action=action, plan=plan, status=status)
+        status = REASONS[SATURATED] if np.any(np.abs(action) >= _FULL) else state.status
+        return action, replace(state, action=action, plan=optimum, status=status)
 
     def _beginning(self, before: np.ndarray, state: MPCState) -> tuple[np.ndarray, np.ndarray]:
         """Inputs and accelerations to begin from: the last plan, one period on."""
@@ -195,7 +182,7 @@ def _required(settings: MPCSettings) -> tuple[str, ...]:
 
 
 def make_preview(robot: RobotParams, control_period: float) -> MPC:
-    """The controller with preview and estimates, see `mpc_settings.PREVIEW`."""
+    """The controller with preview and estimates, see `settings.PREVIEW`."""
     return MPC(robot, control_period, PREVIEW)
 
 

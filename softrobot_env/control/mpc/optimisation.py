@@ -1,4 +1,7 @@
-"""Sequential quadratic programming over a horizon of the planar arm."""
+"""Sequential quadratic programming over a horizon of the planar arm.
+
+The quadratic programs are solved by the dual active-set solver DAQP (Arnstroem et al. 2022).
+"""
 
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -6,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.control.mpc.prediction import evaluate
-from softrobot_env.control.mpc.quadratic_program import BoundedSolver
 from softrobot_env.control.mpc.settings import MPCSettings
 
 #: Share of the decrease that the model promises which a step must bring, and halvings for it.
@@ -16,9 +18,12 @@ _HALVINGS = 10
 #: Promised decrease relative to the cost that drowns in rounding errors.
 _ROUNDING = 1e-11
 
+#: DAQP's flag of an optimum, and its tolerance [N] on the bounds.
+_OPTIMAL, _TOLERANCE = 1, 1e-9
+
 
 class Problem(NamedTuple):
-    """What is given at a decision; shapes and units as in `mpc_prediction.evaluate`."""
+    """What is given at a decision; shapes and units as in `prediction.evaluate`."""
 
     arm: Any
     start: np.ndarray
@@ -60,6 +65,30 @@ class Optimum(NamedTuple):
     last: Iterate
     costs: tuple[float, ...]
     failure: str | None
+
+
+class BoundedSolver:
+    """Solver of strictly convex programs min 1/2 x H x + g x with finite bounds on x."""
+
+    def __init__(self) -> None:
+        """Raise ImportError if DAQP is not installed."""
+        try:
+            from daqp import solve
+        except ImportError as reason:
+            raise ImportError(
+                'model predictive control needs the package daqp: pip install "softrobot_env[mpc]"'
+            ) from reason
+        self._solve = solve
+
+    def __call__(
+        self, hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray
+    ) -> np.ndarray | None:
+        """Minimum (k,) for H (k, k), g (k,) and bounds (k,); None if none was found."""
+        rows = np.empty((0, len(gradient)))
+        x, _, flag, _ = self._solve(hessian, gradient, rows, upper, lower, primal_tol=_TOLERANCE)
+        if flag != _OPTIMAL or not np.all(np.isfinite(x)):
+            return None
+        return np.clip(x, lower, upper)
 
 
 class Optimiser:

@@ -257,44 +257,39 @@ def _add_square(
 
 
 @kernel
-def _input_cost(k: int, horizon: Any, inputs: np.ndarray, before: np.ndarray) -> float:
-    """Cost of the inputs in step k and of their change at its start."""
-    block, earlier = horizon.block[k], horizon.block[k - 1] if k > 0 else -1
-    cost = 0.0
-    for j in range(inputs.shape[1]):
-        u = inputs[block, j]
-        cost += horizon.effort[k] * u * u
-        if earlier != block:
-            change = u - (inputs[earlier, j] if earlier >= 0 else before[j])
-            cost += horizon.change[k] * change * change
-    return cost
-
-
-@kernel
-def _add_input_model(
+def _add_inputs(
     k: int,
     horizon: Any,
     inputs: np.ndarray,
     before: np.ndarray,
     gradient: np.ndarray,
     hessian: np.ndarray,
-) -> None:
-    """Add the derivatives of `_input_cost` to gradient and Hessian."""
+) -> float:
+    """Cost of the inputs in step k and of their change at its start.
+
+    Its derivatives are added to gradient and Hessian, unless these are empty.
+    """
     block, earlier = horizon.block[k], horizon.block[k - 1] if k > 0 else -1
-    m, effort, weight = inputs.shape[1], horizon.effort[k], horizon.change[k]
+    m, effort, weight, cost = inputs.shape[1], horizon.effort[k], horizon.change[k], 0.0
     for j in range(m):
+        u, change = inputs[block, j], 0.0
+        if earlier != block:
+            change = u - (inputs[earlier, j] if earlier >= 0 else before[j])
+        cost += effort * u * u + weight * change * change
+        if len(gradient) == 0:
+            continue
         i, o = block * m + j, earlier * m + j
-        gradient[i] += 2 * effort * inputs[block, j]
+        gradient[i] += 2 * effort * u
         hessian[i, i] += 2 * effort
         if earlier == block:
             continue
-        change = inputs[block, j] - (inputs[earlier, j] if earlier >= 0 else before[j])
         gradient[i] += 2 * weight * change
         hessian[i, i] += 2 * weight
         if earlier >= 0:
             gradient[o] -= 2 * weight * change
             hessian[o, o] += 2 * weight
             hessian[i, o] -= 2 * weight
+    return cost
 
 
 class _Tip(NamedTuple):
@@ -373,9 +368,7 @@ def evaluate(
             cost += horizon.error[k] * error * error + horizon.rate[k] * rate * rate
             _add_square(horizon.error[k], error, tip.rows[x], end, gradient, hessian)
             _add_square(horizon.rate[k], rate, rate_row, end, gradient, hessian)
-        cost += _input_cost(k, horizon, inputs, before)
-        if count > 0:
-            _add_input_model(k, horizon, inputs, before, gradient, hessian)
+        cost += _add_inputs(k, horizon, inputs, before, gradient, hessian)
     for i in range(count):
         for j in range(i):
             hessian[j, i] = hessian[i, j]

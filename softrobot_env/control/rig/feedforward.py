@@ -6,7 +6,7 @@
 
 and beyond the thesis: the reference half a control period ahead, as an input that is held for a
 period lags by half of it; the model in several pieces; that model calibrated by the data that the
-network was trained with; and what is known of the servos, their speed and play.
+network was trained with; and what is known of the servos, their speed and backlash.
 """
 
 from math import inf
@@ -16,20 +16,21 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.control.base import Controller
-from softrobot_env.control.rig.identified import Learnt, turned
+from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import InverseModel, Motion, OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.control.rig.servo_flexible import InversionError
+from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
-_TURNING = 2e-3  # m/s, below which it is not clear on which side of its play a servo is
+_TURNING = 2e-3  # m/s, below which it is not clear on which side of its backlash a servo is
 _BLIND = 0.1  # s without a finite reference, after which it is given up
 
 _MOTION = ("reference", "reference_velocity", "reference_acceleration")
 _LIMITED, _OUTSIDE = "length limit reached", "outside the trained workspace"
-_UNREACHABLE, _NOT_FINITE = "reference out of reach", "observation not finite"
+_UNREACHABLE, _NOT_FINITE = REASONS[UNREACHABLE], REASONS[NOT_FINITE]
 _SLACK, _SLOW = "tendon would slacken", "servo too slow"
 
 
@@ -79,20 +80,20 @@ class RigFeedforward(Controller):
         self,
         robot: RobotParams,
         control_period: float,
-        learnt: Learnt | None = None,
+        learnt: IdentifiedParameters | None = None,
         model: InverseModel | None = None,
         ahead: bool = False,
-        play: float | None = None,
+        backlash: float | None = None,
     ) -> None:
         """Put the parts together.
 
         Args:
             robot: Nominal rig.
             control_period: [s] between calls.
-            learnt: Statics of the rig; those of the model unless given.
+            learnt: Identified parameters, whose statics count; those of the model unless given.
             model: Dynamics; the controller is quasi-static unless given.
             ahead: Take the reference half a control period ahead.
-            play: [m], see `Learnt`; unless given, the servos are taken as ideal.
+            backlash: [m], see `IdentifiedParameters`; unless given, the servos are taken as ideal.
 
         Raises:
             ValueError: Neither statics nor a model are given, or the period is not positive and
@@ -103,9 +104,9 @@ class RigFeedforward(Controller):
                 f"control_period must be positive and finite, got {control_period!r} s"
             )
         if learnt is None and model is None:
-            raise ValueError("a feedforward controller needs learnt statics, a model or both")
+            raise ValueError("a feedforward controller needs identified statics, a model or both")
         self._network = None if learnt is None else learnt.statics
-        self._model, self._period, self._play = model, control_period, play
+        self._model, self._period, self._backlash = model, control_period, backlash
         self._lead = control_period / 2 if ahead else 0.0
         self._reach = SERVO_SPEED * control_period / LENGTH_SCALE  # of an action, in a period
         self._tendons = len(robot.tendons)
@@ -158,12 +159,12 @@ class RigFeedforward(Controller):
 
     def _driven(self, wanted: np.ndarray, before: np.ndarray | None) -> np.ndarray:
         """Commands (3,) [m] with which the horns are on average where they should be."""
-        if self._play is None or before is None:
+        if self._backlash is None or before is None:
             return wanted
         rate = (wanted - before) / self._period
         # A servo takes a while, |rate| T / speed, for its way in a period.
         late = np.minimum(np.abs(rate), SERVO_SPEED) * self._period / (2 * SERVO_SPEED)
-        return wanted + late * rate + self._play * np.tanh(rate / _TURNING)
+        return wanted + late * rate + self._backlash * np.tanh(rate / _TURNING)
 
     def _doubt(self, now: Motion, tension: np.ndarray | None, change: np.ndarray) -> str | None:
         """Why the rig will not do as wanted although the action (3,) is within its limits, or None.
@@ -181,16 +182,6 @@ class RigFeedforward(Controller):
         return _SLOW if max(map(abs, change.tolist())) > self._reach else None
 
 
-def make_network(
-    robot: RobotParams,
-    control_period: float,
-    learnt: Learnt | str | Path | None = None,
-    ahead: bool = False,
-) -> RigFeedforward:
-    """Quasi-static controller; `learnt` is what is known of the rig, or its file."""
-    return RigFeedforward(robot, control_period, _known(robot, learnt), ahead=ahead)
-
-
 def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False) -> RigFeedforward:
     """Inverse dynamics of the nominal rig in one piece."""
     return RigFeedforward(robot, control_period, model=OnePiece(robot), ahead=ahead)
@@ -199,42 +190,40 @@ def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False)
 def make_hybrid(
     robot: RobotParams,
     control_period: float,
-    learnt: Learnt | str | Path | None = None,
+    learnt: IdentifiedParameters | str | Path | None = None,
     model: str = "one piece",
     ahead: bool = False,
-    play: float | None = None,
+    backlash: bool = False,
 ) -> RigFeedforward:
     """Network plus the dynamic part of an inverse model.
 
     Args:
         robot: Nominal rig.
         control_period: [s] between calls.
-        learnt: What is known of the rig, or its file; the one shipped, of twin 0, unless given.
+        learnt: Identified parameters of the rig, or their file; the one shipped, of twin 0,
+            unless given.
         model: "one piece" of the nominal rig; "several pieces" of a rig that stands as that one
-            does; or "calibrated", several pieces of the rig as learnt.
-        ahead, play: See `RigFeedforward`.
+            does; "calibrated", several pieces of the rig as identified; or "none".
+        ahead: See `RigFeedforward`.
+        backlash: Whether to make up for the servos' delay and the backlash identified.
 
     Raises:
         ValueError: Another model, or a file of another robot.
         FileNotFoundError: No such file.
     """
-    known = _known(robot, learnt)
+    known = learnt
+    if not isinstance(learnt, IdentifiedParameters):
+        known = IdentifiedParameters.load(robot, learnt)
     models = {
         "one piece": lambda: OnePiece(robot),
         "several pieces": lambda: SeveralPieces(turned(robot, EQUIVALENT, 0.0)),
         "calibrated": lambda: SeveralPieces(known.believed(robot)),
+        "none": lambda: None,
     }
     if model not in models:
         raise ValueError(f"unknown model {model!r}; choose from {', '.join(models)}")
-    return RigFeedforward(robot, control_period, known, models[model](), ahead, play)
-
-
-def make_calibrated(
-    robot: RobotParams, control_period: float, learnt: Learnt | str | Path | None = None
-) -> RigFeedforward:
-    """The hybrid with all that goes beyond the thesis; arguments as `make_hybrid`."""
-    known = _known(robot, learnt)
-    return make_hybrid(robot, control_period, known, "calibrated", ahead=True, play=known.play)
+    width = known.backlash if backlash else None
+    return RigFeedforward(robot, control_period, known, models[model](), ahead, width)
 
 
 def _finite(lengths: np.ndarray) -> np.ndarray:
@@ -251,7 +240,3 @@ def _keep(observation: Observation, state: RigState, status: str) -> tuple[np.nd
         before = np.zeros_like(before) if state.action is None else state.action
     kept = np.clip(before, -1.0, 1.0)
     return kept, RigState(action=kept.copy(), status=status)
-
-
-def _known(robot: RobotParams, learnt: Learnt | str | Path | None) -> Learnt:
-    return learnt if isinstance(learnt, Learnt) else Learnt.load(robot, learnt)

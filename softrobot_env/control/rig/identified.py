@@ -1,9 +1,9 @@
-"""What is learnt of one rig from its quasi-static data, for its controllers.
+"""What is identified of one rig, for its controllers; `identification` finds it.
 
 A network z -> s of the statics (thesis sec. 5.1); two parameters of the rig in several pieces that
-describe the same data: the bending stiffness and how far the tendons are turned about the axis; the
-damping that makes that model calm down as the rig does; and the play between commands and tendons.
-A network knows the statics better than any model, but nothing of the dynamics.
+describe the same recording: the bending stiffness and how far the tendons are turned about the
+axis; the damping that makes that model calm down as the rig does; and the backlash between commands
+and tendons. A network knows the statics better than any model, but nothing of the dynamics.
 """
 
 from dataclasses import dataclass, replace
@@ -12,30 +12,22 @@ from math import cos, sin
 from pathlib import Path
 
 import numpy as np
-from scipy.optimize import least_squares
 
-from softrobot_env.control.rig.inverse import PIECES, TOTAL, hold_outputs, pulled_with_total
-from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.learned.inference import CompiledInference
-from softrobot_env.learned.network import Network
-from softrobot_env.learned.quasi_static import describe, load_for
+from softrobot_env.learned.network import Network, describe, load_for
 from softrobot_env.paths import models_dir
-from softrobot_env.robots import EQUIVALENT, RobotParams
+from softrobot_env.robots import RobotParams
 
-#: In the folder of models: what is learnt of twin 0.
+#: In the folder of models: the parameters of twin 0.
 FILE = "rig_nn.npz"
 _COMMAND = "softrobot train rig_nn"
 
-_NUMBERS = ("stiffness", "turn", "damping", "play")
-
-#: Rings [m] in which points are followed one after the other.
-_RING = 0.01
-_STEP = 1e-4
-_SCALE = 1e-3  # m, of the residuals
+#: Attribute -> name in the file.
+_NUMBERS = {"stiffness": "stiffness", "turn": "turn", "damping": "damping", "backlash": "play"}
 
 
 @dataclass(frozen=True)
-class Learnt:
+class IdentifiedParameters:
     """What is known of one rig.
 
     Attributes:
@@ -43,16 +35,16 @@ class Learnt:
         stiffness: Bending stiffness over that of the nominal rig [1].
         turn: [rad], of the tendons about the axis.
         damping: Bending damping over that of the nominal rig [1].
-        play: [m], by which a tendon lags behind its command whichever way that moves: half of the
-            servo's play, and friction over the tendon's stiffness; mean of the tendons.
-        twin: Seed of the twin that it was learnt of, None if it was another rig.
+        backlash: [m], by which a tendon lags behind its command whichever way that moves: half of
+            the servo's backlash, and friction over the tendon's stiffness; mean of the tendons.
+        twin: Seed of the twin that was identified, None if it was another rig.
     """
 
     network: Network
     stiffness: float
     turn: float
     damping: float
-    play: float
+    backlash: float
     twin: int | None = None
 
     @cached_property
@@ -66,12 +58,12 @@ class Learnt:
 
     def save(self, path: Path, robot: RobotParams, about: dict[str, object]) -> None:
         """Write an npz file, for the nominal robot, with more `about` it."""
-        numbers = {name: getattr(self, name) for name in _NUMBERS}
+        numbers = {name: getattr(self, own) for own, name in _NUMBERS.items()}
         twin = {} if self.twin is None else {"twin": self.twin}
         self.network.save(path, describe_rig(robot) | numbers | twin | about)
 
     @classmethod
-    def load(cls, robot: RobotParams, path: str | Path | None = None) -> "Learnt":
+    def load(cls, robot: RobotParams, path: str | Path | None = None) -> "IdentifiedParameters":
         """Read what `save` wrote.
 
         Args:
@@ -84,11 +76,11 @@ class Learnt:
         """
         path = models_dir() / FILE if path is None else Path(path)
         network, about = load_for(path, robot, _COMMAND, describe_rig)
-        missing = [name for name in _NUMBERS if name not in about]
+        missing = [name for name in _NUMBERS.values() if name not in about]
         if missing:
             raise ValueError(f"{path} lacks {', '.join(missing)}; make it anew with `{_COMMAND}`")
         twin = int(about["twin"]) if "twin" in about else None
-        return cls(network, *(float(about[name]) for name in _NUMBERS), twin)
+        return cls(network, *(float(about[name]) for name in _NUMBERS.values()), twin)
 
 
 def describe_rig(robot: RobotParams) -> dict[str, np.ndarray]:
@@ -125,41 +117,3 @@ def turned(
         damping_time=share * robot.damping_time,
         tendons=tuple(tendon.turned(turn) for tendon in robot.tendons),
     )
-
-
-def calibrate(robot: RobotParams, lengths: np.ndarray, outputs: np.ndarray) -> tuple[float, float]:
-    """Stiffness [1] and turn [rad] of the rig in several pieces that fit data best.
-
-    Least squares of the lengths, but for a constant of each tendon: pretension and the zero of a
-    servo are not asked for.
-
-    Args:
-        robot: The nominal rig.
-        lengths: s (n, 3) [m], with a constant sum of tensions.
-        outputs: z (n, 2) [m], measured.
-
-    Raises:
-        ValueError: Data of other shapes, or fewer than three.
-        InversionError: The model does not reach an output.
-    """
-    if len(lengths) < 3 or lengths.shape[1:] != (3,) or outputs.shape != (len(lengths), 2):
-        raise ValueError(
-            f"need three lengths (n, 3) or more and outputs (n, 2), got {lengths.shape} and "
-            f"{outputs.shape}"
-        )
-    order = _one_by_one(outputs)
-    lengths, outputs = lengths[order], outputs[order]
-
-    def missing(parameters: np.ndarray) -> np.ndarray:
-        model = FlexibleServoConstraints(turned(robot, *parameters), PIECES)
-        off = pulled_with_total(model.tripod, *hold_outputs(model, outputs), TOTAL) - lengths
-        return (off - off.mean(axis=0)).ravel() / _SCALE
-
-    found = least_squares(missing, (EQUIVALENT, 0.0), diff_step=_STEP)
-    return float(found.x[0]), float(found.x[1])
-
-
-def _one_by_one(points: np.ndarray) -> np.ndarray:
-    """Indices of points (n, 2) [m], ring by ring, each next to the one before."""
-    ring = np.round(np.hypot(*points.T) / _RING)
-    return np.lexsort((np.arctan2(points[:, 1], points[:, 0]), ring))

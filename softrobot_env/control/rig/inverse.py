@@ -10,14 +10,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
-from softrobot_env.control.rig.servo_dae import hold, hold_along
+from softrobot_env.control.rig.servo_dae import hold
 from softrobot_env.control.rig.servo_flexible import (
     FlexibleServoConstraints,
     InversionError,
     Progress,
 )
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import Tripod, mean_curvature
+from softrobot_env.robots.three_tendons import mean_curvature
 
 #: Sum of the tensions [N]. The nominal rig needs 25.7 N to respect its pretension up to 121 mm.
 TOTAL = 26.0
@@ -84,15 +84,15 @@ class OnePiece:
     """Servo constraints on one piece, in closed form (thesis sec. 5.2.2)."""
 
     def __init__(self, robot: RobotParams) -> None:
-        self._servo, self._tripod = ServoConstraints(robot), Tripod(robot)
+        self._servo = ServoConstraints(robot)
 
     def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
         """See `InverseModel`; nothing but a guess is remembered."""
-        found = self._servo.step(*then, guess=memory)
-        tension = self._tripod.with_total(found.reduced, TOTAL)
-        total = self._tripod.pulled(tension, self._servo.curvature(found.y))
-        dynamic = self._tripod.spread @ (found.reduced - found.static) / self._tripod.stiffness
-        return Pull(total, dynamic, tension), found.y
+        tendons = self._servo.tendons
+        y, _, _, reduced, static = self._servo.motion(*(x[None] for x in then), memory)[:, 0]
+        tension = tendons.with_total(reduced, TOTAL)
+        total = tendons.pulled(tension, self._servo.curvature(y))
+        return Pull(total, tendons.spread @ (reduced - static) / tendons.stiffness, tension), y
 
 
 class _Past(NamedTuple):
@@ -127,15 +127,15 @@ class SeveralPieces:
         """See `InverseModel`."""
         start = memory is None or _jumped(memory.now, now, period)
         past = self._begin(now, then) if start else self._go_on(memory, now, then, period)
-        tripod, rest = self._model.tripod, past.rest
-        tension = tripod.with_total(past.progress.reduced, TOTAL)
-        moving = tripod.pulled(tension, mean_curvature(past.progress.q[2]))
-        held = pulled_with_total(tripod, mean_curvature(rest[:-2]), rest[-2:], TOTAL)
+        tendons, rest = self._model.tendons, past.rest
+        tension = tendons.with_total(past.progress.reduced, TOTAL)
+        moving = tendons.pulled(tension, mean_curvature(past.progress.q[2]))
+        held = tendons.pulled(tendons.with_total(rest[-2:], TOTAL), mean_curvature(rest[:-2]))
         return Pull(moving, moving - held, tension), past
 
     def _begin(self, now: Motion, then: Motion) -> _Past:
         if not np.hypot(*then.position) < self._model.robot.reach:
-            raise InversionError(f"the output cannot be held at {then.position} m", 0.0)
+            raise _unheld(then)
         progress = self._model.start(then.position)
         rest = np.concatenate([progress.q[2], progress.reduced])
         return _Past(progress, rest, now)
@@ -149,8 +149,12 @@ class SeveralPieces:
             progress = self._model.step(progress, half, motion.position, motion.velocity)
         q, reduced = past.rest[:-2].copy(), past.rest[-2:].copy()
         if not hold(self._model.data, np.ascontiguousarray(then.position), q, reduced):
-            raise InversionError(f"the output cannot be held at {then.position} m", 0.0)
+            raise _unheld(then)
         return _Past(progress, np.concatenate([q, reduced]), now)
+
+
+def _unheld(there: Motion) -> InversionError:
+    return InversionError(f"the output cannot be held at {there.position} m", 0.0)
 
 
 def _jumped(before: Motion, now: Motion, period: float) -> bool:
@@ -161,39 +165,3 @@ def _jumped(before: Motion, now: Motion, period: float) -> bool:
     way = now.position - before.position - period / 2 * (before.velocity + now.velocity)
     way += period**2 / 12 * (now.acceleration - before.acceleration)
     return float(np.hypot(*way)) > _JUMP
-
-
-def pulled_with_total(
-    tripod: Tripod, curvature: np.ndarray, reduced: np.ndarray, total: float
-) -> np.ndarray:
-    """Lengths (..., 3) [m] for a sum of tensions, see `Tripod.with_total`.
-
-    Args:
-        tripod: The tendons.
-        curvature: (..., 2) [1/m].
-        reduced: (..., 2) [N].
-        total: The sum [N].
-    """
-    return tripod.pulled(tripod.with_total(reduced, total), curvature)
-
-
-def hold_outputs(
-    model: FlexibleServoConstraints, outputs: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Mean curvatures (n, 2) [1/m] and reduced inputs (n, 2) [N] that hold outputs (n, 2) [m].
-
-    Points are quickest one beside the other: where the way from one to the next is too far, it is
-    gone from the straight pose.
-
-    Raises:
-        InversionError: One of them cannot be held.
-    """
-    outputs = np.ascontiguousarray(outputs, dtype=float)
-    found, done = np.empty((len(outputs), model.model.n + 2)), 0
-    while done < len(outputs):
-        q, force = model.statics(outputs[done])
-        held = hold_along(model.data, outputs[done:], q, force, found[done:])
-        if held == 0:
-            raise InversionError(f"the output cannot be held at {outputs[done]} m", 0.0)
-        done += held
-    return mean_curvature(found[:, :-2]), found[:, -2:]

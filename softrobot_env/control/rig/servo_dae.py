@@ -53,13 +53,6 @@ def place_output(rig: FlexibleRig, q: np.ndarray, out: np.ndarray) -> None:
 
 
 @kernel
-def place_outputs(rig: FlexibleRig, q: np.ndarray, out: np.ndarray) -> None:
-    """Set out (k, 2) [m] to the places of the output for coordinates (k, n)."""
-    for k in range(len(q)):
-        place_output(rig, q[k], out[k])
-
-
-@kernel
 def output_matrix(rig: FlexibleRig, q: np.ndarray, out: np.ndarray) -> None:
     """Set out (2, n) to the derivative of the output."""
     moved, z = q.astype(np.complex128), np.empty(2, np.complex128)
@@ -155,27 +148,6 @@ def hold(rig: FlexibleRig, z: np.ndarray, q: np.ndarray, reduced: np.ndarray) ->
 
 
 @kernel
-def hold_along(
-    rig: FlexibleRig, z: np.ndarray, start: np.ndarray, force: np.ndarray, out: np.ndarray
-) -> int:
-    """Hold the output at z (k, 2), one after the other; number of places held.
-
-    Args:
-        rig: The rig.
-        z: Places [m].
-        start, force: (n,) and (2,), coordinates and reduced input near the first; overwritten.
-        out: (k, n + 2), set to the coordinates and the reduced inputs.
-    """
-    n = len(start)
-    for k in range(len(z)):
-        if not hold(rig, z[k], start, force):
-            return k
-        out[k, :n] = start
-        out[k, n:] = force
-    return len(z)
-
-
-@kernel
 def _solve_step(
     rig: FlexibleRig,
     share: float,
@@ -258,24 +230,3 @@ def advance(
         return _solve_step(rig, h, gain, q[1].copy(), v[1].copy(), z, dz, q[2], v[2], reduced)
     base_q, base_v = (4 * q[1] - q[0]) / 3, (4 * v[1] - v[0]) / 3
     return _solve_step(rig, 2 * h / 3, gain, base_q, base_v, z, dz, q[2], v[2], reduced)
-
-
-@kernel
-def integrate(
-    rig: FlexibleRig,
-    h: float,
-    gain: float,
-    z: np.ndarray,
-    dz: np.ndarray,
-    q: np.ndarray,
-    v: np.ndarray,
-    reduced: np.ndarray,
-) -> int:
-    """Set rows 1, 2, ... of q, v (k, n) and reduced (k, 2) from row 0; number of rows done."""
-    now_q, now_v, force = np.zeros((3, q.shape[1])), np.zeros((3, q.shape[1])), reduced[0].copy()
-    now_q[2], now_v[2] = q[0], v[0]
-    for k in range(1, len(q)):
-        if not advance(rig, h, gain, k == 1, z[k], dz[k], now_q, now_v, force):
-            return k
-        q[k], v[k], reduced[k] = now_q[2], now_v[2], force
-    return len(q)

@@ -13,20 +13,18 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
-from softrobot_env.beams.model import State
+from softrobot_env.beams.model import IntegrationError, State
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.beams.pcc import PCC, Station
 from softrobot_env.control.rig.servo_dae import (
     FlexibleRig,
     advance,
     hold,
-    hold_along,
-    integrate,
     output_matrix,
-    place_outputs,
+    place_output,
 )
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import Tripod, mean_curvature
+from softrobot_env.robots.three_tendons import ThreeTendons, mean_curvature
 from softrobot_env.tasks.trajectories import Trajectory
 
 _STATIC_STEP = 0.01  # m, of the output when its statics are followed
@@ -35,16 +33,8 @@ _LEAD = 4  # steps in which errors of the first one, by the implicit Euler metho
 STABILISATION = 50.0
 
 
-class InversionError(RuntimeError):
-    """Newton's iteration failed: the output cannot follow, or the step is too large.
-
-    Attributes:
-        time: [s] of the step.
-    """
-
-    def __init__(self, message: str, time: float) -> None:
-        super().__init__(message)
-        self.time = time
+class InversionError(IntegrationError):
+    """Newton's iteration failed: the output cannot follow, or the step is too large."""
 
 
 class FlexibleInverse(NamedTuple):
@@ -53,7 +43,7 @@ class FlexibleInverse(NamedTuple):
     Attributes:
         time: (k,) [s].
         q, v: (k, n), curvatures (beta, gamma) of the pieces [1/m] and their rates.
-        reduced: (k, 2) [N], F_red of `Tripod`.
+        reduced: (k, 2) [N], F_red of `ThreeTendons`.
         tension: (k, 3) [N], least tensions that respect the pretension.
         pulled: (k, 3) [m], lengths pulled in.
         dynamic: (k, 3) [m], what they have more than at rest in the same places: s_dyn of (5.36),
@@ -75,15 +65,12 @@ class Progress(NamedTuple):
     Attributes:
         q, v: (3, n), the last states, newest last.
         reduced: (2,) [N].
-        tension, pulled: (3,) [N, m], as in `FlexibleInverse`.
         steps: Steps taken.
     """
 
     q: np.ndarray
     v: np.ndarray
     reduced: np.ndarray
-    tension: np.ndarray
-    pulled: np.ndarray
     steps: int
 
 
@@ -93,7 +80,7 @@ class FlexibleServoConstraints:
     Attributes:
         robot: The rig.
         model: `PCC` of the rig, driven by tension.
-        tripod: Its tendons.
+        tendons: Its tendons.
         data: `FlexibleRig`, as a reference for kernels.
     """
 
@@ -116,10 +103,10 @@ class FlexibleServoConstraints:
         if robot.head is None:
             raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
         _check_ends(robot)
-        self.robot, self.tripod = robot, Tripod(robot)
+        self.robot, self.tendons = robot, ThreeTendons(robot)
         self.model = PCC(robot, pieces, axes="spatial", inertia=inertia)
         # Each piece of length l bends under the whole moment, lever * F_red.
-        moment = robot.length / self.model.pieces * self.tripod.lever * np.eye(2)
+        moment = robot.length / self.model.pieces * self.tendons.lever * np.eye(2)
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
         self.data = reference(
             FlexibleRig(
@@ -132,9 +119,9 @@ class FlexibleServoConstraints:
 
     def output(self, q: np.ndarray) -> np.ndarray:
         """Place (k, 2) [m] of the output beside the axis for curvatures (k, n) [1/m]."""
-        q = np.ascontiguousarray(q, dtype=float)
         out = np.empty((len(q), 2))
-        place_outputs(self.data, q, out)
+        for curvature, place in zip(np.ascontiguousarray(q, dtype=float), out, strict=True):
+            place_output(self.data, curvature, place)
         return out
 
     def statics(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -153,6 +140,24 @@ class FlexibleServoConstraints:
                 )
         return q, reduced
 
+    def hold(self, outputs: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Curvatures (k, n) [1/m] and reduced inputs (k, 2) [N] that hold outputs (k, 2) [m].
+
+        Points are quickest one beside the other: where the way from one to the next is too far,
+        it is gone from the straight pose.
+
+        Raises:
+            InversionError: One of them is out of reach.
+        """
+        outputs = np.ascontiguousarray(outputs, dtype=float)
+        found, forces = np.empty((len(outputs), self.model.n)), np.empty((len(outputs), 2))
+        q, reduced = self.statics(outputs[0])
+        for k, place in enumerate(outputs):
+            if not hold(self.data, place, q, reduced):
+                q, reduced = self.statics(place)
+            found[k], forces[k] = q, reduced
+        return found, forces
+
     def internal_poles(self, q: np.ndarray, reduced: np.ndarray) -> np.ndarray:
         """Poles (2 n - 4,) [1/s] of the internal dynamics at rest, slowest first.
 
@@ -163,7 +168,7 @@ class FlexibleServoConstraints:
             q: (n,) [1/m] in equilibrium.
             reduced: (2,) [N] that hold it.
         """
-        space = self.model.linearize(State(q, np.zeros_like(q)), self.tripod.tension(reduced))
+        space = self.model.linearize(State(q, np.zeros_like(q)), self.tendons.tension(reduced))
         outputs = np.empty((2, len(q)))
         output_matrix(self.data, q, outputs)
         hidden, free = _null_space(outputs), _null_space(self.data.inputs.T)
@@ -201,14 +206,17 @@ class FlexibleServoConstraints:
             np.ascontiguousarray(f(fine)[:, :2]) for f in (trajectory.position, trajectory.velocity)
         )
         q, v = np.empty((2, len(fine), self.model.n))
-        reduced = np.empty((len(fine), 2))
-        q[0], v[0], reduced[0] = self._begin(z[0], dz[0])
-        done = integrate(self.data, fine[1] - fine[0], stabilisation, z, dz, q, v, reduced)
-        if done < len(fine):
-            raise _failure(float(fine[done]), z[done])
+        reduced, past = np.empty((len(fine), 2)), np.zeros((2, 3, self.model.n))
+        past[0, 2], past[1, 2], force = self._begin(z[0], dz[0])
+        for k in range(len(fine)):
+            if k and not advance(
+                self.data, fine[1] - fine[0], stabilisation, k == 1, z[k], dz[k], *past, force
+            ):
+                raise _failure(float(fine[k]), z[k])
+            q[k], v[k], reduced[k] = *past[:, 2], force
         q, v, reduced = (x[_LEAD::substeps] for x in (q, v, reduced))
-        tension, pulled = self._inputs(q, reduced)
-        dynamic = pulled - self._pulled_at_rest(times, z[_LEAD::substeps], q[0], reduced[0])
+        tension, pulled = self.inputs(q, reduced)
+        dynamic = pulled - self.inputs(*self.hold(z[_LEAD::substeps]))[1]
         return FlexibleInverse(times, q, v, reduced, tension, pulled, dynamic)
 
     def start(self, position: np.ndarray) -> Progress:
@@ -220,7 +228,7 @@ class FlexibleServoConstraints:
         q, v, reduced = self._begin(np.asarray(position, dtype=float)[:2], np.zeros(2))
         past = np.zeros((2, 3, self.model.n))
         past[:, 2] = q, v
-        return Progress(*past, reduced, *self._inputs(q, reduced), 0)
+        return Progress(*past, reduced, 0)
 
     def step(
         self,
@@ -246,7 +254,7 @@ class FlexibleServoConstraints:
         first, steps = progress.steps == 0, progress.steps + 1
         if not advance(self.data, period, stabilisation, first, z, dz, q, v, reduced):
             raise _failure(steps * period, z)
-        return Progress(q, v, reduced, *self._inputs(q[2], reduced), steps)
+        return Progress(q, v, reduced, steps)
 
     def _begin(self, z: np.ndarray, dz: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Coordinates and reduced input at rest, and the least rates with the velocity wanted."""
@@ -255,20 +263,10 @@ class FlexibleServoConstraints:
         output_matrix(self.data, q, outputs)
         return q, np.linalg.pinv(outputs) @ dz, reduced
 
-    def _inputs(self, q: np.ndarray, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def inputs(self, q: np.ndarray, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tensions and lengths pulled in (..., 3) for q (..., n) and reduced inputs (..., 2)."""
-        tension = self.tripod.tension(reduced)
-        return tension, self.tripod.pulled(tension, mean_curvature(q))
-
-    def _pulled_at_rest(
-        self, times: np.ndarray, z: np.ndarray, q: np.ndarray, reduced: np.ndarray
-    ) -> np.ndarray:
-        """Lengths pulled in (k, 3) [m] that hold the output at z (k, 2), from a state near z[0]."""
-        out = np.empty((len(z), self.model.n + 2))
-        done = hold_along(self.data, np.ascontiguousarray(z), q.copy(), reduced.copy(), out)
-        if done < len(z):
-            raise _failure(float(times[done]), z[done])
-        return self._inputs(out[:, :-2], out[:, -2:])[1]
+        tension = self.tendons.tension(reduced)
+        return tension, self.tendons.pulled(tension, mean_curvature(q))
 
 
 def _fine(times: np.ndarray, substeps: int) -> np.ndarray:

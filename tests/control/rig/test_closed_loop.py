@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from softrobot_env.control.registry import make_policy
-from softrobot_env.control.rig.identified import Learnt
+from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import RIG
@@ -48,7 +48,7 @@ def test_the_rig_without_errors_is_the_one_that_the_model_describes():
 
 def test_fast_laps_need_the_dynamics_and_their_damping():
     """The thesis has 8.6 mm with both parts, 35.9 mm with the network alone."""
-    learnt = Learnt.load(RIG)
+    learnt = IdentifiedParameters.load(RIG)
     assert errors("rig_nn", FAST).mean() > 20e-3
     assert errors("hybrid_calibrated", FAST).mean() < 4e-3
     light = replace(learnt, damping=0.8 * learnt.damping)

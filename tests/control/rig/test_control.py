@@ -8,10 +8,10 @@ import pytest
 
 from softrobot_env.control.registry import RIG_POLICIES, installed_policies, make_policy
 from softrobot_env.control.rig.feedforward import LENGTH_SCALE, RigFeedforward, make_hybrid
-from softrobot_env.control.rig.identified import Learnt
+from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.control.rig.inverse import TOTAL, Motion, OnePiece, SeveralPieces
 from softrobot_env.envs.simulation.servos import Servos
-from softrobot_env.identification.data import nominal_lengths
+from softrobot_env.identification.recording import nominal_lengths
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import SERVO_SPEED
 from softrobot_env.tasks.rig_trajectories import RoundedTriangle
@@ -139,7 +139,7 @@ def test_servos_are_on_average_where_they_should_be(rate):
     known = SimpleNamespace(statics=lambda z: np.full(3, start + 10 * rate * z[0]))
     errors = {}
     for compensated in (True, False):
-        policy = RigFeedforward(RIG, PERIOD, known, play=play / 2 if compensated else None)
+        policy = RigFeedforward(RIG, PERIOD, known, backlash=play / 2 if compensated else None)
         servos = Servos(SERVO_SPEED, np.zeros(3), np.full(3, play))
         servos.start(np.full(3, start))
         state, fine = None, np.arange(1, 101) * PERIOD / 100
@@ -220,7 +220,7 @@ def test_beyond_the_network_s_points_is_said():
 def test_parts_that_do_not_exist_are_refused():
     with pytest.raises(ValueError, match="choose from one piece, several pieces, calibrated"):
         make_hybrid(RIG, PERIOD, model="two pieces")
-    with pytest.raises(ValueError, match="needs learnt statics, a model or both"):
+    with pytest.raises(ValueError, match="needs identified statics, a model or both"):
         RigFeedforward(RIG, PERIOD)
 
 
@@ -231,11 +231,11 @@ def test_periods_that_are_none_are_refused(period):
 
 
 def test_the_calibrated_hybrid_takes_the_play_that_was_learnt():
-    known = Learnt.load(RIG)
+    known = IdentifiedParameters.load(RIG)
     wanted = motions(FAST, np.arange(2, 3, PERIOD))
     none, some = (
         follow(
-            make_policy("hybrid_calibrated", RIG, PERIOD, learnt=replace(known, play=x)), wanted
+            make_policy("hybrid_calibrated", RIG, PERIOD, learnt=replace(known, backlash=x)), wanted
         )[0]
         for x in (0.0, 0.3e-3)
     )

@@ -1,4 +1,4 @@
-"""What the rig's controllers learn of a rig: calibration, play, data of a twin."""
+"""What is identified of a rig for its controllers: stiffness, backlash, recordings of a twin."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from softrobot_env.cli import main
-from softrobot_env.control.rig.identified import Learnt, calibrate, turned
+from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.envs.rig import RigEnv
-from softrobot_env.identification.backlash import play_of, visit_sides
-from softrobot_env.identification.data import disk_points, nominal_lengths
+from softrobot_env.identification.backlash import backlash_of, visit_sides
 from softrobot_env.identification.decay import damping_of, rates_of_decay, visit_decays
-from softrobot_env.identification.statics import RigStatics
-from softrobot_env.identification.twin_data import Visit, measure
-from softrobot_env.identification.twin_networks import NEEDED, Visited, learn
+from softrobot_env.identification.parameters import NEEDED, Recording, identify
+from softrobot_env.identification.recording import Visit, disk_points, measure, nominal_lengths
+from softrobot_env.identification.slow_rig import RigStatics
+from softrobot_env.identification.stiffness import calibrate
 from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG
 from softrobot_env.robots.twin import nominal_twin, rig3d_twin
@@ -35,24 +35,26 @@ def test_too_little_data_are_refused():
     with pytest.raises(ValueError, match="three lengths"):
         calibrate(RIG, np.zeros((2, 3)), np.zeros((2, 2)))
     with pytest.raises(ValueError, match=f"need {NEEDED} points"):
-        learn(Visited(SimpleNamespace(lengths=np.zeros((20, 3))), np.zeros((3, 2, 2)), None))
+        identify(Recording(SimpleNamespace(lengths=np.zeros((20, 3))), np.zeros((3, 2, 2)), None))
 
 
 def some_learnt():
     box = Scaling(-np.ones(2), np.ones(2)), Scaling(-np.ones(3), np.ones(3))
-    return Learnt(initial_network((4,), *box, np.random.default_rng(0)), 1.07, 0.12, 0.9, 1.3e-4, 3)
+    return IdentifiedParameters(
+        initial_network((4,), *box, np.random.default_rng(0)), 1.07, 0.12, 0.9, 1.3e-4, 3
+    )
 
 
-def test_what_is_learnt_can_be_kept(tmp_path):
+def test_identified_parameters_can_be_kept(tmp_path):
     learnt = some_learnt()
     learnt.save(tmp_path / "rig.npz", RIG, {})
-    loaded = Learnt.load(RIG, tmp_path / "rig.npz")
+    loaded = IdentifiedParameters.load(RIG, tmp_path / "rig.npz")
     point = np.array([0.3, -0.2])
     np.testing.assert_array_equal(loaded.statics(point), learnt.statics(point))
     assert (loaded.stiffness, loaded.turn) == (1.07, 0.12)
-    assert (loaded.damping, loaded.play, loaded.twin) == (0.9, 1.3e-4, 3)
+    assert (loaded.damping, loaded.backlash, loaded.twin) == (0.9, 1.3e-4, 3)
     with pytest.raises(ValueError, match="not for this 'arm'"):
-        Learnt.load(ARM, tmp_path / "rig.npz")
+        IdentifiedParameters.load(ARM, tmp_path / "rig.npz")
 
 
 @pytest.mark.parametrize(
@@ -71,10 +73,10 @@ def test_what_is_learnt_can_be_kept(tmp_path):
 def test_what_is_learnt_of_a_rig_with_other_statics_is_refused(tmp_path, changed):
     some_learnt().save(tmp_path / "rig.npz", RIG, {})
     with pytest.raises(ValueError, match="as it was then"):
-        Learnt.load(replace(RIG, **changed), tmp_path / "rig.npz")
+        IdentifiedParameters.load(replace(RIG, **changed), tmp_path / "rig.npz")
 
 
-def test_the_play_of_servos_and_friction_is_measured():
+def test_the_backlash_of_servos_and_friction_is_measured():
     """Half of 0.2 mm, and 0.05 N over 980 N/m."""
     robot = replace(EQUIVALENT_RIG, tendons=tuple(replace(t, friction=0.05) for t in RIG.tendons))
     loose = replace(nominal_twin(robot), backlash=(0.2e-3,) * 3)
@@ -82,13 +84,13 @@ def test_the_play_of_servos_and_friction_is_measured():
     def statics(outputs):
         return nominal_lengths(RIG, outputs, TOTAL)
 
-    assert play_of(visit_sides(loose, count=1), statics) == pytest.approx(0.151e-3, rel=0.05)
-    assert abs(play_of(visit_sides(nominal_twin(robot), count=1), statics) - 0.051e-3) < 5e-6
+    assert backlash_of(visit_sides(loose, count=1), statics) == pytest.approx(0.151e-3, rel=0.05)
+    assert abs(backlash_of(visit_sides(nominal_twin(robot), count=1), statics) - 0.051e-3) < 5e-6
 
 
 def test_play_needs_the_outputs_of_a_visit():
     with pytest.raises(ValueError, match=r"need outputs \(3 k, 2, 2\)"):
-        play_of(np.zeros((4, 2, 2)), lambda z: z)
+        backlash_of(np.zeros((4, 2, 2)), lambda z: z)
 
 
 def test_the_rig_calms_down_as_one_piece_of_its_inertia_and_damping():
@@ -133,7 +135,7 @@ def test_measured_outputs_are_the_equilibria():
         assert np.linalg.norm(point - at_rest["tip_position"]) < 0.4e-3
 
 
-def test_dither_takes_out_the_play_of_the_servos():
+def test_dither_takes_out_the_backlash_of_the_servos():
     ideal = nominal_twin(EQUIVALENT_RIG)
     loose = replace(ideal, backlash=(0.3e-3,) * 3)
     points = np.array([[0.0, 0.0], [0.07, 0.0], [0.11, 0.03], [0.07, 0.0]])

@@ -9,7 +9,7 @@ from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.signals import Signal, held
 from softrobot_env.control.rig.servo_constraints import Inverse, OutOfReachError, ServoConstraints
 from softrobot_env.robots import RIG
-from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.robots.three_tendons import ThreeTendons
 from softrobot_env.tasks.rig_trajectories import LapCircle, RoundedTriangle
 
 SERVO = ServoConstraints(RIG)
@@ -59,13 +59,13 @@ def test_inputs_balance_the_general_model(plan):
         assert np.abs(missing).max() < 1e-14
 
 
-def test_inputs_are_the_tripods(plan):
+def test_inputs_are_those_of_the_three_tendons(plan):
     _, inverse = plan
-    tripod = Tripod(RIG)
-    np.testing.assert_allclose(inverse.tension, tripod.tension(inverse.reduced), atol=1e-13)
-    pulled = tripod.pulled(inverse.tension, curvatures(inverse.y))
+    tendons = ThreeTendons(RIG)
+    np.testing.assert_allclose(inverse.tension, tendons.tension(inverse.reduced), atol=1e-13)
+    pulled = tendons.pulled(inverse.tension, curvatures(inverse.y))
     np.testing.assert_allclose(inverse.pulled, pulled, atol=1e-16)
-    static = tripod.tension(inverse.static)
+    static = tendons.tension(inverse.static)
     np.testing.assert_allclose(inverse.dynamic, (inverse.tension - static) / 980.0, atol=1e-16)
 
 

@@ -11,18 +11,18 @@ from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import LENGTH_SCALE, RIG, SERVO_SPEED
-from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.robots.three_tendons import ThreeTendons
 from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 
 PERIOD = 0.02
 SLACK, SLOW = "tendon would slacken", "servo too slow"
-SERVO, TRIPOD = ServoConstraints(RIG), Tripod(RIG)
+SERVO, TENDONS = ServoConstraints(RIG), ThreeTendons(RIG)
 
 
 def nominal_statics(place):
     """Lengths (3,) [m] that hold the nominal rig's output at (2,) [m]."""
     found = SERVO.step(place, np.zeros(2), np.zeros(2))
-    return TRIPOD.pulled(TRIPOD.with_total(found.reduced, TOTAL), SERVO.curvature(found.y))
+    return TENDONS.pulled(TENDONS.with_total(found.reduced, TOTAL), SERVO.curvature(found.y))
 
 
 KNOWN = SimpleNamespace(statics=nominal_statics)
@@ -113,7 +113,7 @@ def test_a_servo_is_too_slow_where_it_does_not_arrive_in_time(period):
 @pytest.mark.parametrize("period", [5.0, 1.0])
 @pytest.mark.parametrize("model", [None, OnePiece, SeveralPieces])
 def test_nothing_is_said_of_laps_that_can_be_done(period, model):
-    policy = RigFeedforward(RIG, PERIOD, KNOWN, model and model(RIG), ahead=True, play=1e-4)
+    policy = RigFeedforward(RIG, PERIOD, KNOWN, model and model(RIG), ahead=True, backlash=1e-4)
     assert set(statuses(policy, laps(period)[1])) == {None}
 
 

@@ -1,16 +1,20 @@
-"""Curvature rates from measured curvatures, by a Kalman filter on the arm's equations of motion."""
+"""Output feedback: policies of the full state, given tip and curvatures only.
+
+A Kalman filter on the arm's equations of motion estimates the curvature rates.
+"""
 
 from math import ceil
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, inertia_forces, make_planar_arm
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.arm.lqi import linear_model
-from softrobot_env.control.arm.preview_gains import discretized
-from softrobot_env.control.base import usable
+from softrobot_env.control.arm.operating_points import discretized, linear_model
+from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.status import finite
+from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
@@ -87,6 +91,61 @@ class RateObserver:
             usable(action) * self._limit,
             curvature,
         )
+
+
+class ObservedState(NamedTuple):
+    """State of `OutputFeedback`.
+
+    Attributes:
+        estimate: (4, n), of the observer.
+        inner: State of the policy.
+    """
+
+    estimate: np.ndarray
+    inner: Any
+
+    @property
+    def status(self) -> str | None:
+        """Why the action is not the one wanted, or None."""
+        return getattr(self.inner, "status", None)
+
+
+class OutputFeedback(Controller):
+    """A policy whose curvature rates come from an observer.
+
+    The observer goes on in every control period, also while the policy holds its action.
+    Policies that estimate unexplained forces themselves then do so in series with the observer:
+    `mpc_preview` oscillates if the robot is a third as heavy as it was told.
+    """
+
+    def __init__(self, policy: Controller, robot: RobotParams, control_period: float) -> None:
+        """Of a policy for a nominal robot, called every control period [s]."""
+        self._policy, self._observer = policy, RateObserver(robot, control_period)
+        self.hold = policy.hold
+        measured = ("curvature", "previous_action")
+        others = (n for n in policy.requires if n not in (*measured, "curvature_rate"))
+        self.requires = (*measured, *others)
+        self.sizes = {k: v for k, v in policy.sizes.items() if k in self.requires}
+
+    def start(self, observation: Observation) -> ObservedState:
+        """At rest, with the policy yet to start."""
+        return ObservedState(self._observer.start(observation["curvature"]), None)
+
+    def act(
+        self, observation: Observation, state: ObservedState
+    ) -> tuple[np.ndarray, ObservedState]:
+        """The policy's action with estimated rates."""
+        estimate = state.estimate
+        if state.inner is not None:
+            estimate = self._observer.update(
+                estimate, observation["previous_action"], observation["curvature"]
+            )
+        full = {**observation, "curvature_rate": estimate[1]}
+        action, inner = self._policy.predict(full, state.inner)
+        return action, ObservedState(estimate, inner)
+
+    # The policy itself holds its actions.
+    _go_on = _decide = act
 
 
 def _stationary_gain(

@@ -1,4 +1,4 @@
-"""Jumps of the reference that nobody announced, replaced by motions that the arm can follow.
+"""Reference smoothing: unannounced jumps become motions that the arm can follow.
 
 A jump that the preview shows is left as it is: a law with preview acts ahead of it.
 """

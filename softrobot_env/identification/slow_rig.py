@@ -2,7 +2,7 @@
 
 The rig is one piece of constant curvature, always in equilibrium. The drive pulls tendon k with
 T_k = F_pre + c (s_k - s_geo,k), or nothing if it is slack; the tension F_k that acts on the rig
-follows it with a play of the friction R (Prandtl): it stays as it is while |F_k - T_k| < R, and is
+follows it across a gap, the friction R (Prandtl): it stays as it is while |F_k - T_k| < R, and is
 dragged along at that distance otherwise.
 """
 
@@ -14,7 +14,7 @@ from softrobot_env.beams.closed_forms.spatial_output import output
 from softrobot_env.beams.closed_forms.spatial_piece import RigPiece, add_static, make_rig_piece
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.robots import RIG, RobotParams
-from softrobot_env.robots.three_tendons import Tripod
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 _STEP = 0.5e-3  # [m], largest change of a length in one step of the motion
 _ITERATIONS = 50  # of Newton's method; three as a rule
@@ -24,7 +24,7 @@ _DIFFERENCE = 1e-5  # [rad], for the stiffness; its error slows the iteration, n
 
 @structure
 class _Rig(NamedTuple):
-    """Data of the kernels: a rig, and of its tendons the fields of `Tripod` and the friction."""
+    """Data of the kernels: a rig, fields of its `ThreeTendons`, and their friction."""
 
     piece: RigPiece
     arc: np.ndarray
@@ -34,7 +34,7 @@ class _Rig(NamedTuple):
 
 
 class RigStatics:
-    """The rig, with what has happened to it; call it to measure, as `rig_data.Measure`."""
+    """The rig, with what has happened to it; call it to measure, as `recording.Measure`."""
 
     def __init__(
         self,
@@ -55,8 +55,8 @@ class RigStatics:
             ValueError: The robot is no rig with three elastic tendons, or negative friction or
                 noise.
         """
-        tripod = Tripod(robot)
-        if not np.all(np.isfinite(tripod.stiffness)):
+        tendons = ThreeTendons(robot)
+        if not np.all(np.isfinite(tendons.stiffness)):
             raise ValueError(f"robot {robot.name!r}: tendons need a finite stiffness")
         if not (0 <= friction < np.inf and 0 <= noise < np.inf):
             raise ValueError(
@@ -64,10 +64,12 @@ class RigStatics:
             )
         self._noise, self._rng = noise, np.random.default_rng(seed)
         self._data = reference(
-            _Rig(make_rig_piece(robot), tripod.arc, tripod.pretension, tripod.stiffness, friction)
+            _Rig(
+                make_rig_piece(robot), tendons.arc, tendons.pretension, tendons.stiffness, friction
+            )
         )
         self._lengths, self._y = np.zeros(3), np.zeros(2)
-        self._tension = tripod.pretension.copy()
+        self._tension = tendons.pretension.copy()
 
     def __call__(self, lengths: np.ndarray) -> np.ndarray:
         """Outputs (n, 2) [m] after lengths (n, 3) [m], each on a straight line from the last one.

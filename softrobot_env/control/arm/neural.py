@@ -3,14 +3,14 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
+from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE, Said
 from softrobot_env.interfaces import Observation
-from softrobot_env.learned.network import Network
-from softrobot_env.learned.quasi_static import load_for
+from softrobot_env.learned.network import Network, load_for
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 
@@ -86,16 +86,6 @@ def environment() -> dict[str, Any]:
     return {"control_period": PERIOD, "preview": PREVIEW}
 
 
-class NeuralState(NamedTuple):
-    """What is to be said of a decision; the next one needs nothing of it.
-
-    Attributes:
-        status: Why the action is not the one wanted, or None.
-    """
-
-    status: str | None
-
-
 class NeuralPolicy(Controller):
     """u_k+1 = u_k + increment(g(features)), g a small tanh network, every 10 ms.
 
@@ -107,56 +97,46 @@ class NeuralPolicy(Controller):
     requires = REQUIRES
 
     def __init__(
-        self,
-        robot: RobotParams,
-        control_period: float,
-        weights: str | Path,
+        self, robot: RobotParams, control_period: float, weights: str | Path | Network
     ) -> None:
         """Load the network.
 
         Args:
             robot: Nominal robot, the one the network was trained for.
             control_period: [s] between calls, a whole fraction of 10 ms.
-            weights: File that `softrobot train` wrote, or the name of one in the models' folder.
+            weights: File that `softrobot train` wrote, the name of one in the models' folder, or
+                a network at hand.
 
         Raises:
             ValueError: Another robot, or a control period that does not divide 10 ms.
             FileNotFoundError: No such file.
         """
         self.hold = hold_for(PERIOD, control_period, "the network")
-        path = models_dir() / weights  # an absolute path stays what it is
-        network, _ = load_for(path, robot, "softrobot train")
-        self._install(robot, network)
-
-    @classmethod
-    def of(cls, robot: RobotParams, network: Network, control_period: float) -> "NeuralPolicy":
-        """The policy with a network at hand."""
-        policy = cls.__new__(cls)
-        policy.hold = hold_for(PERIOD, control_period, "the network")
-        policy._install(robot, network)
-        return policy
-
-    def _install(self, robot: RobotParams, network: Network) -> None:
-        sizes = {**state_sizes(robot), "curvature_rate": robot.pieces}
-        sizes |= {"reference_velocity": 2, "reference_preview": 2 * len(PREVIEW)}
+        network = weights
+        if not isinstance(weights, Network):  # an absolute path stays what it is
+            network, _ = load_for(models_dir() / weights, robot, "softrobot train")
+        sizes = state_sizes(robot) | {
+            "reference_velocity": 2,
+            "reference_preview": 2 * len(PREVIEW),
+        }
         self.sizes, self._reach = sizes, robot.length
         weights = tuple(weight.astype(float) for weight in network.weights)
         self._network = replace(network, weights=weights)  # mixed precision would be slower
 
-    def start(self, observation: Observation) -> NeuralState:
+    def start(self, observation: Observation) -> Said:
         """Nothing is remembered."""
-        return NeuralState(None)
+        return Said(None)
 
-    def act(self, observation: Observation, state: NeuralState) -> tuple[np.ndarray, NeuralState]:
+    def act(self, observation: Observation, state: Said) -> tuple[np.ndarray, Said]:
         """What the network gives, within the tension limit."""
         before = observation["previous_action"]
         for name in self.requires:
             if not np.isfinite(observation[name]).all():
                 kept = np.clip(usable(before), -1.0, 1.0)
-                return kept, NeuralState(f"observation not finite: {name}")
+                return kept, Said(f"{REASONS[NOT_FINITE]}: {name}")
         wanted = np.clip(before, -1.0, 1.0) + increment(self._network(features(observation)))
         action = np.clip(wanted, -1.0, 1.0)
-        status = "tension limit reached" if np.any(action != wanted) else None
+        status = REASONS[SATURATED] if np.any(action != wanted) else None
         if np.hypot(*observation["reference"]) > self._reach:
-            status = "reference out of reach"
-        return action, NeuralState(status)
+            status = REASONS[UNREACHABLE]
+        return action, Said(status)

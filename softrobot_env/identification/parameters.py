@@ -1,27 +1,32 @@
-"""What controllers have to learn of a twin: its networks and its calibration, from one visit."""
+"""From the recording of a twin to all parameters that controllers know of it."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.control.rig.identified import Learnt, calibrate, turned
+from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.backlash import play_of, visit_sides
-from softrobot_env.identification.data import RigData, Split, collect, disk_points, split
+from softrobot_env.identification.backlash import backlash_of, visit_sides
 from softrobot_env.identification.decay import damping_of, visit_decays
 from softrobot_env.identification.networks import (
     TRAINING,
     VALIDATION,
     direction_of,
-    distances,
     fit,
     rms,
 )
-from softrobot_env.identification.twin_data import measure
+from softrobot_env.identification.recording import (
+    RigData,
+    collect,
+    disk_points,
+    measure,
+    split,
+)
+from softrobot_env.identification.stiffness import calibrate
+from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
-from softrobot_env.training.progress import Show
 
 #: Points of a visit: those to train and to watch, and as many to test as to watch (sec. 5.1.1).
 NEEDED = 215
@@ -31,13 +36,13 @@ _PORTION = 20
 
 
 @dataclass(frozen=True)
-class Visited:
-    """What a visit found.
+class Recording:
+    """What was measured of a rig.
 
     Attributes:
         data: Of the points all over the workspace.
-        sides: (3 k, 2, 2) [m], see `rig_play.visit_sides`.
-        decays: (k, n, 2) [m], see `rig_decay.visit_decays`.
+        sides: (3 k, 2, 2) [m], see `backlash.visit_sides`.
+        decays: (k, n, 2) [m], see `decay.visit_decays`.
         twin: Seed of the twin, None if it has none.
     """
 
@@ -48,29 +53,28 @@ class Visited:
 
 
 @dataclass(frozen=True)
-class Lesson:
-    """What a visit taught.
+class Identification:
+    """What a recording tells.
 
     Attributes:
-        learnt: For the controllers.
+        parameters: For the controllers.
         forward: s -> z.
         errors: rms on the test set by direction, "forward" and "inverse", [m].
-        largest: Largest norms of the errors [m].
     """
 
-    learnt: Learnt
+    parameters: IdentifiedParameters
     forward: Network
     errors: dict[str, float]
-    largest: dict[str, float]
 
 
-def visit(
+def record(
     twin: Twin | int | None, seed: int = 0, count: int = NEEDED, show: Show | None = None
-) -> Visited:
-    """Measure a twin all over its workspace, with a constant sum of tensions, its play and decay.
+) -> Recording:
+    """Measure a twin all over its workspace, its backlash and its decay.
 
-    Networks of these data err by half as much as with the least tensions, whose kinks they round
-    off: 0.14 instead of 0.25 mm in the lengths, without dither (twin 0, 926 points, 5 trainings).
+    With a constant sum of tensions. Networks of these data err by half as much as with the least
+    tensions, whose kinks they round off: 0.14 instead of 0.25 mm in the lengths, without dither
+    (twin 0, 926 points, 5 trainings).
 
     Args:
         twin: See `RigEnv`.
@@ -89,39 +93,36 @@ def visit(
     points = disk_points(count)
     data = collect(RIG, measured, np.random.default_rng(seed), points, TOTAL)
     number = twin.seed if isinstance(twin, Twin) else twin
-    return Visited(data, visit_sides(twin, seed), visit_decays(twin, seed), number)
+    return Recording(data, visit_sides(twin, seed), visit_decays(twin, seed), number)
 
 
-def learn(visited: Visited, seed: int = 0) -> Lesson:
-    """Train both networks with 150 samples, calibrate the model, tell the play.
+def identify(recording: Recording, seed: int = 0) -> Identification:
+    """Train both networks with 150 samples, calibrate the model, tell damping and backlash.
 
     Args:
-        visited: See `visit`; 215 points or more.
+        recording: See `record`; 215 points or more.
         seed: Of split and initial parameters.
 
     Raises:
         ValueError: Too few points.
     """
-    data = visited.data
+    data = recording.data
     if len(data.lengths) < NEEDED:
         raise ValueError(f"need {NEEDED} points or more, got {len(data.lengths)}")
     rng = np.random.default_rng(seed)
-    parts = _enough(split(len(data.lengths), rng))
-    networks, errors, largest = {}, {}, {}
+    parts = split(len(data.lengths), rng)
+    known = parts.training[:TRAINING]  # as many as the thesis has, and as many to watch with
+    watched = parts.validation[:VALIDATION]
+    networks, errors = {}, {}
     for name in ("forward", "inverse"):
         every = direction_of(data, name)
-        network = fit(every.take(parts.training), every.take(parts.validation), rng).network
+        network = fit(every.take(known), every.take(watched), rng).network
         test = every.take(parts.test)
         networks[name], errors[name] = network, rms(network, test)
-        largest[name] = float(distances(network, test).max())
-    known = parts.training
     stiffness, turn = calibrate(RIG, data.lengths[known], data.measured[known])
-    play = play_of(visited.sides, networks["inverse"])
-    damping, _ = damping_of(visited.decays, turned(RIG, stiffness, turn, 1.0))
-    learnt = Learnt(networks["inverse"], stiffness, turn, damping, play, visited.twin)
-    return Lesson(learnt, networks["forward"], errors, largest)
-
-
-def _enough(parts: Split) -> Split:
-    """As many samples to train and to watch with as the thesis has."""
-    return Split(parts.training[:TRAINING], parts.validation[:VALIDATION], parts.test)
+    backlash = backlash_of(recording.sides, networks["inverse"])
+    damping, _ = damping_of(recording.decays, turned(RIG, stiffness, turn, 1.0))
+    found = IdentifiedParameters(
+        networks["inverse"], stiffness, turn, damping, backlash, recording.twin
+    )
+    return Identification(found, networks["forward"], errors)
