@@ -6,13 +6,12 @@ runs, each from the straight pose, which processes of their own can do at the sa
 """
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from multiprocessing import get_context
 
 import numpy as np
 
 from softrobot_env.envs.rig import RigEnv
+from softrobot_env.processes import worker_processes
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import LONGEST
@@ -82,7 +81,7 @@ def measure(
     jobs = list(_jobs(twin, lengths, seed, runs, visit))
     if processes == 1:
         return np.concatenate([_run(*job, progress) for job in jobs])
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with worker_processes(processes) as pool:
         return np.concatenate(list(pool.map(_run, *zip(*jobs, strict=True))))
 
 

@@ -1,10 +1,8 @@
 """Imitation of the model predictive controller with preview: cloning, then DAgger."""
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 import numpy as np
 import torch
@@ -16,6 +14,7 @@ from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.network import Network
+from softrobot_env.processes import worker_processes
 from softrobot_env.robots import ARM
 from softrobot_env.training.networks import as_network, new_layers
 from softrobot_env.training.progress import Show
@@ -136,7 +135,7 @@ def _pool(processes: int) -> Iterator[Callable[..., Iterator[Data]]]:
     if processes == 0:
         yield map
         return
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with worker_processes(processes) as pool:
         yield pool.map
 
 
