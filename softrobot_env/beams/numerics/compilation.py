@@ -72,6 +72,14 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
     """
     compiled = numba.njit(error_model="numpy", fastmath={"contract", "nsz"})(function)
     compiled._cache = _KernelCache(function, everywhere)
+    template = compiled.get_call_template
+
+    def without_literals(args: tuple, kws: dict) -> tuple:
+        """One kernel for `f(True)` and `f(False)`: numba would compile each with all it calls."""
+        kws = {name: types.unliteral(t) for name, t in kws.items()}
+        return template(tuple(types.unliteral(t) for t in args), kws)
+
+    compiled.get_call_template = without_literals
     return compiled
 
 
