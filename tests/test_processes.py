@@ -11,10 +11,14 @@ from softrobot_env.processes import THREADS, worker_processes
 
 ROOT = Path(__file__).resolve().parents[1]
 
-#: Tells at the end of a process whether NumPy was loaded, and how many threads it runs.
+#: Writes at the end of a process, not of those it starts, how many threads it runs.
 WITNESS = """
 import atexit, os, sys
-atexit.register(lambda: print("numpy" in sys.modules, len(os.listdir("/proc/self/task"))))
+def tell():
+    assert "numpy" in sys.modules
+    open(os.environ["WITNESS"], "w").write(str(len(os.listdir("/proc/self/task"))))
+if os.getppid() == int(os.environ["WITNESS_OF"]):
+    atexit.register(tell)
 """
 
 needs_proc = pytest.mark.skipif(
@@ -26,17 +30,12 @@ needs_proc = pytest.mark.skipif(
 def threads(tmp_path, *command: str, **settings: str) -> int:
     """Threads of a process at its end: OpenBLAS starts its own when NumPy is loaded."""
     (tmp_path / "sitecustomize.py").write_text(WITNESS)
-    environment = {k: v for k, v in os.environ.items() if k not in THREADS}
-    done = subprocess.run(
-        [sys.executable, *command],
-        env=environment | settings | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"},
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    loaded, count = done.stdout.split()[-2:]
-    assert loaded == "True"
-    return int(count)
+    told = tmp_path / "threads"
+    environment = {k: v for k, v in os.environ.items() if k not in THREADS} | settings
+    environment |= {"WITNESS": str(told), "WITNESS_OF": str(os.getpid())}
+    environment |= {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
+    subprocess.run([sys.executable, *command], env=environment, capture_output=True, check=True)
+    return int(told.read_text())
 
 
 @needs_proc

@@ -94,6 +94,13 @@ class _StructType(types.StructRef):
 
     data_class: type
 
+    def __init__(self, fields: Any) -> None:
+        super().__init__(fields)
+        # Numba tells types apart by name and puts the names of all arguments into every symbol:
+        # kilobytes of fields would be most of the code that LLVM reads.
+        digest = sha256(self.name.encode()).hexdigest()[:16]
+        self.name = f"{type(self).__name__}_{digest}"
+
     def preprocess_fields(self, fields: Any) -> tuple:
         return tuple((name, types.unliteral(t)) for name, t in fields)
 
