@@ -13,7 +13,7 @@ export MKL_NUM_THREADS ?= 1
 # Each test file stays in one worker, in the order of tests/conftest.py: what compiles longest first.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
 
-.PHONY: setup evaluate check test lint clean
+.PHONY: setup evaluate check test slow lint clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -28,7 +28,11 @@ check: lint
 	$(PYTEST) --quick -m "not slow"
 
 test: .venv/.setup-test
-	$(PYTEST)
+	$(PYTEST) -m "not slow"
+
+# What takes minutes: every benchmark's quick run.
+slow: .venv/.setup-test
+	$(PYTEST) -m slow
 
 lint: .venv/.setup-test
 	$(BIN)/ruff check .
