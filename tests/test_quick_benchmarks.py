@@ -1,4 +1,4 @@
-"""Every benchmark from the command line to its pictures, as quick as it can be and nothing faked."""
+"""Every benchmark from the command line to its pictures: quick runs, nothing faked."""
 
 import json
 
