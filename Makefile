@@ -5,7 +5,15 @@ PYTHON ?= python3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-.PHONY: setup evaluate test lint clean
+# Small matrices gain nothing from more threads, and lose much where other programs run.
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+export MKL_NUM_THREADS ?= 1
+
+# Each test file stays in one worker, in the order of tests/conftest.py: what compiles longest first.
+PYTEST := $(BIN)/python -m pytest -n 2 --dist loadgroup --no-loadscope-reorder
+
+.PHONY: setup evaluate check test slow lint clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -15,9 +23,16 @@ setup: .venv/.setup
 evaluate: .venv/.setup
 	$(BIN)/softrobot evaluate
 
-# Files stay together, so that each beam model is compiled in one worker only.
+# The daily loop: lint, and the tests that were quick when they were last run.
+check: lint
+	$(PYTEST) --quick -m "not slow"
+
 test: .venv/.setup-test
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(PYTEST) -m "not slow"
+
+# What takes minutes: every benchmark's quick run.
+slow: .venv/.setup-test
+	$(PYTEST) -m slow
 
 lint: .venv/.setup-test
 	$(BIN)/ruff check .

@@ -1,11 +1,119 @@
-"""Fixtures shared by the environment tests."""
+"""One BLAS thread, the order of the suite, tests that depend on the clock, and shared fixtures."""
 
-import gymnasium
-import numpy as np
-import pytest
+import os
 
-import softrobot_env  # noqa: F401  (registers the ids)
-from softrobot_env.registration import ENVIRONMENTS
+for _name in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS"):
+    os.environ.setdefault(_name, "1")  # read when NumPy is loaded; workers and commands inherit it
+
+import gymnasium  # noqa: E402
+import numpy as np  # noqa: E402
+import pytest  # noqa: E402
+from support.machine import Machine  # noqa: E402
+
+import softrobot_env  # noqa: E402, F401  (registers the ids)
+from softrobot_env.registration import ENVIRONMENTS  # noqa: E402
+
+# ---------------------------------------------------------------- order and choice
+
+#: Files that compile most, longest first. Neighbours are begun by different workers and compile
+#: different models, so that next to nothing is compiled twice.
+FIRST = (
+    "envs/test_plants.py",  # planar models
+    "beams/test_ancf.py",  # the spatial ones
+    "control/test_policy_contract.py",
+    "beams/test_beam_models.py",
+    "training/test_training.py",
+    "beams/test_pcc.py",
+    "commands/test_cli.py",
+    "beams/test_cosserat.py",
+    "beams/test_integration.py",
+)
+
+#: Where the durations of the last runs are kept, and what a quick test takes at most [s].
+_DURATIONS, _QUICK = "softrobot/durations", 0.1
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--quick",
+        action="store_true",
+        help=f"leave out tests that took more than {_QUICK:g} s in their last run, and those of "
+        "files whose setup did; without earlier runs, all are run",
+    )
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(config, items):
+    root = config.rootpath / "tests"
+    for name in FIRST:
+        if not (root / name).is_file():
+            raise pytest.UsageError(f"conftest.FIRST names {name}, which is no file")
+    known = config.cache.get(_DURATIONS, {}) if config.getoption("quick") else {}
+    slow = [item for item in items if known.get(item.nodeid, 0) > _QUICK]
+    if slow:
+        config.hook.pytest_deselected(items=slow)
+        items[:] = [item for item in items if known.get(item.nodeid, 0) <= _QUICK]
+
+    def rank(item):
+        name = item.path.relative_to(root).as_posix()
+        clock = item.get_closest_marker("realtime") is not None
+        return clock, FIRST.index(name) if name in FIRST else len(FIRST)
+
+    items.sort(key=rank)  # stable: otherwise as they were collected
+    for item in items:
+        # For --dist loadgroup: a file stays together, and what depends on the clock runs in turn.
+        clock = item.get_closest_marker("realtime") is not None
+        item.add_marker(pytest.mark.xdist_group("realtime" if clock else str(item.path)))
+
+
+class _Durations:
+    """Keeps how long each test takes, its setup included, for `--quick`."""
+
+    def __init__(self, config):
+        self._config, self._found = config, {}
+
+    def pytest_runtest_logreport(self, report):
+        nodeid = report.nodeid.rpartition("@")[0] or report.nodeid  # loadgroup appends the group
+        self._found[nodeid] = self._found.get(nodeid, 0.0) + report.duration
+
+    def pytest_sessionfinish(self):
+        known = self._config.cache.get(_DURATIONS, {})
+        self._config.cache.set(_DURATIONS, known | self._found)
+
+
+def pytest_configure(config):
+    if not hasattr(config, "workerinput"):  # the workers' reports come here
+        config.pluginmanager.register(_Durations(config))
+
+
+# ---------------------------------------------------------------- tests that depend on the clock
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item):
+    """A test marked `realtime` that fails while the machine was too busy for it is skipped.
+
+    `@pytest.mark.realtime(late=0.02)` says how late [s] another process may be woken. This is
+    measured beside the test by a process of its own, so a failure on a machine that gave what the
+    test needs stays a failure, however slow the tested code is.
+    """
+    marker = item.get_closest_marker("realtime")
+    if marker is None:
+        return (yield)
+    with Machine() as machine:
+        try:
+            return (yield)
+        except Exception as error:
+            worst, allowed = machine.worst(), marker.kwargs["late"]
+            if worst <= allowed:
+                raise
+            pytest.skip(
+                f"needs a machine that wakes processes within {1e3 * allowed:g} ms; this one took "
+                f"{1e3 * worst:.0f} ms, and the test failed: {type(error).__name__}"
+            )
+
+
+# ---------------------------------------------------------------- fixtures
 
 
 @pytest.fixture(params=ENVIRONMENTS)

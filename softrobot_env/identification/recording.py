@@ -11,17 +11,16 @@ on a rig; the thesis tells five.
 """
 
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from math import pi, sqrt
-from multiprocessing import get_context
 
 import numpy as np
 
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.learned.network import Dataset
+from softrobot_env.processes import worker_processes
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import LONGEST, SetPoints, Task
@@ -233,7 +232,7 @@ def measure(
     run = partial(_run, twin, visit)
     if processes == 1:
         return np.concatenate([run(*one, progress) for one in zip(parts, seeds, strict=True)])
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    with worker_processes(processes) as pool:
         return np.concatenate(list(pool.map(run, parts, seeds)))
 
 

@@ -1,10 +1,8 @@
 """Imitation of the model predictive controller with preview: cloning, then DAgger."""
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from multiprocessing import get_context
 
 import numpy as np
 import torch
@@ -16,6 +14,7 @@ from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.interfaces import Observation, Show
 from softrobot_env.learned.network import Dataset, Network
+from softrobot_env.processes import worker_processes
 from softrobot_env.robots import ARM
 from softrobot_env.training.artifacts import as_network, new_layers
 from softrobot_env.training.references import draw_task
@@ -94,9 +93,7 @@ def imitate(
     with ExitStack() as stack:
         each = map
         if config.processes:
-            context = get_context("spawn")
-            pool = ProcessPoolExecutor(config.processes, mp_context=context)
-            each = stack.enter_context(pool).map
+            each = stack.enter_context(worker_processes(config.processes)).map
         for k in range(config.rounds):
             seeds = np.random.SeedSequence([seed, k]).spawn(config.shares)
             jobs = [(config, network, one) for one in seeds]

@@ -43,7 +43,7 @@ def patient(monkeypatch):
         yield
 
 
-@pytest.mark.realtime("no process waits for the processor for 0.9 s")
+@pytest.mark.realtime(late=0.9)
 @pytest.mark.usefixtures("patient")
 def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     out, record = tmp_path / "out", tmp_path / "links"
@@ -123,7 +123,7 @@ def test_no_robot_at_the_port(tmp_path, capsys):
     assert "/dev/no_robot" in capsys.readouterr().out.replace("\n", "")
 
 
-@pytest.mark.realtime("no process waits for the processor for 0.9 s; a third of a core")
+@pytest.mark.realtime(late=0.9)
 @pytest.mark.usefixtures("patient")
 def test_a_short_soak_says_what_it_measured(tmp_path):
     main(["robot", "soak", "--seconds", "3", "--out", str(tmp_path)])

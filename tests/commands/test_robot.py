@@ -20,7 +20,7 @@ from softrobot_env.hardware.protocol.messages import Capability, DeviceState
 from softrobot_env.hardware.robot_file.model import rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
 
-pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.9 s")
+pytestmark = pytest.mark.realtime(late=0.9)
 
 
 @pytest.fixture(autouse=True)

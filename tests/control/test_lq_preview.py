@@ -312,6 +312,48 @@ def test_a_jump_that_the_preview_shows_is_met_in_the_middle():
     assert 0.3 < at_jump / np.linalg.norm(np.subtract(B3, A3)) < 0.7
 
 
+@pytest.fixture(params=["lq_preview", "lq_adaptive"])
+def at_rest(request):
+    """A policy, and what it observes at the start of the step, with the reference there."""
+    env = TrackingEnv("step", observe="all", **policy_environment(request.param))
+    observation, _ = env.reset()
+    tip = observation["tip_position"]
+    ahead = np.tile(tip, len(KNOTS)).reshape(observation["reference_preview"].shape)
+    still = {"reference": tip.copy(), "reference_preview": ahead}
+    return make_policy(request.param, ARM, PERIOD), observation | still
+
+
+def test_an_announced_jump_is_no_motion(at_rest):
+    """The law is linear in a jump a period ahead: a speed of 8 m/s to it saturates all."""
+    policy, observation = at_rest
+    jump = np.array([1.0, 0.0])
+    actions = []
+    for size in (0.0, 6e-3, 8e-3):
+        ahead = observation["reference_preview"] + size * np.tile(jump, len(KNOTS)).reshape(
+            observation["reference_preview"].shape
+        )
+        action, state = policy.predict(observation | {"reference_preview": ahead}, None)
+        assert state.status in (None, "")
+        actions.append(action)
+    six, eight = actions[1] - actions[0], actions[2] - actions[0]
+    assert np.abs(six).max() > 1e-3
+    np.testing.assert_allclose(eight, 8 / 6 * six, atol=1e-6)
+
+
+def test_estimates_do_not_span_lost_observations(at_rest):
+    """What was measured before a gap does not matter after it: no force explains the change."""
+    policy, observation = at_rest
+    moving = observation | {"curvature_rate": np.linspace(5.0, 20.0, ARM.pieces)}
+    lost = moving | {"curvature": np.full(ARM.pieces, np.nan)}
+    actions = []
+    for before in (observation, moving):
+        state = None
+        for seen in (before, lost, moving):
+            action, state = policy.predict(seen, state)
+        actions.append(action)
+    np.testing.assert_allclose(actions[0], actions[1], atol=1e-9)
+
+
 class LateStep(Step):
     """A step after half a second."""
 

@@ -278,3 +278,27 @@ def test_integral_does_not_wind_up(limit, far, reason):
         errors.append(np.array(error[wait:]))
     assert errors[1][-1] < 1e-3
     np.testing.assert_allclose(errors[1], errors[0], atol=2e-3)
+
+
+def test_saturation_does_not_wind_up_the_integral():
+    """A reference within reach of the arm that the law knows; the real one is half as stiff again.
+
+    The error stays for as long as the wait lasts, and afterwards the arm comes back as usual.
+    """
+    robot = replace(ARM, tendons=tuple(replace(t, tension_limit=20.0) for t in ARM.tendons))
+    policy = LQI(robot, PERIOD)
+    task = replace(make_task("step"), robot=robot, duration=20.0)
+    env = TrackingEnv(task, control_period=PERIOD, observe="all")
+    far, near = STATICS.tip(np.full(3, 16.0)), STATICS.tip(np.full(3, 6.0))
+    observation, _ = env.reset(options={"vary": {"youngs_modulus": 1.5}})
+    state, statuses = None, set()
+    for k in range(5000):
+        observation["reference"] = far if k < 4000 else near
+        action, state = policy.predict(observation, state)
+        statuses.add(state.status)
+        observation, _, terminated, _, info = env.step(action)
+        assert not terminated, info
+        if k == 3999:
+            assert np.linalg.norm(observation["tip_position"] - far) > 0.02
+    assert "tension limit reached" in statuses and "reference out of reach" not in statuses
+    assert np.linalg.norm(observation["tip_position"] - near) < 3e-3

@@ -24,7 +24,7 @@ from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
 from softrobot_env.hardware.robot_file.model import rig_file
 
-pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.5 s")
+pytestmark = pytest.mark.realtime(late=0.5)
 
 HERE = [0.0, 0.0, 0.0]
 

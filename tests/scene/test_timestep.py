@@ -12,7 +12,9 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import (
     ACCURACY,
+    FRICTION_STEP,
     SAFETY,
+    SAFETY_IMPLICIT,
     LinearChain,
     TimestepWarning,
     choose_timestep,
@@ -201,6 +203,23 @@ def test_undamped_robot_driven_by_length_gets_rk4(friction):
     assert choice.integrator == "RK4" and choice.timestep < choice.stability_limit
     damped = linearize(length_driven(0.05, 1e4).model)
     assert choose_timestep(damped, 0.02).integrator == "implicitfast"
+
+
+def test_rubbing_tendons_bound_the_timestep():
+    """A slow robot could take 10 ms, but friction must not turn soft."""
+    slow = modes([1.0, 10.0], 0.05)
+    assert choose_timestep(slow, 0.01).timestep == 0.01
+    rubbing = choose_timestep(slow, 0.01, friction=True)
+    assert rubbing.integrator == "discrete" and rubbing.timestep == FRICTION_STEP == 2e-3
+
+
+def test_implicit_keeps_a_larger_distance_from_the_limit():
+    stiff = modes([3.0, 1000.0], 0.0)  # semi-implicit Euler is stable below 2 / 1000 s
+    for integrator, share in (("implicitfast", SAFETY), ("implicit", SAFETY_IMPLICIT)):
+        choice = choose_timestep(stiff, 0.02, integrator=integrator)
+        assert choice.timestep == pytest.approx(share * 2e-3, rel=1e-6)
+        assert f"{share:g} times the stability limit" in choice.reason
+    assert SAFETY_IMPLICIT < SAFETY
 
 
 def test_extremely_stiff_undamped_robot_gets_discrete_and_a_warning():

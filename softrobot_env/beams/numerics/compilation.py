@@ -72,6 +72,14 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
     """
     compiled = numba.njit(error_model="numpy", fastmath={"contract", "nsz"})(function)
     compiled._cache = _KernelCache(function, everywhere)
+    template = compiled.get_call_template
+
+    def without_literals(args: tuple, kws: dict) -> tuple:
+        """One kernel for `f(True)` and `f(False)`: numba would compile each with all it calls."""
+        kws = {name: types.unliteral(t) for name, t in kws.items()}
+        return template(tuple(types.unliteral(t) for t in args), kws)
+
+    compiled.get_call_template = without_literals
     return compiled
 
 
@@ -85,6 +93,13 @@ class _StructType(types.StructRef):
     """Numba's type of a structure; `instance_class` as in its type of named tuples."""
 
     data_class: type
+
+    def __init__(self, fields: Any) -> None:
+        super().__init__(fields)
+        # Numba tells types apart by name and puts the names of all arguments into every symbol:
+        # kilobytes of fields would be most of the code that LLVM reads.
+        digest = sha256(self.name.encode()).hexdigest()[:16]
+        self.name = f"{type(self).__name__}_{digest}"
 
     def preprocess_fields(self, fields: Any) -> tuple:
         return tuple((name, types.unliteral(t)) for name, t in fields)

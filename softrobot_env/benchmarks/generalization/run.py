@@ -1,12 +1,11 @@
 """All policies on references that they have not met, and on robots that they do not know."""
 
-import os
 from collections.abc import Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import Future, as_completed
 
 from softrobot_env.benchmarks.generalization.cases import Case, Row, cases, run_case
 from softrobot_env.benchmarks.jobs import Progress
+from softrobot_env.processes import worker_processes
 
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
@@ -28,14 +27,10 @@ def run_cases(
     wanted: Sequence[Case], progress: Progress | None = None, processes: int | None = None
 ) -> list[Row]:
     """Rows of cases in their order, run in `processes` processes, one per core unless given."""
-    count = processes or os.cpu_count() or 1
-    pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
-    try:
+    with worker_processes(processes) as pool:
         running = {pool.submit(run_case, case): case for case in wanted}
         _watch(running, progress)
         return [future.result() for future in running]
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def _watch(running: dict[Future, Case], progress: Progress | None) -> None:

@@ -1,7 +1,6 @@
 """Learning curves and figures of trained policies over several seeds."""
 
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from concurrent.futures import as_completed
 from pathlib import Path
 
 from softrobot_env.benchmarks.jobs import Progress, Row
@@ -13,6 +12,7 @@ from softrobot_env.benchmarks.learning.cases import (
     load_run,
     run_chain,
 )
+from softrobot_env.processes import worker_processes
 from softrobot_env.training.closed_loop_check import trial
 from softrobot_env.training.rl_config import DISTURBED
 
@@ -35,7 +35,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     seeds, folder = (SEEDS[:1], FOLDER / "quick") if quick else (SEEDS, FOLDER)
     show = progress or (lambda text, done, total: None)
     jobs = [(chain, seed) for seed in seeds for chain in CHAINS]
-    with ProcessPoolExecutor(_PROCESSES, mp_context=get_context("spawn")) as pool:
+    with worker_processes(_PROCESSES) as pool:
         waiting = [pool.submit(run_chain, *job, folder, quick) for job in jobs]
         show("training", 0, len(jobs))
         for done, future in enumerate(as_completed(waiting)):

@@ -26,7 +26,7 @@ from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.realtime("no process waits for the processor for 0.8 s")
+pytestmark = pytest.mark.realtime(late=0.8)
 
 TWIN = 1
 

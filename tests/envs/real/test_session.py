@@ -21,7 +21,7 @@ from softrobot_env.hardware.virtual.core import Core
 
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.realtime("no thread waits for the processor for 0.4 s")
+pytestmark = pytest.mark.realtime(late=0.4)
 
 #: Other programs may load the machine: only what a test breaks may make a robot stop.
 FILE = replace(rig_file(), watchdog=0.9, ttl=0.4)

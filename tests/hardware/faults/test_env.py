@@ -28,7 +28,7 @@ pytest.importorskip("cobs", reason="needs the robot extra")
 
 pytestmark = [
     pytest.mark.timeout(60),
-    pytest.mark.realtime("no thread waits for the processor for 0.4 s"),
+    pytest.mark.realtime(late=0.4),
 ]
 
 

@@ -30,7 +30,7 @@ pytest.importorskip("cobs", reason="needs the robot extra")
 
 pytestmark = [
     pytest.mark.timeout(60),
-    pytest.mark.realtime("no thread waits for the processor for 0.4 s"),
+    pytest.mark.realtime(late=0.4),
 ]
 
 THERE = np.array([4e-3, -2e-3, 0.0])

@@ -1,0 +1,200 @@
+"""Every entry of every registry loads, public paths import, and nothing else loads by name."""
+
+import ast
+import importlib
+import re
+import shlex
+from pathlib import Path
+
+import gymnasium
+import pytest
+from gymnasium.envs.registration import registry
+
+from softrobot_env import registration
+from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
+from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark
+from softrobot_env.cli import COMMANDS, build_parser
+from softrobot_env.commands.robot.command import ROBOT_COMMANDS
+from softrobot_env.control.base import Controller
+from softrobot_env.control.registry import (
+    POLICIES,
+    RIG_POLICIES,
+    installed_policies,
+    make_policy,
+    policy_environment,
+)
+from softrobot_env.registries import load
+from softrobot_env.robots import ARM, ROBOTS, RobotParams
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.registry import SCENES
+from softrobot_env.tasks import ALL_TASKS, make_task
+from softrobot_env.tasks.rig import RIG_TASKS
+
+ROOT = Path(__file__).resolve().parents[1]
+
+#: Modules that may import by a name made at run time, and why.
+LOADERS = {
+    "softrobot_env/registries.py": "what registries name",
+    "softrobot_env/envs/rendering/opengl.py": "MuJoCo's own modules for OpenGL",
+}
+
+#: Names that users import, beside those in the README.
+PUBLIC = (
+    "softrobot_env.robots",
+    "softrobot_env.tasks",
+    "softrobot_env.twin",
+    "softrobot_env.loads",
+    "softrobot_env.envs.tracking",
+    "softrobot_env.envs.vector",
+    "softrobot_env.envs.rig",
+    "softrobot_env.envs.real",
+    "softrobot_env.envs.randomization",
+    "softrobot_env.envs.disturbances",
+    "softrobot_env.control.registry",
+    "softrobot_env.beams.pcc",
+    "softrobot_env.beams.cosserat",
+    "softrobot_env.beams.ancf",
+    "softrobot_env.beams.registry",
+    "softrobot_env.scene.config",
+    "softrobot_env.scene.build",
+    "softrobot_env.scene.statics",
+    "softrobot_env.hardware.tip",
+    "softrobot_env.training.rl_config",
+    "softrobot_env.training.vec_env",
+)
+
+ENVIRONMENTS = (
+    registration.ENVIRONMENTS | registration.RIG_ENVIRONMENTS | registration.REAL_ENVIRONMENTS
+)
+
+
+# ---------------------------------------------------------------- entries
+
+
+def test_robots_have_their_names():
+    assert {name: robot.name for name, robot in ROBOTS.items()} == {name: name for name in ROBOTS}
+    assert all(isinstance(robot, RobotParams) for robot in ROBOTS.values())
+
+
+def test_tasks_are_made_by_their_names():
+    assert {name: make_task(name).name for name in ALL_TASKS} == {n: n for n in ALL_TASKS}
+    assert {name: make().name for name, make in RIG_TASKS.items()} == {n: n for n in RIG_TASKS}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_scenes_are_built(name):
+    model = build_scene(SCENES[name]).model
+    assert model.nv > 0 and model.site("tip").id >= 0
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_plants_are_built(name):
+    if name == MUJOCO:
+        assert name == PLANTS[0]
+    else:
+        assert BeamPlant(name)(ARM).advance()
+
+
+@pytest.mark.parametrize("name", POLICIES | RIG_POLICIES)
+def test_policies_load_with_what_they_need_of_an_environment(name):
+    spec = (POLICIES | RIG_POLICIES)[name]
+    if spec.package is not None and name not in installed_policies():
+        pytest.skip(f"needs {spec.package}")
+    assert callable(load(spec.make))
+    assert all(spec.takes(option) for option in spec.options)
+    wanted = policy_environment(name)
+    ids = registration.ENVIRONMENTS if name in POLICIES else registration.RIG_ENVIRONMENTS
+    env_id = next(iter(ids))
+    with gymnasium.make(env_id, **wanted) as env:
+        bare = env.unwrapped
+        policy = make_policy(name, bare.task.robot, bare.control_period)
+        assert isinstance(policy, Controller)
+        assert set(policy.requires) <= {*bare.observation_space, "curvature_rate"}
+
+
+@pytest.mark.parametrize("env_id", ENVIRONMENTS)
+def test_environments_have_entry_points(env_id):
+    spec = registry[env_id]
+    assert callable(load(spec.entry_point))
+    if spec.vector_entry_point is not None:
+        assert callable(load(spec.vector_entry_point))
+    names = RIG_TASKS if env_id not in registration.ENVIRONMENTS else ALL_TASKS
+    assert spec.kwargs["task"] in names
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_benchmarks_load(name):
+    benchmark = BENCHMARKS[name]()
+    assert isinstance(benchmark, Benchmark)
+    assert callable(benchmark.run) and callable(benchmark.tables)
+    assert benchmark.plot is None or callable(benchmark.plot)
+
+
+@pytest.mark.parametrize(
+    ("prefix", "name", "command"),
+    [("", name, command) for name, command in COMMANDS.items()]
+    + [("robot ", name, command) for name, command in ROBOT_COMMANDS.items()],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_commands_parse_their_own_examples(prefix, name, command):
+    examples = [shlex.split(line, comments=True) for line in command.module.EXAMPLE.splitlines()]
+    assert examples and all(examples)
+    for program, *words in examples:
+        assert program == "softrobot" and " ".join(words).startswith(prefix + name)
+        args = build_parser().parse_args(words)
+        run = args.robot_command_run if prefix else args.command_run
+        assert run is command.module.run
+
+
+# ---------------------------------------------------------------- paths
+
+
+@pytest.mark.parametrize("path", PUBLIC)
+def test_public_paths_import(path):
+    module = importlib.import_module(path)
+    assert [name for name in vars(module) if not name.startswith("_")]
+
+
+def test_imports_of_the_readme_work():
+    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
+    imports = [
+        node
+        for block in blocks
+        for node in ast.walk(ast.parse(block))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    ]
+    assert any("softrobot_env.beams" in ast.unparse(node) for node in imports)
+    for node in imports:
+        exec(compile(ast.Module([node], []), "README.md", "exec"), {})
+
+
+def test_only_registries_load_by_names_made_at_run_time():
+    """Paths written as one text are found by search and by tests; composed ones are not."""
+    offenders = {
+        path.relative_to(ROOT).as_posix()
+        for folder in ("softrobot_env", "scripts")
+        for path in (ROOT / folder).rglob("*.py")
+        if loads_by_name(ast.parse(path.read_text()))
+    }
+    assert offenders == set(LOADERS)
+
+
+def loads_by_name(tree: ast.Module) -> bool:
+    """Whether a source imports by a name, or runs a file."""
+    banned = {"import_module", "__import__", "run_module", "run_path", "exec_module"}
+    names = (getattr(node, "id", getattr(node, "attr", None)) for node in ast.walk(tree))
+    aliases = (node.name for node in ast.walk(tree) if isinstance(node, ast.alias))
+    return not banned.isdisjoint([*names, *aliases])
+
+
+def test_what_registries_name_is_written_whole():
+    """`load` takes texts of registries, never one that is put together."""
+    composed = []
+    for path in (ROOT / "softrobot_env").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            called = isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "load"
+            if called and node.args and isinstance(node.args[0], ast.JoinedStr | ast.BinOp):
+                text = ast.unparse(node.args[0])
+                if "softrobot_env" in text:
+                    composed.append(f"{path.relative_to(ROOT)}:{node.lineno}: {text}")
+    assert not composed
