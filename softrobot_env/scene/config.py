@@ -1,6 +1,6 @@
 """What a scene contains. A part that is not listed is not built."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, inf, sin
 
 from softrobot_env.robots import RobotParams
@@ -14,6 +14,12 @@ BENDING = ("planar", "spatial")
 
 #: Integrators a scene can use, by MuJoCo's names.
 INTEGRATORS = ("implicitfast", "discrete", "implicit", "Euler", "RK4")
+
+#: Name of the camera that a visible scene has.
+FRONT_CAMERA = "front"
+
+_WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
+_ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
 
 Rgba = tuple[float, float, float, float]
 
@@ -134,3 +140,17 @@ class SceneConfig:
     def n_pieces(self) -> int:
         """Number of pieces really used."""
         return self.robot.pieces if self.pieces is None else self.pieces
+
+
+def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
+    """The same scene with a body to look at and a camera that frames the robot's reach.
+
+    Args:
+        config: The scene.
+        aspect: Width over height of the pictures to take.
+    """
+    reach = config.robot.reach
+    height = reach * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
+    elevation = _ELEVATION if config.bending == "spatial" else 0.0
+    camera = Camera(FRONT_CAMERA, (0.0, 0.48 * reach), height, elevation)
+    return replace(config, appearance=Appearance(), cameras=(camera,))

@@ -169,5 +169,5 @@ def test_shape_is_inextensible_and_clamped():
 
 def test_elastica_says_when_it_fails(monkeypatch):
     monkeypatch.setattr(analytic, "_MAX_NODES", 101)
-    with pytest.raises(analytic.ElasticaError, match="of the load"):
+    with pytest.raises(analytic.RodError, match="of the load"):
         analytic.elastica(0.5, 0.01, weight=(-50.0, 0.0), load_steps=1)

@@ -1,4 +1,4 @@
-"""Points, sections and channels of the ANCF beam; see `ancf_elements` for the notation."""
+"""Points, sections and channels of the ANCF beam; see `ancf.elements` for the notation."""
 
 import numpy as np
 

@@ -7,8 +7,7 @@ import numpy as np
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation
-from softrobot_env.beams.cosserat import actuation as cosserat_actuation
-from softrobot_env.beams.cosserat import dynamics as cosserat_dynamics
+from softrobot_env.beams.cosserat import actuation, dynamics
 from softrobot_env.beams.cosserat.dynamics import CosseratData
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.robots import RobotParams
@@ -46,8 +45,7 @@ class CosseratRod(BeamModel):
         """Set up a rod.
 
         Args:
-            robot: The robot.
-            pieces: Number of segments; the robot's unless given.
+            robot, pieces, loads, drive: As in `BeamModel`; the pieces are the rod's segments.
             weighting: 1 to 5, the xi of sec. 2.2.5; the thesis uses 2. The default 5 makes the
                 curvature the angle per length, so that a pure moment M bends to M / EI at any
                 number of pieces. Of the conservative ones it has the smallest largest error:
@@ -63,15 +61,10 @@ class CosseratRod(BeamModel):
             baumgarte: [1/s], rate at which the quaternions' norm decays to 1; 0 keeps it on
                 acceleration level only, as (2.43).
             clamped: Whether the base is fixed, else it moves freely.
-            loads: Loads, added to the inputs.
-            drive: How tendons are driven, "tension" or "length".
 
         Raises:
             ValueError: An argument is not one of those named.
         """
-        pieces = robot.pieces if pieces is None else pieces
-        if not (isinstance(pieces, int | np.integer) and pieces >= 1):
-            raise ValueError(f"pieces must be a whole number from 1 on, got {pieces!r}")
         if weighting not in (1, 2, 3, 4, 5):
             raise ValueError(f"weighting must be 1, 2, 3, 4 or 5 (xi_1 to xi_5), got {weighting!r}")
         if moments not in MOMENTS:
@@ -80,10 +73,10 @@ class CosseratRod(BeamModel):
             raise ValueError(f"shear_coefficient must be positive, got {shear_coefficient!r}")
         if not 0 <= baumgarte < np.inf:
             raise ValueError(f"baumgarte must be zero or a positive rate, got {baumgarte!r}")
-        self.pieces, self.weighting, self.moments = int(pieces), int(weighting), moments
+        self.weighting, self.moments = int(weighting), moments
         self.shear_coefficient, self.baumgarte = float(shear_coefficient), float(baumgarte)
         self.clamped = bool(clamped)
-        super().__init__(robot, loads, drive)
+        super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> CosseratData:
         robot, pieces = self.robot, self.pieces
@@ -206,8 +199,8 @@ class CosseratRod(BeamModel):
         return float(np.max(np.abs(np.linalg.norm(blocks[:, 3:], axis=1) - 1)))
 
     def _curvatures(self, q: np.ndarray, weighting: int) -> np.ndarray:
-        u = cosserat_dynamics.sections(np.ascontiguousarray(q, dtype=float), self.pieces)
-        return cosserat_dynamics.curvatures(u, self.data.base, self.data.spacing, weighting)[:-1]
+        u = dynamics.sections(np.ascontiguousarray(q, dtype=float), self.pieces)
+        return dynamics.curvatures(u, self.data.base, self.data.spacing, weighting)[:-1]
 
 
 def _places(
@@ -234,17 +227,4 @@ def _places(
     return vertex, at - vertex, section, weight, moment_weight
 
 
-mechanics.implement(
-    CosseratData,
-    cosserat_dynamics.internal_residual,
-    cosserat_dynamics.solve_mass,
-    cosserat_dynamics.project,
-    cosserat_dynamics.potential,
-    cosserat_dynamics.momentum,
-    cosserat_actuation.locate,
-    cosserat_actuation.add_forces,
-    cosserat_actuation.load_axes,
-    cosserat_actuation.add_moments,
-    cosserat_actuation.channel_lengths,
-    cosserat_actuation.add_channel_forces,
-)
+mechanics.implement(CosseratData, dynamics, actuation)

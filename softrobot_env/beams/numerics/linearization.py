@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.beams.mechanics import add_applied, residual
+from softrobot_env.beams.mechanics import add_applied, locate, residual
 from softrobot_env.beams.numerics.compilation import kernel
 
 #: Imaginary step: its square vanishes beside one, so the derivatives are exact to rounding.
@@ -81,3 +81,15 @@ def input_derivatives(model, q, u, out):
         add_applied(model, q1, u1, force)
         _store(force, j, out)
         u1[j] = u[j]
+
+
+@kernel
+def point_derivatives(model, q, out):
+    """Set out (3 n_points, n) to the derivative of the material points by the coordinates."""
+    points = np.empty((len(model.actuation.point_station), 3), np.complex128)
+    q1 = q.astype(np.complex128)
+    for j in range(len(q)):
+        q1[j] += _STEP * 1j
+        locate(model, q1, points)
+        _store(points.ravel(), j, out)
+        q1[j] = q[j]

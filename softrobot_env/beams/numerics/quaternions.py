@@ -71,7 +71,7 @@ def unit(p):
 def quotient(p, r):
     """Quaternion product conj(p) r."""
     return (
-        p[0] * r[0] + p[1] * r[1] + p[2] * r[2] + p[3] * r[3],
+        dot4(p, r),
         p[0] * r[1] - p[1] * r[0] - p[2] * r[3] + p[3] * r[2],
         p[0] * r[2] - p[2] * r[0] - p[3] * r[1] + p[1] * r[3],
         p[0] * r[3] - p[3] * r[0] - p[1] * r[2] + p[2] * r[1],
@@ -105,14 +105,7 @@ def rotate(u, x):
 @kernel
 def rotate_back(u, x):
     """Vector R^T x: seen from the rotated frame."""
-    axis = (u[1], u[2], u[3])
-    turned = cross(axis, x)
-    again = cross(axis, turned)
-    return (
-        x[0] + 2 * (again[0] - u[0] * turned[0]),
-        x[1] + 2 * (again[1] - u[0] * turned[1]),
-        x[2] + 2 * (again[2] - u[0] * turned[2]),
-    )
+    return rotate((u[0], -u[1], -u[2], -u[3]), x)
 
 
 @kernel

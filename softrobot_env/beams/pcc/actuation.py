@@ -3,11 +3,10 @@
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.quaternions import cross, dot3
 from softrobot_env.beams.pcc.constant_strain import (
     add,
     compose,
-    cross,
-    dot,
     position,
     scaled,
     store,
@@ -47,10 +46,10 @@ def _locate(length, first, points, turns, out):
             k = int(points[m, 3])
             u = points[m, 0]
             phi = scaled(u, whole)
-            c = stumpff(dot(phi, phi))
+            c = stumpff(dot3(phi, phi))
             local = add(position(u * length, c, phi), _arm(c, phi, points[m]))
             store(out[k], add(x, to_world(axes, local)))
-        c = stumpff(dot(whole, whole))
+        c = stumpff(dot3(whole, whole))
         x = add(x, to_world(axes, position(length, c, whole)))
         axes = compose(axes, c, whole)
 
@@ -79,10 +78,10 @@ def _load_axes(first, points, turns, out):
             k = int(points[m, 3])
             if k < len(out):
                 phi = scaled(points[m, 0], whole)
-                ex, ey, ez = compose(axes, stumpff(dot(phi, phi)), phi)
+                ex, ey, ez = compose(axes, stumpff(dot3(phi, phi)), phi)
                 for d in range(3):
                     out[k, d, 0], out[k, d, 1], out[k, d, 2] = ex[d], ey[d], ez[d]
-        axes = compose(axes, stumpff(dot(whole, whole)), whole)
+        axes = compose(axes, stumpff(dot3(whole, whole)), whole)
 
 
 @kernel
@@ -120,7 +119,7 @@ def _collect(length, first, points, wrenches, work):
     for i in range(len(work)):
         row = work[i]
         whole = vector(row[ROTATION])
-        c = stumpff(dot(whole, whole))
+        c = stumpff(dot3(whole, whole))
         store(row[STUMPFF], c[:3])
         store(row[STUMPFF + 1], c[3:6])
         for d in range(END_FORCE, COLUMNS):
@@ -130,7 +129,7 @@ def _collect(length, first, points, wrenches, work):
             if k < len(wrenches):
                 u = points[m, 0]
                 phi = scaled(u, whole)
-                part = stumpff(dot(phi, phi))
+                part = stumpff(dot3(phi, phi))
                 there, arm = (
                     compose(axes, part, phi),
                     (zero + points[m, 1], zero + points[m, 2], zero),

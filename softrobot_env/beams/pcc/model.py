@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from math import inf
-from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +10,7 @@ from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import reference, structure
-from softrobot_env.beams.pcc import actuation as pcc_actuation
-from softrobot_env.beams.pcc import dynamics as pcc_dynamics
+from softrobot_env.beams.pcc import actuation, dynamics
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
@@ -76,19 +74,16 @@ class PCC(BeamModel):
     and GJ (tau + mu tau').
 
     Args:
-        robot: The robot.
-        pieces: Number of equal pieces; the robot's if None.
+        robot, pieces, loads, drive: As in `BeamModel`.
         axes: "planar" (beta), "spatial" (beta and gamma) or "torsion" (beta, gamma and tau).
         inertia: "lumped" (discs at the ends of the pieces by the trapezoidal rule, so the last
             has half a piece's mass: audit), "distributed" (the integrals over the pieces, by
             Gauss quadrature), or rigid bodies at given arc lengths, such as the subpieces of
             thesis sec. 5.2, which replace the mass of the backbone.
-        loads: Loads.
-        drive: How tendons are driven, "tension" or "length".
 
     Raises:
-        ValueError: An unknown option, no whole number of pieces, or rigid bodies off the
-            robot, of negative inertia, or too few to give every coordinate inertia.
+        ValueError: An unknown option, or rigid bodies off the robot, of negative inertia, or too
+            few to give every coordinate inertia.
     """
 
     def __init__(
@@ -103,11 +98,8 @@ class PCC(BeamModel):
     ) -> None:
         if axes not in AXES:
             raise ValueError(f"unknown axes {axes!r}; choose from {', '.join(AXES)}")
-        pieces = robot.pieces if pieces is None else pieces
-        if not isinstance(pieces, Integral) or pieces < 1:
-            raise ValueError(f"need a whole number of pieces, at least one, got {pieces!r}")
-        self.pieces, self.axes, self.inertia = int(pieces), axes, inertia
-        super().__init__(robot, loads, drive)
+        self.axes, self.inertia = axes, inertia
+        super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> PccData:
         return make_data(self.robot, actuation, self.pieces, self.axes, self.inertia)
@@ -115,10 +107,6 @@ class PCC(BeamModel):
     def rest(self) -> np.ndarray:
         """Coordinates (n,) of the straight pose."""
         return np.zeros(self.pieces * AXES[self.axes])
-
-    def tangent(self, q: np.ndarray) -> np.ndarray:
-        """Directions (n, n) in which q may change: all."""
-        return np.eye(len(q))
 
     def curvature(self, q: np.ndarray) -> np.ndarray:
         """Curvature (pieces, 3) [1/m]: kx = -gamma, ky = beta and torsion."""
@@ -220,7 +208,7 @@ def _given(robot: RobotParams, pieces: int, stations: Sequence[Station]) -> np.n
 def _check_definite(data: PccData) -> None:
     """Raise ValueError if a coordinate has no inertia in the straight pose."""
     mass = np.empty((data.n, data.n))
-    pcc_dynamics.mass_matrix(reference(data), np.zeros(data.n), mass)
+    dynamics.mass_matrix(reference(data), np.zeros(data.n), mass)
     size = np.sqrt(np.diag(mass))
     if not np.all(size > 0) or (np.linalg.eigvalsh(mass / np.outer(size, size))[0] < _SINGULAR):
         raise ValueError(
@@ -229,17 +217,4 @@ def _check_definite(data: PccData) -> None:
         )
 
 
-mechanics.implement(
-    PccData,
-    pcc_dynamics.internal_residual,
-    pcc_dynamics.solve_mass,
-    pcc_dynamics.project,
-    pcc_dynamics.potential,
-    pcc_dynamics.momentum,
-    pcc_actuation.locate,
-    pcc_actuation.add_forces,
-    pcc_actuation.load_axes,
-    pcc_actuation.add_moments,
-    pcc_actuation.channel_lengths,
-    pcc_actuation.add_channel_forces,
-)
+mechanics.implement(PccData, dynamics, actuation)

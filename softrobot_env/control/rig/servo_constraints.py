@@ -13,13 +13,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms import spatial_output as rig_output
-from softrobot_env.beams.closed_forms.spatial_output import invert_output
+from softrobot_env.beams.closed_forms import spatial_piece
 from softrobot_env.beams.closed_forms.spatial_piece import (
     SUBPIECES,
     RigPiece,
     add_dynamic,
     add_static,
+    invert_output,
     make_rig_piece,
 )
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
@@ -101,7 +101,7 @@ class ServoConstraints:
         piece, tripod = make_rig_piece(robot, inertia), Tripod(robot)
         if not np.all(np.isfinite(tripod.stiffness)):
             raise ValueError(f"robot {robot.name!r}: tendons need a finite stiffness")
-        limit, self.reach = rig_output.reach(piece)
+        limit, self.reach = spatial_piece.reach(piece)
         self.data = reference(
             Servo(
                 piece=piece,
