@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
+from softrobot_env.beams.numerics.quaternions import add_scaled, difference, dot3, row3
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load
 
@@ -57,16 +58,6 @@ class Actuation(NamedTuple):
     def n_loads(self) -> int:
         """Number of loads."""
         return len(self.load_follows)
-
-    @property
-    def n_inputs(self) -> int:
-        """Number of inputs."""
-        return len(self.guided) + len(self.load_follows)
-
-    @property
-    def load_station(self) -> np.ndarray:
-        """(n_loads,) [m]."""
-        return self.point_station[: self.n_loads]
 
 
 def make_actuation(
@@ -152,10 +143,8 @@ def path_lengths(actuation, points, lengths):
         if actuation.guided[k]:
             total = lengths[k] * 0
             for i in range(actuation.first[k], actuation.first[k + 1] - 1):
-                dx = points[i + 1, 0] - points[i, 0]
-                dy = points[i + 1, 1] - points[i, 1]
-                dz = points[i + 1, 2] - points[i, 2]
-                total += np.sqrt(dx * dx + dy * dy + dz * dz)
+                span = difference(row3(points, i + 1), row3(points, i))
+                total += np.sqrt(dot3(span, span))
             lengths[k] = total
 
 
@@ -168,16 +157,10 @@ def add_path_forces(actuation, points, tension, forces):
     for k in range(len(actuation.guided)):
         if actuation.guided[k]:
             for i in range(actuation.first[k], actuation.first[k + 1] - 1):
-                dx = points[i + 1, 0] - points[i, 0]
-                dy = points[i + 1, 1] - points[i, 1]
-                dz = points[i + 1, 2] - points[i, 2]
-                pull = tension[k] / np.sqrt(dx * dx + dy * dy + dz * dz)
-                forces[i, 0] += pull * dx
-                forces[i, 1] += pull * dy
-                forces[i, 2] += pull * dz
-                forces[i + 1, 0] -= pull * dx
-                forces[i + 1, 1] -= pull * dy
-                forces[i + 1, 2] -= pull * dz
+                span = difference(row3(points, i + 1), row3(points, i))
+                pull = tension[k] / np.sqrt(dot3(span, span))
+                add_scaled(forces, i, pull, span)
+                add_scaled(forces, i + 1, -pull, span)
 
 
 @kernel

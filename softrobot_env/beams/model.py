@@ -117,7 +117,7 @@ class BeamModel:
         _check_robot(robot, has_head=not isinstance(self.inertia, str))
         pieces = robot.pieces if pieces is None else pieces
         if not (isinstance(pieces, Integral) and pieces >= 1):
-            raise ValueError(f"pieces must be a whole number from 1 on, got {pieces!r}")
+            raise ValueError(f"pieces must be a whole number, at least one, got {pieces!r}")
         self.robot, self.loads, self.drive = robot, tuple(loads), drive
         self.pieces = int(pieces)
         self.data: Any = reference(self._data(make_actuation(robot, loads, drive)))

@@ -127,14 +127,10 @@ def _tendon_row(tendon: Tendon) -> tuple[str, ...]:
         tendon.name,
         f"({1e3 * tendon.offset[0]:.3g}, {1e3 * tendon.offset[1]:.3g})",
         f"{1e3 * tendon.end:.1f}",
-        _routing(tendon),
+        f"{len(tendon.guides)} guides" if tendon.guides else "channel",
         f"{tendon.pretension:g} to {tendon.tension_limit:g}",
         "inextensible" if isinf(tendon.stiffness) else f"{tendon.stiffness:g} N/m",
     )
-
-
-def _routing(tendon: Tendon) -> str:
-    return f"{len(tendon.guides)} guides" if tendon.guides else "channel"
 
 
 def _errors_left_out(twin: Twin) -> list[str]:

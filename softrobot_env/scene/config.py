@@ -119,18 +119,15 @@ class SceneConfig:
     torsion: bool = False
 
     def __post_init__(self) -> None:
-        if self.actuation not in ACTUATIONS:
-            raise ValueError(
-                f"unknown actuation {self.actuation!r}; choose from {', '.join(ACTUATIONS)}"
-            )
-        if self.bending not in BENDING:
-            raise ValueError(f"unknown bending {self.bending!r}; choose from {', '.join(BENDING)}")
+        chosen = {"actuation": ACTUATIONS, "bending": BENDING}
+        if self.integrator is not None:
+            chosen["integrator"] = INTEGRATORS
+        for name, allowed in chosen.items():
+            value = getattr(self, name)
+            if value not in allowed:
+                raise ValueError(f"unknown {name} {value!r}; choose from {', '.join(allowed)}")
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
-        if self.integrator is not None and self.integrator not in INTEGRATORS:
-            raise ValueError(
-                f"unknown integrator {self.integrator!r}; choose from {', '.join(INTEGRATORS)}"
-            )
         for name in ("control_period", "timestep"):
             value = getattr(self, name)
             if value is not None and not 0 < value < inf:

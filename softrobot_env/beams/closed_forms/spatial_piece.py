@@ -23,14 +23,13 @@ the bending angle up to `reach`; within, the place z beside the axis and y deter
 """
 
 from collections.abc import Sequence
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
-from softrobot_env.beams.pcc import Station
 from softrobot_env.beams.pcc.constant_strain import stumpff
+from softrobot_env.beams.pcc.model import Station, check_stations
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.three_tendons import Tripod
 
@@ -107,7 +106,9 @@ def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIE
 def _bodies(robot: RobotParams, inertia: str | Sequence[Station]) -> np.ndarray:
     """Field `bodies` of `RigPiece`."""
     if not isinstance(inertia, str):
-        return np.array([_given(robot, *station) for station in inertia]).reshape(-1, 5)
+        check_stations(robot, inertia)
+        given = [(s / robot.length, 0.0, m, *_symmetric(moments)) for s, m, moments in inertia]
+        return np.array(given).reshape(-1, 5)
     if inertia != "distributed":
         raise ValueError(f"unknown inertia {inertia!r}; choose 'distributed' or give rigid bodies")
     place, weight = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
@@ -121,25 +122,11 @@ def _bodies(robot: RobotParams, inertia: str | Sequence[Station]) -> np.ndarray:
     return rows
 
 
-def _given(
-    robot: RobotParams, place: float, mass: float, moments: tuple[float, float, float]
-) -> tuple[float, ...]:
-    """Row of `bodies` of a given rigid body."""
-    if not 0 <= place <= robot.length * (1 + 1e-12):
-        raise ValueError(f"inertia at {place} m is off the robot, 0 to {robot.length} m")
-    if not all(0 <= x < inf for x in (mass, *moments)):
-        raise ValueError(
-            f"inertia needs finite values, zero or more, got {mass} kg and {moments} kg m2"
-        )
-    return (place / robot.length, 0.0, mass, *_symmetric(moments))
-
-
 def _symmetric(moments: tuple[float, float, float]) -> tuple[float, float]:
     """Moments of inertia across and along a body that is alike about x and y."""
-    if len(moments) != 3 or moments[0] != moments[1]:
+    if moments[0] != moments[1]:
         raise ValueError(
-            "the closed form needs three moments of inertia, those about x and y equal, got "
-            f"{moments}"
+            f"the closed form needs moments of inertia about x and y equal, got {moments}"
         )
     return moments[1], moments[2]
 

@@ -90,7 +90,7 @@ class CosseratRod(BeamModel):
         return CosseratData(
             n=7 * pieces + (0 if self.clamped else 3),
             block=7,
-            reach=self._reach(actuation, *places[:4]),
+            reach=self._reach(actuation, **places),
             scale=scale if self.clamped else np.append(scale, [robot.length] * 3),
             actuation=actuation,
             pieces=pieces,
@@ -109,11 +109,7 @@ class CosseratRod(BeamModel):
             conservative=self.moments == "conservative",
             baumgarte=self.baumgarte,
             norm_stiffness=0.0,
-            vertex=places[0],
-            share=places[1],
-            section=places[2],
-            weight=places[3],
-            moment_weight=places[4],
+            **places,
         )
 
     def _reach(
@@ -123,6 +119,7 @@ class CosseratRod(BeamModel):
         share: np.ndarray,
         section: np.ndarray,
         weight: np.ndarray,
+        **_: np.ndarray,
     ) -> int:
         """Distance in blocks over which equations depend on coordinates."""
         if not self.clamped:
@@ -205,8 +202,8 @@ class CosseratRod(BeamModel):
 
 def _places(
     actuation: Actuation, spacing: float, pieces: int, clamped: bool
-) -> tuple[np.ndarray, ...]:
-    """Vertex, share, section, weight and moment weight (n_points,) of the actuation's points.
+) -> dict[str, np.ndarray]:
+    """Fields of `CosseratData` about the actuation's points.
 
     Directors are interpolated linearly between the clamp and the middles of the segments and
     extrapolated beyond the last. The discs of a tendon beyond it turn with the last section: the
@@ -221,10 +218,11 @@ def _places(
     weight = np.where(section < 0, 2 * at, at - 0.5 - section)
     if pieces == 1 and not clamped:
         weight = np.ones_like(at)  # one section for all
-    moment_weight = np.clip(weight, 0.0, 1.0)
+    out = {"vertex": vertex, "share": at - vertex, "section": section, "weight": weight}
+    out["moment_weight"] = np.clip(weight, 0.0, 1.0)
     discs = slice(actuation.first[0], actuation.first[-1])
     weight[discs] = np.minimum(weight[discs], 1.0)
-    return vertex, at - vertex, section, weight, moment_weight
+    return out
 
 
 mechanics.implement(CosseratData, dynamics, actuation)

@@ -52,15 +52,11 @@ def timoshenko_deflection(
     force: float = 0.0,
     moment: float = 0.0,
 ) -> float:
-    """Small tip deflection [m] of a beam that bends and shears.
-
-    The Euler-Bernoulli deflection plus (q L^2 / 2 + F L) / (kappa G A).
+    """As `euler_bernoulli_deflection`, of a beam that also shears: (q L^2 / 2 + F L) / kGA more.
 
     Args:
-        length: L [m].
-        bending_stiffness: EI [N m2].
-        shear_stiffness: kappa G A [N], kappa being the shear coefficient.
-        distributed, force, moment: Loads as in `euler_bernoulli_deflection`.
+        length, bending_stiffness, distributed, force, moment: As there.
+        shear_stiffness: kGA [N], k being the shear coefficient.
     """
     bending = euler_bernoulli_deflection(length, bending_stiffness, distributed, force, moment)
     return bending + (distributed * length**2 / 2 + force * length) / shear_stiffness

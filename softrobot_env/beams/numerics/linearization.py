@@ -55,19 +55,13 @@ def residual_derivatives(model, q, v, a, u, by_q, by_v, by_a):
     out = np.empty(n, np.complex128)
     q1, v1, a1 = q.astype(np.complex128), v.astype(np.complex128), a.astype(np.complex128)
     u1 = u.astype(np.complex128)
-    for j in range(n):
-        q1[j] += _STEP * 1j
-        residual(model, q1, v1, a1, u1, out)
-        _store(out, j, by_q)
-        q1[j] = q[j]
-        v1[j] += _STEP * 1j
-        residual(model, q1, v1, a1, u1, out)
-        _store(out, j, by_v)
-        v1[j] = v[j]
-        a1[j] += _STEP * 1j
-        residual(model, q1, v1, a1, u1, out)
-        _store(out, j, by_a)
-        a1[j] = a[j]
+    for x, by_x in ((q1, by_q), (v1, by_v), (a1, by_a)):
+        for j in range(n):
+            still = x[j]
+            x[j] += _STEP * 1j
+            residual(model, q1, v1, a1, u1, out)
+            _store(out, j, by_x)
+            x[j] = still
 
 
 @kernel

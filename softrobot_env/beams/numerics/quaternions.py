@@ -43,6 +43,26 @@ def add_scaled(a, i, factor, x):
 
 
 @kernel
+def vector(row):
+    """Row (3,) as a vector."""
+    return (row[0], row[1], row[2])
+
+
+@kernel
+def store(row, a):
+    """Set a row (3,) to a vector."""
+    row[0], row[1], row[2] = a
+
+
+@kernel
+def accumulate(row, a):
+    """Add a vector to a row (3,)."""
+    row[0] += a[0]
+    row[1] += a[1]
+    row[2] += a[2]
+
+
+@kernel
 def dot3(x, y):
     """Inner product of vectors."""
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
@@ -58,6 +78,36 @@ def dot4(p, r):
 def cross(x, y):
     """Vector product."""
     return x[1] * y[2] - x[2] * y[1], x[2] * y[0] - x[0] * y[2], x[0] * y[1] - x[1] * y[0]
+
+
+@kernel
+def add(a, b):
+    """Sum of vectors."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@kernel
+def difference(a, b):
+    """Vector a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@kernel
+def stretched(factors, a):
+    """A vector times factors (3,), one for each component."""
+    return (factors[0] * a[0], factors[1] * a[1], factors[2] * a[2])
+
+
+@kernel
+def scaled(factor, a):
+    """A vector times a number."""
+    return (factor * a[0], factor * a[1], factor * a[2])
+
+
+@kernel
+def mix(f, a, g, b):
+    """Linear combination f a + g b of vectors."""
+    return (f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2])
 
 
 @kernel

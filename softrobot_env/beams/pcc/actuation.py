@@ -3,18 +3,14 @@
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.beams.numerics.quaternions import cross, dot3
+from softrobot_env.beams.numerics.quaternions import add, cross, dot3, scaled, store, vector
 from softrobot_env.beams.pcc.constant_strain import (
-    add,
     compose,
     position,
-    scaled,
-    store,
     stumpff,
     to_axes,
     to_world,
     turn,
-    vector,
 )
 from softrobot_env.beams.pcc.dynamics import (
     COLUMNS,
@@ -87,24 +83,21 @@ def _load_axes(first, points, turns, out):
 @kernel
 def add_forces(model, q, forces, out):
     """Add to out (n,) the generalised force of forces (n_points, 3) [N] on the points."""
-    wrenches = np.zeros((len(forces), 2, 3), out.dtype)
-    for k in range(len(forces)):
-        store(wrenches[k, 0], vector(forces[k]))
-    _add_wrenches(model, q, wrenches, out)
+    _add_wrenches(model, q, forces, 0, out)
 
 
 @kernel
 def add_moments(model, q, moments, out):
     """Add to out (n,) the generalised force of moments (n_loads, 3) [N m] at the loads."""
-    wrenches = np.zeros((len(moments), 2, 3), out.dtype)
-    for k in range(len(moments)):
-        store(wrenches[k, 1], vector(moments[k]))
-    _add_wrenches(model, q, wrenches, out)
+    _add_wrenches(model, q, moments, 1, out)
 
 
 @kernel
-def _add_wrenches(model, q, wrenches, out):
-    """Add the generalised force of forces and moments (k, 2, 3) on the first k points."""
+def _add_wrenches(model, q, vectors, kind, out):
+    """Add the generalised force of forces (kind 0) or moments (1) (k, 3) on the first k points."""
+    wrenches = np.zeros((len(vectors), 2, 3), out.dtype)
+    for k in range(len(vectors)):
+        store(wrenches[k, kind], vector(vectors[k]))
     work = np.empty((model.pieces, COLUMNS, 3), out.dtype)
     set_rotations(model.block, model.length, q, work[:, ROTATION])
     _collect(model.length, model.first[1], model.points, wrenches, work)
@@ -130,10 +123,8 @@ def _collect(length, first, points, wrenches, work):
                 u = points[m, 0]
                 phi = scaled(u, whole)
                 part = stumpff(dot3(phi, phi))
-                there, arm = (
-                    compose(axes, part, phi),
-                    (zero + points[m, 1], zero + points[m, 2], zero),
-                )
+                there = compose(axes, part, phi)
+                arm = (zero + points[m, 1], zero + points[m, 2], zero)
                 force = to_axes(there, vector(wrenches[k, 0]))
                 moment = add(cross(arm, force), to_axes(there, vector(wrenches[k, 1])))
                 add_wrench(u, length, part, phi, force, moment, row)

@@ -19,28 +19,10 @@ Vectors are tuples of three numbers, real or complex.
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.beams.numerics.quaternions import cross, dot3
+from softrobot_env.beams.numerics.quaternions import add, cross, dot3, mix, scaled
 
 #: Rotation angle squared up to which the power series are summed.
 _SERIES_LIMIT = 4.0
-
-
-@kernel
-def add(a, b):
-    """Sum of vectors."""
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-@kernel
-def scaled(factor, a):
-    """A vector times a number."""
-    return (factor * a[0], factor * a[1], factor * a[2])
-
-
-@kernel
-def mix(f, a, g, b):
-    """Linear combination f a + g b of vectors."""
-    return (f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2])
 
 
 @kernel
@@ -207,23 +189,3 @@ def to_world(axes, a):
 def to_axes(axes, a):
     """Coordinates along axes of a vector in the world."""
     return (dot3(axes[0], a), dot3(axes[1], a), dot3(axes[2], a))
-
-
-@kernel
-def vector(row):
-    """Row (3,) as a vector."""
-    return (row[0], row[1], row[2])
-
-
-@kernel
-def store(row, a):
-    """Set a row (3,) to a vector."""
-    row[0], row[1], row[2] = a
-
-
-@kernel
-def accumulate(row, a):
-    """Add a vector to a row (3,)."""
-    row[0] += a[0]
-    row[1] += a[1]
-    row[2] += a[2]

@@ -8,21 +8,24 @@ whole data: passing them on would make the compiler slow.
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.beams.numerics.quaternions import cross, dot3
-from softrobot_env.beams.pcc.constant_strain import (
+from softrobot_env.beams.numerics.quaternions import (
     accumulate,
     add,
+    cross,
+    dot3,
+    scaled,
+    store,
+    vector,
+)
+from softrobot_env.beams.pcc.constant_strain import (
     compose,
     motion,
     motion_bias,
     position,
-    scaled,
-    store,
     stumpff,
     to_world,
     transmit,
     turn_back,
-    vector,
 )
 
 #: What the work array (pieces, COLUMNS, 3) of the Newton-Euler recursion holds of a piece: its

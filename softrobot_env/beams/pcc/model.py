@@ -11,11 +11,12 @@ from softrobot_env.beams.actuation import Actuation
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import reference, structure
 from softrobot_env.beams.pcc import actuation, dynamics
+from softrobot_env.registries import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
 #: Number of coordinates per piece by the choice of `axes`.
-AXES = {"planar": 1, "spatial": 2, "torsion": 3}
+AXES = Registry("axes", {"planar": 1, "spatial": 2, "torsion": 3})
 #: Named distributions of the inertia.
 INERTIAS = ("lumped", "distributed")
 #: Arc length [m], mass [kg] and moments of inertia (xx, yy, zz) [kg m2] of a rigid body.
@@ -96,13 +97,37 @@ class PCC(BeamModel):
         loads: Sequence[Load] = (),
         drive: str = "tension",
     ) -> None:
-        if axes not in AXES:
-            raise ValueError(f"unknown axes {axes!r}; choose from {', '.join(AXES)}")
+        AXES.find(axes)
         self.axes, self.inertia = axes, inertia
         super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> PccData:
-        return make_data(self.robot, actuation, self.pieces, self.axes, self.inertia)
+        robot, pieces = self.robot, self.pieces
+        block, length = AXES[self.axes], robot.length / pieces
+        piece, fraction = _place(actuation.point_station / length, pieces)
+        order = np.argsort(piece, kind="stable")
+        points = np.column_stack([fraction, actuation.point_offset, np.arange(len(piece))])
+        first, bodies = _bodies(robot, pieces, self.inertia)
+        data = PccData(
+            n=block * pieces,
+            block=block,
+            reach=pieces,
+            scale=np.full(block * pieces, 1 / robot.length),
+            actuation=actuation,
+            pieces=pieces,
+            length=length,
+            bending=length * robot.bending_stiffness,
+            twisting=length * robot.torsional_stiffness,
+            damping_time=float(robot.damping_time),
+            gravity=np.array(robot.gravity, dtype=float),
+            first=np.stack([first, np.searchsorted(piece[order], np.arange(pieces + 1))]),
+            bodies=bodies,
+            points=points[order],
+            channels=np.column_stack([actuation.channel_end / length, actuation.channel_offset]),
+        )
+        if not isinstance(self.inertia, str):
+            _check_definite(data)
+        return data
 
     def rest(self) -> np.ndarray:
         """Coordinates (n,) of the straight pose."""
@@ -118,41 +143,6 @@ class PCC(BeamModel):
         if q.shape[1] > 2:
             strain[:, 2] = q[:, 2]
         return strain
-
-
-def make_data(
-    robot: RobotParams,
-    actuation: Actuation,
-    pieces: int,
-    axes: str,
-    inertia: str | Sequence[Station],
-) -> PccData:
-    """Data of the kernels; arguments as those of `PCC`."""
-    block, length = AXES[axes], robot.length / pieces
-    piece, fraction = _place(actuation.point_station / length, pieces)
-    order = np.argsort(piece, kind="stable")
-    points = np.column_stack([fraction, actuation.point_offset, np.arange(len(piece))])
-    first, bodies = _bodies(robot, pieces, inertia)
-    data = PccData(
-        n=block * pieces,
-        block=block,
-        reach=pieces,
-        scale=np.full(block * pieces, 1 / robot.length),
-        actuation=actuation,
-        pieces=pieces,
-        length=length,
-        bending=length * robot.bending_stiffness,
-        twisting=length * robot.torsional_stiffness,
-        damping_time=float(robot.damping_time),
-        gravity=np.array(robot.gravity, dtype=float),
-        first=np.stack([first, np.searchsorted(piece[order], np.arange(pieces + 1))]),
-        bodies=bodies,
-        points=points[order],
-        channels=np.column_stack([actuation.channel_end / length, actuation.channel_offset]),
-    )
-    if not isinstance(inertia, str):
-        _check_definite(data)
-    return data
 
 
 def _place(places: np.ndarray, pieces: int) -> tuple[np.ndarray, np.ndarray]:
@@ -193,6 +183,13 @@ def _bodies(
 
 def _given(robot: RobotParams, pieces: int, stations: Sequence[Station]) -> np.ndarray:
     """Place in pieces, mass and moments of inertia (k, 5) of given bodies."""
+    check_stations(robot, stations)
+    rows = [(s * pieces / robot.length, mass, *moments) for s, mass, moments in stations]
+    return np.array(rows, dtype=float).reshape(-1, 5)
+
+
+def check_stations(robot: RobotParams, stations: Sequence[Station]) -> None:
+    """Raise ValueError for a rigid body off the robot or of negative or infinite inertia."""
     for s, mass, moments in stations:
         if not 0 <= s <= robot.length * (1 + 1e-12):
             raise ValueError(f"inertia at {s} m is off the robot, 0 to {robot.length} m")
@@ -201,8 +198,6 @@ def _given(robot: RobotParams, pieces: int, stations: Sequence[Station]) -> np.n
                 "inertia needs a finite mass and three moments of inertia, zero or more, got "
                 f"{mass} kg and {moments} kg m2"
             )
-    rows = [(s * pieces / robot.length, mass, *moments) for s, mass, moments in stations]
-    return np.array(rows, dtype=float).reshape(-1, 5)
 
 
 def _check_definite(data: PccData) -> None:
