@@ -1,3 +1,5 @@
 """`softrobot_env.robots.loads` under its public name."""
 
-from softrobot_env.robots.loads import *  # noqa: F403
+from softrobot_env.robots.loads import Load
+
+__all__ = ["Load"]

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, structure
+from softrobot_env.beams.numerics.quaternions import add_scaled, difference, dot3, row3
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load
 
@@ -58,16 +59,6 @@ class Actuation(NamedTuple):
         """Number of loads."""
         return len(self.load_follows)
 
-    @property
-    def n_inputs(self) -> int:
-        """Number of inputs."""
-        return len(self.guided) + len(self.load_follows)
-
-    @property
-    def load_station(self) -> np.ndarray:
-        """(n_loads,) [m]."""
-        return self.point_station[: self.n_loads]
-
 
 def make_actuation(
     robot: RobotParams, loads: Sequence[Load] = (), drive: str = "tension"
@@ -79,11 +70,21 @@ def make_actuation(
             stiffness driven by length.
     """
     _check(robot, loads, drive)
-    guided = [t for t in robot.tendons if t.guides]
-    channels = [t for t in robot.tendons if not t.guides]
+    return _arrays(robot.tendons, loads, drive)
+
+
+def points_only(stations: np.ndarray, offsets: np.ndarray | None = None) -> Actuation:
+    """Material points (k,) [m] and (k, 2) [m] to be observed, without loads and tendons."""
+    stations = np.atleast_1d(np.asarray(stations, dtype=float))
+    offsets = np.zeros((len(stations), 2)) if offsets is None else np.asarray(offsets, dtype=float)
+    return _arrays((), (), "tension")._replace(point_station=stations, point_offset=offsets)
+
+
+def _arrays(tendons: Sequence[Tendon], loads: Sequence[Load], drive: str) -> Actuation:
+    channels = [t for t in tendons if not t.guides]
     points = [(load.station, (0.0, 0.0)) for load in loads]
     first = [len(points)]
-    for tendon in robot.tendons:
+    for tendon in tendons:
         if tendon.guides:
             points += [(s, tendon.offset) for s in (0.0, *tendon.guides, tendon.end)]
         first.append(len(points))
@@ -96,42 +97,16 @@ def make_actuation(
         load_follows=np.array([x.follows for x in loads], dtype=bool),
         moments=bool(moment.any()),
         followers=any(x.follows for x in loads),
-        guided=np.array([t in guided for t in robot.tendons], dtype=bool),
+        guided=np.array([bool(t.guides) for t in tendons], dtype=bool),
         first=np.array(first),
-        channel=np.array([-1 if t.guides else channels.index(t) for t in robot.tendons], dtype=int),
+        channel=np.array([-1 if t.guides else channels.index(t) for t in tendons], dtype=int),
         channel_offset=np.array([t.offset for t in channels], dtype=float).reshape(-1, 2),
         channel_end=np.array([t.end for t in channels], dtype=float),
         by_length=drive == "length",
-        stiffness=_values(robot.tendons, "stiffness"),
-        pretension=_values(robot.tendons, "pretension"),
-        limit=_values(robot.tendons, "tension_limit"),
-        straight=_values(robot.tendons, "end"),
-    )
-
-
-def points_only(stations: np.ndarray, offsets: np.ndarray | None = None) -> Actuation:
-    """Material points (k,) [m] and (k, 2) [m] to be observed, without loads and tendons."""
-    stations = np.atleast_1d(np.asarray(stations, dtype=float))
-    offsets = np.zeros((len(stations), 2)) if offsets is None else np.asarray(offsets, dtype=float)
-    nothing, integers = np.empty(0), np.empty(0, dtype=int)
-    return Actuation(
-        point_station=stations,
-        point_offset=offsets,
-        load_force=np.empty((0, 3)),
-        load_moment=np.empty((0, 3)),
-        load_follows=np.empty(0, dtype=bool),
-        moments=False,
-        followers=False,
-        guided=np.empty(0, dtype=bool),
-        first=np.zeros(1, dtype=int),
-        channel=integers,
-        channel_offset=np.empty((0, 2)),
-        channel_end=nothing,
-        by_length=False,
-        stiffness=nothing,
-        pretension=nothing,
-        limit=nothing,
-        straight=nothing,
+        stiffness=_values(tendons, "stiffness"),
+        pretension=_values(tendons, "pretension"),
+        limit=_values(tendons, "tension_limit"),
+        straight=_values(tendons, "end"),
     )
 
 
@@ -157,7 +132,7 @@ def _vectors(values: list[tuple[float, float, float]]) -> np.ndarray:
     return np.array(values, dtype=float).reshape(-1, 3)
 
 
-def _values(tendons: tuple[Tendon, ...], name: str) -> np.ndarray:
+def _values(tendons: Sequence[Tendon], name: str) -> np.ndarray:
     return np.array([getattr(t, name) for t in tendons], dtype=float)
 
 
@@ -168,10 +143,8 @@ def path_lengths(actuation, points, lengths):
         if actuation.guided[k]:
             total = lengths[k] * 0
             for i in range(actuation.first[k], actuation.first[k + 1] - 1):
-                dx = points[i + 1, 0] - points[i, 0]
-                dy = points[i + 1, 1] - points[i, 1]
-                dz = points[i + 1, 2] - points[i, 2]
-                total += np.sqrt(dx * dx + dy * dy + dz * dz)
+                span = difference(row3(points, i + 1), row3(points, i))
+                total += np.sqrt(dot3(span, span))
             lengths[k] = total
 
 
@@ -184,16 +157,10 @@ def add_path_forces(actuation, points, tension, forces):
     for k in range(len(actuation.guided)):
         if actuation.guided[k]:
             for i in range(actuation.first[k], actuation.first[k + 1] - 1):
-                dx = points[i + 1, 0] - points[i, 0]
-                dy = points[i + 1, 1] - points[i, 1]
-                dz = points[i + 1, 2] - points[i, 2]
-                pull = tension[k] / np.sqrt(dx * dx + dy * dy + dz * dz)
-                forces[i, 0] += pull * dx
-                forces[i, 1] += pull * dy
-                forces[i, 2] += pull * dz
-                forces[i + 1, 0] -= pull * dx
-                forces[i + 1, 1] -= pull * dy
-                forces[i + 1, 2] -= pull * dz
+                span = difference(row3(points, i + 1), row3(points, i))
+                pull = tension[k] / np.sqrt(dot3(span, span))
+                add_scaled(forces, i, pull, span)
+                add_scaled(forces, i + 1, -pull, span)
 
 
 @kernel

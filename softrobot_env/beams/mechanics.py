@@ -10,12 +10,13 @@ loads. Its data are a NamedTuple of numbers and arrays with at least
     scale: (n,) float, size of a large change of each coordinate
     actuation: `actuation.Actuation`
 
-For its type of NamedTuple it implements the functions of the first part of this module and
-registers them with `implement`. Arrays may be real or complex: derivatives are taken along
+For its type of NamedTuple it implements the functions of the first part of this module in modules
+that it registers with `implement`. Arrays may be real or complex: derivatives are taken along
 imaginary steps. The second part is the same for all models.
 """
 
 from inspect import signature
+from types import FunctionType, ModuleType
 from typing import Any
 
 import numpy as np
@@ -108,12 +109,18 @@ def momentum(model, q, v, out):
     raise NotImplementedError
 
 
-def implement(data_class: type, *kernels: Any) -> None:
-    """Let kernels be the functions above of the same names for data of a class."""
-    for each in kernels:
-        if each.py_func.__name__ == add_internal_tangent.__name__:
-            _WITH_TANGENT.add(data_class)
-        _overload(globals()[each.py_func.__name__], data_class, each.py_func)
+def implement(data_class: type, *modules: ModuleType) -> None:
+    """Let the kernels of some modules be the functions above of the same names for data of a class.
+
+    Args:
+        data_class: A structure.
+        *modules: Where its kernels are; those of other names are left out.
+    """
+    for module in modules:
+        for name, each in vars(module).items():
+            function = globals().get(name)
+            if isinstance(function, FunctionType) and hasattr(each, "py_func"):
+                _overload(function, data_class, each.py_func)
 
 
 def _overload(function: Any, data_class: type, implementation: Any) -> None:
@@ -121,6 +128,8 @@ def _overload(function: Any, data_class: type, implementation: Any) -> None:
         fits = getattr(arguments[0], "instance_class", None) is data_class
         return implementation if fits else None
 
+    if function is add_internal_tangent:
+        _WITH_TANGENT.add(data_class)
     choose.__signature__ = signature(implementation)  # type: ignore[attr-defined]
     overload(function)(choose)
 

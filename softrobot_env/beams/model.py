@@ -2,18 +2,19 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from softrobot_env.beams import mechanics, signals
 from softrobot_env.beams.actuation import Actuation, make_actuation, points_only, tendon_tensions
-from softrobot_env.beams.numerics import integration
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.beams.numerics.integration import Control, integrate, workspace
+from softrobot_env.beams.numerics.integration import DONE, FAILURES, Control, integrate, workspace
 from softrobot_env.beams.numerics.linearization import (
     StateSpace,
     input_derivatives,
+    point_derivatives,
     residual_derivatives,
 )
 from softrobot_env.beams.numerics.methods import find_method
@@ -21,14 +22,6 @@ from softrobot_env.beams.signals import Signal
 from softrobot_env.beams.statics import EquilibriumError, follow_loads
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
-
-#: What the codes of `integration.integrate` mean.
-FAILURES = {
-    integration.STEP_TOO_SMALL: "the step size fell below its limit",
-    integration.NOT_CONVERGED: "Newton's iteration did not converge",
-    integration.DIVERGED: "the motion diverged",
-    integration.TOO_MANY_STEPS: "the largest number of steps was used up",
-}
 
 
 class IntegrationError(RuntimeError):
@@ -103,25 +96,30 @@ class BeamModel:
 
     Attributes:
         robot: The robot.
+        pieces: Number of equal pieces; the robot's own unless given.
         loads: Its loads.
-        drive: "tension" or "length".
+        drive: How tendons are driven, "tension" or "length".
         data: Reference to the structure for the kernels (`beams.mechanics`). Gravity enters it as
             a field `gravity` that all gravity forces are linear in.
         input_names: Names of the inputs.
         inertia: How the mass is distributed: a name, or rigid bodies that are all of it.
 
     Raises:
-        ValueError: The robot has what no beam model has: a head (unless given rigid bodies stand
-            for it), anisotropy or precurvature.
+        ValueError: No whole number of pieces, an unknown drive, or the robot has what no beam model
+            has: a head (unless given rigid bodies stand for it), anisotropy or precurvature.
     """
 
     inertia: str | Sequence[Any] = "distributed"
 
     def __init__(
-        self, robot: RobotParams, loads: Sequence[Load] = (), drive: str = "tension"
+        self, robot: RobotParams, pieces: int | None, loads: Sequence[Load], drive: str
     ) -> None:
         _check_robot(robot, has_head=not isinstance(self.inertia, str))
+        pieces = robot.pieces if pieces is None else pieces
+        if not (isinstance(pieces, Integral) and pieces >= 1):
+            raise ValueError(f"pieces must be a whole number, at least one, got {pieces!r}")
         self.robot, self.loads, self.drive = robot, tuple(loads), drive
+        self.pieces = int(pieces)
         self.data: Any = reference(self._data(make_actuation(robot, loads, drive)))
         self.input_names = tuple(x.name for x in (*robot.tendons, *loads))
 
@@ -318,7 +316,7 @@ class BeamModel:
         work = workspace(self.n, mechanics.bandwidth(self.data), len(scheme.b), self.n_inputs)
         given = (reference(x) for x in (scheme, control, self._signal(u), work))
         code, reached = integrate(self.data, *given, times, q, v, out_q, out_v, counters, steps)
-        if code != integration.DONE:
+        if code != DONE:
             raise IntegrationError(
                 f"{FAILURES[code]} at t = {reached:.4g} s ({method}, "
                 f"{'adaptive step' if step is None else f'step {step:g} s'})",
@@ -415,7 +413,7 @@ class BeamModel:
         """(3 k, n) derivative of centreline points by the coordinates."""
         probe = self.probe(stations)
         out = np.empty((3 * len(stations), self.n))
-        _locate_derivative(probe, self._vector(q), out)
+        point_derivatives(probe, self._vector(q), out)
         return out
 
     def tendon_length(self, q: np.ndarray) -> np.ndarray:
@@ -512,20 +510,6 @@ def _locate_series(model, q, out):
     """Set out (T, n_points, 3) [m] for coordinates (T, n)."""
     for k in range(len(q)):
         mechanics.locate(model, q[k], out[k])
-
-
-@kernel
-def _locate_derivative(model, q, out):
-    """Set out (3 n_points, n)."""
-    points = np.empty((len(model.actuation.point_station), 3), np.complex128)
-    q1 = q.astype(np.complex128)
-    for j in range(len(q)):
-        q1[j] += 1e-30j
-        mechanics.locate(model, q1, points)
-        for k in range(len(points)):
-            for i in range(3):
-                out[3 * k + i, j] = points[k, i].imag / 1e-30
-        q1[j] = q[j]
 
 
 @kernel

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from softrobot_env.beams import mechanics
-from softrobot_env.beams.model import FAILURES, BeamModel
-from softrobot_env.beams.numerics import integration
+from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.beams.numerics.integration import Control, integrate, workspace
+from softrobot_env.beams.numerics.integration import DONE, FAILURES, Control, integrate, workspace
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import constant
 from softrobot_env.beams.statics import EquilibriumError
@@ -189,7 +188,7 @@ class SteppedModel:
             self._counters,
             self._steps,
         )
-        if code == integration.DONE:
+        if code == DONE:
             return None
         how = f"tolerance {self._tolerance:g}" if self._step is None else f"step {self._step:g} s"
         return f"{FAILURES[code]} after {reached:.4g} s of it ({self._method}, {how})"

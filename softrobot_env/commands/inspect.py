@@ -10,7 +10,6 @@ from rich.table import Table
 
 from softrobot_env.benchmarks.timing import step_cost
 from softrobot_env.commands.arguments import add_scene, add_twin, scene_options
-from softrobot_env.commands.inspect_rig import errors_left_out, rig_rows
 from softrobot_env.commands.setups.rig import RigSetup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.envs.base import EpisodeEnv
@@ -18,7 +17,7 @@ from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.labels import option_columns, task_label
 from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.robots.twin import twin_or_ideal
+from softrobot_env.robots.twin import Twin, twin_or_ideal
 from softrobot_env.scene.build import Scene
 
 EXAMPLE = """softrobot inspect --task swing
@@ -50,18 +49,18 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     task = one_task(args)
     label = task_label({"task": task.name, **option_columns(dict(task.options))})
-    setup = RigSetup(args)
-    console = Console()
+    rig, scene = RigSetup(args), scene_options(args)
     if task.axes == "xy":
-        env = RigEnv(task, twin=twin_or_ideal(setup.twins()[0]), **scene_options(args))
-        console.print(_overview(env, label, errors_left_out(env.twin), rig_rows(env)))
-        console.print(_tendons(env.twin.robot))
-        return 0
-    setup.check([])
-    env = TrackingEnv(task, **scene_options(args))
-    action = f"{env.action_space.shape[0]} inputs, full scale {env.input_scale.tolist()} N"
-    console.print(_overview(env, label, [], {"action": action}))
-    console.print(_tendons(env.task.robot))
+        env = RigEnv(task, twin=twin_or_ideal(rig.twins()[0]), **scene)
+        left_out, own = _errors_left_out(env.twin), _as_built(env)
+    else:
+        rig.check([])
+        env = TrackingEnv(task, **scene)
+        inputs = f"{env.action_space.shape[0]} inputs, full scale {env.input_scale.tolist()} N"
+        left_out, own = [], {"action": inputs}
+    console = Console()
+    console.print(_overview(env, label, left_out, own))
+    console.print(_tendons(env.scene.config.robot))
     return 0
 
 
@@ -96,9 +95,9 @@ def _timing(scene: Scene) -> dict[str, str]:
         "timestep rule": choice.reason,
         "first mode": f"{1 / choice.first_period:.3f} Hz",
         "stability limit": f"{limit} (linearised)",
-        "cost per step": f"{1e6 * cost:.1f} us",
+        "cost per step": f"{1e6 * cost:.1f} µs",
         "cost per control period": (
-            f"{1e6 * per_control:.1f} us, {scene.config.control_period / per_control:.0f} x "
+            f"{1e6 * per_control:.1f} µs, {scene.config.control_period / per_control:.0f} x "
             "real time"
         ),
     }
@@ -127,11 +126,45 @@ def _tendon_row(tendon: Tendon) -> tuple[str, ...]:
         tendon.name,
         f"({1e3 * tendon.offset[0]:.3g}, {1e3 * tendon.offset[1]:.3g})",
         f"{1e3 * tendon.end:.1f}",
-        _routing(tendon),
+        f"{len(tendon.guides)} guides" if tendon.guides else "channel",
         f"{tendon.pretension:g} to {tendon.tension_limit:g}",
         "inextensible" if isinf(tendon.stiffness) else f"{tendon.stiffness:g} N/m",
     )
 
 
-def _routing(tendon: Tendon) -> str:
-    return f"{len(tendon.guides)} guides" if tendon.guides else "channel"
+def _errors_left_out(twin: Twin) -> list[str]:
+    """Errors that a twin can have and this one has not, and what no rig's scene has."""
+    errors = {
+        "servo offsets": any(twin.servo_offset),
+        "backlash": any(twin.backlash),
+        "tendon friction": any(tendon.friction for tendon in twin.robot.tendons),
+        "precurvature": any(twin.robot.precurvature),
+        "uneven stiffness": twin.robot.anisotropy > 0,
+        "camera noise": twin.camera_noise > 0,
+        "camera delay": twin.camera_delay > 0,
+        "torsion": False,
+    }
+    return [name for name, there in errors.items() if not there]
+
+
+def _as_built(env: RigEnv) -> dict[str, str]:
+    """Rows of a rig: its stiffness, servos and camera, and the action."""
+    twin = env.twin
+    return {
+        "rig": "ideal" if twin.seed is None else f"twin {twin.seed}",
+        "bending stiffness": _stiffness(twin.robot, env.task.robot),
+        "servos": f"{1e3 * twin.servo_speed:.0f} mm/s, offsets {_millimetres(twin.servo_offset)}, "
+        f"backlash {_millimetres(twin.backlash)}",
+        "camera": f"noise {1e3 * twin.camera_noise:g} mm, delay {1e3 * twin.camera_delay:.3g} ms",
+        "action": f"{env.action_space.shape[0]} lengths to pull in, full scale "
+        f"{1e3 * env.length_scale:g} mm",
+    }
+
+
+def _stiffness(robot: RobotParams, nominal: RobotParams) -> str:
+    share = robot.bending_stiffness / nominal.bending_stiffness
+    return f"{1e3 * robot.bending_stiffness:.3g} mN m2, {share:.3f} of what policies are told"
+
+
+def _millimetres(lengths: tuple[float, ...]) -> str:
+    return f"({', '.join(f'{1e3 * length:.3g}' for length in lengths)}) mm"

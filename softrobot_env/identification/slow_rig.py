@@ -10,8 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms.spatial_output import output
-from softrobot_env.beams.closed_forms.spatial_piece import RigPiece, add_static, make_rig_piece
+from softrobot_env.beams.closed_forms.spatial_piece import (
+    RigPiece,
+    add_static,
+    make_rig_piece,
+    output,
+)
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.three_tendons import ThreeTendons

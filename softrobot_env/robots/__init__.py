@@ -6,6 +6,7 @@ The names here are what other parts import; `robots.twin`, `robots.actuation` an
 
 from softrobot_env.robots.arm import ARM
 from softrobot_env.robots.cantilevers import CANTILEVER_STIFF, CANTILEVER_WEAK
+from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import (
     MAY_VANISH,
     NEUTRAL,
@@ -42,6 +43,7 @@ __all__ = [
     "VARIABLE",
     "WORKSPACE",
     "Head",
+    "Load",
     "RobotParams",
     "Tendon",
     "as_number",

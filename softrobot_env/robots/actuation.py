@@ -10,10 +10,10 @@ from softrobot_env.robots.parameters import RobotParams, Tendon
 class TendonMap:
     """Resolves the actuation redundancy of opposing tendons (secs. 3.1.2 and 6.2.2).
 
-    Within a group the tensions that produce the reduced input u are known up to a common
-    tension; the map returns the smallest ones that respect the pretension:
-    F_k = max_j (F~_k - F~_j) + F_pre with F~ = pinv(Phi) u (audit of (3.3) to (3.5)).
-    For a pair this is (6.8): one tendon pulls, the other keeps its pretension.
+    The tensions of a pair that produce the reduced input u are known up to a common tension; the
+    map returns the smallest ones that respect the pretension: F_k = max(F~_k - F~_j, 0) + F_pre,
+    where j opposes k and F~ = pinv(Phi) u (audit of (3.3) to (3.5)). That is (6.8): one tendon
+    pulls, the other keeps its pretension.
 
     Attributes:
         phi: (n_inputs, n_tendons), reduced input u = phi @ tension.
@@ -24,13 +24,16 @@ class TendonMap:
         groups = [t.group for t in robot.tendons]
         if groups != sorted(groups):
             raise ValueError(f"robot {robot.name!r}: order the tendons by group")
-        blocks = [[t for t in robot.tendons if t.group == g] for g in sorted(set(groups))]
-        self.phi = _block_diagonal([_directions(robot, block) for block in blocks])
-        self.input_scale = np.array([b[0].tension_limit - b[0].pretension for b in blocks])
+        pairs = [[t for t in robot.tendons if t.group == g] for g in sorted(set(groups))]
+        self.phi = np.zeros((len(pairs), len(robot.tendons)))
+        for k, pair in enumerate(pairs):
+            self.phi[k, 2 * k : 2 * k + 2] = _sides(robot, pair)
+        self.input_scale = np.array([p[0].tension_limit - p[0].pretension for p in pairs])
         self._pretension = np.array([t.pretension for t in robot.tendons])
         self._pretensioned = bool(self._pretension.any())
-        self._differences = _group_differences(self.phi, [len(b) for b in blocks])
-        self._zero = np.zeros(len(robot.tendons))
+        spread = np.linalg.pinv(self.phi)
+        opposing = np.arange(len(robot.tendons)) ^ 1
+        self._difference = spread - spread[opposing]
 
     @property
     def n_inputs(self) -> int:
@@ -40,34 +43,27 @@ class TendonMap:
     def per_action(self) -> "TendonMap":
         """The same map for actions: its `tension` takes multiples [1] of `input_scale`."""
         scaled = copy(self)
-        scaled._differences = [d * self.input_scale for d in self._differences]
+        scaled._difference = self._difference * self.input_scale
         return scaled
 
     def tension(self, reduced: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Tensions (n_tendons,) [N] >= pretension for reduced inputs (n_inputs,) [N]."""
-        out = np.empty_like(self._zero) if out is None else out
-        low = self._zero
-        for difference in self._differences:
-            np.maximum(difference.dot(reduced), low, out=out)
-            low = out
+        out = np.maximum(self._difference.dot(reduced), 0.0, out=out)
         if self._pretensioned:
             out += self._pretension
         return out
 
     def tensions(self, reduced: np.ndarray) -> np.ndarray:
         """As `tension`, for many: (n, n_tendons) [N] for reduced inputs (n, n_inputs) [N]."""
-        out = np.zeros((len(reduced), len(self._zero)))
-        for difference in self._differences:
-            np.maximum(reduced @ difference.T, out, out=out)
-        return out + self._pretension if self._pretensioned else out
+        return np.maximum(reduced @ self._difference.T, 0.0) + self._pretension
 
     def reduced(self, tension: np.ndarray) -> np.ndarray:
         """Reduced inputs (..., n_inputs) [N] that tensions (..., n_tendons) [N] produce."""
         return np.asarray(tension) @ self.phi.T
 
 
-def _directions(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
-    """Phi of one group: the side (+1 or -1) of the neutral fibre each tendon pulls to."""
+def _sides(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
+    """Phi (2,) of one group: the side (+1 or -1) of the neutral fibre each tendon pulls to."""
     offsets = np.array([t.offset for t in tendons])
     if len(tendons) != 2 or np.any(offsets[:, 1] != 0) or offsets[:, 0].sum() != 0:
         raise ValueError(
@@ -79,26 +75,4 @@ def _directions(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
             f"robot {robot.name!r}: opposing tendons need the same end, tension_limit and "
             f"pretension, unlike {' and '.join(t.name for t in tendons)}"
         )
-    return np.sign(offsets[:, :1].T)
-
-
-def _block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
-    """As scipy.linalg.block_diag, whose import takes longer than all of `gymnasium.make`."""
-    shape = np.sum([b.shape for b in blocks], axis=0) if blocks else (0, 0)
-    out = np.zeros(shape)
-    row = column = 0
-    for block in blocks:
-        out[row : row + block.shape[0], column : column + block.shape[1]] = block
-        row, column = row + block.shape[0], column + block.shape[1]
-    return out
-
-
-def _group_differences(phi: np.ndarray, sizes: list[int]) -> list[np.ndarray]:
-    """Matrices (n_tendons, n_inputs) whose products with u are F~_k - F~_(k+shift)."""
-    spread = np.linalg.pinv(phi)
-    starts = np.cumsum([0, *sizes])
-    differences = []
-    for shift in range(1, max(sizes, default=1)):
-        other = [a + (k + shift) % n for a, n in zip(starts, sizes, strict=False) for k in range(n)]
-        differences.append(spread - spread[other])
-    return differences or [np.zeros((0, 0))]
+    return np.sign(offsets[:, 0])

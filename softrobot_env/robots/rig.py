@@ -45,7 +45,8 @@ RIG = RobotParams(
     head=Head(mass=0.055, centre=0.018, inertia=(6.2e-6, 6.2e-6, 6.2e-6), output=0.022),
 )
 
-#: Young's modulus of a beam over that of the one-piece model of the same rig [1], see `twin`.
+#: Young's modulus of a beam over that of the one-piece model of the same rig [1], see
+#: `robots.twin`.
 EQUIVALENT = 1.2
 
 #: A rig that, as a beam, stands and calms down as the one-piece model of `RIG` does.

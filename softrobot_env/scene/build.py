@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import mujoco
 
 from softrobot_env.scene import extras
+from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
@@ -119,4 +120,4 @@ def _add_parts(chain: Chain, config: SceneConfig) -> None:
     for marker in config.markers:
         extras.add_marker(chain.spec, marker)
     if config.appearance is not None:
-        extras.add_appearance(chain, config.robot, config.appearance)
+        add_appearance(chain, config.robot, config.appearance)

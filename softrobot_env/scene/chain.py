@@ -99,6 +99,12 @@ def joint_kinds(robot: RobotParams, bending: str, torsion: bool) -> tuple[str, .
     return (BALL,) if isotropic and not channels else ("hinge", "side", "twist")
 
 
+def seen_from_hinges(vector: tuple[float, float], azimuth: float) -> tuple[float, float]:
+    """(x, y) in the directions of hinges whose axes are turned by `azimuth` [rad]."""
+    (x, y), c, s = vector, cos(azimuth), sin(azimuth)
+    return x * c + y * s, y * c - x * s
+
+
 def joint_angles(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
     """Angles of a chain's joints in a posture (nq,).
 
@@ -247,8 +253,7 @@ def _turned(axis: tuple[float, float, float], azimuth: float) -> tuple[float, fl
 
 def _precurvature(kind: str, robot: RobotParams, azimuth: float) -> float:
     """Curvature [1/m] of the unloaded robot about a hinge."""
-    x, y = robot.precurvature
-    along, across = x * cos(azimuth) + y * sin(azimuth), y * cos(azimuth) - x * sin(azimuth)
+    along, across = seen_from_hinges(robot.precurvature, azimuth)
     return {"hinge": along, "side": across, "twist": 0.0}[kind]
 
 

@@ -1,6 +1,6 @@
 """What a scene contains. A part that is not listed is not built."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, inf, sin
 
 from softrobot_env.robots import RobotParams
@@ -14,6 +14,12 @@ BENDING = ("planar", "spatial")
 
 #: Integrators a scene can use, by MuJoCo's names.
 INTEGRATORS = ("implicitfast", "discrete", "implicit", "Euler", "RK4")
+
+#: Name of the camera that a visible scene has.
+FRONT_CAMERA = "front"
+
+_WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
+_ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
 
 Rgba = tuple[float, float, float, float]
 
@@ -113,18 +119,15 @@ class SceneConfig:
     torsion: bool = False
 
     def __post_init__(self) -> None:
-        if self.actuation not in ACTUATIONS:
-            raise ValueError(
-                f"unknown actuation {self.actuation!r}; choose from {', '.join(ACTUATIONS)}"
-            )
-        if self.bending not in BENDING:
-            raise ValueError(f"unknown bending {self.bending!r}; choose from {', '.join(BENDING)}")
+        chosen = {"actuation": ACTUATIONS, "bending": BENDING}
+        if self.integrator is not None:
+            chosen["integrator"] = INTEGRATORS
+        for name, allowed in chosen.items():
+            value = getattr(self, name)
+            if value not in allowed:
+                raise ValueError(f"unknown {name} {value!r}; choose from {', '.join(allowed)}")
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
-        if self.integrator is not None and self.integrator not in INTEGRATORS:
-            raise ValueError(
-                f"unknown integrator {self.integrator!r}; choose from {', '.join(INTEGRATORS)}"
-            )
         for name in ("control_period", "timestep"):
             value = getattr(self, name)
             if value is not None and not 0 < value < inf:
@@ -134,3 +137,17 @@ class SceneConfig:
     def n_pieces(self) -> int:
         """Number of pieces really used."""
         return self.robot.pieces if self.pieces is None else self.pieces
+
+
+def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
+    """The same scene with a body to look at and a camera that frames the robot's reach.
+
+    Args:
+        config: The scene.
+        aspect: Width over height of the pictures to take.
+    """
+    reach = config.robot.reach
+    height = reach * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
+    elevation = _ELEVATION if config.bending == "spatial" else 0.0
+    camera = Camera(FRONT_CAMERA, (0.0, 0.48 * reach), height, elevation)
+    return replace(config, appearance=Appearance(), cameras=(camera,))

@@ -19,14 +19,19 @@ from math import sqrt
 
 import numpy as np
 
+from softrobot_env.registries import Registry
+
 #: Hinge offsets from the middle of a piece, in piece lengths, by rule.
-RULES: dict[str, tuple[float, ...]] = {
-    "midpoint": (0.0,),
-    "gauss2": (-1 / sqrt(12), 1 / sqrt(12)),
-    "balanced2": (-0.3, 0.3),
-    "chord2": (-1 / 3, 1 / 3),
-    "gauss3": (-sqrt(0.15), 0.0, sqrt(0.15)),
-}
+RULES = Registry(
+    "hinge rule",
+    {
+        "midpoint": (0.0,),
+        "gauss2": (-1 / sqrt(12), 1 / sqrt(12)),
+        "balanced2": (-0.3, 0.3),
+        "chord2": (-1 / 3, 1 / 3),
+        "gauss3": (-sqrt(0.15), 0.0, sqrt(0.15)),
+    },
+)
 
 #: Shares of the piece the hinges represent, where they are not equal.
 _SHARES = {"gauss3": (5 / 18, 8 / 18, 5 / 18)}
@@ -60,11 +65,9 @@ def place_hinges(length: float, pieces: int, rule: str) -> HingeLayout:
     Raises:
         ValueError: Unknown rule, or a number of pieces that is not a positive whole number.
     """
-    if rule not in RULES:
-        raise ValueError(f"unknown hinge rule {rule!r}; choose from {', '.join(RULES)}")
     if not (pieces >= 1 and pieces % 1 == 0):
         raise ValueError(f"need a whole number of pieces, at least one, got {pieces}")
-    offsets = np.array(RULES[rule])
+    offsets = np.array(RULES.find(rule))
     shares = np.array(_SHARES.get(rule, np.full(len(offsets), 1 / len(offsets))))
     size = length / pieces
     middles = size * (np.arange(pieces) + 0.5)

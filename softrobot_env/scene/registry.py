@@ -1,8 +1,8 @@
 """Scenes by name, as they are exported to assets/."""
 
+from softrobot_env.registries import Registry
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, EQUIVALENT_RIG
-from softrobot_env.scene.config import SceneConfig, TipSensors
-from softrobot_env.scene.view import visible
+from softrobot_env.scene.config import SceneConfig, TipSensors, visible
 
 #: Pieces the rig is cut into: its first frequency is then within 1 % of the beam's.
 RIG_PIECES = 4
@@ -19,11 +19,14 @@ _RIG = SceneConfig(
 
 #: "arm" is what all arm environments simulate, "arm_view" what they draw; likewise "rig"
 #: without a twin.
-SCENES: dict[str, SceneConfig] = {
-    "arm": _ARM,
-    "arm_view": visible(_ARM),
-    "rig": _RIG,
-    "rig_view": visible(_RIG),
-    "cantilever_weak": SceneConfig(CANTILEVER_WEAK, sensors=(TipSensors(),)),
-    "cantilever_stiff": SceneConfig(CANTILEVER_STIFF, sensors=(TipSensors(),)),
-}
+SCENES = Registry(
+    "scene",
+    {
+        "arm": _ARM,
+        "arm_view": visible(_ARM),
+        "rig": _RIG,
+        "rig_view": visible(_RIG),
+        "cantilever_weak": SceneConfig(CANTILEVER_WEAK, sensors=(TipSensors(),)),
+        "cantilever_stiff": SceneConfig(CANTILEVER_STIFF, sensors=(TipSensors(),)),
+    },
+)

@@ -8,7 +8,7 @@ import math
 import mujoco
 
 from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.scene.chain import Chain
+from softrobot_env.scene.chain import Chain, seen_from_hinges
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
 
@@ -58,19 +58,13 @@ def _route_through_channel(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
             f"{tendon.end:g} m is a multiple of their length, now {piece_length:g} m"
         )
     fixed = chain.spec.add_tendon(name=tendon.name)
-    along, across = _seen_from_hinges(tendon.offset, chain.azimuth)
+    along, across = seen_from_hinges(tendon.offset, chain.azimuth)
     for index, piece in enumerate(chain.layout.piece):
         if piece < round(last):
             fixed.wrap_joint(f"hinge{index}", -along)
             if "side" in chain.kinds:
                 fixed.wrap_joint(f"side{index}", -across)
     return fixed
-
-
-def _seen_from_hinges(offset: tuple[float, float], azimuth: float) -> tuple[float, float]:
-    """Offset (2,) [m] in directions turned by `azimuth` [rad]."""
-    (x, y), c, s = offset, math.cos(azimuth), math.sin(azimuth)
-    return x * c + y * s, y * c - x * s
 
 
 def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsTendon:

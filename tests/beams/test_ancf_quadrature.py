@@ -5,7 +5,7 @@ from math import factorial, pi
 import numpy as np
 import pytest
 
-from softrobot_env.beams.ancf.quadrature import (
+from softrobot_env.beams.ancf.section import (
     chebyshev_rule,
     legendre,
     legendre_rule,

@@ -564,7 +564,7 @@ def test_rig_of_chapter_5_has_the_audits_stiffness_and_mass():
         ({"axes": "all"}, "unknown axes 'all'; choose from planar, spatial, torsion"),
         ({"inertia": "point"}, "unknown inertia 'point'; choose from lumped, distributed"),
         ({"pieces": 0}, "at least one, got 0"),
-        ({"pieces": 2.5}, "whole number of pieces"),
+        ({"pieces": 2.5}, "whole number"),
         ({"inertia": [(0.6, 1.0, (0, 0, 0))]}, "off the robot"),
         ({"inertia": [(0.5, -1.0, (0, 0, 0))]}, "zero or more"),
         ({"inertia": [(0.5, 1.0, (0, 0))]}, "three moments"),

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from softrobot_env.beams.closed_forms import spatial_output as rig_output
-from softrobot_env.beams.closed_forms import spatial_piece as rig_piece
+from softrobot_env.beams.closed_forms import spatial_piece
 from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES, make_rig_piece
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.robots import ARM, RIG, Head
@@ -36,10 +35,10 @@ def curvatures(*vectors):
 def test_equations_of_motion_are_those_of_the_general_model(state):
     y, v, a, tension = state
     out = np.empty(2)
-    rig_piece.residual(PIECE, y, v, a, tension, out)
+    spatial_piece.residual(PIECE, y, v, a, tension, out)
     expected = np.linalg.solve(TURN.T, MODEL.residual(*curvatures(y, v, a), tension))
     np.testing.assert_allclose(out, expected, atol=1e-14 * np.abs(expected).max() + 1e-15)
-    rig_piece.acceleration(PIECE, y, v, tension, out)
+    spatial_piece.acceleration(PIECE, y, v, tension, out)
     expected = TURN @ MODEL.acceleration(*curvatures(y, v), tension)
     np.testing.assert_allclose(out, expected, rtol=1e-11)
 
@@ -47,7 +46,7 @@ def test_equations_of_motion_are_those_of_the_general_model(state):
 def test_parts_of_the_equations_are_those_of_the_general_model(state):
     y, v, _, _ = state
     mass, gyroscopic, force = np.empty((2, 2)), np.empty(2), np.empty(2)
-    rig_piece.equations(PIECE, y, v, mass, gyroscopic, force)
+    spatial_piece.equations(PIECE, y, v, mass, gyroscopic, force)
     form = MODEL.control_affine(*curvatures(y, v))
     back = np.linalg.inv(TURN)
     np.testing.assert_allclose(mass, back.T @ form.mass @ back, atol=1e-15)
@@ -58,7 +57,7 @@ def test_parts_of_the_equations_are_those_of_the_general_model(state):
 
 def test_energies_are_those_of_the_general_model(state):
     y, v, _, _ = state
-    kinetic, potential = rig_piece.energies(PIECE, y, v)
+    kinetic, potential = spatial_piece.energies(PIECE, y, v)
     q, dq = curvatures(y, v)
     assert kinetic == pytest.approx(MODEL.kinetic_energy(q, dq), rel=1e-12)
     assert potential == pytest.approx(MODEL.potential_energy(q), rel=1e-12, abs=1e-15)
@@ -70,11 +69,11 @@ def test_energy_is_conserved_without_damping():
 
     def derivative(_, x):
         out = np.empty(2)
-        rig_piece.acceleration(piece, x[:2], x[2:], np.zeros(3), out)
+        spatial_piece.acceleration(piece, x[:2], x[2:], np.zeros(3), out)
         return np.concatenate((x[2:], out))
 
     motion = solve_ivp(derivative, (0, 2), start, rtol=1e-11, atol=1e-12)
-    energy = [rig_piece.energies(piece, x[:2], x[2:]) for x in motion.y.T.copy()]
+    energy = [spatial_piece.energies(piece, x[:2], x[2:]) for x in motion.y.T.copy()]
     total = np.sum(energy, axis=1)
     assert np.ptp(energy, axis=0).min() > 0.01  # energy is exchanged
     np.testing.assert_allclose(total, total[0], atol=1e-9)
@@ -86,13 +85,13 @@ def forces_of_lagrange(piece, y, v, a):
 
     def momentum(y, v):
         energy = [
-            rig_piece.energies(piece, y, v + s)[0]
+            spatial_piece.energies(piece, y, v + s)[0]
             for s in (*(1e-3 * np.eye(2)), *(-1e-3 * np.eye(2)))
         ]
         return (np.array(energy[:2]) - energy[2:]) / 2e-3  # exact: quadratic in v
 
     def energy(y):
-        return rig_piece.energies(piece, y, v)[0]
+        return spatial_piece.energies(piece, y, v)[0]
 
     weights = ((1, 8 / 12), (2, -1 / 12))
     along = sum(
@@ -115,7 +114,7 @@ def test_inertial_forces_are_lagranges(state, inertia):
     """Also those of the head, which no other model here has."""
     y, v, a, _ = state
     piece, out = make_rig_piece(replace(TILTED, damping_time=0.0), inertia), np.zeros(2)
-    rig_piece.add_dynamic(piece, y, v, a, out)
+    spatial_piece.add_dynamic(piece, y, v, a, out)
     np.testing.assert_allclose(out, forces_of_lagrange(piece, y, v, a), rtol=1e-7, atol=1e-7)
 
 
@@ -138,12 +137,12 @@ def test_the_head_counts_like_a_rigid_body_of_many_points():
     speed, turning = (p1 - p0) / (2 * step), (r1 - r0) / (2 * step) @ frame(y)[1].T
     omega = np.array([turning[2, 1], turning[0, 2], turning[1, 0]])
     expected = 0.5 * (head.mass * speed @ speed + head.inertia[0] * omega @ omega)
-    assert rig_piece.energies(piece, y, v)[0] == pytest.approx(expected, rel=1e-7)
+    assert spatial_piece.energies(piece, y, v)[0] == pytest.approx(expected, rel=1e-7)
 
 
 def output(y, piece=PIECE):
     point, jacobian = np.empty(3), np.empty((3, 2))
-    rig_output.output(piece, y, point, jacobian)
+    spatial_piece.output(piece, y, point, jacobian)
     return point, jacobian
 
 
@@ -157,7 +156,7 @@ def test_output_is_on_the_tangent_of_the_end(state):
 def test_derivatives_of_the_output(state):
     y, v, _, _ = state
     bias, h = np.empty(3), 1e-3
-    rig_output.output_bias(PIECE, y, v, bias)
+    spatial_piece.output_bias(PIECE, y, v, bias)
     for i, e in enumerate(h * np.eye(2)):
         near, far = output(y + e)[0] - output(y - e)[0], output(y + 2 * e)[0] - output(y - 2 * e)[0]
         np.testing.assert_allclose(output(y)[1][:, i], (8 * near - far) / (12 * h), atol=1e-10)
@@ -173,16 +172,16 @@ def test_inverse_of_the_output(bend, guess):
     y = bend * y / np.linalg.norm(y)
     point, jacobian = output(y)
     bias = np.empty(3)
-    rig_output.output_bias(PIECE, y, v, bias)
+    spatial_piece.output_bias(PIECE, y, v, bias)
     found = np.array([[guess, 0.0], [0, 0], [0, 0]])
-    limit, _ = rig_output.reach(PIECE)
+    limit, _ = spatial_piece.reach(PIECE)
     wanted = (point[:2], (jacobian @ v)[:2], (jacobian @ a + bias)[:2])
-    rig_output.invert_output(PIECE, limit, *wanted, *found)
+    spatial_piece.invert_output(PIECE, limit, *wanted, *found)
     np.testing.assert_allclose(found, [y, v, a], atol=1e-12)
 
 
 def test_reach_is_the_largest_distance():
-    limit, distance = rig_output.reach(PIECE)
+    limit, distance = spatial_piece.reach(PIECE)
     grid = np.linspace(0, np.pi, 20001)
     distances = np.array([np.hypot(*output(np.array([0.0, angle]))[0][:2]) for angle in grid])
     assert distance == pytest.approx(distances.max(), rel=1e-8)
@@ -195,9 +194,9 @@ def test_reach_is_the_largest_distance():
 def at_rest(piece):
     """Mass [kg m2] and stiffness [N m] of the straight pose, from the residual."""
     zero, out, step = np.zeros(2), np.empty(2), 1e-6
-    rig_piece.residual(piece, zero, zero, np.array([1.0, 0.0]), np.zeros(3), out)
+    spatial_piece.residual(piece, zero, zero, np.array([1.0, 0.0]), np.zeros(3), out)
     mass = out[0]
-    rig_piece.residual(piece, np.array([step, 0.0]), zero, zero, np.zeros(3), out)
+    spatial_piece.residual(piece, np.array([step, 0.0]), zero, zero, np.zeros(3), out)
     return mass, out[0] / step
 
 
@@ -223,9 +222,9 @@ def test_straight_pose_has_the_audits_stiffness_and_mass():
 def test_bending_to_a_radius_takes_the_audits_moment(radius, moment, angle):
     piece, zero = make_rig_piece(RIG), np.zeros(2)
     y, v, a, force = np.zeros((4, 2))
-    limit, _ = rig_output.reach(piece)
-    rig_output.invert_output(piece, limit, np.array([0.0, radius]), zero, zero, y, v, a)
-    rig_piece.add_static(piece, y, force)
+    limit, _ = spatial_piece.reach(piece)
+    spatial_piece.invert_output(piece, limit, np.array([0.0, radius]), zero, zero, y, v, a)
+    spatial_piece.add_static(piece, y, force)
     assert np.linalg.norm(y) == pytest.approx(angle, abs=1e-3)
     assert np.linalg.norm(force) == pytest.approx(moment, rel=2e-3)
     assert y[0] < 0  # towards +y the rig turns about -x
@@ -233,9 +232,9 @@ def test_bending_to_a_radius_takes_the_audits_moment(radius, moment, angle):
 
 def test_the_straight_rig_is_found_from_any_guess():
     piece = make_rig_piece(RIG)
-    limit, _ = rig_output.reach(piece)
+    limit, _ = spatial_piece.reach(piece)
     for guess in np.linspace(0, limit, 400):
-        assert rig_output.bending_angle(piece, 0.0, guess, limit) == 0.0
+        assert spatial_piece.bending_angle(piece, 0.0, guess, limit) == 0.0
 
 
 def test_uniform_backbone_with_head_at_rest():

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.exact import shearable_rod as exact_rod
-from softrobot_env.beams.exact.analytic import elastica, rayleigh_frequency
+from softrobot_env.beams.exact.analytic import Section, bent_rod, elastica, rayleigh_frequency
 from softrobot_env.benchmarks.accuracy import goals
 from softrobot_env.benchmarks.accuracy import run as accuracy
 from softrobot_env.benchmarks.accuracy import tables as accuracy_tables
@@ -61,17 +61,17 @@ def weight(robot):
     ],
 )
 def test_rod_with_shear_deflects_as_in_the_audit(robot, k, deflection):
-    tip = exact_rod.rod_tip(robot.length, exact_rod.section(robot, k), weight=weight(robot))
-    assert -1e3 * tip[0] == pytest.approx(deflection, abs=0.006)
+    rod = bent_rod(robot.length, exact_rod.section(robot, k), weight=weight(robot))
+    assert -1e3 * rod.tip[0] == pytest.approx(deflection, abs=0.006)
 
 
 @pytest.mark.parametrize("load", [{"force": (3.0, -1.0)}, {"moment": 1.0}])
 def test_rod_of_large_shear_stiffness_is_the_elastica(load):
     robot = CANTILEVER_WEAK
-    thin = exact_rod.Section(robot.bending_stiffness, 1e9, 1e9)
-    tip = exact_rod.rod_tip(robot.length, thin, weight=weight(robot), **load)
+    thin = Section(robot.bending_stiffness, 1e9, 1e9)
+    rod = bent_rod(robot.length, thin, weight=weight(robot), **load)
     slender = elastica(robot.length, robot.bending_stiffness, weight=weight(robot), **load)
-    assert np.allclose(tip, slender.tip, atol=1e-7)
+    assert np.allclose(rod.tip, slender.tip, atol=1e-7)
 
 
 @pytest.mark.parametrize(

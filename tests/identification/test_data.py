@@ -8,8 +8,12 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial import cKDTree
 
-from softrobot_env.beams.closed_forms.spatial_output import output
-from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES, energies, make_rig_piece
+from softrobot_env.beams.closed_forms.spatial_piece import (
+    SUBPIECES,
+    energies,
+    make_rig_piece,
+    output,
+)
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.identification import networks as rig_networks

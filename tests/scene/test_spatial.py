@@ -11,11 +11,10 @@ from softrobot_env.robots import ARM, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene, scene_xml
 from softrobot_env.scene.chain import joint_angles, posture
-from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors
+from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors, visible
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
 from softrobot_env.scene.timestep import linearize
-from softrobot_env.scene.view import visible
 
 ROBOT = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 INCOMPRESSIBLE = replace(ROBOT, poisson_ratio=0.5)

@@ -1,9 +1,10 @@
-"""Points, sections and channels of the ANCF beam; see `ancf_elements` for the notation."""
+"""Points, sections and channels of the ANCF beam; see `ancf.elements` for the notation."""
 
 import numpy as np
 
 from softrobot_env.beams.ancf.elements import add_nodal_forces, nodal_vectors
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.quaternions import cross, dot3, row3, scaled
 
 
 @kernel
@@ -52,37 +53,19 @@ def _set_directors(model, x, k, out):
 
 
 @kernel
-def set_cross(a, b, out):
-    """Set out (3,) to a x b."""
-    out[0] = a[1] * b[2] - a[2] * b[1]
-    out[1] = a[2] * b[0] - a[0] * b[2]
-    out[2] = a[0] * b[1] - a[1] * b[0]
-
-
-@kernel
-def _normalise(a):
-    """Divide a (3,) by its length."""
-    length = np.sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2])
-    for i in range(3):
-        a[i] = a[i] / length
-
-
-@kernel
 def load_axes(model, q, out):
     """Set out (n_loads, 3, 3): columns along r_,2, across it in the section, and normal to both."""
     x = nodal_vectors(model, q, 1.0)
-    directors, axes = np.empty((2, 3), q.dtype), np.empty((3, 3), q.dtype)
+    directors = np.empty((2, 3), q.dtype)
     for k in range(len(out)):
         _set_directors(model, x, k, directors)
+        along = row3(directors, 0)
+        normal = cross(along, row3(directors, 1))
+        e_x = scaled(1 / np.sqrt(dot3(along, along)), along)
+        e_z = scaled(1 / np.sqrt(dot3(normal, normal)), normal)
+        e_y = cross(e_z, e_x)
         for i in range(3):
-            axes[0, i] = directors[0, i]
-        set_cross(directors[0], directors[1], axes[2])
-        _normalise(axes[0])
-        _normalise(axes[2])
-        set_cross(axes[2], axes[0], axes[1])
-        for i in range(3):
-            for j in range(3):
-                out[k, i, j] = axes[j, i]
+            out[k, i, 0], out[k, i, 1], out[k, i, 2] = e_x[i], e_y[i], e_z[i]
 
 
 @kernel
@@ -96,13 +79,13 @@ def add_moments(model, q, moments, out):
     d = len(model.axes)
     x = nodal_vectors(model, q, 1.0)
     f = np.zeros((model.pieces + 1, d + 1, d), out.dtype)
-    directors, spin, force = np.empty((2, 3), q.dtype), np.empty(3, q.dtype), np.empty(3, q.dtype)
+    directors = np.empty((2, 3), q.dtype)
     for k in range(len(moments)):
         e, position = model.point_element[k], model.point_position[k]
         _set_directors(model, x, k, directors)
-        _set_spin(directors, moments[k], spin)
+        spin = _spin(directors, row3(moments, k))
         for i in range(d - 1):
-            set_cross(spin, directors[i], force)
+            force = cross(spin, row3(directors, i))
             for b in range(d):
                 f[e, i + 2, b] += (1 - position) * force[model.axes[b]]
                 f[e + 1, i + 2, b] += position * force[model.axes[b]]
@@ -110,26 +93,19 @@ def add_moments(model, q, moments, out):
 
 
 @kernel
-def _set_spin(directors, moment, out):
-    """Set out (3,) to A^-1 M for directors (2, 3), by Cramer's rule."""
+def _spin(directors, moment):
+    """A^-1 M for directors (2, 3), by Cramer's rule; A is symmetric."""
     a = np.zeros((3, 3), directors.dtype)
     for k in range(2):
+        r = row3(directors, k)
         for i in range(3):
+            a[i, i] += dot3(r, r)
             for j in range(3):
-                product = directors[k, i] * directors[k, j]
-                a[i, j] -= product
-                if i == j:
-                    for m in range(3):
-                        a[m, m] += product
-    adjugate = np.empty((3, 3), directors.dtype)  # rows, as A is symmetric
-    for i in range(3):
-        set_cross(a[(i + 1) % 3], a[(i + 2) % 3], adjugate[i])
-    determinant = a[0, 0] * adjugate[0, 0] + a[0, 1] * adjugate[0, 1] + a[0, 2] * adjugate[0, 2]
-    for i in range(3):
-        total = out.dtype.type(0)
-        for j in range(3):
-            total += adjugate[j, i] * moment[j]
-        out[i] = total / determinant
+                a[i, j] -= r[i] * r[j]
+    x, y, z = row3(a, 0), row3(a, 1), row3(a, 2)
+    p, q, r = cross(y, z), cross(z, x), cross(x, y)
+    determinant = dot3(x, p)
+    return scaled(1 / determinant, (dot3(p, moment), dot3(q, moment), dot3(r, moment)))
 
 
 @kernel

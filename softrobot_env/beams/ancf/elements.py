@@ -6,7 +6,7 @@ with d = 2 or 3 components. With X1 along the element and X2 (, X3) in the secti
     r(X) = c(X1) + sum_k X_k r_,k(X1),    k = 2 (, 3),
 
 c being the cubic Hermite interpolation of r and r_,1 and the gradients r_,k linear between the
-nodes: the shape functions (2.55) and (2.57). The section's state G, see `ancf_section`, is thus
+nodes: the shape functions (2.55) and (2.57). The section's state G, see `ancf.section`, is thus
 linear in the nodal vectors.
 """
 
@@ -276,38 +276,22 @@ def potential(model, q):
 
 
 @kernel
-def _add_momentum(mass, position, velocity, axes, out):
-    """Add the momentum of the product mass * position * velocity of two nodal vectors (d,)."""
-    r, p = np.zeros(3, out.dtype), np.zeros(3, out.dtype)
-    for b in range(len(axes)):
-        r[axes[b]] = position[b]
-        p[axes[b]] = mass * velocity[b]
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        out[3 + i] += r[j] * p[k] - r[k] * p[j]
-
-
-@kernel
 def momentum(model, q, v, out):
     """Set out (6,) to the momenta, sums over the masses M_ij between the nodal vectors x.
 
     The linear one is that of M_ij v_j, i being a position only, as their shape functions add up
     to 1; the angular one is that of x_i x M_ij v_j.
     """
-    d = len(model.axes)
     x, rate = nodal_vectors(model, q, 1.0), nodal_vectors(model, v, 0.0)
-    for i in range(6):
-        out[i] = 0.0
-    for e in range(model.pieces):
-        for i in range(4):
-            for j in range(4):
-                mass, velocity = model.mass_bending[i, j], rate[e + j // 2, j % 2]
-                _add_momentum(mass, x[e + i // 2, i % 2], velocity, model.axes, out)
-                if i % 2 == 0:
-                    for b in range(d):
-                        out[model.axes[b]] += mass * velocity[b]
-        for i in range(2):
-            for j in range(2):
-                for k in range(2, d + 1):
-                    mass = model.mass_director[i, j]
-                    _add_momentum(mass, x[e + i, k], rate[e + j, k], model.axes, out)
+    f = np.zeros_like(x)
+    _add_inertia(model, rate, f)
+    r, p = np.zeros(3, out.dtype), np.zeros(3, out.dtype)
+    out[:] = 0.0
+    for node in range(model.pieces + 1):
+        for k in range(len(model.axes) + 1):
+            for b in range(len(model.axes)):
+                r[model.axes[b]], p[model.axes[b]] = x[node, k, b], f[node, k, b]
+            for i in range(3):
+                out[3 + i] += r[(i + 1) % 3] * p[(i + 2) % 3] - r[(i + 2) % 3] * p[(i + 1) % 3]
+                if k == 0:
+                    out[i] += p[i]

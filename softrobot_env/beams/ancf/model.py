@@ -8,24 +8,22 @@ from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation
-from softrobot_env.beams.ancf import actuation as ancf_actuation
-from softrobot_env.beams.ancf import elements as ancf_elements
-from softrobot_env.beams.ancf import tangent as ancf_tangent
+from softrobot_env.beams.ancf import actuation, elements, tangent
 from softrobot_env.beams.ancf.elements import AncfData, ElementPoints
-from softrobot_env.beams.ancf.quadrature import (
+from softrobot_env.beams.ancf.section import (
+    SectionLaw,
     chebyshev_rule,
+    hooke,
     legendre,
     legendre_rule,
     section_moments,
 )
-from softrobot_env.beams.ancf.section import SectionLaw
 from softrobot_env.beams.ancf.shapes import (
     AXES,
     channel_rules,
     element_mass,
     gravity_force,
     hermite_slopes,
-    hooke,
     mass_factor,
     places,
     point_shapes,
@@ -68,22 +66,17 @@ class ANCF(BeamModel):
         """Model of a robot.
 
         Args:
-            robot: The robot.
-            pieces: Number of elements; the robot's own unless given.
+            robot, pieces, loads, drive: As in `BeamModel`; the pieces are the elements.
             dimension: 3, or 2 for motion in the x-z plane.
             plane: Law of a planar model, "stress" or "strain".
             quadrature: Volume integrals of the stresses: "exact" with moments of the section in
                 closed form; "chebyshev" with 5 x 3 x 3 points, exact too; or an order n for the
                 thesis' n x n x n Gauss-Legendre rule (2.68). One factor less for dimension 2.
             clamped: Whether the first node is fixed; else the rod is free.
-            loads, drive: As in `BeamModel`.
 
         Raises:
             ValueError: An option is not one of these, or something acts across a planar model.
         """
-        pieces = robot.pieces if pieces is None else pieces
-        if not (isinstance(pieces, int | np.integer) and pieces >= 1):
-            raise ValueError(f"pieces must be a whole number from 1 on, got {pieces!r}")
         if dimension not in (2, 3):
             raise ValueError(f"dimension must be 2 or 3, got {dimension!r}")
         if plane not in PLANES:
@@ -99,10 +92,10 @@ class ANCF(BeamModel):
             )
         if dimension == 2:
             _check_planar(robot, loads)
-        self.pieces, self.dimension, self.plane = int(pieces), int(dimension), plane
+        self.dimension, self.plane = int(dimension), plane
         self.quadrature = int(quadrature) if order else quadrature
         self.clamped = bool(clamped)
-        super().__init__(robot, loads, drive)
+        super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> AncfData:
         robot, pieces, d = self.robot, self.pieces, self.dimension
@@ -208,18 +201,4 @@ def _check_planar(robot: RobotParams, loads: Sequence[Load]) -> None:
         )
 
 
-mechanics.implement(
-    AncfData,
-    ancf_elements.internal_residual,
-    ancf_elements.solve_mass,
-    ancf_elements.project,
-    ancf_elements.potential,
-    ancf_elements.momentum,
-    ancf_actuation.locate,
-    ancf_actuation.add_forces,
-    ancf_actuation.load_axes,
-    ancf_actuation.add_moments,
-    ancf_actuation.channel_lengths,
-    ancf_actuation.add_channel_forces,
-    ancf_tangent.add_internal_tangent,
-)
+mechanics.implement(AncfData, elements, tangent, actuation)

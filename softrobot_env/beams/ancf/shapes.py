@@ -4,23 +4,13 @@ import numpy as np
 from scipy.linalg import cholesky_banded
 
 from softrobot_env.beams.actuation import Actuation
-from softrobot_env.beams.ancf.quadrature import legendre
+from softrobot_env.beams.ancf.section import legendre
 from softrobot_env.robots import RobotParams
 
 #: Integration points of a channel in each element; its length is no polynomial.
 _CHANNEL_POINTS = 4
 #: World axes of the components.
 AXES = {2: (0, 2), 3: (0, 1, 2)}
-
-
-def hooke(robot: RobotParams, plane: str | None) -> tuple[float, float, float]:
-    """Coefficients (stretch, lame, shear) [Pa] of Hooke's law, of a plane one unless None."""
-    modulus, nu = robot.youngs_modulus, robot.poisson_ratio
-    shear = modulus / (2 * (1 + nu))
-    if plane == "stress":
-        return modulus / (1 - nu**2), nu * modulus / (1 - nu**2), shear
-    lame = nu * modulus / ((1 + nu) * (1 - 2 * nu))
-    return lame + 2 * shear, lame, shear
 
 
 def straight_vectors(d: int, piece: float, pieces: int) -> np.ndarray:
@@ -61,7 +51,7 @@ def element_mass(robot: RobotParams, piece: float) -> tuple[np.ndarray, np.ndarr
 
 
 def mass_factor(element: np.ndarray, vectors: int, pieces: int, fixed: int) -> np.ndarray:
-    """Cholesky factor for `ancf_elements._substitute` of the mass assembled from elements."""
+    """Cholesky factor for `elements._substitute` of the mass assembled from elements."""
     size, m = len(element), vectors * (pieces + 1)
     mass = np.zeros((m, m))
     for first in range(0, vectors * pieces, vectors):

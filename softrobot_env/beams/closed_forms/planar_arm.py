@@ -108,8 +108,8 @@ def _turned(a):
 
 
 @kernel
-def _place(arm, q, x, z, jx, jz):
-    """Set ends of the pieces x, z (n,) [m] and their derivatives jx, jz (n, n) by q."""
+def _ends(arm, q, x, z, own_x, own_z):
+    """Set ends x, z (n,) [m] of the pieces, and derivatives (n,) of each by its own curvature."""
     length = arm.length
     angle, here_x, here_z = 0 * q[0], 0 * q[0], 0 * q[0]
     for i in range(arm.n):
@@ -117,17 +117,23 @@ def _place(arm, q, x, z, jx, jz):
         s, c = np.sin(angle), np.cos(angle)
         here_x, here_z = here_x + length * (s * ez + c * ex), here_z + length * (c * ez - s * ex)
         x[i], z[i] = here_x, here_z
-        jx[i, i], jz[i, i] = (
-            length * length * (s * dz + c * dx),
-            length * length * (c * dz - s * dx),
-        )
-        for k in range(i):
-            jx[i, k], jz[i, k] = (
-                jx[k, k] + length * (z[i] - z[k]),
-                jz[k, k] - length * (x[i] - x[k]),
-            )
-            jx[k, i], jz[k, i] = 0, 0
+        own_x[i] = length * length * (s * dz + c * dx)
+        own_z[i] = length * length * (c * dz - s * dx)
         angle = angle + length * q[i]
+
+
+@kernel
+def _place(arm, q, jx, jz):
+    """Set the derivatives jx, jz (n, n) by q of the ends of the pieces."""
+    length = arm.length
+    x, z, own_x, own_z = np.empty((4, arm.n), q.dtype)
+    _ends(arm, q, x, z, own_x, own_z)
+    for i in range(arm.n):
+        jx[i, i], jz[i, i] = own_x[i], own_z[i]
+        for k in range(i):
+            jx[i, k] = own_x[k] + length * (z[i] - z[k])
+            jz[i, k] = own_z[k] - length * (x[i] - x[k])
+            jx[k, i], jz[k, i] = 0, 0
 
 
 @kernel
@@ -157,9 +163,9 @@ def _swing(arm, q, v, jx, jz, ax, az):
 def residual(arm, q, v, a, u, out):
     """Set out (n,) to M a + k + K (q + mu v) - B u, at rates and accelerations v, a (n,)."""
     n, length = arm.n, arm.length
-    x, z, ax, az = np.empty((4, n), q.dtype)
+    ax, az = np.empty((2, n), q.dtype)
     jx, jz = np.empty((2, n, n), q.dtype)
-    _place(arm, q, x, z, jx, jz)
+    _place(arm, q, jx, jz)
     _swing(arm, q, v, jx, jz, ax, az)
     for i in range(n):
         out[i] = arm.stiffness * (q[i] + arm.damping_time * v[i])
@@ -180,9 +186,9 @@ def residual(arm, q, v, a, u, out):
 def inertia_forces(arm, q, v, mass, gyroscopic):
     """Set the mass matrix M (n, n) and the forces k (n,) quadratic in the rates v (n,)."""
     n, length = arm.n, arm.length
-    x, z, ax, az = np.empty((4, n), q.dtype)
+    ax, az = np.empty((2, n), q.dtype)
     jx, jz = np.empty((2, n, n), q.dtype)
-    _place(arm, q, x, z, jx, jz)
+    _place(arm, q, jx, jz)
     _swing(arm, q, v, jx, jz, ax, az)
     mass[:], gyroscopic[:] = 0, 0
     for i in range(n):
@@ -199,21 +205,12 @@ def inertia_forces(arm, q, v, mass, gyroscopic):
 @kernel
 def tip(arm, q, point, jacobian):
     """Set the tip (x, z) (2,) [m] and its derivative (2, n) [m2] by the curvatures q (n,)."""
-    n, length = arm.n, arm.length
-    x, z = np.empty((2, n), q.dtype)
-    angle, here_x, here_z = 0 * q[0], 0 * q[0], 0 * q[0]
-    for i in range(n):
-        ex, ez, dx, dz, _, _ = _turned(length * q[i])
-        s, c = np.sin(angle), np.cos(angle)
-        here_x, here_z = here_x + length * (s * ez + c * ex), here_z + length * (c * ez - s * ex)
-        x[i], z[i] = here_x, here_z
-        jacobian[0, i] = length * length * (s * dz + c * dx)
-        jacobian[1, i] = length * length * (c * dz - s * dx)
-        angle = angle + length * q[i]
-    for i in range(n):
-        jacobian[0, i] += length * (here_z - z[i])
-        jacobian[1, i] -= length * (here_x - x[i])
-    point[0], point[1] = here_x, here_z
+    x, z = np.empty((2, arm.n), q.dtype)
+    _ends(arm, q, x, z, jacobian[0], jacobian[1])
+    point[0], point[1] = x[-1], z[-1]
+    for i in range(arm.n):
+        jacobian[0, i] += arm.length * (point[1] - z[i])
+        jacobian[1, i] -= arm.length * (point[0] - x[i])
 
 
 @kernel
@@ -223,14 +220,11 @@ def derivatives(arm, q, v, a, u, by_q, by_v):
     out = np.empty(n, np.complex128)
     q1, v1 = q.astype(np.complex128), v.astype(np.complex128)
     a1, u1 = a.astype(np.complex128), u.astype(np.complex128)
-    for j in range(n):
-        q1[j] += _STEP * 1j
-        residual(arm, q1, v1, a1, u1, out)
-        for i in range(n):
-            by_q[i, j] = out[i].imag / _STEP
-        q1[j] = q[j]
-        v1[j] += _STEP * 1j
-        residual(arm, q1, v1, a1, u1, out)
-        for i in range(n):
-            by_v[i, j] = out[i].imag / _STEP
-        v1[j] = v[j]
+    for x, by_x in ((q1, by_q), (v1, by_v)):
+        for j in range(n):
+            still = x[j]
+            x[j] += _STEP * 1j
+            residual(arm, q1, v1, a1, u1, out)
+            for i in range(n):
+                by_x[i, j] = out[i].imag / _STEP
+            x[j] = still

@@ -16,17 +16,20 @@ Its energy depends on y only through t = y . y, as the rig is symmetric about it
 p = y . v, kinetic energy = (C(t) v . v + E(t) p^2) / 2. Hence the mass matrix is C 1 + E y y^T and
 Lagrange's equations have the forces k = 2 p C' v + ((E - C') v . v + E' p^2) y. C and E are entire
 functions of t, so nothing is singular in the straight pose.
+
+The output point is the one at the end (u = 1) and its height. Its distance from the axis grows with
+the bending angle up to `reach`; within, the place z beside the axis and y determine each other
+(N = 1 is flat, thesis sec. 5.2.3).
 """
 
 from collections.abc import Sequence
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
-from softrobot_env.beams.pcc import Station
 from softrobot_env.beams.pcc.constant_strain import stumpff
+from softrobot_env.beams.pcc.model import Station, check_stations
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.three_tendons import ThreeTendons
 
@@ -38,6 +41,8 @@ SUBPIECES: tuple[Station, ...] = (
 )
 
 _GAUSS_POINTS = 4
+_ITERATIONS = 60  # Newton takes up to seven between 1 and 140 mm; bisection is the safeguard
+_CONVERGED = 1e-15
 
 
 @structure
@@ -101,7 +106,9 @@ def make_rig_piece(robot: RobotParams, inertia: str | Sequence[Station] = SUBPIE
 def _bodies(robot: RobotParams, inertia: str | Sequence[Station]) -> np.ndarray:
     """Field `bodies` of `RigPiece`."""
     if not isinstance(inertia, str):
-        return np.array([_given(robot, *station) for station in inertia]).reshape(-1, 5)
+        check_stations(robot, inertia)
+        given = [(s / robot.length, 0.0, m, *_symmetric(moments)) for s, m, moments in inertia]
+        return np.array(given).reshape(-1, 5)
     if inertia != "distributed":
         raise ValueError(f"unknown inertia {inertia!r}; choose 'distributed' or give rigid bodies")
     place, weight = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
@@ -115,25 +122,11 @@ def _bodies(robot: RobotParams, inertia: str | Sequence[Station]) -> np.ndarray:
     return rows
 
 
-def _given(
-    robot: RobotParams, place: float, mass: float, moments: tuple[float, float, float]
-) -> tuple[float, ...]:
-    """Row of `bodies` of a given rigid body."""
-    if not 0 <= place <= robot.length * (1 + 1e-12):
-        raise ValueError(f"inertia at {place} m is off the robot, 0 to {robot.length} m")
-    if not all(0 <= x < inf for x in (mass, *moments)):
-        raise ValueError(
-            f"inertia needs finite values, zero or more, got {mass} kg and {moments} kg m2"
-        )
-    return (place / robot.length, 0.0, mass, *_symmetric(moments))
-
-
 def _symmetric(moments: tuple[float, float, float]) -> tuple[float, float]:
     """Moments of inertia across and along a body that is alike about x and y."""
-    if len(moments) != 3 or moments[0] != moments[1]:
+    if moments[0] != moments[1]:
         raise ValueError(
-            "the closed form needs three moments of inertia, those about x and y equal, got "
-            f"{moments}"
+            f"the closed form needs moments of inertia about x and y equal, got {moments}"
         )
     return moments[1], moments[2]
 
@@ -272,3 +265,109 @@ def energies(piece, y, v):
         rise = h - piece.length * u - height
         potential -= mass * (g * (gx * y[1] - gy * y[0]) + gz * rise)
     return 0.5 * (c * square + e * p * p), potential
+
+
+# ---------------------------------------------------------------- the output point
+
+
+@kernel
+def output(piece, y, point, jacobian):
+    """Set the output point (3,) [m] and its derivative (3, 2) [m/rad] at y (2,)."""
+    g, dg, _, h, dh, _ = place(piece.length, piece.height, 1.0, y[0] * y[0] + y[1] * y[1])
+    point[0], point[1], point[2] = g * y[1], -g * y[0], h
+    for i in range(2):
+        jacobian[0, i] = 2 * dg * y[1] * y[i]
+        jacobian[1, i] = -2 * dg * y[0] * y[i]
+        jacobian[2, i] = 2 * dh * y[i]
+    jacobian[0, 1] += g
+    jacobian[1, 0] -= g
+
+
+@kernel
+def output_bias(piece, y, v, out):
+    """Set out (3,) [m/s2] to the acceleration of the output at constant rates v (2,)."""
+    t, p = y[0] * y[0] + y[1] * y[1], y[0] * v[0] + y[1] * v[1]
+    square = v[0] * v[0] + v[1] * v[1]
+    _, dg, ddg, _, dh, ddh = place(piece.length, piece.height, 1.0, t)
+    along = 2 * dg * square + 4 * ddg * p * p
+    out[0] = 4 * dg * p * v[1] + along * y[1]
+    out[1] = -4 * dg * p * v[0] - along * y[0]
+    out[2] = 2 * dh * square + 4 * ddh * p * p
+
+
+@kernel
+def _distance(piece, angle):
+    """Distance [m] of the output from the axis and its derivative by the bending angle [rad]."""
+    t = angle * angle
+    g, dg, _, _, _, _ = place(piece.length, piece.height, 1.0, t)
+    return angle * g, g + 2 * t * dg
+
+
+@kernel
+def reach(piece: RigPiece) -> tuple[float, float]:
+    """Bending angle [rad] at which the output is farthest from the axis, and that distance [m]."""
+    low, high = 0.0, np.pi  # the slope falls from L / 2 + h at 0 to below 0 at pi
+    for _ in range(_ITERATIONS):
+        middle = 0.5 * (low + high)
+        if _distance(piece, middle)[1] > 0:
+            low = middle
+        else:
+            high = middle
+    return low, _distance(piece, low)[0]
+
+
+@kernel
+def bending_angle(piece, distance, guess, limit):
+    """Bending angle [rad] that puts the output at a distance [m] below the reach.
+
+    Args:
+        piece: `RigPiece`.
+        distance: [m], within the reach.
+        guess: [rad], start of Newton's iteration.
+        limit: [rad], angle of the reach.
+    """
+    if distance == 0:
+        return 0.0
+    low, high = 0.0, limit
+    angle = min(max(guess, low), high)
+    for _ in range(_ITERATIONS):
+        value, slope = _distance(piece, angle)
+        if value < distance:
+            low = angle
+        else:
+            high = angle
+        step = (distance - value) / slope
+        if not low <= angle + step <= high:
+            step = 0.5 * (low + high) - angle
+        angle += step
+        if abs(step) <= _CONVERGED * limit:
+            break
+    return angle
+
+
+@kernel
+def invert_output(piece, limit, z, dz, ddz, y, v, a):
+    """Set the motion that moves the output beside the axis as wanted.
+
+    Args:
+        piece: `RigPiece`.
+        limit: [rad], angle of the reach.
+        z, dz, ddz: (2,) [m, m/s, m/s2], z within the reach.
+        y, v, a: (2,), set; y is the start of Newton's iteration.
+    """
+    distance = np.hypot(z[0], z[1])
+    guess = np.hypot(y[0], y[1])
+    angle = bending_angle(piece, distance, guess, limit)
+    t = angle * angle
+    g, dg, ddg, _, _, _ = place(piece.length, piece.height, 1.0, t)
+    slope = g + 2 * t * dg
+    dx, dy = z[0] / g, z[1] / g
+    p = (dx * dz[0] + dy * dz[1]) / slope
+    vx, vy = (dz[0] - 2 * dg * p * dx) / g, (dz[1] - 2 * dg * p * dy) / g
+    along = 2 * dg * (vx * vx + vy * vy) + 4 * ddg * p * p
+    wx = ddz[0] - 4 * dg * p * vx - along * dx
+    wy = ddz[1] - 4 * dg * p * vy - along * dy
+    q = (dx * wx + dy * wy) / slope
+    y[0], y[1] = -dy, dx
+    v[0], v[1] = -vy, vx
+    a[0], a[1] = -(wy - 2 * dg * q * dy) / g, (wx - 2 * dg * q * dx) / g

@@ -16,6 +16,7 @@ from softrobot_env.beams.cosserat.dynamics import (
 )
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.beams.numerics.quaternions import (
+    add,
     add_scaled,
     cross,
     dot3,
@@ -26,6 +27,7 @@ from softrobot_env.beams.numerics.quaternions import (
     rotate_back,
     row3,
     row4,
+    scaled,
     times_vector,
     unit,
     weighting,
@@ -191,7 +193,7 @@ def add_channel_forces(model, q, tension, out):
                 x = _channel_vector(t, kappa, k, low, high, offset, c)
                 pull = tension[c] / np.sqrt(dot3(x, x))
                 a, b, part = offset[c, 0], offset[c, 1], (low + high) * pull
-                force = (force[0] + part * x[0], force[1] + part * x[1], force[2] + part * x[2])
+                force = add(force, scaled(part, x))
                 lever = (b * x[2], -a * x[2], a * x[1] - b * x[0])
                 add_scaled(moment, k, spacing * low * pull, lever)
                 add_scaled(moment, k + 1, spacing * high * pull, lever)
@@ -200,7 +202,6 @@ def add_channel_forces(model, q, tension, out):
     for n in range(first_vertex(base), model.pieces):
         turn, scale = relative(row4(u, n), row4(u, n + 1)), 1 / cell(spacing, n)
         xi, slope = weighting(model.weighting, turn)
-        at = (scale * moment[n, 0], scale * moment[n, 1], scale * moment[n, 2])
-        add_moment(torque, n, turn, xi, slope, at)
+        add_moment(torque, n, turn, xi, slope, scaled(scale, row3(moment, n)))
     for k in range(model.pieces):
         add_torque(q, k, 1.0, row3(torque, k + 1), out)

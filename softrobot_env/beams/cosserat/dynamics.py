@@ -19,6 +19,7 @@ from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.beams.numerics.quaternions import (
     add_scaled,
     cross,
+    difference,
     dot3,
     dot4,
     quaternion_at,
@@ -29,6 +30,8 @@ from softrobot_env.beams.numerics.quaternions import (
     rotate_back,
     row3,
     row4,
+    scaled,
+    stretched,
     times_vector,
     unit,
     vector_at,
@@ -139,11 +142,8 @@ def spins(q, v, pieces):
 @kernel
 def segment_vector(q, base, k, spacing, frame):
     """R^T (x_k+1 - x_k) / D of segment k, gamma + e_z (2.29); or of the velocities."""
-    low, high, scale = vertex_at(q, base, k), vertex_at(q, base, k + 1), 1 / spacing
-    return rotate_back(
-        frame,
-        (scale * (high[0] - low[0]), scale * (high[1] - low[1]), scale * (high[2] - low[2])),
-    )
+    low, high = vertex_at(q, base, k), vertex_at(q, base, k + 1)
+    return rotate_back(frame, scaled(1 / spacing, difference(high, low)))
 
 
 @kernel
@@ -287,7 +287,7 @@ def _set_rotation_rows(inertia, constraint, q, v, a, w, torque, out):
         w_k, turned = row3(w, k + 1), quotient(p, ddp)
         square, radial = dot4(p, p), dot4(p, dp)
         factor = 2 / square
-        spinning = (inertia[0] * w_k[0], inertia[1] * w_k[1], inertia[2] * w_k[2])
+        spinning = stretched(inertia, w_k)
         gyroscopic = cross(w_k, spinning)
         drag = factor * radial
         missing = (
@@ -374,11 +374,6 @@ def momentum(model, q, v, out):
             out[i + 3] += mass * turning[i]
     w, inertia = spins(q, v, model.pieces), model.inertia
     for k in range(model.pieces):
-        spinning = (
-            inertia[0] * w[k + 1, 0],
-            inertia[1] * w[k + 1, 1],
-            inertia[2] * w[k + 1, 2],
-        )
-        turning = rotate(section_at(q, k), spinning)
+        turning = rotate(section_at(q, k), stretched(inertia, row3(w, k + 1)))
         for i in range(3):
             out[i + 3] += turning[i]

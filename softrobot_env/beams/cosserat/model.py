@@ -7,8 +7,7 @@ import numpy as np
 
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation
-from softrobot_env.beams.cosserat import actuation as cosserat_actuation
-from softrobot_env.beams.cosserat import dynamics as cosserat_dynamics
+from softrobot_env.beams.cosserat import actuation, dynamics
 from softrobot_env.beams.cosserat.dynamics import CosseratData
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.robots import RobotParams
@@ -46,8 +45,7 @@ class CosseratRod(BeamModel):
         """Set up a rod.
 
         Args:
-            robot: The robot.
-            pieces: Number of segments; the robot's unless given.
+            robot, pieces, loads, drive: As in `BeamModel`; the pieces are the rod's segments.
             weighting: 1 to 5, the xi of sec. 2.2.5; the thesis uses 2. The default 5 makes the
                 curvature the angle per length, so that a pure moment M bends to M / EI at any
                 number of pieces. Of the conservative ones it has the smallest largest error:
@@ -63,15 +61,10 @@ class CosseratRod(BeamModel):
             baumgarte: [1/s], rate at which the quaternions' norm decays to 1; 0 keeps it on
                 acceleration level only, as (2.43).
             clamped: Whether the base is fixed, else it moves freely.
-            loads: Loads, added to the inputs.
-            drive: How tendons are driven, "tension" or "length".
 
         Raises:
             ValueError: An argument is not one of those named.
         """
-        pieces = robot.pieces if pieces is None else pieces
-        if not (isinstance(pieces, int | np.integer) and pieces >= 1):
-            raise ValueError(f"pieces must be a whole number from 1 on, got {pieces!r}")
         if weighting not in (1, 2, 3, 4, 5):
             raise ValueError(f"weighting must be 1, 2, 3, 4 or 5 (xi_1 to xi_5), got {weighting!r}")
         if moments not in MOMENTS:
@@ -80,10 +73,10 @@ class CosseratRod(BeamModel):
             raise ValueError(f"shear_coefficient must be positive, got {shear_coefficient!r}")
         if not 0 <= baumgarte < np.inf:
             raise ValueError(f"baumgarte must be zero or a positive rate, got {baumgarte!r}")
-        self.pieces, self.weighting, self.moments = int(pieces), int(weighting), moments
+        self.weighting, self.moments = int(weighting), moments
         self.shear_coefficient, self.baumgarte = float(shear_coefficient), float(baumgarte)
         self.clamped = bool(clamped)
-        super().__init__(robot, loads, drive)
+        super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> CosseratData:
         robot, pieces = self.robot, self.pieces
@@ -97,7 +90,7 @@ class CosseratRod(BeamModel):
         return CosseratData(
             n=7 * pieces + (0 if self.clamped else 3),
             block=7,
-            reach=self._reach(actuation, *places[:4]),
+            reach=self._reach(actuation, **places),
             scale=scale if self.clamped else np.append(scale, [robot.length] * 3),
             actuation=actuation,
             pieces=pieces,
@@ -116,11 +109,7 @@ class CosseratRod(BeamModel):
             conservative=self.moments == "conservative",
             baumgarte=self.baumgarte,
             norm_stiffness=0.0,
-            vertex=places[0],
-            share=places[1],
-            section=places[2],
-            weight=places[3],
-            moment_weight=places[4],
+            **places,
         )
 
     def _reach(
@@ -130,6 +119,7 @@ class CosseratRod(BeamModel):
         share: np.ndarray,
         section: np.ndarray,
         weight: np.ndarray,
+        **_: np.ndarray,
     ) -> int:
         """Distance in blocks over which equations depend on coordinates."""
         if not self.clamped:
@@ -206,14 +196,14 @@ class CosseratRod(BeamModel):
         return float(np.max(np.abs(np.linalg.norm(blocks[:, 3:], axis=1) - 1)))
 
     def _curvatures(self, q: np.ndarray, weighting: int) -> np.ndarray:
-        u = cosserat_dynamics.sections(np.ascontiguousarray(q, dtype=float), self.pieces)
-        return cosserat_dynamics.curvatures(u, self.data.base, self.data.spacing, weighting)[:-1]
+        u = dynamics.sections(np.ascontiguousarray(q, dtype=float), self.pieces)
+        return dynamics.curvatures(u, self.data.base, self.data.spacing, weighting)[:-1]
 
 
 def _places(
     actuation: Actuation, spacing: float, pieces: int, clamped: bool
-) -> tuple[np.ndarray, ...]:
-    """Vertex, share, section, weight and moment weight (n_points,) of the actuation's points.
+) -> dict[str, np.ndarray]:
+    """Fields of `CosseratData` about the actuation's points.
 
     Directors are interpolated linearly between the clamp and the middles of the segments and
     extrapolated beyond the last. The discs of a tendon beyond it turn with the last section: the
@@ -228,23 +218,11 @@ def _places(
     weight = np.where(section < 0, 2 * at, at - 0.5 - section)
     if pieces == 1 and not clamped:
         weight = np.ones_like(at)  # one section for all
-    moment_weight = np.clip(weight, 0.0, 1.0)
+    out = {"vertex": vertex, "share": at - vertex, "section": section, "weight": weight}
+    out["moment_weight"] = np.clip(weight, 0.0, 1.0)
     discs = slice(actuation.first[0], actuation.first[-1])
     weight[discs] = np.minimum(weight[discs], 1.0)
-    return vertex, at - vertex, section, weight, moment_weight
+    return out
 
 
-mechanics.implement(
-    CosseratData,
-    cosserat_dynamics.internal_residual,
-    cosserat_dynamics.solve_mass,
-    cosserat_dynamics.project,
-    cosserat_dynamics.potential,
-    cosserat_dynamics.momentum,
-    cosserat_actuation.locate,
-    cosserat_actuation.add_forces,
-    cosserat_actuation.load_axes,
-    cosserat_actuation.add_moments,
-    cosserat_actuation.channel_lengths,
-    cosserat_actuation.add_channel_forces,
-)
+mechanics.implement(CosseratData, dynamics, actuation)

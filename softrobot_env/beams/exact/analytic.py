@@ -1,11 +1,10 @@
-"""Closed forms and boundary-value solutions of a uniform cantilever, without MuJoCo.
+"""Closed forms and boundary-value solutions of a uniform cantilever, without any mesh.
 
 Frame as in `softrobot_env.robots`: the straight rod lies along +z from its clamp at the origin,
 bends in the x-z plane, and a positive moment or curvature bends it towards +x. Forces and points
 in the plane are pairs (x, z). All quantities are in SI units.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from math import cos, cosh, pi
 from typing import Any
@@ -51,15 +50,11 @@ def timoshenko_deflection(
     force: float = 0.0,
     moment: float = 0.0,
 ) -> float:
-    """Small tip deflection [m] of a beam that bends and shears.
-
-    The Euler-Bernoulli deflection plus (q L^2 / 2 + F L) / (kappa G A).
+    """As `euler_bernoulli_deflection`, of a beam that also shears: (q L^2 / 2 + F L) / kGA more.
 
     Args:
-        length: L [m].
-        bending_stiffness: EI [N m2].
-        shear_stiffness: kappa G A [N], kappa being the shear coefficient.
-        distributed, force, moment: Loads as in `euler_bernoulli_deflection`.
+        length, bending_stiffness, distributed, force, moment: As there.
+        shear_stiffness: kGA [N], k being the shear coefficient.
     """
     bending = euler_bernoulli_deflection(length, bending_stiffness, distributed, force, moment)
     return bending + (distributed * length**2 / 2 + force * length) / shear_stiffness
@@ -151,12 +146,35 @@ def arc_tip(length: float, curvature: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Elastica:
-    """Shape of a planar elastica.
+class Section:
+    """Stiffness of a cross-section.
 
     Attributes:
-        station: (k,) [m], arc length.
-        angle: (k,) [rad] of the tangent from +z towards +x.
+        bending: EI [N m2].
+        shear: k G A [N], infinite without shear.
+        axial: EA [N], infinite without extension.
+    """
+
+    bending: float
+    shear: float = np.inf
+    axial: float = np.inf
+
+
+def section_slope(angle: np.ndarray, force: np.ndarray, rod: Section) -> np.ndarray:
+    """r' (2, ...) [1] at section angles (...) [rad] under internal forces (2, ...) [N]."""
+    sin, cos = np.sin(angle), np.cos(angle)
+    shear = (force[0] * cos - force[1] * sin) / rod.shear
+    stretch = 1 + (force[0] * sin + force[1] * cos) / rod.axial
+    return np.stack([stretch * sin + shear * cos, stretch * cos - shear * sin])
+
+
+@dataclass(frozen=True)
+class RodShape:
+    """Shape of a planar rod.
+
+    Attributes:
+        station: (k,) [m], arc length of the straight rod.
+        angle: (k,) [rad] of the section from +z towards +x.
         curvature: (k,) [1/m].
         position: (k, 2) [m], (x, z).
     """
@@ -172,63 +190,61 @@ class Elastica:
         return self.position[-1]
 
 
-def elastica(
+def bent_rod(
     length: float,
-    bending_stiffness: float,
+    rod: Section,
     weight: tuple[float, float] = (0.0, 0.0),
     force: tuple[float, float] = (0.0, 0.0),
     moment: float = 0.0,
     load_steps: int = 5,
-) -> Elastica:
-    """Equilibrium of an inextensible, shear-free rod, however large its rotations.
+) -> RodShape:
+    """Equilibrium of a clamped rod under dead loads, however large its rotations.
 
-    With tangent angle t(s): EI t'' = -(q_x (L - s) + F_x) cos t + (q_z (L - s) + F_z) sin t,
-    t(0) = 0, EI t'(L) = M, x' = sin t, z' = cos t (balance of moments of the rod beyond s).
+    Geometrically exact (Reissner 1972, Simo 1985): the section at s is turned by t(s) towards +x.
+    With its directions d1 = (cos t, -sin t) and d3 = (sin t, cos t) and the internal force
+    N(s) = q (L - s) + F,
+
+        r' = (1 + N.d3 / EA) d3 + (N.d1 / kGA) d1,    EI t'' = -(N_x z' - N_z x').
+
     The loads are raised in equal steps so that the solution connected to the straight rod is
     found.
 
     Args:
         length: L [m].
-        bending_stiffness: EI [N m2].
-        weight: (q_x, q_z) [N/m], dead load per length.
-        force: (F_x, F_z) [N], dead load at the tip.
-        moment: M [N m] at the tip, positive towards +x.
+        rod: The section; without shear and extension the rod is an elastica.
+        weight: q = (q_x, q_z) [N/m], load per length.
+        force: F = (F_x, F_z) [N] at the tip.
+        moment: [N m] at the tip, positive towards +x.
         load_steps: Number of load steps.
 
     Raises:
         EquilibriumError: The solver failed at a load step.
     """
     # Lengths in units of L, forces in EI / L^2.
-    unit = length**2 / bending_stiffness
+    unit = length**2 / rod.bending
+    scaled = Section(1.0, rod.shear * unit, rod.axial * unit)
     q, f = np.array(weight) * length * unit, np.array(force) * unit
-    m = moment * length / bending_stiffness
+    m = moment * length / rod.bending
     # Every load step starts from a coarse mesh, or the refinement of all steps would add up.
     s = np.linspace(0, 1, _NODES)
     y = np.stack([0 * s, 0 * s, 0 * s, s])
-    for scale in np.arange(1, load_steps + 1) / load_steps:
-        rod = _solve(_rod(scale * q, scale * f), scale * m, s, y, scale)
-        y = rod.sol(s)
-    return Elastica(length * rod.x, rod.y[0], rod.y[1] / length, length * rod.y[2:].T)
+    for share in np.arange(1, load_steps + 1) / load_steps:
+
+        def derivative(s: np.ndarray, y: np.ndarray, share: float = share) -> np.ndarray:
+            inner = share * (q[:, None] * (1 - s) + f[:, None])
+            slope = section_slope(y[0], inner, scaled)
+            return np.stack([y[1], inner[1] * slope[0] - inner[0] * slope[1], *slope])
+
+        def ends(base: np.ndarray, tip: np.ndarray, share: float = share) -> np.ndarray:
+            return np.array([base[0], tip[1] - share * m, base[2], base[3]])
+
+        found = solve_bvp(derivative, ends, s, y, tol=_TOLERANCE, max_nodes=_MAX_NODES)
+        if not found.success:
+            raise EquilibriumError(f"no solution at {share:.0%} of the load: {found.message}")
+        y = found.sol(s)
+    return RodShape(length * found.x, found.y[0], found.y[1] / length, length * found.y[2:].T)
 
 
-def _rod(q: np.ndarray, f: np.ndarray) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Right-hand side of the state (angle, curvature, x, z) in units of the length."""
-
-    def derivative(s: np.ndarray, y: np.ndarray) -> np.ndarray:
-        fx, fz = q[:, None] * (1 - s) + f[:, None]
-        bend = -fx * np.cos(y[0]) + fz * np.sin(y[0])
-        return np.stack([y[1], bend, np.sin(y[0]), np.cos(y[0])])
-
-    return derivative
-
-
-def _solve(derivative: Callable, moment: float, s: np.ndarray, y: np.ndarray, scale: float) -> Any:
-    """`solve_bvp`'s result for a clamped base and a tip moment."""
-
-    def boundary(base: np.ndarray, tip: np.ndarray) -> np.ndarray:
-        return np.array([base[0], tip[1] - moment, base[2], base[3]])
-
-    result = solve_bvp(derivative, boundary, s, y, tol=_TOLERANCE, max_nodes=_MAX_NODES)
-    if not result.success:
-        raise EquilibriumError(f"no elastica at {scale:.0%} of the load: {result.message}")
-    return result
+def elastica(length: float, bending_stiffness: float, **loads: Any) -> RodShape:
+    """As `bent_rod`, with the same loads, of a rod that neither shears nor stretches."""
+    return bent_rod(length, Section(bending_stiffness), **loads)

@@ -4,7 +4,7 @@ The rig is alike on all sides and its tendons pull with constant moments, so it 
 towards the azimuth p. In that plane, with the weight W(s) of everything above s, the force on the
 section at angle t is (0, -W), less the tendons' tensions F along its axis; with x towards p,
 
-    r' = (stretch, shear) as in `exact_rod`,   EI t' = m,   m' = -W x',
+    r' = (stretch, shear) as in `exact.analytic`,   EI t' = m,   m' = -W x',
     m(L) = sum F_k r_k . (cos p, sin p) + W_head h sin t(L).
 
 Three numbers are unknown: the components of the end's bending vector t(L) (cos p, sin p), and how
@@ -16,7 +16,8 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from softrobot_env.beams.exact.shearable_rod import Section, section, section_slope
+from softrobot_env.beams.exact.analytic import Section, section_slope
+from softrobot_env.beams.exact.shearable_rod import section
 from softrobot_env.interfaces import EquilibriumError
 from softrobot_env.robots import RobotParams
 
@@ -71,30 +72,31 @@ def column_tip(
         raise EquilibriumError(f"no equilibrium of the rig at {pulled} m: {found.message}")
     bend = unknown[:2]
     angle = float(np.hypot(*bend))
-    base = _toward_base(robot, rod, angle, *_pull(robot, lengths, unknown))
+    base, _ = _base(robot, rod, lengths, unknown)
     aside = robot.head.output * np.sin(angle) - base[2]
     return np.array([*(aside * bend / angle), robot.head.output * np.cos(angle) - base[3]])
-
-
-def _pull(robot: RobotParams, pulled: np.ndarray, unknown: np.ndarray) -> tuple[float, float]:
-    """Moment [N m] towards the bend and sum [N] of the tensions."""
-    bend, shortening = unknown[:2], unknown[2]
-    force = tensions(robot, pulled, bend, shortening)
-    moment = force @ np.array([t.offset for t in robot.tendons])
-    return float(moment @ bend / np.hypot(*bend)), float(force.sum())
 
 
 def _missing(
     robot: RobotParams, rod: Section, pulled: np.ndarray, unknown: np.ndarray
 ) -> np.ndarray:
     """Errors (3,) [1]: angle at the base, curvature across the bend, shortening per length."""
-    bend, shortening = unknown[:2], unknown[2]
-    force = tensions(robot, pulled, bend, shortening)
-    moment = force @ np.array([t.offset for t in robot.tendons])
-    angle = float(np.hypot(*bend))
-    across = float(moment[0] * bend[1] - moment[1] * bend[0]) / angle / robot.bending_stiffness
-    base = _toward_base(robot, rod, angle, *_pull(robot, pulled, unknown))
-    return np.array([base[0], across * robot.length, (base[4] - shortening) / robot.length])
+    base, across = _base(robot, rod, pulled, unknown)
+    length = robot.length
+    return np.array(
+        [base[0], across / robot.bending_stiffness * length, (base[4] - unknown[2]) / length]
+    )
+
+
+def _base(
+    robot: RobotParams, rod: Section, pulled: np.ndarray, unknown: np.ndarray
+) -> tuple[np.ndarray, float]:
+    """What `_toward_base` finds, and the moment [N m] of the tendons across the bend."""
+    bend, angle = unknown[:2], float(np.hypot(*unknown[:2]))
+    force = tensions(robot, pulled, bend, unknown[2])
+    x, y = force @ np.array([t.offset for t in robot.tendons])
+    along, across = (x * bend[0] + y * bend[1]) / angle, (x * bend[1] - y * bend[0]) / angle
+    return _toward_base(robot, rod, angle, float(along), float(force.sum())), float(across)
 
 
 def _toward_base(

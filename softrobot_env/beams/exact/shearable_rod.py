@@ -1,47 +1,24 @@
-"""Planar geometrically exact rods with shear and extension (Simo, Reissner), without any mesh.
+"""Planar geometrically exact rods of a robot: its section, its tendons and its frequencies.
 
-Frame as in `beams.analytic`: the straight rod lies along +z from its clamp, bends in the x-z plane,
-points and forces are pairs (x, z). The section at s is turned by t(s) towards +x. With the internal
-force N(s), which statics give in dead loads, and the section's directions d1 = (cos t, -sin t) and
-d3 = (sin t, cos t),
-
-    r' = (1 + N.d3 / EA) d3 + (N.d1 / kGA) d1,    EI t'' = -(N_x z' - N_z x').
-
-Without shear and extension that is the elastica.
+Frame and equations as in `exact.analytic`: the straight rod lies along +z from its clamp and bends
+in the x-z plane; points and forces are pairs (x, z).
 """
 
-from dataclasses import dataclass
 from itertools import pairwise
 from math import pi
 
 import numpy as np
-from scipy.integrate import solve_bvp, solve_ivp
+from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq, root
 
-from softrobot_env.beams.exact.analytic import euler_bernoulli_frequency
+from softrobot_env.beams.exact.analytic import (
+    Section,
+    euler_bernoulli_frequency,
+    section_slope,
+)
 from softrobot_env.interfaces import EquilibriumError
 from softrobot_env.robots import RobotParams
-
-_NODES = 101
-_TOLERANCE = 1e-9
-_MAX_NODES = 20000
-_LOAD_STEPS = 5
-
-
-@dataclass(frozen=True)
-class Section:
-    """Stiffness of a cross-section.
-
-    Attributes:
-        bending: EI [N m2].
-        shear: k G A [N], infinite without shear.
-        axial: EA [N], infinite without extension.
-    """
-
-    bending: float
-    shear: float = np.inf
-    axial: float = np.inf
 
 
 def section(robot: RobotParams, shear_coefficient: float | None) -> Section:
@@ -51,57 +28,6 @@ def section(robot: RobotParams, shear_coefficient: float | None) -> Section:
     shear_modulus = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio))
     shear = shear_coefficient * shear_modulus * robot.area
     return Section(robot.bending_stiffness, shear, robot.youngs_modulus * robot.area)
-
-
-def section_slope(angle: np.ndarray, force: np.ndarray, rod: Section) -> np.ndarray:
-    """r' (2, ...) [1] at section angles (...) [rad] under internal forces (2, ...) [N]."""
-    sin, cos = np.sin(angle), np.cos(angle)
-    shear = (force[0] * cos - force[1] * sin) / rod.shear
-    stretch = 1 + (force[0] * sin + force[1] * cos) / rod.axial
-    return np.stack([stretch * sin + shear * cos, stretch * cos - shear * sin])
-
-
-def rod_tip(
-    length: float,
-    rod: Section,
-    weight: tuple[float, float] = (0.0, 0.0),
-    force: tuple[float, float] = (0.0, 0.0),
-    moment: float = 0.0,
-) -> np.ndarray:
-    """Tip (2,) [m] of a clamped rod under dead loads, which are raised in equal steps.
-
-    Args:
-        length: L [m].
-        rod: The section.
-        weight: (q_x, q_z) [N/m].
-        force: (F_x, F_z) [N] at the tip.
-        moment: [N m] at the tip, positive towards +x.
-
-    Raises:
-        EquilibriumError: The boundary-value solver failed at a load step.
-    """
-    # Lengths in units of L, forces in EI / L^2.
-    unit = length**2 / rod.bending
-    scaled = Section(1.0, rod.shear * unit, rod.axial * unit)
-    q, f = np.array(weight) * length * unit, np.array(force) * unit
-    m = moment * length / rod.bending
-    s = np.linspace(0, 1, _NODES)
-    y = np.stack([0 * s, 0 * s, 0 * s, s])
-    for share in np.arange(1, _LOAD_STEPS + 1) / _LOAD_STEPS:
-
-        def derivative(s: np.ndarray, y: np.ndarray, share: float = share) -> np.ndarray:
-            inner = share * (q[:, None] * (1 - s) + f[:, None])
-            slope = section_slope(y[0], inner, scaled)
-            return np.stack([y[1], inner[1] * slope[0] - inner[0] * slope[1], *slope])
-
-        def ends(base: np.ndarray, tip: np.ndarray, share: float = share) -> np.ndarray:
-            return np.array([base[0], tip[1] - share * m, base[2], base[3]])
-
-        result = solve_bvp(derivative, ends, s, y, tol=_TOLERANCE, max_nodes=_MAX_NODES)
-        if not result.success:
-            raise EquilibriumError(f"no solution at {share:.0%} of the load: {result.message}")
-        y = result.sol(s)
-    return length * result.y[2:, -1]
 
 
 def tendon_tip(robot: RobotParams, rod: Section, tension: np.ndarray) -> np.ndarray:

@@ -18,6 +18,14 @@ from softrobot_env.beams.numerics.compilation import kernel, structure
 #: What `integrate` returns.
 DONE, STEP_TOO_SMALL, NOT_CONVERGED, DIVERGED, TOO_MANY_STEPS = range(5)
 
+#: What these codes mean.
+FAILURES = {
+    STEP_TOO_SMALL: "the step size fell below its limit",
+    NOT_CONVERGED: "Newton's iteration did not converge",
+    DIVERGED: "the motion diverged",
+    TOO_MANY_STEPS: "the largest number of steps was used up",
+}
+
 #: Rows of its counters.
 STEPS, REJECTED, RESIDUALS, MATRICES = range(4)
 
@@ -195,20 +203,25 @@ def _solve_stage_carefully(model, h, limit, hold, work, counters):
 
 
 @kernel
+def _start_stage(method, s, h, q, v, work, start_q, start_v):
+    """Set start_q and start_v (n,) to the state q, v moved on by the stages before s."""
+    for i in range(len(q)):
+        dq, dv = 0.0, 0.0
+        for j in range(s):
+            dq += method.a[s, j] * work.stage_v[j, i]
+            dv += method.a[s, j] * work.stage_a[j, i]
+        start_q[i] = q[i] + h * dq
+        start_v[i] = v[i] + h * dv
+
+
+@kernel
 def _implicit_stages(model, method, signal, t, h, q, v, a, limit, careful, work, counters):
     """All stages of a diagonally implicit step; the worst contraction, -1 if one failed."""
-    n, gamma, worst = model.n, method.diagonal * h, 0.0
-    for i in range(n):
-        work.a[i] = a[i]
+    gamma, worst = method.diagonal * h, 0.0
+    copy(a, work.a)
     for s in range(len(method.b)):
         signals.evaluate(signal, t + _inside(method.c[s]) * h, work.u)
-        for i in range(n):
-            dq, dv = 0.0, 0.0
-            for j in range(s):
-                dq += method.a[s, j] * work.stage_v[j, i]
-                dv += method.a[s, j] * work.stage_a[j, i]
-            work.start_q[i] = q[i] + h * dq
-            work.start_v[i] = v[i] + h * dv
+        _start_stage(method, s, h, q, v, work, work.start_q, work.start_v)
         if careful:
             contraction = _solve_stage_carefully(model, gamma, limit, False, work, counters)
             if contraction < 0:
@@ -218,9 +231,8 @@ def _implicit_stages(model, method, signal, t, h, q, v, a, limit, careful, work,
         if contraction < 0:
             return -1.0
         worst = max(worst, contraction)
-        for i in range(n):
-            work.stage_v[s, i] = work.v[i]
-            work.stage_a[s, i] = work.a[i]
+        copy(work.v, work.stage_v[s])
+        copy(work.a, work.stage_a[s])
     return worst
 
 
@@ -253,18 +265,12 @@ def _solve_stages(model, method, signal, t, h, q, v, a, limit, careful, work, co
 @kernel
 def _explicit_stages(model, method, signal, t, h, q, v, a, work, counters):
     """All stages of an explicit step; the first is the state it starts from."""
-    n = model.n
-    for i in range(n):
-        work.stage_v[0, i], work.stage_a[0, i] = v[i], a[i]
+    copy(v, work.stage_v[0])
+    copy(a, work.stage_a[0])
     for s in range(1, len(method.b)):
         signals.evaluate(signal, t + _inside(method.c[s]) * h, work.u)
-        for i in range(n):
-            dq, dv = 0.0, 0.0
-            for j in range(s):
-                dq += method.a[s, j] * work.stage_v[j, i]
-                dv += method.a[s, j] * work.stage_a[j, i]
-            work.q[i], work.v[i] = q[i] + h * dq, v[i] + h * dv
-            work.stage_v[s, i] = work.v[i]
+        _start_stage(method, s, h, q, v, work, work.q, work.v)
+        copy(work.v, work.stage_v[s])
         acceleration(model, work.q, work.v, work.u, work.stage_a[s])
         counters[RESIDUALS] += 1
 

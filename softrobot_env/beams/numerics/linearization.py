@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.beams.mechanics import add_applied, residual
+from softrobot_env.beams.mechanics import add_applied, locate, residual
 from softrobot_env.beams.numerics.compilation import kernel
 
 #: Imaginary step: its square vanishes beside one, so the derivatives are exact to rounding.
@@ -55,19 +55,13 @@ def residual_derivatives(model, q, v, a, u, by_q, by_v, by_a):
     out = np.empty(n, np.complex128)
     q1, v1, a1 = q.astype(np.complex128), v.astype(np.complex128), a.astype(np.complex128)
     u1 = u.astype(np.complex128)
-    for j in range(n):
-        q1[j] += _STEP * 1j
-        residual(model, q1, v1, a1, u1, out)
-        _store(out, j, by_q)
-        q1[j] = q[j]
-        v1[j] += _STEP * 1j
-        residual(model, q1, v1, a1, u1, out)
-        _store(out, j, by_v)
-        v1[j] = v[j]
-        a1[j] += _STEP * 1j
-        residual(model, q1, v1, a1, u1, out)
-        _store(out, j, by_a)
-        a1[j] = a[j]
+    for x, by_x in ((q1, by_q), (v1, by_v), (a1, by_a)):
+        for j in range(n):
+            still = x[j]
+            x[j] += _STEP * 1j
+            residual(model, q1, v1, a1, u1, out)
+            _store(out, j, by_x)
+            x[j] = still
 
 
 @kernel
@@ -81,3 +75,15 @@ def input_derivatives(model, q, u, out):
         add_applied(model, q1, u1, force)
         _store(force, j, out)
         u1[j] = u[j]
+
+
+@kernel
+def point_derivatives(model, q, out):
+    """Set out (3 n_points, n) to the derivative of the material points by the coordinates."""
+    points = np.empty((len(model.actuation.point_station), 3), np.complex128)
+    q1 = q.astype(np.complex128)
+    for j in range(len(q)):
+        q1[j] += _STEP * 1j
+        locate(model, q1, points)
+        _store(points.ravel(), j, out)
+        q1[j] = q[j]

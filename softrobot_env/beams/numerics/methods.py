@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import structure
+from softrobot_env.registries import Registry
 
 
 @structure
@@ -63,40 +64,43 @@ _ALEXANDER = 1 - 1 / sqrt(2)
 #: order 4 with an estimate of order 3 of Hairer and Wanner, Solving ODEs II, (IV.6.16);
 #: implicit_midpoint conserves quadratic invariants; dormand_prince is the explicit pair of
 #: orders 5 and 4 behind MATLAB's ode45 (Hairer, Norsett and Wanner, Solving ODEs I, Tab. II.5.2).
-METHODS: dict[str, Method] = {
-    "implicit_euler": _method([[1.0]], [1.0], 1),
-    "implicit_midpoint": _method([[0.5]], [1.0], 2),
-    "sdirk2": _method(
-        [[_ALEXANDER], [1 - _ALEXANDER, _ALEXANDER]], [1 - _ALEXANDER, _ALEXANDER], 2
-    ),
-    "sdirk4": _method(
-        [
-            [1 / 4],
-            [1 / 2, 1 / 4],
-            [17 / 50, -1 / 25, 1 / 4],
-            [371 / 1360, -137 / 2720, 15 / 544, 1 / 4],
+METHODS = Registry(
+    "method",
+    {
+        "implicit_euler": _method([[1.0]], [1.0], 1),
+        "implicit_midpoint": _method([[0.5]], [1.0], 2),
+        "sdirk2": _method(
+            [[_ALEXANDER], [1 - _ALEXANDER, _ALEXANDER]], [1 - _ALEXANDER, _ALEXANDER], 2
+        ),
+        "sdirk4": _method(
+            [
+                [1 / 4],
+                [1 / 2, 1 / 4],
+                [17 / 50, -1 / 25, 1 / 4],
+                [371 / 1360, -137 / 2720, 15 / 544, 1 / 4],
+                [25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4],
+            ],
             [25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4],
-        ],
-        [25 / 24, -49 / 48, 125 / 16, -85 / 12, 1 / 4],
-        4,
-        [59 / 48, -17 / 96, 225 / 32, -85 / 12, 0.0],
-    ),
-    "rk4": _method([[], [1 / 2], [0, 1 / 2], [0, 0, 1]], [1 / 6, 1 / 3, 1 / 3, 1 / 6], 4),
-    "dormand_prince": _method(
-        [
-            [],
-            [1 / 5],
-            [3 / 40, 9 / 40],
-            [44 / 45, -56 / 15, 32 / 9],
-            [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729],
-            [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656],
-            [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
-        ],
-        [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84, 0],
-        5,
-        [5179 / 57600, 0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40],
-    ),
-}
+            4,
+            [59 / 48, -17 / 96, 225 / 32, -85 / 12, 0.0],
+        ),
+        "rk4": _method([[], [1 / 2], [0, 1 / 2], [0, 0, 1]], [1 / 6, 1 / 3, 1 / 3, 1 / 6], 4),
+        "dormand_prince": _method(
+            [
+                [],
+                [1 / 5],
+                [3 / 40, 9 / 40],
+                [44 / 45, -56 / 15, 32 / 9],
+                [19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729],
+                [9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656],
+                [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84],
+            ],
+            [35 / 384, 0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84, 0],
+            5,
+            [5179 / 57600, 0, 7571 / 16695, 393 / 640, -92097 / 339200, 187 / 2100, 1 / 40],
+        ),
+    },
+)
 
 
 def find_method(name: str, step: float | None) -> Method:
@@ -106,9 +110,7 @@ def find_method(name: str, step: float | None) -> Method:
         ValueError: Unknown name, a step that is not positive, or no step for a method that
             cannot estimate its error.
     """
-    if name not in METHODS:
-        raise ValueError(f"unknown method {name!r}; choose from {', '.join(METHODS)}")
-    method = METHODS[name]
+    method = METHODS.find(name)
     if step is None and not method.adaptive:
         adaptive = ", ".join(key for key, m in METHODS.items() if m.adaptive)
         raise ValueError(f"{name} needs a step; without one choose from {adaptive}")

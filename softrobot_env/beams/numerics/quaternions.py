@@ -43,6 +43,26 @@ def add_scaled(a, i, factor, x):
 
 
 @kernel
+def vector(row):
+    """Row (3,) as a vector."""
+    return (row[0], row[1], row[2])
+
+
+@kernel
+def store(row, a):
+    """Set a row (3,) to a vector."""
+    row[0], row[1], row[2] = a
+
+
+@kernel
+def accumulate(row, a):
+    """Add a vector to a row (3,)."""
+    row[0] += a[0]
+    row[1] += a[1]
+    row[2] += a[2]
+
+
+@kernel
 def dot3(x, y):
     """Inner product of vectors."""
     return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
@@ -61,6 +81,36 @@ def cross(x, y):
 
 
 @kernel
+def add(a, b):
+    """Sum of vectors."""
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@kernel
+def difference(a, b):
+    """Vector a - b."""
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@kernel
+def stretched(factors, a):
+    """A vector times factors (3,), one for each component."""
+    return (factors[0] * a[0], factors[1] * a[1], factors[2] * a[2])
+
+
+@kernel
+def scaled(factor, a):
+    """A vector times a number."""
+    return (factor * a[0], factor * a[1], factor * a[2])
+
+
+@kernel
+def mix(f, a, g, b):
+    """Linear combination f a + g b of vectors."""
+    return (f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2])
+
+
+@kernel
 def unit(p):
     """Unit quaternion of the direction of p."""
     scale = 1 / np.sqrt(dot4(p, p))
@@ -71,7 +121,7 @@ def unit(p):
 def quotient(p, r):
     """Quaternion product conj(p) r."""
     return (
-        p[0] * r[0] + p[1] * r[1] + p[2] * r[2] + p[3] * r[3],
+        dot4(p, r),
         p[0] * r[1] - p[1] * r[0] - p[2] * r[3] + p[3] * r[2],
         p[0] * r[2] - p[2] * r[0] - p[3] * r[1] + p[1] * r[3],
         p[0] * r[3] - p[3] * r[0] - p[1] * r[2] + p[2] * r[1],
@@ -105,14 +155,7 @@ def rotate(u, x):
 @kernel
 def rotate_back(u, x):
     """Vector R^T x: seen from the rotated frame."""
-    axis = (u[1], u[2], u[3])
-    turned = cross(axis, x)
-    again = cross(axis, turned)
-    return (
-        x[0] + 2 * (again[0] - u[0] * turned[0]),
-        x[1] + 2 * (again[1] - u[0] * turned[1]),
-        x[2] + 2 * (again[2] - u[0] * turned[2]),
-    )
+    return rotate((u[0], -u[1], -u[2], -u[3]), x)
 
 
 @kernel

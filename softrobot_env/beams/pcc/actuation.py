@@ -3,19 +3,14 @@
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.quaternions import add, cross, dot3, scaled, store, vector
 from softrobot_env.beams.pcc.constant_strain import (
-    add,
     compose,
-    cross,
-    dot,
     position,
-    scaled,
-    store,
     stumpff,
     to_axes,
     to_world,
     turn,
-    vector,
 )
 from softrobot_env.beams.pcc.dynamics import (
     COLUMNS,
@@ -47,10 +42,10 @@ def _locate(length, first, points, turns, out):
             k = int(points[m, 3])
             u = points[m, 0]
             phi = scaled(u, whole)
-            c = stumpff(dot(phi, phi))
+            c = stumpff(dot3(phi, phi))
             local = add(position(u * length, c, phi), _arm(c, phi, points[m]))
             store(out[k], add(x, to_world(axes, local)))
-        c = stumpff(dot(whole, whole))
+        c = stumpff(dot3(whole, whole))
         x = add(x, to_world(axes, position(length, c, whole)))
         axes = compose(axes, c, whole)
 
@@ -79,33 +74,30 @@ def _load_axes(first, points, turns, out):
             k = int(points[m, 3])
             if k < len(out):
                 phi = scaled(points[m, 0], whole)
-                ex, ey, ez = compose(axes, stumpff(dot(phi, phi)), phi)
+                ex, ey, ez = compose(axes, stumpff(dot3(phi, phi)), phi)
                 for d in range(3):
                     out[k, d, 0], out[k, d, 1], out[k, d, 2] = ex[d], ey[d], ez[d]
-        axes = compose(axes, stumpff(dot(whole, whole)), whole)
+        axes = compose(axes, stumpff(dot3(whole, whole)), whole)
 
 
 @kernel
 def add_forces(model, q, forces, out):
     """Add to out (n,) the generalised force of forces (n_points, 3) [N] on the points."""
-    wrenches = np.zeros((len(forces), 2, 3), out.dtype)
-    for k in range(len(forces)):
-        store(wrenches[k, 0], vector(forces[k]))
-    _add_wrenches(model, q, wrenches, out)
+    _add_wrenches(model, q, forces, 0, out)
 
 
 @kernel
 def add_moments(model, q, moments, out):
     """Add to out (n,) the generalised force of moments (n_loads, 3) [N m] at the loads."""
-    wrenches = np.zeros((len(moments), 2, 3), out.dtype)
-    for k in range(len(moments)):
-        store(wrenches[k, 1], vector(moments[k]))
-    _add_wrenches(model, q, wrenches, out)
+    _add_wrenches(model, q, moments, 1, out)
 
 
 @kernel
-def _add_wrenches(model, q, wrenches, out):
-    """Add the generalised force of forces and moments (k, 2, 3) on the first k points."""
+def _add_wrenches(model, q, vectors, kind, out):
+    """Add the generalised force of forces (kind 0) or moments (1) (k, 3) on the first k points."""
+    wrenches = np.zeros((len(vectors), 2, 3), out.dtype)
+    for k in range(len(vectors)):
+        store(wrenches[k, kind], vector(vectors[k]))
     work = np.empty((model.pieces, COLUMNS, 3), out.dtype)
     set_rotations(model.block, model.length, q, work[:, ROTATION])
     _collect(model.length, model.first[1], model.points, wrenches, work)
@@ -120,7 +112,7 @@ def _collect(length, first, points, wrenches, work):
     for i in range(len(work)):
         row = work[i]
         whole = vector(row[ROTATION])
-        c = stumpff(dot(whole, whole))
+        c = stumpff(dot3(whole, whole))
         store(row[STUMPFF], c[:3])
         store(row[STUMPFF + 1], c[3:6])
         for d in range(END_FORCE, COLUMNS):
@@ -130,11 +122,9 @@ def _collect(length, first, points, wrenches, work):
             if k < len(wrenches):
                 u = points[m, 0]
                 phi = scaled(u, whole)
-                part = stumpff(dot(phi, phi))
-                there, arm = (
-                    compose(axes, part, phi),
-                    (zero + points[m, 1], zero + points[m, 2], zero),
-                )
+                part = stumpff(dot3(phi, phi))
+                there = compose(axes, part, phi)
+                arm = (zero + points[m, 1], zero + points[m, 2], zero)
                 force = to_axes(there, vector(wrenches[k, 0]))
                 moment = add(cross(arm, force), to_axes(there, vector(wrenches[k, 1])))
                 add_wrench(u, length, part, phi, force, moment, row)

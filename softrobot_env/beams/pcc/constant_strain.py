@@ -19,43 +19,10 @@ Vectors are tuples of three numbers, real or complex.
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.quaternions import add, cross, dot3, mix, scaled
 
 #: Rotation angle squared up to which the power series are summed.
 _SERIES_LIMIT = 4.0
-
-
-@kernel
-def cross(a, b):
-    """Cross product of vectors."""
-    return (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-
-
-@kernel
-def dot(a, b):
-    """Scalar product of vectors, without conjugation."""
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-
-
-@kernel
-def add(a, b):
-    """Sum of vectors."""
-    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
-
-
-@kernel
-def scaled(factor, a):
-    """A vector times a number."""
-    return (factor * a[0], factor * a[1], factor * a[2])
-
-
-@kernel
-def mix(f, a, g, b):
-    """Linear combination f a + g b of vectors."""
-    return (f * a[0] + g * b[0], f * a[1] + g * b[1], f * a[2] + g * b[2])
 
 
 @kernel
@@ -99,7 +66,7 @@ def _series(x):
 def blend(c0, c1, c2, phi, a):
     """Product of c0 1 + c1 [phi] + c2 phi phi^T with a vector."""
     x, y, z = cross(phi, a)
-    k = c2 * dot(phi, a)
+    k = c2 * dot3(phi, a)
     return (
         c0 * a[0] + c1 * x + k * phi[0],
         c0 * a[1] + c1 * y + k * phi[1],
@@ -140,7 +107,7 @@ def motion(length, c, phi, rate):
     The products P rate and J rate, where P is the derivative of p by phi.
     """
     e1, e2, e3 = _slopes(c)
-    growth, z = 2 * dot(phi, rate), phi[2]
+    growth, z = 2 * dot3(phi, rate), phi[2]
     # p / l = c1 e_z + c2 phi x e_z + c3 z phi
     x, y, _ = mix(growth * e2, phi, c[2], rate)
     k, m = growth * e3 * z + c[3] * rate[2], c[3] * z
@@ -153,7 +120,7 @@ def motion(length, c, phi, rate):
 def motion_transpose(length, c, phi, force, moment):
     """Generalised force P^T force + J^T moment on phi of a force and a moment at the end."""
     e1, e2, e3 = _slopes(c)
-    z, along = phi[2], dot(phi, force)
+    z, along = phi[2], dot3(phi, force)
     bend = phi[1] * force[0] - phi[0] * force[1]
     shift = mix(2 * (e1 * force[2] + e2 * bend + e3 * z * along), phi, c[3] * z, force)
     shift = (shift[0] - c[2] * force[1], shift[1] + c[2] * force[0], shift[2] + c[3] * along)
@@ -169,7 +136,7 @@ def motion_bias(length, c, phi, rate):
     e1, e2, e3 = _slopes(c)
     e4, e5 = 2 * c[6] - 0.5 * c[5], 2.5 * c[7] - 0.5 * c[6]
     f1, f2, f3 = 0.5 * (e3 - e2), e4 - 0.5 * e3, 1.5 * e5 - 0.5 * e4
-    half, square, z = dot(phi, rate), dot(rate, rate), phi[2]
+    half, square, z = dot3(phi, rate), dot3(rate, rate), phi[2]
     growth, bend = 2 * half, 2 * square
     # Second derivatives of c1, c2, c3 along the motion, then of the products with phi.
     g1 = growth * growth * f1 + bend * e1
@@ -221,24 +188,4 @@ def to_world(axes, a):
 @kernel
 def to_axes(axes, a):
     """Coordinates along axes of a vector in the world."""
-    return (dot(axes[0], a), dot(axes[1], a), dot(axes[2], a))
-
-
-@kernel
-def vector(row):
-    """Row (3,) as a vector."""
-    return (row[0], row[1], row[2])
-
-
-@kernel
-def store(row, a):
-    """Set a row (3,) to a vector."""
-    row[0], row[1], row[2] = a
-
-
-@kernel
-def accumulate(row, a):
-    """Add a vector to a row (3,)."""
-    row[0] += a[0]
-    row[1] += a[1]
-    row[2] += a[2]
+    return (dot3(axes[0], a), dot3(axes[1], a), dot3(axes[2], a))

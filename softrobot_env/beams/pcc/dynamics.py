@@ -8,23 +8,24 @@ whole data: passing them on would make the compiler slow.
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.beams.pcc.constant_strain import (
+from softrobot_env.beams.numerics.quaternions import (
     accumulate,
     add,
-    compose,
     cross,
-    dot,
+    dot3,
+    scaled,
+    store,
+    vector,
+)
+from softrobot_env.beams.pcc.constant_strain import (
+    compose,
     motion,
     motion_bias,
     position,
-    scaled,
-    store,
     stumpff,
-    to_axes,
     to_world,
     transmit,
     turn_back,
-    vector,
 )
 
 #: What the work array (pieces, COLUMNS, 3) of the Newton-Euler recursion holds of a piece: its
@@ -100,7 +101,7 @@ def _inertial_wrenches(length, gravity, first, bodies, work):
         for k in range(first[i], last + 1):
             u = bodies[k, 0]
             phi = scaled(u, whole)
-            c = stumpff(dot(phi, phi))
+            c = stumpff(dot3(phi, phi))
             w, aw, r = _moved(
                 u * length, c, phi, scaled(u, rate), scaled(u, second), omega, alpha, rise
             )
@@ -217,7 +218,13 @@ SPIN, VELOCITY, ANGULAR, LINEAR, OWN_ANGULAR, OWN_LINEAR = 0, 1, 2, 3, 4, 5
 
 @kernel
 def mass_matrix(model, q, out):
-    """Set out (n, n) to the mass matrix M(q).
+    """Set out (n, n) to the mass matrix M(q)."""
+    mass_and_momenta(model, q, out)
+
+
+@kernel
+def mass_and_momenta(model, q, out):
+    """Set out (n, n) to M(q); motion and momentum (n, 6, 3) per unit rate of each coordinate.
 
     A piece moves all bodies beyond it as one, whose inertia is accumulated from the tip
     (composite rigid bodies; Featherstone, Rigid Body Dynamics Algorithms, ch. 6). Motions,
@@ -228,6 +235,7 @@ def mass_matrix(model, q, out):
     set_rotations(block, model.length, q, inertia[:, TURN])
     _set_moves(block, model.length, model.first[0], model.bodies, moves, inertia, out)
     _fill_mass(block, moves, inertia, out)
+    return moves
 
 
 @kernel
@@ -271,7 +279,7 @@ def _set_moves(block, length, first, bodies, moves, inertia, out):
         for k in range(first[i], last + 1):
             u = bodies[k, 0]
             phi = scaled(u, whole)
-            c = stumpff(dot(phi, phi))
+            c = stumpff(dot3(phi, phi))
             here = add(x, to_world(axes, position(u * length, c, phi)))
             there = compose(axes, c, phi)
             _set_inertia(bodies[k], there, here, mass)
@@ -323,7 +331,7 @@ def _set_inertia(body, axes, x, out):
     (ex, fx, gx), (ey, fy, gy), (ez, fz, gz) = axes
     mass, a, b, c = body[1], body[2], body[3], body[4]
     centre = scaled(mass, x)
-    square = dot(centre, x)
+    square = dot3(centre, x)
     out[DIAGONAL, 0] = a * ex * ex + b * ey * ey + c * ez * ez + square - centre[0] * x[0]
     out[DIAGONAL, 1] = a * fx * fx + b * fy * fy + c * fz * fz + square - centre[1] * x[1]
     out[DIAGONAL, 2] = a * gx * gx + b * gy * gy + c * gz * gz + square - centre[2] * x[2]
@@ -349,8 +357,8 @@ def _set_momentum(inertia, row):
 @kernel
 def _pairing(move, column):
     """Scalar product of a motion and the momentum of another coordinate."""
-    angular = dot(vector(move[SPIN]), vector(column[ANGULAR]))
-    return angular + dot(vector(move[VELOCITY]), vector(column[LINEAR]))
+    angular = dot3(vector(move[SPIN]), vector(column[ANGULAR]))
+    return angular + dot3(vector(move[VELOCITY]), vector(column[LINEAR]))
 
 
 # ---------------------------------------------------------------- energy and momentum
@@ -377,7 +385,7 @@ def _weight(length, gravity, first, bodies, turns):
         for k in range(first[i], first[i + 1]):
             u = bodies[k, 0]
             phi = scaled(u, vector(turns[i, 0]))
-            c = stumpff(dot(phi, phi))
+            c = stumpff(dot3(phi, phi))
             here = add(x, to_world(axes, position(u * length, c, phi)))
             there = compose(axes, c, phi)
             height = gravity[0] * here[0] + gravity[1] * here[1]
@@ -390,37 +398,9 @@ def _weight(length, gravity, first, bodies, turns):
 @kernel
 def momentum(model, q, v, out):
     """Set out (6,) to linear [N s] and angular momentum about the origin [N m s]."""
-    work = np.empty((model.pieces, 2, 3), out.dtype)
-    set_rotations(model.block, model.length, q, work[:, 0])
-    set_rotations(model.block, model.length, v, work[:, 1])
-    _sum_momentum(model.length, model.first[0], model.bodies, work, out)
-
-
-@kernel
-def _sum_momentum(length, first, bodies, work, out):
-    """Momentum, given rotation vectors and their rates (pieces, 2, 3)."""
-    zero = 0 * work[0, 0, 0]
-    axes, x = clamp(zero)
-    omega, speed = (zero, zero, zero), (zero, zero, zero)
-    there, here, w, v = axes, x, omega, speed
-    total, moment = omega, omega
-    for i in range(len(work)):
-        for k in range(first[i], first[i + 1]):
-            u = bodies[k, 0]
-            phi, rate = scaled(u, vector(work[i, 0])), scaled(u, vector(work[i, 1]))
-            c = stumpff(dot(phi, phi))
-            shift, spin = motion(u * length, c, phi, rate)
-            arm = to_world(axes, position(u * length, c, phi))
-            here, there, w = add(x, arm), compose(axes, c, phi), add(omega, to_world(axes, spin))
-            v = add(add(speed, cross(omega, arm)), to_world(axes, shift))
-            linear, turning = scaled(bodies[k, 1], v), to_axes(there, w)
-            own = (
-                bodies[k, 2] * turning[0],
-                bodies[k, 3] * turning[1],
-                bodies[k, 4] * turning[2],
-            )
-            total = add(total, linear)
-            moment = add(moment, add(cross(here, linear), to_world(there, own)))
-        axes, x, omega, speed = there, here, w, v
+    moves = mass_and_momenta(model, q, np.empty((model.n, model.n), q.dtype))
     for d in range(3):
-        out[d], out[3 + d] = total[d], moment[d]
+        out[d], out[3 + d] = 0.0, 0.0
+        for j in range(model.n):
+            out[d] += moves[j, LINEAR, d] * v[j]
+            out[3 + d] += moves[j, ANGULAR, d] * v[j]

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from math import inf
-from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -11,13 +10,13 @@ from softrobot_env.beams import mechanics
 from softrobot_env.beams.actuation import Actuation
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import reference, structure
-from softrobot_env.beams.pcc import actuation as pcc_actuation
-from softrobot_env.beams.pcc import dynamics as pcc_dynamics
+from softrobot_env.beams.pcc import actuation, dynamics
+from softrobot_env.registries import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
 #: Number of coordinates per piece by the choice of `axes`.
-AXES = {"planar": 1, "spatial": 2, "torsion": 3}
+AXES = Registry("axes", {"planar": 1, "spatial": 2, "torsion": 3})
 #: Named distributions of the inertia.
 INERTIAS = ("lumped", "distributed")
 #: Arc length [m], mass [kg] and moments of inertia (xx, yy, zz) [kg m2] of a rigid body.
@@ -76,19 +75,16 @@ class PCC(BeamModel):
     and GJ (tau + mu tau').
 
     Args:
-        robot: The robot.
-        pieces: Number of equal pieces; the robot's if None.
+        robot, pieces, loads, drive: As in `BeamModel`.
         axes: "planar" (beta), "spatial" (beta and gamma) or "torsion" (beta, gamma and tau).
         inertia: "lumped" (discs at the ends of the pieces by the trapezoidal rule, so the last
             has half a piece's mass: audit), "distributed" (the integrals over the pieces, by
             Gauss quadrature), or rigid bodies at given arc lengths, such as the subpieces of
             thesis sec. 5.2, which replace the mass of the backbone.
-        loads: Loads.
-        drive: How tendons are driven, "tension" or "length".
 
     Raises:
-        ValueError: An unknown option, no whole number of pieces, or rigid bodies off the
-            robot, of negative inertia, or too few to give every coordinate inertia.
+        ValueError: An unknown option, or rigid bodies off the robot, of negative inertia, or too
+            few to give every coordinate inertia.
     """
 
     def __init__(
@@ -101,24 +97,41 @@ class PCC(BeamModel):
         loads: Sequence[Load] = (),
         drive: str = "tension",
     ) -> None:
-        if axes not in AXES:
-            raise ValueError(f"unknown axes {axes!r}; choose from {', '.join(AXES)}")
-        pieces = robot.pieces if pieces is None else pieces
-        if not isinstance(pieces, Integral) or pieces < 1:
-            raise ValueError(f"need a whole number of pieces, at least one, got {pieces!r}")
-        self.pieces, self.axes, self.inertia = int(pieces), axes, inertia
-        super().__init__(robot, loads, drive)
+        AXES.find(axes)
+        self.axes, self.inertia = axes, inertia
+        super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> PccData:
-        return make_data(self.robot, actuation, self.pieces, self.axes, self.inertia)
+        robot, pieces = self.robot, self.pieces
+        block, length = AXES[self.axes], robot.length / pieces
+        piece, fraction = _place(actuation.point_station / length, pieces)
+        order = np.argsort(piece, kind="stable")
+        points = np.column_stack([fraction, actuation.point_offset, np.arange(len(piece))])
+        first, bodies = _bodies(robot, pieces, self.inertia)
+        data = PccData(
+            n=block * pieces,
+            block=block,
+            reach=pieces,
+            scale=np.full(block * pieces, 1 / robot.length),
+            actuation=actuation,
+            pieces=pieces,
+            length=length,
+            bending=length * robot.bending_stiffness,
+            twisting=length * robot.torsional_stiffness,
+            damping_time=float(robot.damping_time),
+            gravity=np.array(robot.gravity, dtype=float),
+            first=np.stack([first, np.searchsorted(piece[order], np.arange(pieces + 1))]),
+            bodies=bodies,
+            points=points[order],
+            channels=np.column_stack([actuation.channel_end / length, actuation.channel_offset]),
+        )
+        if not isinstance(self.inertia, str):
+            _check_definite(data)
+        return data
 
     def rest(self) -> np.ndarray:
         """Coordinates (n,) of the straight pose."""
         return np.zeros(self.pieces * AXES[self.axes])
-
-    def tangent(self, q: np.ndarray) -> np.ndarray:
-        """Directions (n, n) in which q may change: all."""
-        return np.eye(len(q))
 
     def curvature(self, q: np.ndarray) -> np.ndarray:
         """Curvature (pieces, 3) [1/m]: kx = -gamma, ky = beta and torsion."""
@@ -130,41 +143,6 @@ class PCC(BeamModel):
         if q.shape[1] > 2:
             strain[:, 2] = q[:, 2]
         return strain
-
-
-def make_data(
-    robot: RobotParams,
-    actuation: Actuation,
-    pieces: int,
-    axes: str,
-    inertia: str | Sequence[Station],
-) -> PccData:
-    """Data of the kernels; arguments as those of `PCC`."""
-    block, length = AXES[axes], robot.length / pieces
-    piece, fraction = _place(actuation.point_station / length, pieces)
-    order = np.argsort(piece, kind="stable")
-    points = np.column_stack([fraction, actuation.point_offset, np.arange(len(piece))])
-    first, bodies = _bodies(robot, pieces, inertia)
-    data = PccData(
-        n=block * pieces,
-        block=block,
-        reach=pieces,
-        scale=np.full(block * pieces, 1 / robot.length),
-        actuation=actuation,
-        pieces=pieces,
-        length=length,
-        bending=length * robot.bending_stiffness,
-        twisting=length * robot.torsional_stiffness,
-        damping_time=float(robot.damping_time),
-        gravity=np.array(robot.gravity, dtype=float),
-        first=np.stack([first, np.searchsorted(piece[order], np.arange(pieces + 1))]),
-        bodies=bodies,
-        points=points[order],
-        channels=np.column_stack([actuation.channel_end / length, actuation.channel_offset]),
-    )
-    if not isinstance(inertia, str):
-        _check_definite(data)
-    return data
 
 
 def _place(places: np.ndarray, pieces: int) -> tuple[np.ndarray, np.ndarray]:
@@ -205,6 +183,13 @@ def _bodies(
 
 def _given(robot: RobotParams, pieces: int, stations: Sequence[Station]) -> np.ndarray:
     """Place in pieces, mass and moments of inertia (k, 5) of given bodies."""
+    check_stations(robot, stations)
+    rows = [(s * pieces / robot.length, mass, *moments) for s, mass, moments in stations]
+    return np.array(rows, dtype=float).reshape(-1, 5)
+
+
+def check_stations(robot: RobotParams, stations: Sequence[Station]) -> None:
+    """Raise ValueError for a rigid body off the robot or of negative or infinite inertia."""
     for s, mass, moments in stations:
         if not 0 <= s <= robot.length * (1 + 1e-12):
             raise ValueError(f"inertia at {s} m is off the robot, 0 to {robot.length} m")
@@ -213,14 +198,12 @@ def _given(robot: RobotParams, pieces: int, stations: Sequence[Station]) -> np.n
                 "inertia needs a finite mass and three moments of inertia, zero or more, got "
                 f"{mass} kg and {moments} kg m2"
             )
-    rows = [(s * pieces / robot.length, mass, *moments) for s, mass, moments in stations]
-    return np.array(rows, dtype=float).reshape(-1, 5)
 
 
 def _check_definite(data: PccData) -> None:
     """Raise ValueError if a coordinate has no inertia in the straight pose."""
     mass = np.empty((data.n, data.n))
-    pcc_dynamics.mass_matrix(reference(data), np.zeros(data.n), mass)
+    dynamics.mass_matrix(reference(data), np.zeros(data.n), mass)
     size = np.sqrt(np.diag(mass))
     if not np.all(size > 0) or (np.linalg.eigvalsh(mass / np.outer(size, size))[0] < _SINGULAR):
         raise ValueError(
@@ -229,17 +212,4 @@ def _check_definite(data: PccData) -> None:
         )
 
 
-mechanics.implement(
-    PccData,
-    pcc_dynamics.internal_residual,
-    pcc_dynamics.solve_mass,
-    pcc_dynamics.project,
-    pcc_dynamics.potential,
-    pcc_dynamics.momentum,
-    pcc_actuation.locate,
-    pcc_actuation.add_forces,
-    pcc_actuation.load_axes,
-    pcc_actuation.add_moments,
-    pcc_actuation.channel_lengths,
-    pcc_actuation.add_channel_forces,
-)
+mechanics.implement(PccData, dynamics, actuation)

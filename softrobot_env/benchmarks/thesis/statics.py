@@ -5,8 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.exact.analytic import euler_bernoulli_deflection, timoshenko_deflection
-from softrobot_env.beams.exact.shearable_rod import rod_tip, section, torsion_angle
+from softrobot_env.beams.exact.analytic import (
+    bent_rod,
+    euler_bernoulli_deflection,
+    timoshenko_deflection,
+)
+from softrobot_env.beams.exact.shearable_rod import section, torsion_angle
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.rows import (
@@ -75,7 +79,7 @@ def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
     shear = SHEAR_COEFFICIENT * robot.youngs_modulus / 2 * robot.area
     rods = {"elastica": None, "exact_rod": SHEAR_COEFFICIENT, "exact_rod_k1": 1.0}
     found = {
-        model: -rod_tip(robot.length, section(robot, k), (-load, 0.0))[0]
+        model: -bent_rod(robot.length, section(robot, k), (-load, 0.0)).tip[0]
         for model, k in rods.items()
     }
     if name == "stiff":

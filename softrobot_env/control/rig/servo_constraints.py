@@ -13,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.closed_forms.spatial_output import invert_output, reach
 from softrobot_env.beams.closed_forms.spatial_piece import (
     SUBPIECES,
     RigPiece,
     add_dynamic,
     add_static,
+    invert_output,
     make_rig_piece,
+    reach,
 )
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.beams.pcc import Station

@@ -16,11 +16,10 @@ import mujoco
 import numpy as np
 
 from softrobot_env.envs.rendering.opengl import OffscreenContext, RenderError, check_display
+from softrobot_env.scene.appearance import TENDON_LINE, TENDON_WIDTH
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
-from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.extras import TENDON_LINE, TENDON_WIDTH
-from softrobot_env.scene.view import FRONT_CAMERA, visible
+from softrobot_env.scene.config import FRONT_CAMERA, SceneConfig, visible
 
 __all__ = ["Frame", "RenderError", "Renderer", "make_renderer"]
 

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.beams.closed_forms import spatial_output as rig_output
+from softrobot_env.beams.closed_forms import spatial_piece
 from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.signals import Signal, held
@@ -25,7 +25,7 @@ def outputs(q):
     """Output (k, 2) [m] of PCC's curvatures (k, 2)."""
     point, jacobian, out = np.empty(3), np.empty((3, 2)), np.empty((len(q), 2))
     for i, (beta, gamma) in enumerate(q):
-        rig_output.output(SERVO.data.piece, L * np.array([-gamma, beta]), point, jacobian)
+        spatial_piece.output(SERVO.data.piece, L * np.array([-gamma, beta]), point, jacobian)
         out[i] = point[:2]
     return out
 

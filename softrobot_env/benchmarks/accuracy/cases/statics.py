@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.exact.analytic import arc_tip, elastica
+from softrobot_env.beams.exact.analytic import arc_tip, bent_rod, elastica
 from softrobot_env.beams.exact.continuum_arc import TEXT as CONTINUUM_ARC
 from softrobot_env.beams.exact.continuum_arc import continuum_arc_tip
-from softrobot_env.beams.exact.shearable_rod import rod_tip, section, tendon_tip
+from softrobot_env.beams.exact.shearable_rod import section, tendon_tip
 from softrobot_env.benchmarks.accuracy.rows import BENDING, CONTINUUM, Physics
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -101,7 +101,7 @@ def _dead_load(robot: RobotParams, **loads: tuple[float, float]) -> Truth:
         if k is None:
             rod = elastica(robot.length, robot.bending_stiffness, **loads)
             return rod.tip, "elastica (boundary-value solution)"
-        return rod_tip(robot.length, section(robot, k), **loads), _SHEAR.format(k)
+        return bent_rod(robot.length, section(robot, k), **loads).tip, _SHEAR.format(k)
 
     return truth
 

@@ -11,8 +11,12 @@ import mujoco
 import numpy as np
 from scipy.optimize import root
 
-from softrobot_env.beams.closed_forms.spatial_output import output
-from softrobot_env.beams.closed_forms.spatial_piece import RigPiece, add_static, make_rig_piece
+from softrobot_env.beams.closed_forms.spatial_piece import (
+    RigPiece,
+    add_static,
+    make_rig_piece,
+    output,
+)
 from softrobot_env.beams.exact.rig_column import tensions
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, Contestant
