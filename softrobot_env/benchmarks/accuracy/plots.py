@@ -167,7 +167,7 @@ def _draw_in_time(axes: "Axes", rows: list[Row]) -> None:
         axes.plot(*place, **grey, markersize=10)
         text = f"thesis\n{ {'cosserat': 'CR'}.get(name, name.upper()) } {pieces}"
         offset = {"xytext": (0, -9), "textcoords": "offset points", "ha": "center", "va": "top"}
-        axes.annotate(text, place, **offset, **small)
+        axes.annotate(text, place, **offset, **small, bbox={"color": "white", "pad": 0.5})
     _label(axes, "The same, error in time alone, pieces of the thesis", _RUN_TIME)
     axes.set_ylabel("largest tip error [mm]")
     text = "grey: thesis,\nlarge ode15s,\nsmall implicit Euler"
@@ -284,7 +284,8 @@ def _rig(rows: list[Row]) -> "Figure":
     figure, _ = new_figure(0, 0, (11, 8.2))
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.25])
     upper.suptitle("Spatial rig at rest: tip error to the exact solution of each physics")
-    _draw_resolutions(upper, rows, _RIG_STATIC, "e_mean", 0).set_ylabel("tip error [mm]")
+    titles = {case: title for case, title in _RIG_STATIC.items() if select(rows, case=case)}
+    _draw_resolutions(upper, rows, titles, "e_mean", 0).set_ylabel("tip error [mm]")
     for axes in upper.axes:
         _set_ticks(axes, (1, 2, 4, 8, 16, 32))
     plain_ticks(upper.axes[0])
