@@ -17,9 +17,8 @@ from softrobot_env.beams.exact.continuum_arc import TEXT as CONTINUUM_ARC
 from softrobot_env.beams.exact.continuum_arc import continuum_arc_tip
 from softrobot_env.beams.exact.shearable_rod import section, tendon_tip
 from softrobot_env.beams.model import State
-from softrobot_env.benchmarks.accuracy.cases.statics import weightless
 from softrobot_env.benchmarks.accuracy.rows import SHEAR, distance
-from softrobot_env.benchmarks.beams import make_beam
+from softrobot_env.benchmarks.beams import make_beam, weightless
 from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.stability.map import damped
 from softrobot_env.benchmarks.stability.runs import (

@@ -177,6 +177,7 @@ def _draw_cells(
     axes.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
     axes.set_xticks([1e-2, 1, 1e2, 1e4])
     axes.minorticks_off()
+    axes.set_xlim(*_edges(x)[[0, -1]])
     axes.tick_params(labelsize=7.5)
 
 
