@@ -72,9 +72,9 @@ def _rig_networks() -> Benchmark:
 
 
 def _speed() -> Benchmark:
-    from softrobot_env.benchmarks.speed import run
+    from softrobot_env.benchmarks.speed import run, tables
 
-    return Benchmark(run.run, run.tables)
+    return Benchmark(run.run, tables.tables)
 
 
 def _stability() -> Benchmark:
