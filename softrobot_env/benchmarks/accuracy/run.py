@@ -287,9 +287,7 @@ def _chain_rows(case: str, rule: str, truth: Limit, quick: bool) -> list[Row]:
 def _chain_spirals(rule: str, truth: Limit, quick: bool) -> list[Row]:
     numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
     settings = product(
-        numbers[:-1] if quick else numbers,
-        DYNAMIC_INTEGRATORS,
-        SUBSTEPS[:3] if quick else SUBSTEPS,
+        numbers[:-1] if quick else numbers, DYNAMIC_INTEGRATORS, SUBSTEPS[:3] if quick else SUBSTEPS
     )
     motions = (spiral.chain_motion(rule, n, k, integrator) for n, integrator, k in settings)
     repeats = 5 if quick else 20

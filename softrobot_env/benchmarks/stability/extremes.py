@@ -34,13 +34,7 @@ from softrobot_env.benchmarks.stability.runs import (
     rule_choice,
     steps_for,
 )
-from softrobot_env.benchmarks.stability.verdicts import (
-    WRONG,
-    Row,
-    Verdict,
-    judge,
-    judge_errors,
-)
+from softrobot_env.benchmarks.stability.verdicts import WRONG, Row, Verdict, judge, judge_errors
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
