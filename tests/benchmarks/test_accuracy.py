@@ -12,11 +12,9 @@ import pytest
 from rich.console import Console
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.exact import shearable_rod as exact_rod
+from softrobot_env.beams.exact import shearable_rod
 from softrobot_env.beams.exact.analytic import Section, bent_rod, elastica, rayleigh_frequency
-from softrobot_env.benchmarks.accuracy import goals
-from softrobot_env.benchmarks.accuracy import run as accuracy
-from softrobot_env.benchmarks.accuracy import tables as accuracy_tables
+from softrobot_env.benchmarks.accuracy import goals, run, tables
 from softrobot_env.benchmarks.accuracy.cases import agreement, pyelastica_rod, spiral, tension_step
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, LUMPED
 from softrobot_env.benchmarks.accuracy.cases.frequencies import beam_row, chain_row, scalar_cases
@@ -27,19 +25,40 @@ from softrobot_env.benchmarks.accuracy.cases.statics import (
     tip_force,
     tip_moment,
 )
-from softrobot_env.benchmarks.accuracy.plot_parts import front
 from softrobot_env.benchmarks.accuracy.plots import plot
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
-    FIELDS,
     SHEAR,
+    Row,
     distance,
     extrapolate,
-    make_row,
+    front,
 )
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.quadrature import RULES
+
+#: Columns of report.json.
+COLUMNS = [
+    "kind",
+    "case",
+    "model",
+    "n",
+    "timestep",
+    "integrator",
+    "tolerance",
+    "e_mean",
+    "e_max",
+    "e_time",
+    "e_relative",
+    "wall_time",
+    "step_time",
+    "physics",
+    "reference",
+    "value",
+    "limit",
+    "met",
+]
 
 THREE = (LUMPED, DISTRIBUTED, COSSERAT)
 
@@ -61,7 +80,7 @@ def weight(robot):
     ],
 )
 def test_rod_with_shear_deflects_as_in_the_audit(robot, k, deflection):
-    rod = bent_rod(robot.length, exact_rod.section(robot, k), weight=weight(robot))
+    rod = bent_rod(robot.length, shearable_rod.section(robot, k), weight=weight(robot))
     assert -1e3 * rod.tip[0] == pytest.approx(deflection, abs=0.006)
 
 
@@ -84,23 +103,23 @@ def test_rod_of_large_shear_stiffness_is_the_elastica(load):
     ],
 )
 def test_timoshenko_frequency_is_that_of_the_audit(robot, k, frequency):
-    assert exact_rod.bending_frequency(robot, k) == pytest.approx(frequency, rel=2e-4)
+    assert shearable_rod.bending_frequency(robot, k) == pytest.approx(frequency, rel=2e-4)
 
 
 def test_frequency_without_shear_is_rayleighs():
     robot = CANTILEVER_STIFF
     beam = robot.length, robot.bending_stiffness, robot.mass_per_length
     rayleigh = rayleigh_frequency(*beam, robot.density * robot.second_moment)
-    assert exact_rod.bending_frequency(robot, None) == pytest.approx(rayleigh, rel=1e-9)
+    assert shearable_rod.bending_frequency(robot, None) == pytest.approx(rayleigh, rel=1e-9)
 
 
 def test_tendons_in_channels_bend_to_constant_curvature_and_compress():
     tension = TendonMap(ARM).tension(np.array([5.0, -8.0, 11.0]))
-    tip = exact_rod.tendon_tip(ARM, exact_rod.section(ARM, None), tension)
+    tip = shearable_rod.tendon_tip(ARM, shearable_rod.section(ARM, None), tension)
     assert np.allclose(tip, ConstantCurvatureStatics(ARM).tip(np.array([5.0, -8.0, 11.0])))
     # Equal tensions on both sides of the longest pair compress the arm by 2 T / EA.
     both = np.array([0, 0, 0, 0, 3.0, 3.0])
-    short = exact_rod.tendon_tip(ARM, exact_rod.section(ARM, 0.75), both)
+    short = shearable_rod.tendon_tip(ARM, shearable_rod.section(ARM, 0.75), both)
     strain = 2 * 3.0 / (ARM.youngs_modulus * ARM.area)
     assert np.allclose(short, [0, ARM.length * (1 - strain)])
 
@@ -108,10 +127,11 @@ def test_tendons_in_channels_bend_to_constant_curvature_and_compress():
 def test_dense_guides_act_as_a_channel():
     tension = TendonMap(ARM).tension(np.array([0.0, 0.0, 20.0]))
     for k in (None, 0.75):
-        rod = exact_rod.section(ARM, k)
-        channel = exact_rod.tendon_tip(ARM, rod, tension)
+        rod = shearable_rod.section(ARM, k)
+        channel = shearable_rod.tendon_tip(ARM, rod, tension)
         gaps = [
-            distance(exact_rod.tendon_tip(_with_guides(m), rod, tension), channel) for m in (24, 48)
+            distance(shearable_rod.tendon_tip(_with_guides(m), rod, tension), channel)
+            for m in (24, 48)
         ]
         assert gaps[1] < 1e-3
         assert gaps[0] / gaps[1] == pytest.approx(4, rel=0.05)
@@ -129,7 +149,7 @@ def test_unequal_guides_are_refused():
     shifted = replace(first, guides=(0.05,))
     robot = replace(ARM, tendons=(shifted, *others))
     with pytest.raises(ValueError, match="same guides"):
-        exact_rod.tendon_tip(robot, exact_rod.section(robot, None), np.ones(6))
+        shearable_rod.tendon_tip(robot, shearable_rod.section(robot, None), np.ones(6))
 
 
 # ------------------------------------------------------------- rows
@@ -143,20 +163,20 @@ def test_extrapolation_removes_two_orders():
 
 
 def test_rows_refuse_unknown_fields():
-    with pytest.raises(ValueError, match="speed"):
-        make_row("static", "case", "model", 3, speed=1.0)
+    with pytest.raises(TypeError, match="speed"):
+        Row("static", "case", "model", 3, speed=1.0)
 
 
 def test_chains_end_pieces_where_tendons_end():
-    assert accuracy.hinge_numbers(CANTILEVER_WEAK, "gauss3") == (6, 12, 24, 48)
-    assert accuracy.hinge_numbers(ARM, "gauss3", quick=True) == (9, 18)
-    assert accuracy.hinge_numbers(ARM, "balanced2", quick=True) == (6, 12)
+    assert run.hinge_numbers(CANTILEVER_WEAK, "gauss3") == (6, 12, 24, 48)
+    assert run.hinge_numbers(ARM, "gauss3", quick=True) == (9, 18)
+    assert run.hinge_numbers(ARM, "balanced2", quick=True) == (6, 12)
 
 
 def test_error_is_the_distance_to_the_truth():
-    row, _ = accuracy.static_row(tip_moment(1e-9), "midpoint", 6)
+    row, _ = run.chain_static_row(tip_moment(1e-9), "midpoint", 6)
     # An unloaded rod is straight in every model: 1e-9 Nm deflects it by 5e-10 m.
-    assert row["e_max"] < 1e-11
+    assert row.e_max < 1e-11
 
 
 @pytest.fixture(scope="module")
@@ -164,16 +184,16 @@ def few(request):
     """The benchmark with the models that are compiled fastest, without references of hours."""
     patch = pytest.MonkeyPatch()
     request.addfinalizer(patch.undo)
-    patch.setattr(accuracy, "contestants", lambda: THREE)
-    patch.setattr(agreement, "contestants", lambda: THREE)
-    patch.setattr(accuracy, "TOLERANCES", (1e-3,))
-    patch.setattr(accuracy, "FINE_TOLERANCES", ())
+    patch.setattr(run, "CONTESTANTS", THREE)
+    patch.setattr(agreement, "CONTESTANTS", THREE)
+    patch.setattr(run, "TOLERANCES", (1e-3,))
+    patch.setattr(run, "FINE_TOLERANCES", ())
     return patch
 
 
 @pytest.fixture(scope="module")
 def static(few):
-    return [row for case in static_cases() for row in accuracy._static_rows(case, True, 1)]
+    return [row for case in static_cases() for row in run._static_rows(case, True, 1)]
 
 
 @pytest.fixture(scope="module")
@@ -185,46 +205,46 @@ def motions(few):
     found = []
     for contestant in THREE:
         limit = limits[tension_step.CASE, contestant.physics.name]
-        found += accuracy._beam_rows(tension_step.CASE, contestant, limit, True)
+        found += run._beam_rows(tension_step.CASE, contestant, limit, True)
     truth = limits[tension_step.CASE, BENDING.name]
-    found += accuracy._chain_rows(tension_step.CASE, "balanced2", truth, True)
+    found += run._chain_rows(tension_step.CASE, "balanced2", truth, True)
     return found + agreement.dynamic_rows(tension_step.CASE, limits, True)
 
 
 def test_rows_are_flat_finite_and_complete(static, motions):
     rows = static + motions
-    json.dumps(rows, allow_nan=False)
-    assert all(tuple(row) == FIELDS for row in rows)
+    json.dumps([row.row() for row in rows], allow_nan=False)
+    assert all(list(row.row()) == COLUMNS for row in rows)
     for row in rows:
-        assert 0 <= row["e_mean"] <= row["e_max"] < 0.05
-        if row["kind"] in ("static", "dynamic"):
-            assert row["wall_time"] > 0
-            assert row["physics"] == (SHEAR if row["model"] == "cosserat" else BENDING).name
+        assert 0 <= row.e_mean <= row.e_max < 0.05
+        if row.kind in ("static", "dynamic"):
+            assert row.wall_time > 0
+            assert row.physics == (SHEAR if row.model == "cosserat" else BENDING).name
     models = {f"mujoco_chain/{rule}" for rule in RULES} | {c.name for c in THREE}
-    found = {(r["case"], r["model"]) for r in static if r["kind"] == "static"}
+    found = {(r.case, r.model) for r in static if r.kind == "static"}
     assert found == {(case.name, model) for case in static_cases() for model in models}
 
 
 def test_more_pieces_are_more_accurate_in_every_static_case(static):
     groups = {}
     for row in static:
-        if row["kind"] == "static":
-            groups.setdefault((row["case"], row["model"]), []).append(row)
+        if row.kind == "static":
+            groups.setdefault((row.case, row.model), []).append(row)
     for (case, model), (coarse, fine) in groups.items():
-        exact = coarse["e_max"] < 1e-9  # constant curvature under moments and channels
+        exact = coarse.e_max < 1e-9  # constant curvature under moments and channels
         # Pieces of half the guides' distance cannot do better: both halves bend alike.
         if exact or (model.startswith("pcc") and case == "tendon_guided"):
-            assert fine["e_max"] < max(1e-9, 1.01 * coarse["e_max"]), (case, model)
+            assert fine.e_max < max(1e-9, 1.01 * coarse.e_max), (case, model)
         else:
-            assert fine["e_max"] < coarse["e_max"] / 2, (case, model)
+            assert fine.e_max < coarse.e_max / 2, (case, model)
 
 
 def test_smaller_tolerance_and_more_pieces_reduce_the_error_of_a_motion(motions):
-    cosserat = [r for r in motions if (r["kind"], r["model"]) == ("dynamic", "cosserat")]
-    adaptive = {r["n"]: r for r in cosserat if r["tolerance"] == 1e-3}
-    assert adaptive[12]["e_mean"] < adaptive[6]["e_mean"] / 3
-    euler = {round(1e4 * r["timestep"]): r for r in cosserat if r["integrator"] == "implicit_euler"}
-    assert euler[25]["e_time"] < euler[100]["e_time"] / 3
+    cosserat = [r for r in motions if (r.kind, r.model) == ("dynamic", "cosserat")]
+    adaptive = {r.n: r for r in cosserat if r.tolerance == 1e-3}
+    assert adaptive[12].e_mean < adaptive[6].e_mean / 3
+    euler = {round(1e4 * r.timestep): r for r in cosserat if r.integrator == "implicit_euler"}
+    assert euler[25].e_time < euler[100].e_time / 3
 
 
 # ------------------------------------------------------------- agreement
@@ -240,13 +260,13 @@ def test_models_agree_with_the_statics_of_their_physics():
 
 
 def test_chain_and_pcc_have_the_same_limit_and_cosserat_rods_have_not(motions):
-    rows = [row for row in motions if row["kind"] in ("agreement", "physics")]
-    (same,) = (row for row in rows if row["kind"] == "agreement")
-    assert same["met"]
-    assert same["value"] < 1e-4
-    (other,) = (row for row in rows if row["kind"] == "physics")
-    assert other["value"] > 10 * same["value"]
-    assert other["met"] is None
+    rows = [row for row in motions if row.kind in ("agreement", "physics")]
+    (same,) = (row for row in rows if row.kind == "agreement")
+    assert same.met
+    assert same.value < 1e-4
+    (other,) = (row for row in rows if row.kind == "physics")
+    assert other.value > 10 * same.value
+    assert other.met is None
 
 
 def test_slender_robots_keep_stiffness_and_mass():
@@ -260,14 +280,13 @@ def test_slender_robots_keep_stiffness_and_mass():
 @pytest.mark.parametrize("case", scalar_cases(), ids=lambda case: case.name)
 def test_frequencies_and_twist_agree_with_closed_forms(case):
     for contestant in (DISTRIBUTED, COSSERAT):
-        assert beam_row(case, contestant, 12)["e_relative"] < 0.006
-    assert chain_row(case, "gauss2", 12, BENDING)["e_relative"] < 0.001
+        assert beam_row(case, contestant, 12).e_relative < 0.006
+    assert chain_row(case, "gauss2", 12, BENDING).e_relative < 0.001
 
 
 def test_chain_spiral_is_that_of_many_pieces():
-    model = DISTRIBUTED.build(spiral.ROBOT, 6, spiral.loads(), "spatial")
-    tips = spiral.beam_motion(model, "sdirk4", tolerance=1e-4)[0]()
-    chain = spiral.ChainSpiral("gauss2", 6, 5)()
+    tips = replace(spiral.beam_motion(DISTRIBUTED, 6), tolerance=1e-4)()
+    chain = spiral.chain_motion("gauss2", 6, 5)()
     assert distance(tips, chain) < agreement.BOUND * spiral.ROBOT.length * 2.5
     assert chain[0] == pytest.approx([0, 0, spiral.ROBOT.length])
 
@@ -277,7 +296,7 @@ def test_chain_spiral_is_that_of_many_pieces():
 
 def spiral_row(model, n, time, case=spiral.CASE, **values):
     defaults = {"e_mean": 5e-5, "e_max": 1e-4, "wall_time": time, "physics": "bending"}
-    return make_row("dynamic", case, model, n, **(defaults | values))
+    return Row("dynamic", case, model, n, **(defaults | values))
 
 
 def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
@@ -292,7 +311,7 @@ def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
         spiral_row("cosserat", 7, 0.01, case=pyelastica_rod.CASE, e_max=9e-4),
         spiral_row("cosserat", 3, 0.001, case=pyelastica_rod.CASE, e_max=2e-3),
     ]
-    found = [(row["value"], row["met"]) for row in goals.rows(rows)]
+    found = [(row.value, row.met) for row in goals.rows(rows)]
     assert found == [
         (0.030, False),
         (0.001, True),
@@ -306,31 +325,31 @@ def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
 
 def test_front_drops_runs_that_are_beaten():
     rows = [spiral_row("a", 1, t, e_mean=e) for t, e in ((1, 3), (2, 4), (3, 1), (3, 2), (5, 1))]
-    assert [(r["wall_time"], r["e_mean"]) for r in front(rows)] == [(1, 3), (3, 1)]
+    assert [(r.wall_time, r.e_mean) for r in front(rows)] == [(1, 3), (3, 1)]
 
 
 def test_absent_pyelastica_is_said(monkeypatch):
     monkeypatch.setattr(pyelastica_rod, "installed", lambda: False)
     (row,) = pyelastica_rod.rows()
-    assert row["kind"] == "note"
-    assert "not installed" in row["reference"]
+    assert row.kind == "note"
+    assert "not installed" in row.reference
 
 
 def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
     numbers = [chain_row(case, "balanced2", 6, BENDING) for case in scalar_cases()]
-    rig = make_row("static", "rig_slack", "rig_piece", 1, e_mean=0.023, e_max=0.023, wall_time=1e-3)
-    note = make_row("note", "case", "model", reference="left out")
+    rig = Row("static", "rig_slack", "rig_piece", 1, e_mean=0.023, e_max=0.023, wall_time=1e-3)
+    note = Row("note", "case", "model", reference="left out")
     rows = [*static, *motions, *numbers, rig, note]
     out = StringIO()
-    Console(file=out, width=100).print(accuracy_tables.tables(rows))
+    Console(file=out, width=100).print(tables.tables(rows))
     text = out.getvalue()
     assert max(map(len, text.splitlines())) <= 100
     for name in ("mujoco_chain/balanced2", "cosserat", "Tension step", "implicitfast", "left out"):
         assert name in text
     (moment,) = (
-        r["e_max"]
+        r.e_max
         for r in static
-        if (r["case"], r["model"], r["n"], r["kind"])
+        if (r.case, r.model, r.n, r.kind)
         == ("tip_moment_1Nm", "mujoco_chain/midpoint", 12, "static")
     )
     assert f"{1e3 * moment:.2g}" in text

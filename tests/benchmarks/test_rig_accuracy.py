@@ -15,22 +15,16 @@ from softrobot_env.beams.closed_forms.spatial_piece import acceleration, make_ri
 from softrobot_env.beams.exact.analytic import arc_tip
 from softrobot_env.beams.exact.rig_column import column_tip, tensions
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
-from softrobot_env.benchmarks.accuracy import tables as accuracy_tables
+from softrobot_env.benchmarks.accuracy import tables
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED
-from softrobot_env.benchmarks.accuracy.rig import motions as rig_accuracy_motions
-from softrobot_env.benchmarks.accuracy.rig import plots as rig_accuracy_plots
-from softrobot_env.benchmarks.accuracy.rig import run as rig_accuracy
-from softrobot_env.benchmarks.accuracy.rig.cases import (
-    DURATION,
-    MOTIONS,
-    STATIC,
-    STEP,
-    sample_times,
-)
+from softrobot_env.benchmarks.accuracy.cases.motions import timed_row
+from softrobot_env.benchmarks.accuracy.plots import plot
+from softrobot_env.benchmarks.accuracy.rig import motions, run
+from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, STATIC, STEP, sample_times
 from softrobot_env.benchmarks.accuracy.rig.models import beam_statics, chain_statics, piece_statics
-from softrobot_env.benchmarks.accuracy.rig.motions import ChainMotion, piece_motion
+from softrobot_env.benchmarks.accuracy.rig.motions import PieceMotion, chain_motion
 from softrobot_env.benchmarks.accuracy.rig.statics import case_rows, converged, truth
-from softrobot_env.benchmarks.accuracy.rows import BENDING, FIELDS, Limit, distance
+from softrobot_env.benchmarks.accuracy.rows import BENDING, DURATION, Limit, distance
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import TimestepWarning
 
@@ -212,61 +206,60 @@ def test_step_starts_straight_and_ends_in_the_equilibrium(step_truth):
 
 
 def test_chain_moves_as_the_rod(step_truth):
-    motions = [ChainMotion(STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
-    rows = [rig_accuracy.chain_row(motion, step_truth) for motion in motions]
-    assert rows[0]["e_max"] < 3e-3
-    assert rows[1]["e_mean"] < rows[0]["e_mean"] / 3
+    chains = [chain_motion(STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
+    rows = [timed_row(STEP, BENDING, step_truth, chain) for chain in chains]
+    assert rows[0].e_max < 3e-3
+    assert rows[1].e_mean < rows[0].e_mean / 3
 
 
 def test_diverged_chain_is_no_result():
     with pytest.warns(TimestepWarning, match="expect divergence"):
-        motion = ChainMotion(STEP, "midpoint", 4, 1, "RK4")
+        motion = chain_motion(STEP, "midpoint", 4, 1, "RK4")
     with pytest.raises(RuntimeError, match="midpoint with 4 joints diverged at t = "):
         motion()
 
 
 def test_closed_form_moves_as_the_rod_of_one_term():
-    simulate, steps = piece_motion(STEP, 1e-6)
+    motion = PieceMotion(STEP, 1e-6)
     rod = RigRod(RIG, 1).motion(MOTIONS[STEP], sample_times(), 1e-6)
-    assert distance(simulate(), rod) < 1e-5
-    assert steps() > 20
+    assert distance(motion(), rod) < 1e-5
+    assert motion.settings.timestep < DURATION / 20
 
 
 @pytest.fixture(scope="module")
 def rows(step_truth):
-    motion = ChainMotion(STEP, "balanced2", 4, 2, "discrete")
+    motion = chain_motion(STEP, "balanced2", 4, 2, "discrete")
     case = "rig_pull_10mm"
     return [
         *case_rows(case, quick=True),
-        rig_accuracy.chain_row(motion, step_truth),
-        *rig_accuracy.piece_rows(STEP, step_truth, quick=True),
-        *rig_accuracy.notes(),
+        timed_row(STEP, BENDING, step_truth, motion),
+        *run.piece_rows(STEP, step_truth, quick=True),
+        *run.notes(),
     ]
 
 
 def test_rows_are_flat_finite_and_complete(rows):
-    json.dumps(rows, allow_nan=False)
-    assert all(tuple(row) == FIELDS for row in rows)
+    json.dumps([row.row() for row in rows], allow_nan=False)
     for row in rows:
-        if row["kind"] == "dynamic":
-            assert 0 < row["wall_time"] < DURATION
-            assert 0 < row["e_mean"] <= row["e_max"]
-    assert {row["model"] for row in rows} >= {"rig_piece", "pcc/subpieces", "ancf"}
+        if row.kind == "dynamic":
+            assert 0 < row.wall_time < DURATION
+            assert 0 < row.e_mean <= row.e_max
+    assert {row.model for row in rows} >= {"rig_piece", "pcc/subpieces", "ancf"}
 
 
 def test_tables_and_figure_show_the_rows(rows, tmp_path):
     out = StringIO()
-    Console(file=out, width=100).print(accuracy_tables.tables(rows))
+    Console(file=out, width=100).print(tables.tables(rows))
     text = out.getvalue()
     assert max(map(len, text.splitlines())) <= 100
     for word in ("rig_piece", "x real time", "discrete", "ritz_rod", "left out", "[ms]"):
         assert word in text
-    rig_accuracy_plots.plot(rows, tmp_path / "accuracy_rig.png")
+    plot(rows, tmp_path / "accuracy.png")
     assert (tmp_path / "accuracy_rig.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_quick_truth_tells_its_uncertainty(monkeypatch):
-    monkeypatch.setattr(rig_accuracy_motions, "_QUICK_TRUTHS", ((1, 1e-3), (2, 1e-3)))
-    limit = rig_accuracy_motions.truth(STEP, quick=True)
+    monkeypatch.setattr(motions, "_QUICK_TRUTHS", ((1, 1e-3), (2, 1e-3)))
+    limit = motions.truth(STEP, quick=True)
     assert 1e-3 < limit.uncertainty < 0.05
     assert f"{1e3 * limit.uncertainty:.1g} mm" in limit.text

@@ -72,8 +72,8 @@ def force_rows(robot: RobotParams = RIG, count: int = 61) -> list[Row]:
     for omega in np.geomspace(SLOWEST, FASTEST, count):
         force, phase = effective_force(servo, RADIUS, omega)
         x = (_OMEGA, omega)
-        rows.append(make_row("5.14a", case, "pcc", 1, "effective_force_N", force, x))
-        rows.append(make_row("5.14b", case, "pcc", 1, "phase_rad", phase, x))
+        rows.append(make_row("5.14a", case, "pcc", 1, "effective_force_N", force, x).row())
+        rows.append(make_row("5.14b", case, "pcc", 1, "phase_rad", phase, x).row())
     least = make_row(
         "5.14a",
         case,
@@ -85,4 +85,5 @@ def force_rows(robot: RobotParams = RIG, count: int = 61) -> list[Row]:
         note="damping puts it below the balance; 2.8 does not follow from the printed parameters",
     )
     name = "omega_of_balance_rad_s"
-    return [*rows, least, make_row("5.14b", case, "pcc", 1, name, balance(servo), audit=_AUDIT)]
+    even = make_row("5.14b", case, "pcc", 1, name, balance(servo), audit=_AUDIT)
+    return [*rows, least.row(), even.row()]

@@ -12,6 +12,7 @@ from softrobot_env.beams.exact.analytic import (
 )
 from softrobot_env.beams.exact.shearable_rod import section, torsion_angle
 from softrobot_env.beams.model import BeamModel
+from softrobot_env.benchmarks.beams import tip_twist, weightless
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.rows import (
     MODELS,
@@ -21,7 +22,6 @@ from softrobot_env.benchmarks.thesis.rows import (
     Row,
     build,
     make_row,
-    weightless,
 )
 from softrobot_env.robots import CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
@@ -38,6 +38,8 @@ MOMENT = 0.01
 _TIP = "tip_deflection_m"
 _CURVE_POINTS = 41
 _CURVE_PIECES = 5
+_MOMENT = "the printed moment of 0.1 N m does not give the printed angle"
+_LAST = "as in the thesis: the angle of the last section, half a piece before the tip"
 _LOCKING = "Poisson locking: the sections can only deform uniformly"
 
 
@@ -98,7 +100,7 @@ def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
 def _threshold_rows(rows: list[Row]) -> list[Row]:
     """Fewest pieces for a weak deflection within 5 % of what the model converges to; PCC's error
     for the stiff set with one piece."""
-    found = {(r["case"], r["model"], r["n"]): r["y"] for r in rows}
+    found = {(r.case, r.model, r.n): r.y for r in rows}
     out = []
     for model, limit in CONVERGES_TO.items():
         converged = found["weak", limit, None]
@@ -107,32 +109,13 @@ def _threshold_rows(rows: list[Row]) -> list[Row]:
         }
         enough = [n for n in errors if all(errors[k] < 0.05 for k in errors if k >= n)]
         thesis = values.PIECES_FOR_5_PERCENT[model]
-        out.append(
-            make_row(
-                "2.11",
-                "weak",
-                model,
-                None,
-                "pieces_for_5_percent",
-                min(enough),
-                thesis=thesis,
-                audit=thesis,
-            )
-        )
+        printed = {"thesis": thesis, "audit": thesis}
+        name = "pieces_for_5_percent"
+        out.append(make_row("2.11", "weak", model, None, name, min(enough), **printed))
     error = found["stiff", "pcc", 1] / found["stiff", "euler_bernoulli", None] - 1
-    out.append(
-        make_row(
-            "2.11",
-            "stiff",
-            "pcc",
-            1,
-            "relative_to_euler_bernoulli",
-            error,
-            thesis=-0.005,
-            audit=values.ONE_PIECE_ERROR,
-        )
-    )
-    return out
+    printed = {"thesis": -0.005, "audit": values.ONE_PIECE_ERROR}
+    name = "relative_to_euler_bernoulli"
+    return [*out, make_row("2.11", "stiff", "pcc", 1, name, error, **printed)]
 
 
 def centreline_rows() -> list[Row]:
@@ -141,20 +124,10 @@ def centreline_rows() -> list[Row]:
     for model in MODELS:
         beam = build(model, CANTILEVER_WEAK, _CURVE_PIECES)
         stations = np.linspace(0, beam.robot.length, _CURVE_POINTS)
-        for point in beam.positions(beam.equilibrium(), stations):
-            x = ("along_m", point[2])
-            rows.append(
-                make_row("2.12", "weak", model, _CURVE_PIECES, "deflection_m", -point[0], x)
-            )
+        for y, _, along in beam.positions(beam.equilibrium(), stations):
+            curve = "2.12", "weak", model, _CURVE_PIECES
+            rows.append(make_row(*curve, "deflection_m", -y, ("along_m", along)))
     return rows
-
-
-def tip_twist(model: BeamModel, q: np.ndarray) -> float:
-    """Angle [rad] by which the tip's section is turned about the straight robot's axis."""
-    ends = np.full(2, model.robot.length)
-    offsets = np.array([[0.0, 0.0], [model.robot.outer_radius, 0.0]])
-    center, rim = model.positions(q, ends, offsets)
-    return float(np.arctan2(rim[1] - center[1], rim[0] - center[0]))
 
 
 def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
@@ -162,17 +135,11 @@ def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
     robot = weightless(CANTILEVER_WEAK)
     load = Load("twist", robot.length, moment=(0.0, 0.0, MOMENT))
     exact = torsion_angle(robot, MOMENT)
+    tenfold, thesis = torsion_angle(robot, 10 * MOMENT), {"thesis": values.TWIST}
+    printed = thesis | {"audit": values.TWIST_AS_PRINTED, "note": _MOMENT}
     rows = [
-        _twist_row("0.01 N m", "analytic", None, exact, thesis=values.TWIST, audit=values.TWIST),
-        _twist_row(
-            "0.1 N m",
-            "analytic",
-            None,
-            torsion_angle(robot, 10 * MOMENT),
-            thesis=values.TWIST,
-            audit=values.TWIST_AS_PRINTED,
-            note="the printed moment of 0.1 N m does not give the printed angle",
-        ),
+        _twist_row("0.01 N m", "analytic", None, exact, **thesis, audit=values.TWIST),
+        _twist_row("0.1 N m", "analytic", None, tenfold, **printed),
     ]
     for model in MODELS:
         for n in pieces:
@@ -181,11 +148,8 @@ def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
             rows.append(_twist_row("tip", model, n, tip_twist(beam, q), audit=exact))
             if isinstance(beam, CosseratRod):
                 angle = 2 * np.arctan2(q[-1], q[-4])
-                expected = exact * (1 - 1 / (2 * n))
-                note = (
-                    "as in the thesis: the angle of the last section, half a piece before the tip"
-                )
-                rows.append(_twist_row("last section", model, n, angle, audit=expected, note=note))
+                known = {"audit": exact * (1 - 1 / (2 * n)), "note": _LAST}
+                rows.append(_twist_row("last section", model, n, angle, **known))
     return rows
 
 

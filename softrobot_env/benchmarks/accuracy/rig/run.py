@@ -9,31 +9,18 @@ bodies in its place, and the Cosserat rod has none.
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from softrobot_env.benchmarks.accuracy.rig import motions as rig_accuracy_motions
-from softrobot_env.benchmarks.accuracy.rig import statics as rig_accuracy_statics
-from softrobot_env.benchmarks.accuracy.rig.cases import DURATION, MOTIONS, PERIOD, STEP
-from softrobot_env.benchmarks.accuracy.rig.models import PIECE, joint_numbers
+from softrobot_env.benchmarks.accuracy.cases.motions import TimedMotion, timed_row
+from softrobot_env.benchmarks.accuracy.rig import motions, statics
+from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, ROBOT, STEP
+from softrobot_env.benchmarks.accuracy.rig.models import joint_numbers
 from softrobot_env.benchmarks.accuracy.rig.motions import (
-    ChainMotion,
-    Simulate,
-    Steps,
-    piece_motion,
+    PieceMotion,
+    chain_motion,
     subpieces_motion,
 )
-from softrobot_env.benchmarks.accuracy.rig.statics import agreement_row
-from softrobot_env.benchmarks.accuracy.rows import (
-    BENDING,
-    Limit,
-    Row,
-    distance,
-    least_time,
-    make_row,
-    motion_row,
-)
+from softrobot_env.benchmarks.accuracy.rows import BENDING, Limit, Row, agreement_row, distance
 from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.scene.quadrature import RULES
-
-SUBPIECES = "pcc/subpieces"
 
 #: Timesteps per control period, integrators of the chain, and hinge rules of a quick run.
 SUBSTEPS = (20, 10, 4, 2)
@@ -55,11 +42,11 @@ LEFT_OUT = {
 
 def jobs(quick: bool = False) -> Iterator[Job]:
     """Jobs of all cases; a quick run moves in one of them, on few models."""
-    yield from rig_accuracy_statics.jobs(quick)
+    yield from statics.jobs(quick)
     limits: dict[str, Limit] = {}
 
     def find(case: str) -> list[Row]:
-        limits[case] = rig_accuracy_motions.truth(case, quick)
+        limits[case] = motions.truth(case, quick)
         return []
 
     for case in (STEP,) if quick else MOTIONS:
@@ -74,23 +61,25 @@ def jobs(quick: bool = False) -> Iterator[Job]:
 def notes() -> list[Row]:
     """Which models cannot be the rig, and why."""
     return [
-        make_row("note", "rig", model, reference=f"left out: {why}")
-        for model, why in LEFT_OUT.items()
+        Row("note", "rig", model, reference=f"left out: {why}") for model, why in LEFT_OUT.items()
     ]
 
 
 def agreement(case: str, exact: Limit) -> Row:
     """Distance of the chain's limit from the rod by Ritz' method."""
-    limit = rig_accuracy_motions.chain_limit(case)
+    limit = motions.chain_limit(case)
     gap = distance(limit.tips, exact.tips)
     text = f"{limit.text}; {exact.text}"
-    return agreement_row(case, "mujoco_chain/gauss2 / ritz_rod", 32, gap, BENDING.name, text)
+    pair = "mujoco_chain/gauss2 / ritz_rod"
+    return agreement_row(case, pair, 32, gap, ROBOT.length, BENDING.name, text)
 
 
 def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
     """Runs of the chain over rules, joints, integrators and timesteps."""
     return [
-        chain_row(ChainMotion(case, rule, n, k, integrator), exact, 2 if quick else 5)
+        timed_row(
+            case, BENDING, exact, chain_motion(case, rule, n, k, integrator), 2 if quick else 5
+        )
         for rule in (QUICK_RULES if quick else RULES)
         for n in joint_numbers(rule)[1 : 3 if quick else 4]
         for integrator in INTEGRATORS
@@ -98,49 +87,20 @@ def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
     ]
 
 
-def chain_row(motion: ChainMotion, exact: Limit, repeats: int = 1) -> Row:
-    """Simulate and compare one run."""
-    wall_time, tips = least_time(motion, repeats)
-    timestep = PERIOD / motion.substeps
-    row = motion_row(motion.case, f"mujoco_chain/{motion.rule}", motion.n, BENDING, exact, tips)
-    return row | {
-        "timestep": timestep,
-        "integrator": motion.integrator,
-        "wall_time": wall_time,
-        "step_time": wall_time * timestep / DURATION,
-    }
-
-
 def piece_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
     """Runs of the closed form and of PCC with given rigid bodies, with adapted steps."""
-    found = _adaptive_rows(case, PIECE, 1, "RK45", partial(piece_motion, case), exact, quick)
+    found = _adaptive_rows(case, partial(PieceMotion, case), exact, quick)
     for n in PIECES:
-        simulate = partial(subpieces_motion, case, n)
-        found += _adaptive_rows(case, SUBPIECES, n, "sdirk4", simulate, exact, quick)
+        found += _adaptive_rows(case, partial(subpieces_motion, case, n), exact, quick)
     return found
 
 
 def _adaptive_rows(
-    case: str,
-    model: str,
-    n: int,
-    integrator: str,
-    motion: Callable[[float], tuple[Simulate, Steps]],
-    exact: Limit,
-    quick: bool,
+    case: str, make: Callable[[float], TimedMotion], exact: Limit, quick: bool
 ) -> list[Row]:
-    """Runs of a model at several tolerances, from which `motion` makes a simulation."""
-    found, still = [], motion(_CONVERGED)[0]()
-    for tolerance in TOLERANCES[1:3] if quick else TOLERANCES:
-        simulate, steps = motion(tolerance)
-        wall_time, tips = least_time(simulate, 1 if quick else 5)
-        row = motion_row(case, model, n, BENDING, exact, tips) | {
-            "timestep": DURATION / steps(),
-            "integrator": integrator,
-            "tolerance": tolerance,
-            "e_time": distance(tips, still),
-            "wall_time": wall_time,
-            "step_time": wall_time / steps(),
-        }
-        found.append(row)
-    return found
+    """Runs at several tolerances, for which `make` makes the motion."""
+    still, repeats = make(_CONVERGED)(), 1 if quick else 5
+    return [
+        timed_row(case, BENDING, exact, make(tolerance), repeats, still)
+        for tolerance in (TOLERANCES[1:3] if quick else TOLERANCES)
+    ]
