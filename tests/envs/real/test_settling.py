@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from softrobot_env.envs.real.settling import STILL, STILL_TIME, NotStillError, wait_for_rest
 
-from softrobot_env.envs.real import settling
+from softrobot_env.envs.real import tip_filter
+from softrobot_env.envs.real.tip_filter import STILL, STILL_TIME, NotStillError, wait_for_rest
 from softrobot_env.hardware.tip import Sight
 
 
@@ -13,8 +13,8 @@ class Clock:
 
     def __init__(self, monkeypatch):
         self.now = 100.0
-        monkeypatch.setattr(settling, "monotonic", lambda: self.now)
-        monkeypatch.setattr(settling, "sleep", self.sleep)
+        monkeypatch.setattr(tip_filter, "monotonic", lambda: self.now)
+        monkeypatch.setattr(tip_filter, "sleep", self.sleep)
 
     def sleep(self, duration):
         self.now += duration
