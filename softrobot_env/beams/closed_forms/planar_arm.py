@@ -220,11 +220,14 @@ def derivatives(arm, q, v, a, u, by_q, by_v):
     out = np.empty(n, np.complex128)
     q1, v1 = q.astype(np.complex128), v.astype(np.complex128)
     a1, u1 = a.astype(np.complex128), u.astype(np.complex128)
-    for x, by_x in ((q1, by_q), (v1, by_v)):
-        for j in range(n):
-            still = x[j]
-            x[j] += _STEP * 1j
-            residual(arm, q1, v1, a1, u1, out)
-            for i in range(n):
-                by_x[i, j] = out[i].imag / _STEP
-            x[j] = still
+    for j in range(n):
+        q1[j] += _STEP * 1j
+        residual(arm, q1, v1, a1, u1, out)
+        for i in range(n):
+            by_q[i, j] = out[i].imag / _STEP
+        q1[j] = q[j]
+        v1[j] += _STEP * 1j
+        residual(arm, q1, v1, a1, u1, out)
+        for i in range(n):
+            by_v[i, j] = out[i].imag / _STEP
+        v1[j] = v[j]
