@@ -210,6 +210,6 @@ def test_mean_curvature_needs_fitting_pieces():
     built = scene()
     with pytest.raises(ValueError, match="multiple of 3 pieces"):
         mean_curvature(built.model, built.layout, 3)
-    planar = build_scene(SceneConfig(ARM))
-    with pytest.raises(ValueError, match="spatial chain of hinges"):
-        mean_curvature(planar.model, planar.layout, 6)
+    twisting = build_scene(SceneConfig(ARM, bending="spatial", torsion=True))
+    with pytest.raises(ValueError, match="a chain of hinges"):
+        mean_curvature(twisting.model, twisting.layout, 6)

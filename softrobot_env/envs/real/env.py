@@ -163,12 +163,6 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
         self._tip = TipFilter(self._session.sight(), self._setting.reach)
-        sources = Sources(
-            _Measured(self._session, self._tip),
-            lambda column: lambda: self._rows[column][self._index].copy(),
-            lambda: np.array(self._action),
-        )
-        self._readers = readers(self.observation_space, sources)
         self._running = True
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
@@ -250,7 +244,13 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             )
 
     def _observe(self) -> Observation:
-        self._last = {name: read() for name, read in self._readers}
+        # Made anew: kept, they would keep an environment alive that nobody else refers to.
+        sources = Sources(
+            _Measured(self._session, self._tip),
+            lambda column: self._rows[column][self._index].copy,
+            lambda: np.array(self._action),
+        )
+        self._last = {name: read() for name, read in readers(self.observation_space, sources)}
         return self._last
 
     def _error(self, now: float) -> float:
