@@ -14,7 +14,7 @@ from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.robots import ARM, RIG
+from softrobot_env.robots import CANTILEVER_WEAK, RIG
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.config import SceneConfig, TipSensors
@@ -210,6 +210,6 @@ def test_mean_curvature_needs_fitting_pieces():
     built = scene()
     with pytest.raises(ValueError, match="multiple of 3 pieces"):
         mean_curvature(built.model, built.layout, 3)
-    twisting = build_scene(SceneConfig(ARM, bending="spatial", torsion=True))
+    twisting = build_scene(SceneConfig(CANTILEVER_WEAK, bending="spatial", torsion=True))
     with pytest.raises(ValueError, match="a chain of hinges"):
         mean_curvature(twisting.model, twisting.layout, 6)
