@@ -14,7 +14,7 @@ from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.robots import CANTILEVER_WEAK, RIG
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.config import SceneConfig, TipSensors
