@@ -100,7 +100,7 @@ class VirtualRobot:
         self.outputs: Outputs = core.outputs
         self.failure: str | None = None
         self.lag = 0.0
-        self._pending = b""
+        self._pending, self._passed = b"", monotonic()
         self._measured = self._measure()
 
     def run(self, stop: Event) -> None:
@@ -117,8 +117,8 @@ class VirtualRobot:
 
     @property
     def moment(self) -> tuple[float, np.ndarray]:
-        """Time [s] of the host's clock, and where the tip really is now, (2,) [m]."""
-        return monotonic(), self._plant.tip
+        """Time [s] of the host's clock that `outputs` are of, and where the tip is, (2,) [m]."""
+        return self._passed, self._plant.tip
 
     def close(self) -> None:
         """Close the pseudo-terminal."""
@@ -141,7 +141,8 @@ class VirtualRobot:
 
     def _pass(self) -> None:
         """One pass of the microcontroller's main loop."""
-        self._core.run(round(1e6 * monotonic()) % _CLOCK, self._measured)
+        self._passed = monotonic()
+        self._core.run(round(1e6 * self._passed) % _CLOCK, self._measured)
         self.outputs = self._core.outputs
         self._pending += self._core.transmit()
         if self._pending:

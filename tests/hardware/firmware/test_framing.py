@@ -3,10 +3,11 @@
 import ctypes
 from dataclasses import fields
 from itertools import pairwise
+from random import Random
 
 import pytest
 import support.firmware_bench  # noqa: F401  (skips without a compiler)
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from softrobot_env.hardware.protocol.framing import LONGEST, Decoder, encode
@@ -15,6 +16,7 @@ from softrobot_env.hardware.protocol.messages import (
     MOST_TENDONS,
     PROTOCOL,
     TYPES,
+    Hello,
     Setpoint,
     pack,
 )
@@ -162,9 +164,12 @@ protocols = st.just(PROTOCOL) | st.integers(0, 255)
 
 
 @given(protocols, numbers, st.integers(0, 70), st.randoms())
+@example(PROTOCOL - 1, Hello.number, 8, Random(0))
 def test_right_checksums_around_wrong_bodies_give_the_same_errors(protocol, number, size, random):
     cpp, python = decode_both(cpp_frame(bytes([protocol, number]) + random.randbytes(size)))
-    assert cpp == python
+    # A hello may be of another protocol, which `pack` does not repeat.
+    assert [body[1:] for body in cpp[0]] == [body[1:] for body in python[0]]
+    assert cpp[1:] == python[1:]
     assert cpp[1] == 0
 
 
