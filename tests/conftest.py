@@ -15,18 +15,18 @@ from softrobot_env.registration import ENVIRONMENTS  # noqa: E402
 
 # ---------------------------------------------------------------- order and choice
 
-#: Files that compile most, longest first. Neighbours are begun by different workers and compile
-#: different models, so that next to nothing is compiled twice.
+#: Files that take longest without compiled kernels, in the order in which workers begin them. Those
+#: that compile the same models stand apart, so that little is compiled twice.
 FIRST = (
-    "envs/test_plants.py",  # planar models
-    "beams/test_ancf.py",  # the spatial ones
-    "control/test_policy_contract.py",
-    "beams/test_beam_models.py",
+    "envs/test_plants.py",  # compiles the planar models
+    "control/test_policy_contract.py",  # controllers
     "training/test_training.py",
-    "beams/test_pcc.py",
     "commands/test_cli.py",
+    "beams/test_ancf.py",  # the spatial one
+    "beams/test_pcc.py",
     "beams/test_cosserat.py",
     "beams/test_integration.py",
+    "beams/test_beam_models.py",
 )
 
 #: Where the durations of the last runs are kept, and what a quick test takes at most [s].
@@ -37,8 +37,8 @@ def pytest_addoption(parser):
     parser.addoption(
         "--quick",
         action="store_true",
-        help=f"leave out tests that took more than {_QUICK:g} s in their last run, and those of "
-        "files whose setup did; without earlier runs, all are run",
+        help=f"leave out tests that took more than {_QUICK:g} s in their last run; those that were "
+        "never run are run",
     )
 
 
@@ -63,7 +63,11 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         # For --dist loadgroup: a file stays together, and what depends on the clock runs in turn.
         clock = item.get_closest_marker("realtime") is not None
-        item.add_marker(pytest.mark.xdist_group("realtime" if clock else str(item.path)))
+        item.add_marker(pytest.mark.xdist_group("realtime" if clock else _file(item.nodeid)))
+
+
+def _file(nodeid):
+    return nodeid.partition("::")[0]
 
 
 class _Durations:
@@ -73,7 +77,8 @@ class _Durations:
         self._config, self._found = config, {}
 
     def pytest_runtest_logreport(self, report):
-        nodeid = report.nodeid.rpartition("@")[0] or report.nodeid  # loadgroup appends the group
+        group = f"@{_file(report.nodeid)}"  # loadgroup appends it
+        nodeid = report.nodeid.removesuffix(group).removesuffix("@realtime")
         self._found[nodeid] = self._found.get(nodeid, 0.0) + report.duration
 
     def pytest_sessionfinish(self):
