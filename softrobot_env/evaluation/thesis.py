@@ -5,7 +5,11 @@ Tabs. 6.2 to 6.5 and the text of secs. 6.6.2 and 6.6.3. The plant there is the P
 pieces. "<0.01 %" is kept as its bound. Tabs. 5.2 and 5.3 are of the real test rig.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from softrobot_env.evaluation.labels import REAL
 
 
 @dataclass(frozen=True)
@@ -153,3 +157,35 @@ AUDIT: dict[tuple[str, float | None, str], dict[str, tuple[float, float]]] = {
     ("lshape", None, "LQI"): {"e_max": (1.9e-3, 2.1e-3)},
     ("lshape", None, "MPC"): {"e_max": (2.6e-3, 2.6e-3)},
 }
+
+
+def thesis_rows(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What the thesis reports of the task that a row is about."""
+    same = [f for f in FIGURES if (f.task, f.step_width) == (row["task"], row["step_width"])]
+    return [*map(_arm_row, same), *_rig_rows(row)]
+
+
+def _arm_row(figure: ThesisFigure) -> dict[str, Any]:
+    return {
+        **asdict(figure),
+        "policy": f"{figure.controller} (thesis, PCC plant)",
+        "policy_time_median": POLICY_TIME[figure.controller],
+        "variation": {},
+        "failure": None,
+    }
+
+
+def _rig_rows(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {
+            "task": row["task"],
+            "policy": f"{policy} (thesis)",
+            "plant": REAL,
+            "variation": {},
+            "failure": None,
+            "e_mean_tracking": mean,
+            "e_max_tracking": largest,
+        }
+        for (policy, period), (mean, largest) in TRIANGLE.items()
+        if (row["task"], row.get("period")) == ("triangle", period)
+    ]

@@ -10,6 +10,7 @@ from softrobot_env.evaluation import report
 from softrobot_env.evaluation.labels import learnt_label, option_columns, rig_label, task_label
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.rendering.rig_plots import plot_rig_task
 from softrobot_env.tasks import make_task
 from softrobot_env.tasks.rig import make_rig_task
@@ -73,7 +74,7 @@ def test_labels_tell_which_rig_it_was(task, plant, twin, label):
 
 
 def row(rollout, **changes):
-    values = report.make_row(rollout, TASK, "hybrid", "mujoco", {})
+    values = vars(EpisodeRow.of(rollout, TASK, "hybrid", "mujoco", {}))
     return values | {"period": 1.0, "twin": 0} | changes
 
 
