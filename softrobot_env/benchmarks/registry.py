@@ -1,12 +1,22 @@
-"""The benchmarks by name. What one imports is loaded when it is asked for."""
+"""The benchmarks by name. What one imports is loaded when it is asked for.
 
-from collections.abc import Callable
+A benchmark is a folder with the modules `run`, `tables` and `plots`. `run` returns a list of
+records (`benchmarks.records`): frozen dataclasses derived from `Record`, whose `row()` is what
+report.json has of them, less the fields declared with `drawn()`. `tables` and `plots` get the same
+records. A mapping is taken for a record too; it is written without its entry "trace".
+"""
+
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from rich.console import Group
 
+from softrobot_env.benchmarks.records import Record
 from softrobot_env.registries import Registry
+
+Records = Sequence[Record | dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -14,15 +24,15 @@ class Benchmark:
     """How to measure, show and draw.
 
     Attributes:
-        run: From `quick` and a function (description, done, total) that shows progress to rows.
-        tables: Rows as tables of a terminal.
-        plot: Draws rows to a PNG of the given path, and others beside it; None if there is no
+        run: From `quick` and a function (description, done, total) that shows progress to records.
+        tables: Records as tables of a terminal.
+        plot: Draws records to a PNG of the given path, and others beside it; None if there is no
             picture.
     """
 
-    run: Callable[..., list[dict]]
-    tables: Callable[[list[dict]], Group]
-    plot: Callable[[list[dict], Path], None] | None = None
+    run: Callable[..., Records]
+    tables: Callable[[Records], Group]
+    plot: Callable[[Records, Path], None] | None = None
 
 
 def _accuracy() -> Benchmark:

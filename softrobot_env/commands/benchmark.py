@@ -6,6 +6,7 @@ from io import StringIO
 from rich.console import Console, Group
 from rich.progress import Progress
 
+from softrobot_env.benchmarks.records import row_of
 from softrobot_env.benchmarks.registry import BENCHMARKS
 from softrobot_env.commands.arguments import add_out
 from softrobot_env.evaluation.report import write_json
@@ -13,9 +14,6 @@ from softrobot_env.evaluation.report import write_json
 EXAMPLE = "softrobot benchmark speed --quick"
 
 _WIDTH = 110  # characters of a report
-
-#: Entry of a row with arrays for the pictures; reports go without.
-_TRACE = "trace"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -37,20 +35,15 @@ def run(args: argparse.Namespace) -> int:
         def show(description: str, done: int, total: int) -> None:
             progress.update(bar, description=description, completed=done, total=total)
 
-        rows = benchmark.run(args.quick, show)
-    write_json(out / "report.json", [_written(row) for row in rows], args.command_line)
-    tables = benchmark.tables(rows)
+        records = benchmark.run(args.quick, show)
+    write_json(out / "report.json", [row_of(record) for record in records], args.command_line)
+    tables = benchmark.tables(records)
     console.print(tables)
     (out / "report.md").write_text(_markdown(args.what, tables, args.command_line), "utf-8")
     if benchmark.plot is not None:
-        benchmark.plot(rows, out / f"{args.what}.png")
+        benchmark.plot(records, out / f"{args.what}.png")
     console.print(f"Wrote {', '.join(sorted(path.name for path in out.iterdir()))} to {out}")
     return 0
-
-
-def _written(row: dict) -> dict:
-    """A row as a report has it."""
-    return {name: value for name, value in row.items() if name != _TRACE}
 
 
 def _markdown(what: str, tables: Group, command: str) -> str:

@@ -1,12 +1,12 @@
 """Curves of recorded episodes over time, for robots of any kind."""
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.figures import SMALLEST_ERROR, add_legend, new_figure, styles
+from softrobot_env.rendering.figures import REFERENCE, add_legend, new_figure, style_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -16,16 +16,20 @@ Shown = Callable[[Rollout], slice]
 
 _AXES = "xyz"
 
+#: Lower end [mm] of the error axis.
+_SMALLEST_ERROR = 1e-2
+
 
 def tip_curves(rollouts: dict[str, Rollout], axes: str, shown: Shown, title: str) -> "Figure":
     """Two coordinates of the tip, "xz" for instance, with their reference, and the error."""
-    figure, panels = new_figure(3, 1, (7.0, 7.0))
+    figure, grid = new_figure(3, 1, (7.0, 7.0))
+    panels = grid[:, 0]
     longest = max(rollouts.values(), key=lambda r: r.time[-1])
     indices = [_AXES.index(name) for name in axes]
     part = shown(longest)
     for panel, index in zip(panels, indices, strict=False):
         wanted = 1e3 * longest.reference[part, index]
-        panel.plot(longest.time[part], wanted, "k--", zorder=3, label="reference")
+        panel.plot(longest.time[part], wanted, **REFERENCE)
     for label, rollout, line in styles(rollouts):
         part = shown(rollout)
         series = (*(rollout.tip[:, index] for index in indices), rollout.error)
@@ -35,7 +39,7 @@ def tip_curves(rollouts: dict[str, Rollout], axes: str, shown: Shown, title: str
     for panel, name in zip(panels, names, strict=True):
         panel.set_ylabel(name)
     panels[-1].set_yscale("log")
-    panels[-1].set_ylim(bottom=SMALLEST_ERROR)
+    panels[-1].set_ylim(bottom=_SMALLEST_ERROR)
     return _finish(figure, panels, title)
 
 
@@ -47,7 +51,8 @@ def stacked_curves(
     title: str,
 ) -> "Figure":
     """The columns of `values` (samples, k), one below the other, with their k names."""
-    figure, panels = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
+    figure, grid = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
+    panels = grid[:, 0]
     for label, rollout, line in styles(rollouts):
         part = shown(rollout)
         for panel, column in zip(panels, values(rollout).T, strict=True):
@@ -55,6 +60,18 @@ def stacked_curves(
     for panel, name in zip(panels, names, strict=True):
         panel.set_ylabel(name)
     return _finish(figure, panels, title)
+
+
+def styles(rollouts: dict[str, Rollout]) -> list[tuple[str, Rollout, dict[str, Any]]]:
+    """(label, episode, keywords of its lines); a failure is told in the label."""
+    return [
+        (
+            f"{label} (failed at {r.time[-1]:.2f} s)" if r.failure else label,
+            r,
+            style_of(label).curve,
+        )
+        for label, r in rollouts.items()
+    ]
 
 
 def _finish(figure: "Figure", panels: np.ndarray, title: str) -> "Figure":

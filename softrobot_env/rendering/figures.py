@@ -1,41 +1,139 @@
-"""The style that plots of episodes have in common."""
+"""One style and one palette for all figures: what has a name looks the same in each of them."""
 
 from collections.abc import Sequence
-from itertools import cycle
+from dataclasses import dataclass
+from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+from zlib import crc32
 
-from softrobot_env.evaluation.rollout import Rollout
+import numpy as np
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
+    from matplotlib.lines import Line2D
 
-#: Okabe and Ito's palette, readable with colour-blindness and in print, without the black of the
-#: reference and with three more.
-_COLOURS = (
-    "#7F7F7F",
-    "#0072B2",
-    "#D55E00",
-    "#009E73",
-    "#CC79A7",
-    "#E69F00",
-    "#56B4E9",
-    "#6A3D9A",
-    "#8C510A",
-)
+#: Okabe and Ito's colours, readable with colour-blindness and in print; without their yellow,
+#: which is not on white, and with others of Paul Tol's for more.
+BLACK, GREY = "#000000", "#7F7F7F"
+BLUE, VERMILLION, GREEN, PURPLE = "#0072B2", "#D55E00", "#009E73", "#CC79A7"
+ORANGE, SKY, BROWN, WINE = "#E69F00", "#56B4E9", "#8C510A", "#882255"
 
-#: For more episodes than colours, without the dashes of the reference.
-_LINES = ("-", "-.", ":")
+#: For things that have no names of their own, such as numbers of layers: the k-th has colour k.
+COLOURS = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY, BROWN, WINE, GREY)
 
-#: Lower end [mm] of the error axis.
-SMALLEST_ERROR = 1e-2
+_DASHED, _DOTTED, _MIXED = (0, (4, 2)), ":", "-."
+
+#: Line of what others are compared with, above the curves, which would hide it.
+REFERENCE = {
+    "color": BLACK,
+    "linestyle": _DASHED,
+    "linewidth": 0.9,
+    "label": "reference",
+    "zorder": 5,
+}
+
+#: Marker and line of numbers printed in the thesis.
+THESIS = {"color": BLACK, "marker": "*", "markersize": 11, "linestyle": "none", "label": "thesis"}
+
+
+@dataclass(frozen=True)
+class Style:
+    """How one thing is drawn in every figure.
+
+    Attributes:
+        colour: Matplotlib's.
+        line: Matplotlib's line style.
+        marker: Matplotlib's.
+        label: Name for people; "" is the name itself.
+    """
+
+    colour: str
+    line: str | tuple[int, tuple[float, ...]] = "-"
+    marker: str = "o"
+    label: str = ""
+
+    @property
+    def curve(self) -> dict[str, Any]:
+        """Keywords of a line without markers."""
+        return {"color": self.colour, "linestyle": self.line}
+
+    @property
+    def points(self) -> dict[str, str]:
+        """Keywords of markers."""
+        return {"color": self.colour, "marker": self.marker}
+
+
+#: Name of a policy, model or hinge rule -> its style. Learned policies are dash-dotted, and dotted
+#: after a training on varied robots.
+STYLES = {
+    "hold": Style(GREY, _DOTTED, "_"),
+    "feedforward": Style(SKY, marker="o"),
+    "feedforward_pi": Style("#6A3D9A", marker="s"),
+    "qs_nn": Style(VERMILLION, marker="D"),
+    "lqi": Style(BLUE, marker="^"),
+    "lq_preview": Style(ORANGE, marker="v"),
+    "lq_adaptive": Style(PURPLE, marker="<"),
+    "mpc": Style(GREEN, marker=">"),
+    "mpc_preview": Style(WINE, marker="P"),
+    "imitation": Style(BROWN, _MIXED, "X"),
+    "ppo": Style("#E41A1C", _MIXED, "*"),
+    "sac": Style("#1B3A6B", _MIXED, "h"),
+    "ppo_randomized": Style("#FB8072", _DOTTED, "p"),
+    "sac_randomized": Style("#8DA0CB", _DOTTED, "d"),
+    "rig_nn": Style("#CC6677", marker="D"),
+    "inverse_dynamics": Style("#332288", marker="^"),
+    "inverse_dynamics_ahead": Style("#88CCEE", marker="<"),
+    "hybrid": Style("#117733", marker="o"),
+    "hybrid_ahead": Style("#C8A415", marker=">"),
+    "hybrid_flexible": Style("#AA4499", marker="s"),
+    "hybrid_calibrated": Style("#666600", marker="P"),
+    "mujoco_chain": Style(BLUE, "-", "o", "MuJoCo chain"),
+    "pcc": Style(ORANGE, _DASHED, "s", "PCC"),
+    "pcc/lumped": Style(ORANGE, "-", "s", "PCC, lumped mass"),
+    "pcc/distributed": Style(VERMILLION, "-", "D", "PCC, distributed mass"),
+    "pcc/subpieces": Style(WINE, "-", "p", "PCC, three bodies"),
+    "rig_piece": Style(BROWN, "-", "X", "one piece, closed form"),
+    "cosserat": Style(GREEN, _DOTTED, "^", "Cosserat rod"),
+    "ancf": Style(PURPLE, _MIXED, "v", "ANCF"),
+    "pyelastica": Style(BLACK, "-", "P", "PyElastica"),
+    "midpoint": Style(BLACK, "-", "o"),
+    "gauss2": Style(BLUE, "-", "s"),
+    "balanced2": Style(VERMILLION, "-", "D"),
+    "chord2": Style(GREEN, "-", "^"),
+    "gauss3": Style(PURPLE, "-", "v"),
+}
+
+#: Lines and markers of names that are not in `STYLES`.
+_LINES, _MARKERS = ("-", _MIXED, _DOTTED), "osD^v<>PX*hp"
+
+
+def style_of(name: str) -> Style:
+    """The style of a name; one that `STYLES` does not know has its own, the same in every figure.
+
+    A user's policy gets a colour from its name alone, hence also beside other policies.
+    """
+    if name in STYLES:
+        return STYLES[name]
+    from matplotlib.colors import hsv_to_rgb, to_hex
+
+    code = crc32(name.encode())
+    colour = to_hex(hsv_to_rgb((code % 360 / 360, 0.85, 0.5 + 0.1 * (code // 360 % 4))))
+    return Style(colour, _LINES[code // 1440 % 3], _MARKERS[code // 4320 % len(_MARKERS)])
+
+
+def label_of(name: str) -> str:
+    """Name for people."""
+    return style_of(name).label or name
 
 
 def new_figure(
     rows: int, columns: int, size: tuple[float, float], share: bool = False
-) -> tuple["Figure", Sequence["Axes"]]:
-    """An empty figure of `size` in inches, and its axes row by row, with shared limits or own.
+) -> tuple["Figure", np.ndarray]:
+    """A figure of `size` [inch] with axes (rows, columns), with shared limits or own.
+
+    Without rows or columns it is empty, to be divided into subfigures with `add_panels`.
 
     Raises:
         ImportError: matplotlib is not installed.
@@ -46,33 +144,63 @@ def new_figure(
         raise ImportError("plots need matplotlib: pip install softrobot_env[viz]") from error
 
     figure = Figure(figsize=size, layout="constrained")
-    axes = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share).ravel()
-    for axis in axes:
-        axis.grid(True, color="0.9", linewidth=0.8)
-        axis.spines[["top", "right"]].set_visible(False)
-    return figure, axes
+    return figure, add_panels(figure, rows, columns, share)
 
 
-def styles(rollouts: dict[str, Rollout]) -> list[tuple[str, Rollout, dict[str, str]]]:
-    """(label, episode, keywords of its lines); a failure is told in the label."""
-    lines = [{"color": c, "linestyle": line} for line in _LINES for c in _COLOURS]
-    return [
-        (f"{label} (failed at {r.time[-1]:.2f} s)" if r.failure else label, r, line)
-        for (label, r), line in zip(rollouts.items(), cycle(lines), strict=False)
-    ]
+def add_panels(
+    figure: "Figure | SubFigure", rows: int, columns: int, share: bool = False
+) -> np.ndarray:
+    """Axes (rows, columns) of a figure or a part of it, with a light grid and no box."""
+    if not rows * columns:
+        return np.empty((0, 0), dtype=object)
+    axes = figure.subplots(rows, columns, squeeze=False, sharex=share, sharey=share)
+    for axis in axes.flat:
+        style_axes(axis)
+    return axes
 
 
-def add_legend(figure: "Figure", axis: "Axes") -> None:
-    """One legend for all axes, below them."""
-    handles, labels = axis.get_legend_handles_labels()
-    columns = min(4, len(labels))
-    figure.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize="small")
+def style_axes(axis: "Axes") -> None:
+    """Light grid below the curves, no box."""
+    axis.grid(True, color="0.9", linewidth=0.8)
+    axis.set_axisbelow(True)
+    axis.spines[["top", "right"]].set_visible(False)
 
 
-def save(figures: dict[str, "Figure"], out: Path, stem: str) -> list[Path]:
-    """Write figures by name as `<stem>_<name>.png` and return the paths."""
-    paths = []
-    for name, figure in figures.items():
-        paths.append(out / f"{stem}_{name}.png")
-        figure.savefig(paths[-1], dpi=150)
-    return paths
+def plain_ticks(axis: "Axes") -> None:
+    """Numbers without powers of ten, also on logarithmic axes, and none at minor ticks."""
+    from matplotlib.ticker import FuncFormatter, NullFormatter
+
+    for numbers in (axis.xaxis, axis.yaxis):
+        numbers.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        numbers.set_minor_formatter(NullFormatter())
+
+
+def entry(label: str, **line: Any) -> "Line2D":
+    """An entry of a legend for something that is drawn in this way."""
+    from matplotlib.lines import Line2D
+
+    return Line2D([], [], label=label, **line)
+
+
+def add_legend(figure: "Figure", source: "Axes | Sequence[Line2D]") -> None:
+    """One legend below all axes, where it covers nothing, in columns as wide as its labels.
+
+    Args:
+        figure: The figure.
+        source: Axes whose labels are shown, or entries.
+    """
+    handles = source if isinstance(source, Sequence) else source.get_legend_handles_labels()[0]
+    if not handles:
+        return
+    width = 0.55 + 0.075 * max(len(handle.get_label()) for handle in handles)  # inch
+    most = max(1, int(figure.get_figwidth() / width))
+    columns = ceil(len(handles) / ceil(len(handles) / most))
+    figure.legend(
+        handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
+    )
+
+
+def save(figure: "Figure", path: Path | str) -> Path:
+    """Write a PNG and return its path."""
+    figure.savefig(path, dpi=150)
+    return Path(path)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.curves import stacked_curves, tip_curves
-from softrobot_env.rendering.figures import add_legend, new_figure, save, styles
+from softrobot_env.rendering.curves import stacked_curves, styles, tip_curves
+from softrobot_env.rendering.figures import REFERENCE, add_legend, new_figure, save
 from softrobot_env.robots import centerline
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import Task
@@ -46,7 +46,7 @@ def plot_task(rollouts: dict[str, Rollout], task: Task, out: Path, stem: str) ->
         ),
         "shapes": _plot_shapes(rollouts, task),
     }
-    return save(figures, out, stem)
+    return [save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
 
 
 def _shown(task: Task, rollout: Rollout) -> slice:
@@ -57,9 +57,9 @@ def _shown(task: Task, rollout: Rollout) -> slice:
 
 
 def _plot_shapes(rollouts: dict[str, Rollout], task: Task) -> "Figure":
-    figure, (axis,) = new_figure(1, 1, (6.0, 5.0))
+    figure, ((axis,),) = new_figure(1, 1, (6.0, 5.0))
     reference = task.trajectory.path()
-    axis.plot(1e3 * reference[:, 0], 1e3 * reference[:, 2], "k--", linewidth=1, label="reference")
+    axis.plot(1e3 * reference[:, 0], 1e3 * reference[:, 2], **REFERENCE)
     drawn = styles(rollouts)
     for order, (label, rollout, line) in enumerate(drawn):
         tip = 1e3 * rollout.tip

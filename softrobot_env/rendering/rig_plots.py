@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.curves import stacked_curves, tip_curves
-from softrobot_env.rendering.figures import new_figure, save, styles
+from softrobot_env.rendering.curves import stacked_curves, styles, tip_curves
+from softrobot_env.rendering.figures import new_figure, save
 from softrobot_env.tasks.rig import RigTask
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ def plot_rig_task(
         ),
         "path": _plot_path(rollouts, task, title),
     }
-    return save(figures, out, stem)
+    return [save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
 
 
 def _shown(task: RigTask, rollout: Rollout) -> slice:
@@ -60,7 +60,8 @@ def _plot_path(rollouts: dict[str, Rollout], task: RigTask, title: str) -> "Figu
     columns = min(_COLUMNS, len(rollouts))
     rows = ceil(len(rollouts) / columns)
     size = (1.0 + _SIDE * columns, 1.2 + _SIDE * rows)
-    figure, axes = new_figure(rows, columns, size, share=True)
+    figure, grid = new_figure(rows, columns, size, share=True)
+    axes = grid.ravel()
     figure.get_layout_engine().set(h_pad=0.1)  # inches, between ticks and titles
     for axis, (label, rollout, line) in zip(axes, styles(rollouts), strict=False):
         shown = _shown(task, rollout)

@@ -1,0 +1,47 @@
+"""Records of benchmarks: typed rows that know what of them is written to report.json."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+
+@dataclass(frozen=True)
+class Record:
+    """A row of a report; subclasses are frozen dataclasses of numbers and texts.
+
+    Fields declared with `drawn()` hold what only the pictures need, and are not written.
+    """
+
+    def row(self) -> dict[str, Any]:
+        """What is written: column -> value in SI units, None where there is none."""
+        return {f.name: getattr(self, f.name) for f in fields(self) if f.metadata != _DRAWN}
+
+
+_DRAWN = {"drawn": True}
+
+AnyRecord = TypeVar("AnyRecord")
+
+
+def drawn(default: Any = None) -> Any:
+    """A field of a record for pictures alone, such as arrays over time."""
+    return field(default=default, metadata=_DRAWN, repr=False)
+
+
+def row_of(record: Record | Mapping[str, Any]) -> dict[str, Any]:
+    """What report.json has of a record; of a mapping all but "trace", which is drawn."""
+    if isinstance(record, Record):
+        return record.row()
+    return {name: value for name, value in record.items() if name != "trace"}
+
+
+def select(records: Iterable[AnyRecord], **values: Any) -> list[AnyRecord]:
+    """Records that have given values in some fields."""
+    return [r for r in records if all(getattr(r, k) == v for k, v in values.items())]
+
+
+def groups(records: Iterable[AnyRecord], *names: str) -> dict[tuple, list[AnyRecord]]:
+    """Records by the values of some of their fields, in the order of their first appearance."""
+    out: dict[tuple, list[AnyRecord]] = {}
+    for record in records:
+        out.setdefault(tuple(getattr(record, name) for name in names), []).append(record)
+    return out

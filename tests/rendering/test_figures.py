@@ -1,0 +1,71 @@
+"""A thing that has a name looks the same in every figure, and like nothing else beside it."""
+
+import ast
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import softrobot_env
+from softrobot_env.beams.registry import PLANTS
+from softrobot_env.control.registry import POLICIES, RIG_POLICIES
+from softrobot_env.rendering import figures
+from softrobot_env.rendering.figures import STYLES, add_legend, new_figure, save, style_of
+from softrobot_env.scene.quadrature import RULES
+
+SOURCES = sorted(Path(softrobot_env.__file__).parent.rglob("*.py"))
+
+
+def test_every_policy_has_a_colour_and_line_of_its_own():
+    names = [*POLICIES, *RIG_POLICIES]
+    assert not [name for name in names if name not in STYLES]
+    assert len({style_of(name).colour for name in names}) == len(names)
+    assert len({(style_of(name).colour, style_of(name).line) for name in names}) == len(names)
+
+
+@pytest.mark.parametrize("names", [tuple(POLICIES), tuple(RIG_POLICIES), tuple(RULES)])
+def test_colours_in_one_figure_can_be_told_apart(names):
+    """Those that are near each other differ in their lines or markers."""
+    from matplotlib.colors import to_rgb
+
+    for a, b in combinations((style_of(name) for name in names), 2):
+        near = np.linalg.norm(np.subtract(to_rgb(a.colour), to_rgb(b.colour))) < 0.2
+        assert not near or a.line != b.line or a.marker != b.marker
+    assert len({style_of(name).marker for name in names}) == len(names)
+
+
+def test_every_model_and_hinge_rule_has_a_style():
+    models = [name for name in PLANTS if name != "mujoco"]
+    assert {"mujoco_chain", *models, *RULES} <= STYLES.keys()
+
+
+def test_unknown_names_have_styles_that_depend_on_the_name_alone():
+    names = [f"mine_{i}" for i in range(30)]
+    styles = [style_of(name) for name in names]
+    assert styles == [style_of(name) for name in reversed(names)][::-1]
+    assert len({(style.colour, style.line) for style in styles}) == len(names)
+
+
+def test_figures_are_made_in_one_place():
+    """`new_figure` is the only maker of figures, and nothing needs a display."""
+    makers, states = [], []
+    for path in SOURCES:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "Figure":
+                makers.append(path)
+            if isinstance(node, ast.Import | ast.ImportFrom) and "pyplot" in ast.unparse(node):
+                states.append(path)
+    assert makers == [Path(figures.__file__)]
+    assert not states
+
+
+def test_a_figure_has_its_panels_legend_and_size(tmp_path):
+    from matplotlib.image import imread
+
+    figure, axes = new_figure(2, 3, (6, 4))
+    assert axes.shape == (2, 3)
+    axes[0, 0].plot([0, 1], **style_of("lqi").curve, label="lqi")
+    add_legend(figure, axes[0, 0])
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["lqi"]
+    assert imread(save(figure, tmp_path / "figure.png")).shape[:2] == (600, 900)
