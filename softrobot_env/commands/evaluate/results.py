@@ -16,7 +16,6 @@ from softrobot_env.evaluation.metrics import ApproachedMetrics, approached_metri
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EvaluatedRow
 from softrobot_env.evaluation.runner import Case, Outcome
-from softrobot_env.tasks.rig import RigTask
 
 
 @dataclass(frozen=True)
@@ -64,30 +63,21 @@ def save_rollouts(results: list[Result], out: Path) -> None:
 
 def plot(results: list[Result], out: Path) -> None:
     """Compare policies on each task, and variations of each policy where there are several."""
+    from softrobot_env.rendering.curves import policy_curves, varied_curves
+    from softrobot_env.rendering.plots import plot_task
+
     for group in dict.fromkeys(result.group for result in results):
         same = [result for result in results if result.group == group]
-        nominal = {o.case.policy: o.rollout for o in same if not o.case.variation}
+        task, stem = same[0].case.task, _in_file_name(group)
+        nominal = {r.case.policy: r.rollout for r in same if not r.case.variation}
         if nominal:
-            _plot_group(nominal, same[0], out, _in_file_name(group))
-        for policy in dict.fromkeys(o.case.policy for o in same):
-            varied = {
-                robot_label(o.columns) or "nominal": o.rollout
-                for o in same
-                if o.case.policy == policy
-            }
+            plot_task(policy_curves(nominal), task, group, out, stem)
+        for policy in dict.fromkeys(r.case.policy for r in same):
+            mine = [r for r in same if r.case.policy == policy]
+            varied = {robot_label(r.columns) or "nominal": r.rollout for r in mine}
             if len(varied) > 1:
-                _plot_group(varied, same[0], out, f"{_in_file_name(group)}_{policy}_varied")
-
-
-def _plot_group(rollouts: dict[str, Rollout], one: Result, out: Path, stem: str) -> None:
-    """Write the pictures that the robot of these episodes has."""
-    from softrobot_env.rendering.plots import plot_task
-    from softrobot_env.rendering.rig_plots import plot_rig_task
-
-    if isinstance(one.case.task, RigTask):
-        plot_rig_task(rollouts, one.case.task, one.group, out, stem)
-    else:
-        plot_task(rollouts, one.case.task, out, stem)
+                title = f"{group}, {policy}"
+                plot_task(varied_curves(varied), task, title, out, f"{stem}_{policy}_varied")
 
 
 def _file_stem(result: Result) -> str:
