@@ -123,11 +123,6 @@ class Outcome:
     rollout: Rollout
     decision_period: float
 
-    @property
-    def tension_max(self) -> float | None:
-        """Largest tension [N] of a tendon; None after a failure."""
-        return float(self.rollout.tendon_tension.max()) if self.rollout.failure is None else None
-
     def row(self, kind: type[Row] = EpisodeRow, **own: Any) -> Row:
         """The episode as a row of some kind; `own` are the fields that this kind adds."""
         case = self.case
