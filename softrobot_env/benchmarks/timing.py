@@ -1,4 +1,4 @@
-"""Timing helpers: the least of several repeats, which other load disturbs least."""
+"""Timing: the least of several repeats, which other load disturbs least."""
 
 from collections.abc import Callable
 from time import perf_counter
@@ -9,14 +9,20 @@ import numpy as np
 
 _STEPS = 200
 
+#: Longest time [s] spent on the repeats of one measurement.
+_BUDGET = 2.0
+
 
 def best_of(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
-    """Shortest time [s] of some repetitions, and the result of the last one."""
-    best, result = np.inf, None
+    """Shortest time [s] of some repetitions, fewer if they take long, and the last result."""
+    best, spent, result = np.inf, 0.0, None
     for _ in range(repeats):
         begin = perf_counter()
         result = action()
-        best = min(best, perf_counter() - begin)
+        took = perf_counter() - begin
+        best, spent = min(best, took), spent + took
+        if spent > _BUDGET:
+            break
     return best, result
 
 

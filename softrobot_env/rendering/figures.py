@@ -78,7 +78,7 @@ STYLES = {
     "mpc": Style(GREEN, marker=">"),
     "mpc_preview": Style(WINE, marker="P"),
     "imitation": Style(BROWN, _MIXED, "X"),
-    "ppo": Style("#E41A1C", _MIXED, "*"),
+    "ppo": Style("#E41A1C", _MIXED, "8"),
     "sac": Style("#1B3A6B", _MIXED, "h"),
     "ppo_randomized": Style("#FB8072", _DOTTED, "p"),
     "sac_randomized": Style("#8DA0CB", _DOTTED, "d"),

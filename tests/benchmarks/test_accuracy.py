@@ -27,19 +27,40 @@ from softrobot_env.benchmarks.accuracy.cases.statics import (
     tip_force,
     tip_moment,
 )
-from softrobot_env.benchmarks.accuracy.plot_parts import front
 from softrobot_env.benchmarks.accuracy.plots import plot
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
-    FIELDS,
     SHEAR,
+    Row,
     distance,
     extrapolate,
-    make_row,
+    front,
 )
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.quadrature import RULES
+
+#: Columns of report.json.
+COLUMNS = [
+    "kind",
+    "case",
+    "model",
+    "n",
+    "timestep",
+    "integrator",
+    "tolerance",
+    "e_mean",
+    "e_max",
+    "e_time",
+    "e_relative",
+    "wall_time",
+    "step_time",
+    "physics",
+    "reference",
+    "value",
+    "limit",
+    "met",
+]
 
 THREE = (LUMPED, DISTRIBUTED, COSSERAT)
 
@@ -143,8 +164,8 @@ def test_extrapolation_removes_two_orders():
 
 
 def test_rows_refuse_unknown_fields():
-    with pytest.raises(ValueError, match="speed"):
-        make_row("static", "case", "model", 3, speed=1.0)
+    with pytest.raises(TypeError, match="speed"):
+        Row("static", "case", "model", 3, speed=1.0)
 
 
 def test_chains_end_pieces_where_tendons_end():
@@ -154,9 +175,9 @@ def test_chains_end_pieces_where_tendons_end():
 
 
 def test_error_is_the_distance_to_the_truth():
-    row, _ = accuracy.static_row(tip_moment(1e-9), "midpoint", 6)
+    row, _ = accuracy.chain_static_row(tip_moment(1e-9), "midpoint", 6)
     # An unloaded rod is straight in every model: 1e-9 Nm deflects it by 5e-10 m.
-    assert row["e_max"] < 1e-11
+    assert row.e_max < 1e-11
 
 
 @pytest.fixture(scope="module")
@@ -164,8 +185,8 @@ def few(request):
     """The benchmark with the models that are compiled fastest, without references of hours."""
     patch = pytest.MonkeyPatch()
     request.addfinalizer(patch.undo)
-    patch.setattr(accuracy, "contestants", lambda: THREE)
-    patch.setattr(agreement, "contestants", lambda: THREE)
+    patch.setattr(accuracy, "CONTESTANTS", THREE)
+    patch.setattr(agreement, "CONTESTANTS", THREE)
     patch.setattr(accuracy, "TOLERANCES", (1e-3,))
     patch.setattr(accuracy, "FINE_TOLERANCES", ())
     return patch
@@ -193,38 +214,38 @@ def motions(few):
 
 def test_rows_are_flat_finite_and_complete(static, motions):
     rows = static + motions
-    json.dumps(rows, allow_nan=False)
-    assert all(tuple(row) == FIELDS for row in rows)
+    json.dumps([row.row() for row in rows], allow_nan=False)
+    assert all(list(row.row()) == COLUMNS for row in rows)
     for row in rows:
-        assert 0 <= row["e_mean"] <= row["e_max"] < 0.05
-        if row["kind"] in ("static", "dynamic"):
-            assert row["wall_time"] > 0
-            assert row["physics"] == (SHEAR if row["model"] == "cosserat" else BENDING).name
+        assert 0 <= row.e_mean <= row.e_max < 0.05
+        if row.kind in ("static", "dynamic"):
+            assert row.wall_time > 0
+            assert row.physics == (SHEAR if row.model == "cosserat" else BENDING).name
     models = {f"mujoco_chain/{rule}" for rule in RULES} | {c.name for c in THREE}
-    found = {(r["case"], r["model"]) for r in static if r["kind"] == "static"}
+    found = {(r.case, r.model) for r in static if r.kind == "static"}
     assert found == {(case.name, model) for case in static_cases() for model in models}
 
 
 def test_more_pieces_are_more_accurate_in_every_static_case(static):
     groups = {}
     for row in static:
-        if row["kind"] == "static":
-            groups.setdefault((row["case"], row["model"]), []).append(row)
+        if row.kind == "static":
+            groups.setdefault((row.case, row.model), []).append(row)
     for (case, model), (coarse, fine) in groups.items():
-        exact = coarse["e_max"] < 1e-9  # constant curvature under moments and channels
+        exact = coarse.e_max < 1e-9  # constant curvature under moments and channels
         # Pieces of half the guides' distance cannot do better: both halves bend alike.
         if exact or (model.startswith("pcc") and case == "tendon_guided"):
-            assert fine["e_max"] < max(1e-9, 1.01 * coarse["e_max"]), (case, model)
+            assert fine.e_max < max(1e-9, 1.01 * coarse.e_max), (case, model)
         else:
-            assert fine["e_max"] < coarse["e_max"] / 2, (case, model)
+            assert fine.e_max < coarse.e_max / 2, (case, model)
 
 
 def test_smaller_tolerance_and_more_pieces_reduce_the_error_of_a_motion(motions):
-    cosserat = [r for r in motions if (r["kind"], r["model"]) == ("dynamic", "cosserat")]
-    adaptive = {r["n"]: r for r in cosserat if r["tolerance"] == 1e-3}
-    assert adaptive[12]["e_mean"] < adaptive[6]["e_mean"] / 3
-    euler = {round(1e4 * r["timestep"]): r for r in cosserat if r["integrator"] == "implicit_euler"}
-    assert euler[25]["e_time"] < euler[100]["e_time"] / 3
+    cosserat = [r for r in motions if (r.kind, r.model) == ("dynamic", "cosserat")]
+    adaptive = {r.n: r for r in cosserat if r.tolerance == 1e-3}
+    assert adaptive[12].e_mean < adaptive[6].e_mean / 3
+    euler = {round(1e4 * r.timestep): r for r in cosserat if r.integrator == "implicit_euler"}
+    assert euler[25].e_time < euler[100].e_time / 3
 
 
 # ------------------------------------------------------------- agreement
@@ -240,13 +261,13 @@ def test_models_agree_with_the_statics_of_their_physics():
 
 
 def test_chain_and_pcc_have_the_same_limit_and_cosserat_rods_have_not(motions):
-    rows = [row for row in motions if row["kind"] in ("agreement", "physics")]
-    (same,) = (row for row in rows if row["kind"] == "agreement")
-    assert same["met"]
-    assert same["value"] < 1e-4
-    (other,) = (row for row in rows if row["kind"] == "physics")
-    assert other["value"] > 10 * same["value"]
-    assert other["met"] is None
+    rows = [row for row in motions if row.kind in ("agreement", "physics")]
+    (same,) = (row for row in rows if row.kind == "agreement")
+    assert same.met
+    assert same.value < 1e-4
+    (other,) = (row for row in rows if row.kind == "physics")
+    assert other.value > 10 * same.value
+    assert other.met is None
 
 
 def test_slender_robots_keep_stiffness_and_mass():
@@ -260,8 +281,8 @@ def test_slender_robots_keep_stiffness_and_mass():
 @pytest.mark.parametrize("case", scalar_cases(), ids=lambda case: case.name)
 def test_frequencies_and_twist_agree_with_closed_forms(case):
     for contestant in (DISTRIBUTED, COSSERAT):
-        assert beam_row(case, contestant, 12)["e_relative"] < 0.006
-    assert chain_row(case, "gauss2", 12, BENDING)["e_relative"] < 0.001
+        assert beam_row(case, contestant, 12).e_relative < 0.006
+    assert chain_row(case, "gauss2", 12, BENDING).e_relative < 0.001
 
 
 def test_chain_spiral_is_that_of_many_pieces():
@@ -277,7 +298,7 @@ def test_chain_spiral_is_that_of_many_pieces():
 
 def spiral_row(model, n, time, case=spiral.CASE, **values):
     defaults = {"e_mean": 5e-5, "e_max": 1e-4, "wall_time": time, "physics": "bending"}
-    return make_row("dynamic", case, model, n, **(defaults | values))
+    return Row("dynamic", case, model, n, **(defaults | values))
 
 
 def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
@@ -292,7 +313,7 @@ def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
         spiral_row("cosserat", 7, 0.01, case=pyelastica_rod.CASE, e_max=9e-4),
         spiral_row("cosserat", 3, 0.001, case=pyelastica_rod.CASE, e_max=2e-3),
     ]
-    found = [(row["value"], row["met"]) for row in goals.rows(rows)]
+    found = [(row.value, row.met) for row in goals.rows(rows)]
     assert found == [
         (0.030, False),
         (0.001, True),
@@ -306,20 +327,20 @@ def test_goals_take_the_fastest_run_that_is_accurate_enough(monkeypatch):
 
 def test_front_drops_runs_that_are_beaten():
     rows = [spiral_row("a", 1, t, e_mean=e) for t, e in ((1, 3), (2, 4), (3, 1), (3, 2), (5, 1))]
-    assert [(r["wall_time"], r["e_mean"]) for r in front(rows)] == [(1, 3), (3, 1)]
+    assert [(r.wall_time, r.e_mean) for r in front(rows)] == [(1, 3), (3, 1)]
 
 
 def test_absent_pyelastica_is_said(monkeypatch):
     monkeypatch.setattr(pyelastica_rod, "installed", lambda: False)
     (row,) = pyelastica_rod.rows()
-    assert row["kind"] == "note"
-    assert "not installed" in row["reference"]
+    assert row.kind == "note"
+    assert "not installed" in row.reference
 
 
 def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
     numbers = [chain_row(case, "balanced2", 6, BENDING) for case in scalar_cases()]
-    rig = make_row("static", "rig_slack", "rig_piece", 1, e_mean=0.023, e_max=0.023, wall_time=1e-3)
-    note = make_row("note", "case", "model", reference="left out")
+    rig = Row("static", "rig_slack", "rig_piece", 1, e_mean=0.023, e_max=0.023, wall_time=1e-3)
+    note = Row("note", "case", "model", reference="left out")
     rows = [*static, *motions, *numbers, rig, note]
     out = StringIO()
     Console(file=out, width=100).print(accuracy_tables.tables(rows))
@@ -328,9 +349,9 @@ def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
     for name in ("mujoco_chain/balanced2", "cosserat", "Tension step", "implicitfast", "left out"):
         assert name in text
     (moment,) = (
-        r["e_max"]
+        r.e_max
         for r in static
-        if (r["case"], r["model"], r["n"], r["kind"])
+        if (r.case, r.model, r.n, r.kind)
         == ("tip_moment_1Nm", "mujoco_chain/midpoint", 12, "static")
     )
     assert f"{1e3 * moment:.2g}" in text

@@ -17,20 +17,13 @@ from softrobot_env.beams.exact.rig_column import column_tip, tensions
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.benchmarks.accuracy import tables as accuracy_tables
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED
-from softrobot_env.benchmarks.accuracy.rig import motions as rig_accuracy_motions
-from softrobot_env.benchmarks.accuracy.rig import plots as rig_accuracy_plots
-from softrobot_env.benchmarks.accuracy.rig import run as rig_accuracy
-from softrobot_env.benchmarks.accuracy.rig.cases import (
-    DURATION,
-    MOTIONS,
-    STATIC,
-    STEP,
-    sample_times,
-)
+from softrobot_env.benchmarks.accuracy.plots import plot
+from softrobot_env.benchmarks.accuracy.rig import motions, run
+from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, STATIC, STEP, sample_times
 from softrobot_env.benchmarks.accuracy.rig.models import beam_statics, chain_statics, piece_statics
 from softrobot_env.benchmarks.accuracy.rig.motions import ChainMotion, piece_motion
 from softrobot_env.benchmarks.accuracy.rig.statics import case_rows, converged, truth
-from softrobot_env.benchmarks.accuracy.rows import BENDING, FIELDS, Limit, distance
+from softrobot_env.benchmarks.accuracy.rows import BENDING, DURATION, Limit, distance
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import TimestepWarning
 
@@ -212,10 +205,10 @@ def test_step_starts_straight_and_ends_in_the_equilibrium(step_truth):
 
 
 def test_chain_moves_as_the_rod(step_truth):
-    motions = [ChainMotion(STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
-    rows = [rig_accuracy.chain_row(motion, step_truth) for motion in motions]
-    assert rows[0]["e_max"] < 3e-3
-    assert rows[1]["e_mean"] < rows[0]["e_mean"] / 3
+    chains = [ChainMotion(STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
+    rows = [run.chain_row(chain, step_truth) for chain in chains]
+    assert rows[0].e_max < 3e-3
+    assert rows[1].e_mean < rows[0].e_mean / 3
 
 
 def test_diverged_chain_is_no_result():
@@ -238,20 +231,19 @@ def rows(step_truth):
     case = "rig_pull_10mm"
     return [
         *case_rows(case, quick=True),
-        rig_accuracy.chain_row(motion, step_truth),
-        *rig_accuracy.piece_rows(STEP, step_truth, quick=True),
-        *rig_accuracy.notes(),
+        run.chain_row(motion, step_truth),
+        *run.piece_rows(STEP, step_truth, quick=True),
+        *run.notes(),
     ]
 
 
 def test_rows_are_flat_finite_and_complete(rows):
-    json.dumps(rows, allow_nan=False)
-    assert all(tuple(row) == FIELDS for row in rows)
+    json.dumps([row.row() for row in rows], allow_nan=False)
     for row in rows:
-        if row["kind"] == "dynamic":
-            assert 0 < row["wall_time"] < DURATION
-            assert 0 < row["e_mean"] <= row["e_max"]
-    assert {row["model"] for row in rows} >= {"rig_piece", "pcc/subpieces", "ancf"}
+        if row.kind == "dynamic":
+            assert 0 < row.wall_time < DURATION
+            assert 0 < row.e_mean <= row.e_max
+    assert {row.model for row in rows} >= {"rig_piece", "pcc/subpieces", "ancf"}
 
 
 def test_tables_and_figure_show_the_rows(rows, tmp_path):
@@ -261,12 +253,12 @@ def test_tables_and_figure_show_the_rows(rows, tmp_path):
     assert max(map(len, text.splitlines())) <= 100
     for word in ("rig_piece", "x real time", "discrete", "ritz_rod", "left out", "[ms]"):
         assert word in text
-    rig_accuracy_plots.plot(rows, tmp_path / "accuracy_rig.png")
+    plot(rows, tmp_path / "accuracy.png")
     assert (tmp_path / "accuracy_rig.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_quick_truth_tells_its_uncertainty(monkeypatch):
-    monkeypatch.setattr(rig_accuracy_motions, "_QUICK_TRUTHS", ((1, 1e-3), (2, 1e-3)))
-    limit = rig_accuracy_motions.truth(STEP, quick=True)
+    monkeypatch.setattr(motions, "_QUICK_TRUTHS", ((1, 1e-3), (2, 1e-3)))
+    limit = motions.truth(STEP, quick=True)
     assert 1e-3 < limit.uncertainty < 0.05
     assert f"{1e3 * limit.uncertainty:.1g} mm" in limit.text

@@ -1,13 +1,15 @@
 """Goals for the cost of a simulation, and whether a run of the benchmark met them."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from softrobot_env.beams.model import BeamModel, Motion, State
 from softrobot_env.benchmarks.accuracy.cases import pyelastica_rod, spiral
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, LUMPED
-from softrobot_env.benchmarks.accuracy.rows import Row, least_time, make_row
+from softrobot_env.benchmarks.accuracy.rows import Row
+from softrobot_env.benchmarks.timing import best_of
 
 #: Errors in time [m]: our own, and the thesis' (Tab. 2.2, whose unit is m according to the audit).
 _FINE, _THESIS = 1e-6, 0.9e-3
@@ -30,22 +32,20 @@ def _spirals(found: list[Row]) -> Iterator[Row]:
         for error in (_FINE, _THESIS):
 
             def good(row: Row, error: float = error) -> bool:
-                return row["e_time"] is not None and row["e_time"] <= error
+                return row.e_time is not None and row.e_time <= error
 
             best = _fastest(found, model, n, good)
             if best is not None:
                 case = f"3 s spiral, error in time <= {1e3 * error:g} mm: time [s]"
-                yield _goal(case, best, best["wall_time"], bound, best["wall_time"] <= bound)
+                yield _goal(case, best, best.wall_time, most=bound)
 
 
 def _right_hand_side(quick: bool) -> Iterator[Row]:
     times = {n: right_hand_side_time(n, 3 if quick else 20) for n in (5, 20)}
-    row = make_row("goal", "", LUMPED.name, 5)
-    bound = 10e-6
-    yield _goal("right-hand side in 3-D: time [s]", row, times[5], bound, times[5] <= bound)
-    growth, bound = times[20] / times[5], (20 / 5) ** 2
-    row = make_row("goal", "", LUMPED.name, 20)
-    yield _goal("its growth from 5 to 20 pieces: factor", row, growth, bound, growth <= bound)
+    few, many = (Row("goal", "", LUMPED.name, n) for n in times)
+    yield _goal("right-hand side in 3-D: time [s]", few, times[5], most=10e-6)
+    growth = times[20] / times[5]
+    yield _goal("its growth from 5 to 20 pieces: factor", many, growth, most=(20 / 5) ** 2)
 
 
 def right_hand_side_time(pieces: int, repeats: int) -> float:
@@ -58,7 +58,7 @@ def right_hand_side_time(pieces: int, repeats: int) -> float:
         return model.simulate(_STEPS * _STEP, inputs, start, method="rk4", step=_STEP)
 
     simulate()  # compiles
-    time, motion = least_time(simulate, repeats)
+    time, motion = best_of(simulate, repeats)
     return time / motion.residuals
 
 
@@ -67,14 +67,13 @@ def _bent(model: BeamModel) -> State:
 
 
 def _chain(found: list[Row]) -> Iterator[Row]:
-    bound = 300.0
-    chains = [r for r in found if r["case"] == spiral.CASE and r["model"].startswith("mujoco")]
-    good = [r for r in chains if r["kind"] == "dynamic" and r["e_mean"] < 1e-4]
+    chains = [r for r in found if r.case == spiral.CASE and r.is_chain]
+    good = [r for r in chains if r.kind == "dynamic" and r.e_mean < 1e-4]
     if good:
-        best = min(good, key=lambda row: row["wall_time"])
-        speed = spiral.DURATION / best["wall_time"]
+        best = min(good, key=lambda row: row.wall_time)
+        speed = spiral.DURATION / best.wall_time
         case = "spiral, mean error < 0.1 mm: times real time"
-        yield _goal(case, best, speed, bound, speed >= bound)
+        yield _goal(case, best, speed, least=300.0)
 
 
 def _speed_up(found: list[Row]) -> Iterator[Row]:
@@ -82,28 +81,29 @@ def _speed_up(found: list[Row]) -> Iterator[Row]:
 
     The goal is the chain's; the rod, which has PyElastica's physics, stands beside it.
     """
-    bound = 30.0
-    runs = [r for r in found if r["case"] == pyelastica_rod.CASE and r["kind"] == "dynamic"]
-    for theirs in (r for r in runs if r["model"] == pyelastica_rod.NAME):
+    runs = [r for r in found if r.case == pyelastica_rod.CASE and r.kind == "dynamic"]
+    for theirs in (r for r in runs if r.model == pyelastica_rod.NAME):
         for model in (pyelastica_rod.CHAIN, COSSERAT.name):
-            ours = [r for r in runs if r["model"] == model and r["e_max"] <= theirs["e_max"]]
+            ours = [r for r in runs if r.model == model and r.e_max <= theirs.e_max]
             if ours:
-                best = min(ours, key=lambda row: row["wall_time"])
-                ratio = theirs["wall_time"] / best["wall_time"]
-                case = f"undamped spiral, error of PyElastica {theirs['n']} or less: times faster"
-                row = _goal(case, best, ratio, bound, ratio >= bound)
+                best = min(ours, key=lambda row: row.wall_time)
+                ratio = theirs.wall_time / best.wall_time
+                case = f"undamped spiral, error of PyElastica {theirs.n} or less: times faster"
+                row = _goal(case, best, ratio, least=30.0)
                 checked = model == pyelastica_rod.CHAIN
-                yield row if checked else row | {"limit": None, "met": None}
+                yield row if checked else replace(row, limit=None, met=None)
 
 
 def _fastest(found: list[Row], model: str, n: int, good: Test) -> Row | None:
-    mine = [r for r in found if (r["case"], r["model"], r["n"]) == (spiral.CASE, model, n)]
-    return min(filter(good, mine), key=lambda row: row["wall_time"], default=None)
+    mine = [r for r in found if (r.case, r.model, r.n) == (spiral.CASE, model, n)]
+    return min(filter(good, mine), key=lambda row: row.wall_time, default=None)
 
 
-def _goal(case: str, best: Row, value: float, limit: float, met: bool) -> Row:
-    kept = ("timestep", "integrator", "tolerance", "e_mean", "e_max", "e_time", "wall_time")
-    values = {name: best[name] for name in (*kept, "physics")}
-    return make_row(
-        "goal", case, best["model"], best["n"], value=value, limit=limit, met=met, **values
-    )
+def _goal(
+    case: str, best: Row, value: float, *, most: float | None = None, least: float | None = None
+) -> Row:
+    """What the best row has to do with a goal, which has one of two bounds."""
+    met = value >= least if most is None else value <= most
+    bound = {"limit": least if most is None else most, "met": met}
+    left_out = dict.fromkeys(("step_time", "reference", "e_relative"))
+    return replace(best, kind="goal", case=case, value=value, **bound, **left_out)

@@ -1,46 +1,42 @@
-"""Figures of the accuracy benchmark: error against run time, and against resolution."""
+"""Figures of the accuracy benchmark: error against run time, against resolution, by hinge rule."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from softrobot_env.benchmarks.accuracy import rule_plots as accuracy_rule_plots
 from softrobot_env.benchmarks.accuracy.cases import pyelastica_rod, spiral, tension_step
-from softrobot_env.benchmarks.accuracy.plot_parts import (
-    STYLE,
-    draw_front,
-    draw_legend,
-    family,
+from softrobot_env.benchmarks.accuracy.rig.cases import CASES as RIG_CASES
+from softrobot_env.benchmarks.accuracy.rig.cases import CIRCLE, STEP
+from softrobot_env.benchmarks.accuracy.rows import Row, front
+from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.thesis import values
+from softrobot_env.rendering.figures import (
+    STYLES,
+    add_legend,
+    add_panels,
+    entry,
+    label_of,
+    new_figure,
     plain_ticks,
+    save,
+    style_of,
 )
-from softrobot_env.benchmarks.accuracy.rig import cases as rig_accuracy_cases
-from softrobot_env.benchmarks.accuracy.rig import plots as rig_accuracy_plots
-from softrobot_env.benchmarks.accuracy.rows import Row
-from softrobot_env.benchmarks.accuracy.rule_plots import label_axes
+from softrobot_env.scene.quadrature import RULES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-#: Thesis, Tab. 2.2 (i7-6700K, compiled MATLAB; its errors are in m according to the audit): pieces,
-#: run times [s] with ode15s at 0.9 mm, then with implicit Euler at 10, 1 and 0.1 mm.
-_THESIS = {
-    "pcc/lumped": (2, 0.105, (0.0633, 0.263, 2.35)),
-    "cosserat": (7, 0.828, (0.301, 1.26, 9.88)),
-    "ancf": (2, 9.69, (24.0, 40.6, 377.0)),
-}
-_THESIS_NAMES = {"pcc/lumped": "PCC 2", "cosserat": "CR 7", "ancf": "ANCF 2"}
-_ODE15S_ERROR, _EULER_ERRORS = 0.9, (10, 1, 0.1)  # mm
+    from matplotlib.figure import Figure, SubFigure
 
 _MOTIONS = {
     spiral.CASE: "Spiral in 3-D under a turning tip force",
     tension_step.CASE: "Tension step of the tendon arm",
     pyelastica_rod.CASE: "Spiral without damping",
 }
+_RIG_MOTIONS = {STEP: "Length step of 10 mm", CIRCLE: "Fast circle"}
 _REAL_TIME = 3000  # ms
+_RUN_TIME = "run time of 3 s of motion [ms]"
 
-_STATIC_TITLES = {
+_STATIC = {
     "self_weight_weak": "self-weight, weak",
     "self_weight_stiff": "self-weight, stiff",
     "tip_moment_1Nm": "tip moment 1 N m",
@@ -48,156 +44,286 @@ _STATIC_TITLES = {
     "tendon_static": "tendon in a channel",
     "tendon_guided": "tendon through guides",
 }
-_NUMBER_TITLES = {
+_NUMBERS = {
     "bending_frequency_weak": "1st bending frequency, weak",
     "bending_frequency_stiff": "1st bending frequency, stiff",
     "torsion_static": "twist under a moment",
     "torsion_frequency": "1st torsional frequency",
 }
+_RIG_STATIC = {
+    "rig_pull_10mm": "one tendon 10 mm",
+    "rig_pull_20mm": "one tendon 20 mm",
+    "rig_general": "two tendons 12, 6 mm",
+    "rig_slack": "12, 4 mm, third slack",
+}
 
-#: The chain's rule in the figure of all models.
+#: Cases whose truth is the same for all hinge rules.
+_RULE_CASES = (*_STATIC,)[:5]
+
+#: Chains shown by hinge rule; gauss3 has other numbers and goes to the nearest.
+_NEAREST = {9: 6, 18: 12, 36: 24}
+
+#: Line styles and whether markers are filled, by integrator.
+_LINES = {"implicitfast": ("-", True), "discrete": (":", False)}
+
+#: The chain's rule in figures of all models.
 _RULE = "mujoco_chain/balanced2"
 
 #: Errors [mm, %] below are drawn at this value.
 _FLOORS = (1e-5, 1e-6)
 
+_PIECES = "pieces (chain: joints)"
+
 
 def plot(rows: list[Row], path: Path | str) -> None:
-    """Draw error against run time; beside it, against resolution and by hinge rule.
+    """Draw error against run time; beside it, against resolution, by hinge rule, and the rig.
 
     Args:
         rows: Rows of `benchmarks.accuracy.run`.
         path: File of the first picture. The others have its name with "_static", "_rules" and
-            "_rig".
+            "_rig", which is not written without rows of the rig.
     """
     path = Path(path)
-    rig_accuracy_plots.plot(rows, path.with_stem(f"{path.stem}_rig"))
-    rows = [row for row in rows if row["case"] not in rig_accuracy_cases.CASES]
-    _work_precision(rows, path)
-    _resolution(rows, path.with_stem(f"{path.stem}_static"))
-    accuracy_rule_plots.plot(rows, path.with_stem(f"{path.stem}_rules"))
+    rig = [row for row in rows if row.case in RIG_CASES and row.kind in ("static", "dynamic")]
+    rows = [row for row in rows if row.case not in RIG_CASES]
+    figures = {"": _work_precision(rows), "_static": _resolution(rows), "_rules": _rules(rows)}
+    for name, figure in (figures | ({"_rig": _rig(rig)} if rig else {})).items():
+        save(figure, path.with_stem(path.stem + name))
 
 
-def _work_precision(rows: list[Row], path: Path) -> None:
-    from matplotlib.figure import Figure
+# ---------------------------------------------------------------- error against run time
 
-    moving = [row for row in rows if row["kind"] == "dynamic"]
+
+def _work_precision(rows: list[Row]) -> "Figure":
+    moving = select(rows, kind="dynamic")
     panels: list[Callable[[Axes], None]] = []
     for case, title in _MOTIONS.items():
-        mine = [row for row in moving if row["case"] == case]
+        mine = select(moving, case=case)
         if mine:
-            panels.append(lambda axes, rows=mine, title=title: _motions(axes, rows, title))
+            panels.append(lambda axes, rows=mine, title=title: _draw_motions(axes, rows, title))
         if mine and case == spiral.CASE:
-            panels.append(lambda axes, rows=mine: _in_time(axes, rows))
-    columns = 2 if len(panels) == 4 else len(panels)
-    size = (12, 9.2) if columns == 2 else (5.3 * max(1, columns), 5.2)
-    figure = Figure(figsize=size, layout="constrained")
-    lines = -(-len(panels) // max(1, columns))
-    grid = figure.subplots(lines, columns, squeeze=False) if panels else np.empty((0, 0))
+            panels.append(lambda axes, rows=mine: _draw_in_time(axes, rows))
+    columns = 2 if len(panels) == 4 else max(1, len(panels))
+    size = (12, 9.2) if columns == 2 else (5.3 * columns, 5.2)
+    figure, grid = new_figure(-(-len(panels) // columns), columns, size)
     for axes, draw in zip(grid.flat, panels, strict=True):
         draw(axes)
         plain_ticks(axes)
-        _real_time(axes)
-    draw_legend(figure, {family(row) for row in moving})
+        _draw_real_time(axes)
+    _add_model_legend(figure, moving)
     figure.suptitle("Error against run time: all runs, and the best of each model joined")
-    figure.savefig(path, dpi=150)
+    return figure
 
 
-def _motions(axes: "Axes", rows: list[Row], title: str) -> None:
-    for model in STYLE:
-        draw_front(axes, model, [row for row in rows if family(row) == model], "e_mean")
-    label_axes(axes, title, "run time of 3 s of motion [ms]")
+def _draw_motions(axes: "Axes", rows: list[Row], title: str) -> None:
+    for model in STYLES:
+        _draw_front(axes, model, select(rows, family=model), "e_mean")
+    _label(axes, title, _RUN_TIME)
     axes.set_ylabel("mean tip error [mm]")
 
 
-def _real_time(axes: "Axes") -> None:
-    """Mark where a run takes as long as the motion."""
-    if axes.get_xlim()[1] > _REAL_TIME:
-        axes.axvline(_REAL_TIME, color="0.6", linewidth=1, linestyle="--", zorder=0)
-        axes.annotate(
-            "real time",
-            (_REAL_TIME, 0.02),
-            xycoords=("data", "axes fraction"),
-            xytext=(-3, 0),
-            textcoords="offset points",
-            rotation=90,
-            ha="right",
-            fontsize=8,
-            color="0.4",
-        )
+def _draw_front(axes: "Axes", model: str, rows: list[Row], error: str) -> None:
+    """All runs of a model as faint points, those that none beats joined."""
+    for chosen, line in (
+        (rows, {"linestyle": "", "markersize": 3, "alpha": 0.35, "markeredgewidth": 0}),
+        (front(rows, error), {"linewidth": 1.4, "markersize": 5}),
+    ):
+        _draw(axes, chosen, "wall_time", error, **style_of(model).points, **line)
 
 
-def _in_time(axes: "Axes", rows: list[Row]) -> None:
-    """Error of the integrators alone, on the discretisations of the thesis, with its own."""
-    for model, (pieces, time, euler) in _THESIS.items():
-        mine = [r for r in rows if (r["model"], r["n"]) == (model, pieces)]
-        draw_front(axes, model, mine, "e_time")
-        color, marker, _ = STYLE[model]
-        grey = {"color": "0.5", "marker": marker, "markeredgecolor": color}
-        axes.plot([1e3 * t for t in euler], _EULER_ERRORS, **grey, linestyle=":", markersize=6)
-        axes.plot(1e3 * time, _ODE15S_ERROR, **grey, markersize=10)
-        axes.annotate(
-            f"thesis\n{_THESIS_NAMES[model]}",
-            (1e3 * time, _ODE15S_ERROR),
-            xytext=(0, -9),
-            textcoords="offset points",
-            ha="center",
-            va="top",
-            fontsize=8,
-            color="0.35",
-        )
-    title = "The same, error in time alone, pieces of the thesis"
-    label_axes(axes, title, "run time of 3 s of motion [ms]")
-    axes.set_ylabel("largest tip error [mm]")
-    axes.text(
-        0.98,
-        0.03,
-        "grey: thesis,\nlarge ode15s,\nsmall implicit Euler",
-        ha="right",
-        va="bottom",
-        fontsize=8,
-        color="0.35",
-        transform=axes.transAxes,
+def _draw(
+    axes: "Axes", rows: Iterable[Row], x: str, y: str = "e_mean", floor: float = 0.0, **line: Any
+) -> None:
+    """Errors [mm], or [%] if relative, over n or run times [ms]."""
+    scale = {"n": 1, "wall_time": 1e3, "e_relative": 100}
+    axes.plot(
+        [scale[x] * getattr(row, x) for row in rows],
+        [max(floor, scale.get(y, 1e3) * getattr(row, y)) for row in rows],
+        **line,
     )
 
 
-def _resolution(rows: list[Row], path: Path) -> None:
-    from matplotlib.figure import Figure
+def _draw_real_time(axes: "Axes") -> None:
+    """Mark where a run takes as long as the motion."""
+    if axes.get_xlim()[1] > _REAL_TIME:
+        axes.axvline(_REAL_TIME, color="0.6", linewidth=1, linestyle="--", zorder=0)
+        place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points"}
+        text = {"rotation": 90, "ha": "right", "fontsize": 8, "color": "0.4"}
+        axes.annotate("real time", (_REAL_TIME, 0.02), xytext=(-3, 0), **place, **text)
 
-    figure = Figure(figsize=(15, 6.6), layout="constrained")
-    shown = [row for row in rows if row["kind"] in ("static", "number")]
-    for part, titles, floor in zip(
-        figure.subfigures(2, 1), (_STATIC_TITLES, _NUMBER_TITLES), _FLOORS, strict=True
-    ):
-        panels = part.subplots(1, len(titles), sharex=True, sharey=True)
-        for axes, (case, title) in zip(panels, titles.items(), strict=True):
-            _draw_resolution(axes, [r for r in shown if r["case"] == case], floor)
-            label_axes(axes, title, "pieces (chain: joints)")
-            axes.set_xticks([3, 6, 12, 24, 48], labels=["3", "6", "12", "24", "48"])
-            axes.set_xticks([], minor=True)
-        panels[0].set_ylim(bottom=floor / 2)
-        panels[0].set_ylabel("error [%]" if titles is _NUMBER_TITLES else "tip error [mm]")
-    draw_legend(figure, {family(row) for row in shown})
+
+def _draw_in_time(axes: "Axes", rows: list[Row]) -> None:
+    """Error of the integrators alone, on the discretisations of the thesis, with its own."""
+    small = {"fontsize": 8, "color": "0.35"}
+    for model in ("pcc/lumped", "cosserat", "ancf"):
+        name = model.split("/")[0]
+        pieces, (time, _, euler) = values.CHOSEN[name], values.TIMES[name]
+        _draw_front(axes, model, select(rows, model=model, n=pieces), "e_time")
+        style = style_of(model)
+        grey = {"color": "0.5", "marker": style.marker, "markeredgecolor": style.colour}
+        errors = [1e3 * error for error in values.EULER_ACCURACIES]
+        axes.plot([1e3 * t for t in euler], errors, **grey, linestyle=":", markersize=6)
+        place = 1e3 * time, 1e3 * values.ADAPTIVE_ACCURACY
+        axes.plot(*place, **grey, markersize=10)
+        text = f"thesis\n{ {'cosserat': 'CR'}.get(name, name.upper()) } {pieces}"
+        offset = {"xytext": (0, -9), "textcoords": "offset points", "ha": "center", "va": "top"}
+        axes.annotate(text, place, **offset, **small, bbox={"color": "white", "pad": 0.5})
+    _label(axes, "The same, error in time alone, pieces of the thesis", _RUN_TIME)
+    axes.set_ylabel("largest tip error [mm]")
+    text = "grey: thesis,\nlarge ode15s,\nsmall implicit Euler"
+    axes.text(0.98, 0.03, text, ha="right", va="bottom", transform=axes.transAxes, **small)
+
+
+# ---------------------------------------------------------------- error against resolution
+
+
+def _resolution(rows: list[Row]) -> "Figure":
+    figure, _ = new_figure(0, 0, (15, 6.6))
+    upper, lower = figure.subfigures(2, 1)
+    _draw_resolutions(upper, rows, _STATIC, "e_mean", _FLOORS[0]).set_ylabel("tip error [mm]")
+    _draw_resolutions(lower, rows, _NUMBERS, "e_relative", _FLOORS[1]).set_ylabel("error [%]")
+    _add_model_legend(figure, [row for row in rows if row.kind in ("static", "number")])
     figure.suptitle(
         "Error against resolution, each model to the exact solution of its own physics "
         f"(less than {_FLOORS[0]:g} mm or {_FLOORS[1]:g} %: at the bottom)",
         fontsize=11,
     )
-    figure.savefig(path, dpi=150)
+    return figure
 
 
-def _draw_resolution(axes: "Axes", rows: list[Row], floor: float) -> None:
-    for model, (color, marker, _) in STYLE.items():
-        name = _RULE if model == "mujoco_chain" else model
-        mine = [r for r in rows if r["model"] == name]
-        error = [
-            1e3 * r["e_mean"] if r["e_relative"] is None else 100 * r["e_relative"] for r in mine
-        ]
-        axes.plot(
-            [r["n"] for r in mine],
-            [max(e, floor) for e in error],
-            color=color,
-            marker=marker,
-            markersize=4.5,
-            linewidth=1.3,
-        )
+def _draw_resolutions(
+    part: "SubFigure", rows: list[Row], titles: dict[str, str], error: str, floor: float
+) -> "Axes":
+    """A panel for each case, with a line for each model; returns the first panel."""
+    panels = add_panels(part, 1, len(titles), share=True)[0]
+    for axes, (case, title) in zip(panels, titles.items(), strict=True):
+        for model in STYLES:
+            name = _RULE if model == "mujoco_chain" else model
+            mine = [
+                r for r in select(rows, case=case, model=name) if r.kind in ("static", "number")
+            ]
+            line = {"markersize": 4.5, "linewidth": 1.3}
+            _draw(axes, mine, "n", error, floor, **style_of(model).points, **line)
+        _label(axes, title, _PIECES)
+        _set_ticks(axes, (3, 6, 12, 24, 48))
+    if floor:
+        panels[0].set_ylim(bottom=floor / 2)
+    return panels[0]
+
+
+# ---------------------------------------------------------------- hinge rules
+
+
+def _rules(rows: list[Row]) -> "Figure":
+    """Tip error of the chain against hinges at rest, above error against run time in motion."""
+    chains = [row for row in rows if row.is_chain]
+    figure, _ = new_figure(0, 0, (11, 7.4))
+    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.15])
+    _draw_static_rules(upper, select(chains, kind="static"))
+    _draw_moving_rules(lower, select(chains, kind="dynamic", case=tension_step.CASE))
+    return figure
+
+
+def _draw_static_rules(figure: "SubFigure", rows: list[Row]) -> None:
+    figure.suptitle("Static tip error of the chain, by hinge rule", fontsize=11)
+    panels = add_panels(figure, 1, len(_RULE_CASES), share=True)[0]
+    for axes, case in zip(panels, _RULE_CASES, strict=True):
+        for rule in RULES:
+            _draw_rule(axes, rule, select(rows, case=case), "n")
+        axes.plot([6, 48], [20, 20 / 64], color="0.55", linestyle="--", linewidth=1, zorder=0)
+        axes.text(20, 3.2, "order 2", color="0.4", fontsize=7.5)
+        _label(axes, _STATIC[case], "number of hinges")
+        _set_ticks(axes, (6, 12, 24, 48))
+    panels[0].set_ylabel("tip error [mm]")
+    panels[0].set_ylim(5e-7, 20)
+    panels[0].legend(fontsize=7.5, loc="lower left", framealpha=0.9)
+
+
+def _draw_moving_rules(figure: "SubFigure", rows: list[Row]) -> None:
+    figure.suptitle(
+        "Tension step of the arm, 3 s: mean tip error against run time, "
+        "timesteps 10, 5, 2 and 1 ms from left to right",
+        fontsize=11,
+    )
+    sizes = sorted({_NEAREST.get(row.n, row.n) for row in rows})
+    for axes, n in zip(add_panels(figure, 1, max(1, len(sizes)))[0], sizes, strict=False):
+        mine = [row for row in rows if _NEAREST.get(row.n, row.n) == n]
+        for integrator in _LINES:
+            for rule in RULES:
+                same = select(mine, integrator=integrator)
+                _draw_rule(axes, rule, same, "wall_time", integrator)
+        others = sorted({row.n for row in mine if row.n != n})
+        title = f"{n} hinges" + "".join(f" (gauss3: {k})" for k in others)
+        _label(axes, title, "run time [ms]")
+        _set_time_ticks(axes)
+        axes.set_ylim(0.02, 5)
+    figure.axes[0].set_ylabel("mean tip error [mm]")
+    handles = [
+        entry(name, color="0.3", marker="o", markersize=4, linestyle=line,
+              markerfacecolor="0.3" if filled else "white")
+        for name, (line, filled) in _LINES.items()
+    ]  # fmt: skip
+    figure.axes[0].legend(handles=handles, fontsize=7.5, loc="lower left", framealpha=0.9)
+
+
+def _draw_rule(
+    axes: "Axes", rule: str, rows: list[Row], x: str, integrator: str = "implicitfast"
+) -> None:
+    """One rule's errors."""
+    mine = select(rows, model=f"mujoco_chain/{rule}")
+    dashes, filled = _LINES[integrator]
+    line = style_of(rule).points | {"linestyle": dashes, "linewidth": 1.2, "markersize": 4}
+    line |= {} if filled else {"markerfacecolor": "white"}
+    _draw(axes, sorted(mine, key=lambda r: (r.n, -r.timestep)), x, label=rule, **line)
+
+
+# ---------------------------------------------------------------- the rig
+
+
+def _rig(rows: list[Row]) -> "Figure":
+    figure, _ = new_figure(0, 0, (11, 8.2))
+    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.25])
+    upper.suptitle("Spatial rig at rest: tip error to the exact solution of each physics")
+    titles = {case: title for case, title in _RIG_STATIC.items() if select(rows, case=case)}
+    _draw_resolutions(upper, rows, titles, "e_mean", 0).set_ylabel("tip error [mm]")
+    for axes in upper.axes:
+        _set_ticks(axes, (1, 2, 4, 8, 16, 32))
+    plain_ticks(upper.axes[0])
+    lower.suptitle("In motion: all runs, and the best of each model joined")
+    moving = select(rows, kind="dynamic")
+    shown = {case: title for case, title in _RIG_MOTIONS.items() if select(moving, case=case)}
+    for axes, case in zip(add_panels(lower, 1, max(1, len(shown)))[0], shown, strict=False):
+        _draw_motions(axes, select(moving, case=case), shown[case])
+        plain_ticks(axes)
+    _add_model_legend(figure, rows)
+    return figure
+
+
+# ---------------------------------------------------------------- axes and legend
+
+
+def _label(axes: "Axes", title: str, x: str) -> None:
+    """Logarithmic axes with a title and a name of x."""
+    axes.set(xscale="log", yscale="log", xlabel=x)
+    axes.set_title(title, fontsize=9.5)
+    axes.tick_params(labelsize=8)
+
+
+def _set_ticks(axes: "Axes", numbers: tuple[int, ...]) -> None:
+    axes.set_xticks(numbers, labels=[str(n) for n in numbers])
+    axes.set_xticks([], minor=True)
+
+
+def _set_time_ticks(axes: "Axes") -> None:
+    from matplotlib.ticker import LogLocator
+
+    plain_ticks(axes)
+    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+
+
+def _add_model_legend(figure: "Figure", rows: list[Row]) -> None:
+    """Legend of the models of some rows."""
+    shown = {row.family for row in rows}
+    line = {"markersize": 5, "linewidth": 1.4}
+    handles = [entry(label_of(m), **style_of(m).points, **line) for m in STYLES if m in shown]
+    add_legend(figure, handles)

@@ -1,38 +1,75 @@
 """The rows of the accuracy benchmark, and converged limits to compare them with."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 
-Row = dict[str, Any]
+from softrobot_env.benchmarks.records import Record
 
-#: Fields of every row; None where they do not apply. See `benchmarks.accuracy.run`.
-FIELDS = (
-    "kind",
-    "case",
-    "model",
-    "n",
-    "timestep",
-    "integrator",
-    "tolerance",
-    "e_mean",
-    "e_max",
-    "e_time",
-    "e_relative",
-    "wall_time",
-    "step_time",
-    "physics",
-    "reference",
-    "value",
-    "limit",
-    "met",
-)
+#: [s] of all motions.
+DURATION = 3.0
 
-#: Longest time [s] spent on the repeats of one measurement.
-_BUDGET = 2.0
+#: Largest distance of models of equal physics, in robot lengths.
+BOUND = 1e-3
+
+#: A run joins a model's best ones if its error is smaller by at least this factor.
+_GAIN = 0.85
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """A measurement, or what follows from some; None where a field does not apply.
+
+    Attributes:
+        kind: "static", "number" (a frequency or an angle), "dynamic", "agreement" (of limits),
+            "physics" (an agreement that is not expected), "goal" or "note".
+        case: What was computed.
+        model: By what.
+        n: Joints or pieces.
+        timestep: [s], the mean one where it adapts.
+        integrator: Its name.
+        tolerance: [1], None where steps are fixed.
+        e_mean, e_max: [m], distance of the tips from the truth over a motion.
+        e_time: [m], largest distance from the same model with an exact integrator.
+        e_relative: [1], error of a number.
+        wall_time: [s] of the equilibrium, the eigenvalues or the motion.
+        step_time: [s] of a step.
+        physics: Name of a `Physics`.
+        reference: The truth that was compared with.
+        value, limit, met: Of a number its value; of an agreement the distance over the robot's
+            length and its bound; of a goal the measured figure and its bound.
+    """
+
+    kind: str
+    case: str
+    model: str
+    n: int | None = None
+    timestep: float | None = None
+    integrator: str | None = None
+    tolerance: float | None = None
+    e_mean: float | None = None
+    e_max: float | None = None
+    e_time: float | None = None
+    e_relative: float | None = None
+    wall_time: float | None = None
+    step_time: float | None = None
+    physics: str | None = None
+    reference: str | None = None
+    value: float | None = None
+    limit: float | None = None
+    met: bool | None = None
+
+    @property
+    def family(self) -> str:
+        """The model; all hinge rules of the chain are one."""
+        return "mujoco_chain" if self.is_chain else self.model
+
+    @property
+    def is_chain(self) -> bool:
+        """Whether the model is the MuJoCo chain."""
+        return self.model.startswith("mujoco_chain/")
 
 
 @dataclass(frozen=True)
@@ -70,33 +107,71 @@ class Limit:
     text: str
 
 
-def make_row(kind: str, case: str, model: str, n: int | None = None, **values: Any) -> Row:
-    """A row with some fields.
-
-    Raises:
-        ValueError: A field that rows do not have.
-    """
-    unknown = values.keys() - set(FIELDS)
-    if unknown:
-        raise ValueError(f"unknown fields {sorted(unknown)}")
-    return dict.fromkeys(FIELDS) | {"kind": kind, "case": case, "model": model, "n": n} | values
+def static_row(
+    case: str, model: str, n: int, physics: Physics, truth: Limit, tip: np.ndarray, **others: Any
+) -> Row:
+    """Error of a tip (d,) [m] at rest; `others` are further fields."""
+    error = distance(tip, truth.tips)
+    values = {"e_mean": error, "e_max": error, "physics": physics.name, "reference": truth.text}
+    return Row("static", case, model, n, **values, **others)
 
 
 def motion_row(
-    case: str, model: str, n: int, physics: Physics, truth: Limit, tips: np.ndarray
+    case: str,
+    model: str,
+    n: int,
+    physics: Physics,
+    truth: Limit,
+    tips: np.ndarray,
+    *,
+    wall_time: float,
+    timestep: float,
+    **others: Any,
 ) -> Row:
-    """Mean and largest error of tips (k, d) [m] in motion."""
+    """Mean and largest error of tips (k, d) [m] in motion; `others` are further fields."""
     error = np.linalg.norm(tips - truth.tips, axis=1)
-    return make_row(
+    return Row(
         "dynamic",
         case,
         model,
         n,
+        timestep,
         e_mean=float(error.mean()),
         e_max=float(error.max()),
+        wall_time=wall_time,
+        step_time=wall_time * timestep / DURATION,
         physics=physics.name,
         reference=truth.text,
+        **others,
     )
+
+
+def agreement_row(
+    case: str, model: str, n: int | None, gap: float, length: float, physics: str, text: str
+) -> Row:
+    """How far [m] the limit of a model is from another of its physics, and from the bound."""
+    return Row(
+        "agreement",
+        case,
+        model,
+        n,
+        e_mean=gap,
+        e_max=gap,
+        physics=physics,
+        reference=text,
+        value=gap / length,
+        limit=BOUND,
+        met=gap / length < BOUND,
+    )
+
+
+def front(rows: Iterable[Row], error: str = "e_mean") -> list[Row]:
+    """Rows that no faster one beats in an error, by a margin, fastest first."""
+    out: list[Row] = []
+    for row in sorted(rows, key=lambda row: (row.wall_time, getattr(row, error))):
+        if not out or getattr(row, error) < _GAIN * getattr(out[-1], error):
+            out.append(row)
+    return out
 
 
 def distance(a: np.ndarray, b: np.ndarray) -> float:
@@ -120,14 +195,12 @@ def extrapolate(solve: Callable[[int], np.ndarray], sizes: Sequence[int], text: 
     return Limit(best, uncertainty, text)
 
 
-def least_time(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
-    """Shortest time [s] of some repeats, fewer if they take long, and the last result."""
-    best, spent, result = np.inf, 0.0, None
-    for _ in range(repeats):
-        begin = perf_counter()
-        result = action()
-        took = perf_counter() - begin
-        best, spent = min(best, took), spent + took
-        if spent > _BUDGET:
-            break
-    return best, result
+def zero_timestep(tips: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Limits of motions with timesteps h, h/2 and h/4, for an error series in h.
+
+    Returns:
+        Neville's best estimate, and the one of the two finer motions alone.
+    """
+    a, b, c = tips
+    first, second = 2 * b - a, 2 * c - b
+    return second + (second - first) / 3, second

@@ -3,10 +3,12 @@
 Statics and frequencies are compared with closed forms and boundary-value solutions, motions with
 limits of infinitely many pieces. Models that shear and stretch converge to something else than
 those that only bend and twist, so each is compared with the truth of its own physics, and where
-models share the physics, their limits must agree (`benchmarks.agreement`).
+models share the physics, their limits must agree (`cases.agreement`).
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
+from itertools import compress
 from typing import Any
 
 import mujoco
@@ -15,7 +17,7 @@ import numpy as np
 from softrobot_env.beams.model import IntegrationError
 from softrobot_env.benchmarks.accuracy import goals
 from softrobot_env.benchmarks.accuracy.cases import agreement, pyelastica_rod, spiral, tension_step
-from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant, contestants
+from softrobot_env.benchmarks.accuracy.cases.beam_models import CONTESTANTS, Contestant
 from softrobot_env.benchmarks.accuracy.cases.frequencies import (
     ScalarCase,
     beam_row,
@@ -23,19 +25,20 @@ from softrobot_env.benchmarks.accuracy.cases.frequencies import (
     scalar_cases,
 )
 from softrobot_env.benchmarks.accuracy.cases.statics import StaticCase, static_cases
-from softrobot_env.benchmarks.accuracy.rig import cases as rig_accuracy_cases
-from softrobot_env.benchmarks.accuracy.rig import run as rig_accuracy
+from softrobot_env.benchmarks.accuracy.rig import run as rig
+from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS as RIG_MOTIONS
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
+    DURATION,
     Limit,
     Physics,
     Row,
     distance,
-    least_time,
-    make_row,
     motion_row,
+    static_row,
 )
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
+from softrobot_env.benchmarks.records import groups
 from softrobot_env.benchmarks.timing import best_of, step_cost
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.build import Scene, build_scene
@@ -70,11 +73,8 @@ _NEWTON = 1e-6
 
 _LOAD_STEP = 0.2
 
-#: [s], of the motions in which a step of the chain costs the same throughout.
-_DURATIONS = {
-    tension_step.CASE: tension_step.DURATION,
-    **dict.fromkeys(rig_accuracy_cases.MOTIONS, rig_accuracy_cases.DURATION),
-}
+#: Motions in which a step of the chain costs the same throughout.
+_EVEN = (tension_step.CASE, *RIG_MOTIONS)
 
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
@@ -85,19 +85,7 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         progress: Called with (description, done, total), or None.
 
     Returns:
-        Rows with the fields `accuracy_rows.FIELDS`, None where one does not apply:
-
-        * kind: "static", "number" (a frequency or an angle), "dynamic", "agreement", "goal" or
-          "note"; case; model; n (joints or pieces);
-        * timestep [s] (the mean one where it adapts), integrator, tolerance [1] (None: fixed);
-        * e_mean, e_max [m]: distance of the tips from the truth, mean and maximum over a motion;
-          e_time [m]: maximum distance from the same model with an exact integrator; e_relative
-          [1]: of a number;
-        * wall_time [s] of the equilibrium, the eigenvalues or the motion, step_time [s] per step;
-        * physics ("bending", "shear" or "continuum", see `accuracy_rows.Physics`), and reference,
-          the truth that was compared with;
-        * value, limit, met: of a number its value; of an agreement the distance over the robot's
-          length and its bound; of a goal the measured figure and its bound.
+        The rows.
     """
     rows: list[Row] = []
 
@@ -106,7 +94,7 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         return goals.rows(rows, quick)
 
     jobs = [*_static_jobs(quick), *_number_jobs(quick), *_dynamic_jobs(quick)]
-    jobs += rig_accuracy.jobs(quick)
+    jobs += rig.jobs(quick)
     jobs.append(("PyElastica", lambda: pyelastica_rod.rows(quick)))
     jobs.append(("goals", reach_goals))
     return run_jobs(jobs, progress, rows)
@@ -119,13 +107,13 @@ def _share_step_times(rows: list[Row]) -> None:
     as many hinges and the same integrator is the truth; single runs differ by the machine's noise.
     """
     alike: dict[tuple, list[Row]] = {}
-    for row in rows:
-        if row["kind"] == "dynamic" and is_chain(row) and row["case"] in _DURATIONS:
-            alike.setdefault((row["case"], row["n"], row["integrator"]), []).append(row)
-    for (case, *_), mine in alike.items():
-        best = min(row["step_time"] for row in mine)
-        for row in mine:
-            row["step_time"], row["wall_time"] = best, best * _DURATIONS[case] / row["timestep"]
+    even = [r.kind == "dynamic" and r.is_chain and r.case in _EVEN for r in rows]
+    alike = groups(compress(rows, even), "case", "n", "integrator")
+    best = {key: min(row.step_time for row in mine) for key, mine in alike.items()}
+    for index in compress(range(len(rows)), even):
+        row = rows[index]
+        step = best[row.case, row.n, row.integrator]
+        rows[index] = replace(row, step_time=step, wall_time=step * DURATION / row.timestep)
 
 
 def hinge_numbers(robot: RobotParams, rule: str, quick: bool = False) -> tuple[int, ...]:
@@ -133,16 +121,6 @@ def hinge_numbers(robot: RobotParams, rule: str, quick: bool = False) -> tuple[i
     thirds = len(RULES[rule]) == 3 and bool(robot.tendons)
     numbers = HINGES_OF_THIRDS if thirds else HINGES
     return numbers[:2] if quick else numbers
-
-
-def is_chain(row: Row) -> bool:
-    """Whether a row is one of the MuJoCo chain."""
-    return row["model"].startswith("mujoco_chain/")
-
-
-def rule_of(row: Row) -> str:
-    """Hinge rule of a row of the MuJoCo chain."""
-    return row["model"].split("/")[1]
 
 
 # ---------------------------------------------------------------- statics
@@ -158,11 +136,12 @@ def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
     found, tips = [], {}
     for rule in RULES:
         for n in hinge_numbers(case.robot, rule, quick):
-            row, tip = static_row(case, rule, n, repeats)
+            row, tip = chain_static_row(case, rule, n, repeats)
             found.append(row)
-            tips.setdefault((row["model"], BENDING), {})[n] = tip
-    for contestant in contestants():
-        truth, text = case.truth(contestant.physics)
+            tips.setdefault((row.model, BENDING), {})[n] = tip
+    for contestant in CONTESTANTS:
+        name, physics = contestant.name, contestant.physics
+        truth = _truth(case, physics)
         for n in contestant.sizes[: 2 if quick else None]:
             model = contestant.build(case.robot, n, case.loads)
 
@@ -170,17 +149,22 @@ def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
                 return model.equilibrium(case.ctrl, load_step=_LOAD_STEP, check_stability=False)
 
             solve()  # compiles
-            wall_time, q = least_time(solve, repeats)
+            wall_time, q = best_of(solve, repeats)
             tip = model.tip(q)[[0, 2]]
-            error = float(np.linalg.norm(tip - truth))
-            name, physics = contestant.name, contestant.physics
             tips.setdefault((name, physics), {})[n] = tip
-            found.append(_static_row(case, name, n, physics, error, wall_time, text))
+            found.append(static_row(case.name, name, n, physics, truth, tip, wall_time=wall_time))
     found += agreement.static_rows(case, tips)
     return found if quick else found + agreement.slender_static_rows(case)
 
 
-def static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> tuple[Row, np.ndarray]:
+def _truth(case: StaticCase, physics: Physics) -> Limit:
+    tip, text = case.truth(physics)
+    return Limit(tip, 0.0, text)
+
+
+def chain_static_row(
+    case: StaticCase, rule: str, n: int, repeats: int = 1
+) -> tuple[Row, np.ndarray]:
     """Solve one static case on a chain of n hinges; times are the best of `repeats`.
 
     Returns:
@@ -188,37 +172,20 @@ def static_row(case: StaticCase, rule: str, n: int, repeats: int = 1) -> tuple[R
     """
     scene = build_scene(_config(case.robot, rule, n, loads=case.loads))
     wall_time, posture = best_of(lambda: equilibrium(scene.model, case.ctrl), repeats)
-    truth, text = case.truth(BENDING)
     tip = tip_at(scene.model, posture)
-    error = float(np.linalg.norm(tip - truth))
-    step_time = step_cost(scene.model, posture, case.ctrl, repeats)
-    name = f"mujoco_chain/{rule}"
-    row = _static_row(case, name, scene.model.nv, BENDING, error, wall_time, text)
-    choice = scene.timestep
-    row |= {"timestep": choice.timestep, "integrator": choice.integrator, "step_time": step_time}
-    return row, tip
-
-
-def _static_row(
-    case: StaticCase,
-    model: str,
-    n: int,
-    physics: Physics,
-    error: float,
-    wall_time: float,
-    text: str,
-) -> Row:
-    return make_row(
-        "static",
+    row = static_row(
         case.name,
-        model,
-        n,
-        e_mean=error,
-        e_max=error,
+        f"mujoco_chain/{rule}",
+        scene.model.nv,
+        BENDING,
+        _truth(case, BENDING),
+        tip,
         wall_time=wall_time,
-        physics=physics.name,
-        reference=text,
+        timestep=scene.timestep.timestep,
+        integrator=scene.timestep.integrator,
+        step_time=step_cost(scene.model, posture, case.ctrl, repeats),
     )
+    return row, tip
 
 
 def tip_at(model: mujoco.MjModel, posture: np.ndarray) -> np.ndarray:
@@ -241,7 +208,7 @@ def _number_rows(case: ScalarCase, quick: bool) -> list[Row]:
     shown, repeats = slice(2 if quick else None), 2 if quick else 5
     out = [
         beam_row(case, contestant, n, repeats)
-        for contestant in contestants()
+        for contestant in CONTESTANTS
         for n in contestant.sizes[shown]
     ]
     return out + [
@@ -261,11 +228,11 @@ def _dynamic_jobs(quick: bool) -> Iterator[Job]:
 
     for case in (spiral.CASE, tension_step.CASE):
         # Of the models of equal physics the last one gives the truth: it has the full inertia.
-        for contestant in {c.physics: c for c in contestants()}.values():
+        for contestant in {c.physics: c for c in CONTESTANTS}.values():
             description = f"{case}, limit of {contestant.name}"
             yield description, lambda s=case, c=contestant: find_limits(s, c)
         yield f"{case}, agreement", lambda s=case: agreement.dynamic_rows(s, limits, quick)
-        for contestant in contestants():
+        for contestant in CONTESTANTS:
             yield (
                 f"{case}, {contestant.name}",
                 lambda s=case, c=contestant: _beam_rows(s, c, limits[s, c.physics.name], quick),
@@ -290,23 +257,25 @@ def _beam_rows(case: str, contestant: Contestant, truth: Limit, quick: bool) -> 
         for method, step, tolerance in _settings(contestant, index, quick):
             simulate, steps = motion(model, method, step=step, tolerance=tolerance or _NEWTON)
             try:
-                wall_time, tips = least_time(simulate, 2 if quick else 5)
+                wall_time, tips = best_of(simulate, 2 if quick else 5)
             except IntegrationError as error:
                 text = f"left out: {error}"
-                found.append(make_row("note", case, contestant.name, n, reference=text))
+                found.append(Row("note", case, contestant.name, n, reference=text))
                 continue
-            row = motion_row(case, contestant.name, n, contestant.physics, truth, tips)
-            found.append(
-                row
-                | {
-                    "timestep": tension_step.DURATION / steps(),
-                    "integrator": method,
-                    "tolerance": tolerance,
-                    "e_time": distance(tips, exact),
-                    "wall_time": wall_time,
-                    "step_time": wall_time / steps(),
-                }
+            row = motion_row(
+                case,
+                contestant.name,
+                n,
+                contestant.physics,
+                truth,
+                tips,
+                wall_time=wall_time,
+                timestep=DURATION / steps(),
+                integrator=method,
+                tolerance=tolerance,
+                e_time=distance(tips, exact),
             )
+            found.append(row)
     return found
 
 
@@ -343,18 +312,19 @@ def _chain_spirals(rule: str, truth: Limit, quick: bool) -> list[Row]:
         for integrator in DYNAMIC_INTEGRATORS:
             for substeps in SUBSTEPS[:3] if quick else SUBSTEPS:
                 simulate = spiral.ChainSpiral(rule, n, substeps, integrator)
-                wall_time, tips = least_time(simulate, 5 if quick else 20)
-                row = motion_row(spiral.CASE, f"mujoco_chain/{rule}", n, BENDING, truth, tips)
-                timestep = spiral.PERIOD / substeps
-                found.append(
-                    row
-                    | {
-                        "timestep": timestep,
-                        "integrator": integrator,
-                        "wall_time": wall_time,
-                        "step_time": wall_time * timestep / spiral.DURATION,
-                    }
+                wall_time, tips = best_of(simulate, 5 if quick else 20)
+                row = motion_row(
+                    spiral.CASE,
+                    f"mujoco_chain/{rule}",
+                    n,
+                    BENDING,
+                    truth,
+                    tips,
+                    wall_time=wall_time,
+                    timestep=spiral.PERIOD / substeps,
+                    integrator=integrator,
                 )
+                found.append(row)
     return found
 
 
@@ -364,20 +334,23 @@ def dynamic_row(
     """Simulate the tension step on a chain and compare it; the time is the best of `repeats`."""
     scene = build_scene(_config(ARM, rule, n, timestep=timestep, integrator=integrator))
     tips = tension_step.tip_motion(scene)
-    row = motion_row(tension_step.CASE, f"mujoco_chain/{rule}", n, BENDING, truth, tips)
-    wall_time = min(_stepping_time(scene) for _ in range(repeats))
-    return row | {
-        "timestep": scene.timestep.timestep,
-        "integrator": integrator,
-        "wall_time": wall_time,
-        "step_time": wall_time * scene.timestep.timestep / tension_step.DURATION,
-    }
+    return motion_row(
+        tension_step.CASE,
+        f"mujoco_chain/{rule}",
+        n,
+        BENDING,
+        truth,
+        tips,
+        wall_time=min(_stepping_time(scene) for _ in range(repeats)),
+        timestep=scene.timestep.timestep,
+        integrator=integrator,
+    )
 
 
 def _stepping_time(scene: Scene) -> float:
     """Time [s] of all steps of the tension step, without reading anything out."""
     simulation = tension_step.start(scene)
-    steps = round(tension_step.DURATION / scene.timestep.timestep)
+    steps = round(DURATION / scene.timestep.timestep)
     return best_of(lambda: mujoco.mj_step(scene.model, simulation.data, steps), 1)[0]
 
 

@@ -1,25 +1,24 @@
 """The accuracy rows as tables that fit a terminal of 100 columns."""
 
+from collections.abc import Callable, Iterator
+from itertools import pairwise
+from math import log2
+
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
 from softrobot_env.benchmarks.accuracy.cases import pyelastica_rod, spiral, tension_step
-from softrobot_env.benchmarks.accuracy.plot_parts import family, front
-from softrobot_env.benchmarks.accuracy.rig import cases as rig_accuracy_cases
-from softrobot_env.benchmarks.accuracy.rig import tables as rig_accuracy_tables
-from softrobot_env.benchmarks.accuracy.rows import Row
-from softrobot_env.benchmarks.accuracy.table_parts import (
-    millimetres,
-    new_table,
-    pivot,
-    setting,
-    verdict,
-)
+from softrobot_env.benchmarks.accuracy.rig.cases import CASES as RIG_CASES
+from softrobot_env.benchmarks.accuracy.rig.cases import CIRCLE, STEP
+from softrobot_env.benchmarks.accuracy.rows import DURATION, Row, front
+from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.rendering.tables import Column, make_table, new_table, number, verdict
 
 #: Resolutions shown; gauss3 and the Cosserat rod have their nearest numbers.
 _SHOWN = (6, 9, 12, 18, 24, 36)
 
+#: Case -> heading of its column, of the cases at rest and the numbers; of the rig.
 _SHORT = {
     "self_weight_weak": "weight\nweak",
     "self_weight_stiff": "weight\nstiff",
@@ -32,98 +31,172 @@ _SHORT = {
     "torsion_static": "twist",
     "torsion_frequency": "torsion f",
 }
+_RIG_SHORT = {
+    "rig_pull_10mm": "10 mm",
+    "rig_pull_20mm": "20 mm",
+    "rig_general": "12, 6, 0",
+    "rig_slack": "12, 4, -25",
+    STEP: "step",
+    CIRCLE: "circle",
+}
 
 _MOTIONS = {
     spiral.CASE: "Spiral, 3 s",
     tension_step.CASE: "Tension step of the arm, 3 s",
     pyelastica_rod.CASE: "Spiral without damping, 3 s",
 }
+_RIG_MOTIONS = {STEP: "Rig: a length step of 10 mm, 3 s", CIRCLE: "Rig: a fast circle, 3 s"}
+_CAPTION = "Errors in mm; step: of the integrator in ms, or its tolerance where it adapts"
 
 
 def tables(rows: list[Row]) -> Group:
     """Errors by model and resolution, the best motions, agreement of the models, and goals."""
-    rig = [r for r in rows if r["case"] in rig_accuracy_cases.CASES]
-    rows = [r for r in rows if r["case"] not in rig_accuracy_cases.CASES]
-    static = [r for r in rows if r["kind"] == "static" and r["n"] in _SHOWN]
-    numbers = [r for r in rows if r["kind"] == "number" and r["n"] in _SHOWN]
+    rig = [row for row in rows if row.case in RIG_CASES]
+    rows = [row for row in rows if row.case not in RIG_CASES]
+    static = [row for row in select(rows, kind="static") if row.n in _SHOWN]
+    numbers = [row for row in select(rows, kind="number") if row.n in _SHOWN]
     parts = [
-        pivot("Static tip error in mm", static, _SHORT, lambda row: 1e3 * row["e_mean"]),
-        pivot(
+        _pivot("Static tip error in mm", static, _SHORT, lambda row: 1e3 * row.e_mean),
+        _pivot(
             "Error of frequencies and twist in %",
             numbers,
             _SHORT,
-            lambda row: 100 * row["e_relative"],
+            lambda row: 100 * row.e_relative,
         ),
-        *(_motions(case, title, rows) for case, title in _MOTIONS.items()),
+        *_motions(rows, _MOTIONS, (Column("physics"),), ()),
         _static_agreement(rows),
         _agreement(rows),
-        *rig_accuracy_tables.tables(rig),
-        _goals(rows),
+        *(_rig(rig) if rig else ()),
+        make_table("Goals", _GOALS, select(rows, kind="goal")),
     ]
-    notes = [row for row in rows if row["kind"] == "note"]
-    parts += [Text(f"{row['case']}, {row['model']}: {row['reference']}") for row in notes]
-    return Group(*(part for part in parts if part is not None))
+    notes = select(rows, kind="note")
+    return Group(*parts, *(Text(f"{row.case}, {row.model}: {row.reference}") for row in notes))
 
 
-def _motions(case: str, title: str, rows: list[Row]) -> Table | None:
-    """The runs of each model that no other run of it, whatever its rule, beats."""
-    mine = [row for row in rows if (row["case"], row["kind"]) == (case, "dynamic")]
-    if not mine:
-        return None
-    out = new_table(
-        f"{title}: runs that none of the same model beats",
-        ("model", "physics"),
-        ("n", "integrator", "step", "e mean", "e max", "e time", "time [ms]"),
-    )
-    for model in dict.fromkeys(family(row) for row in mine):
-        for row in front([row for row in mine if family(row) == model]):
-            out.add_row(
-                row["model"],
-                row["physics"],
-                str(row["n"]),
-                row["integrator"],
-                setting(row),
-                *(millimetres(row[name]) for name in ("e_mean", "e_max", "e_time")),
-                f"{1e3 * row['wall_time']:.3g}",
-            )
-    out.caption = "Errors in mm; step: of the integrator in ms, or its tolerance where it adapts"
+def _pivot(
+    title: str,
+    rows: list[Row],
+    names: dict[str, str],
+    error: Callable[[Row], float],
+) -> Table:
+    """A line per model and resolution, a column per case with its short name; misses in red."""
+    cases = list(dict.fromkeys(row.case for row in rows))
+    out = new_table(title, ("model",), ("n", *(names[case] for case in cases)))
+    lines = groups(sorted(rows, key=lambda row: row.model), "model", "n")
+    for (model, n), mine in lines.items():
+        cells = {row.case: _small(error(row), row.met is False) for row in mine}
+        out.add_row(model, n, *(cells.get(case) for case in cases))
     return out
 
 
+def _small(value: float, bad: bool) -> Text:
+    """Two digits; rounding errors as 0."""
+    return Text("0" if abs(value) < 1e-9 else f"{value:.2g}", "bold red" if bad else "")
+
+
+def _setting(row: Row) -> str:
+    """Timestep, or the tolerance of adapted ones."""
+    if row.tolerance is None:
+        return f"{1e3 * row.timestep:.3g} ms"
+    return f"tol {row.tolerance:.0e}".replace("e-0", "e-")
+
+
+def _motions(
+    rows: list[Row], titles: dict[str, str], left: tuple[Column, ...], right: tuple[Column, ...]
+) -> Iterator[Table]:
+    """For each case the runs of each model that no other run of it, whatever its rule, beats."""
+    columns = (
+        Column("model"),
+        *left,
+        Column("n", form="d"),
+        Column("integrator", form=">"),
+        Column("step", _setting, ">"),
+        Column("e mean", "e_mean", ".2g", "mm"),
+        Column("e max", "e_max", ".2g", "mm"),
+        Column("e time", "e_time", ".2g", "mm"),
+        Column("time [ms]", "wall_time", ".3g", "ms"),
+        *right,
+    )
+    for case, title in titles.items():
+        models = groups(select(rows, case=case, kind="dynamic"), "family")
+        best = [row for mine in models.values() for row in front(mine)]
+        title = f"{title}: runs that none of the same model beats"
+        if best:
+            yield make_table(title, columns, best, caption=_CAPTION)
+
+
 def _static_agreement(rows: list[Row]) -> Table:
-    """Limits of the models: one line per model, one column per case."""
-    mine = [r for r in rows if r["kind"] in ("agreement", "physics") and r["case"] in _SHORT]
-    return pivot(
+    """Limits of the models: a line per model, a column per case."""
+    mine = [r for r in rows if r.kind in ("agreement", "physics") and r.case in _SHORT]
+    return _pivot(
         "Limit of each model less the exact equilibrium of its physics, in % of the length\n"
         "(goal: 0.1, but none for ancf, a continuum: no rod is exact for it unless it is slender)",
         mine,
         _SHORT,
-        lambda row: 100 * row["value"],
-        lambda row: row["met"] is False,
+        lambda row: 100 * row.value,
     )
 
 
 def _agreement(rows: list[Row]) -> Table:
-    out = new_table(
-        "Distance of the limits of motions\n(goal: 0.1 % of the length where physics are the same)",
-        ("case", "models"),
-        ("max [mm]", "share", "met"),
+    columns = (
+        Column("case"),
+        Column("models", "model"),
+        Column("max [mm]", "e_max", ".2g", "mm"),
+        Column("share", lambda row: f"{100 * row.value:.2g} %", ">"),
+        Column("met", lambda row: verdict(row.met), ">"),
     )
-    for row in rows:
-        if row["kind"] in ("agreement", "physics") and row["case"] not in _SHORT:
-            share = f"{100 * row['value']:.2g} %"
-            out.add_row(
-                row["case"], row["model"], millimetres(row["e_max"]), share, verdict(row["met"])
-            )
+    return make_table(
+        "Distance of the limits of motions\n(goal: 0.1 % of the length where physics are the same)",
+        columns,
+        [r for r in rows if r.kind in ("agreement", "physics") and r.case not in _SHORT],
+    )
+
+
+_GOALS = (
+    Column("goal", "case"),
+    Column("by", lambda row: f"{row.model} {row.n}"),
+    Column("found", "value", ".3g"),
+    Column("bound", "limit", ".3g"),
+    Column("", lambda row: verdict(row.met), ">"),
+)
+
+
+# ---------------------------------------------------------------- the rig
+
+
+def _rig(rows: list[Row]) -> Iterator[Table]:
+    """Errors at rest and their order, the best motions, and agreement of the limits."""
+    static = select(rows, kind="static")
+    yield _pivot(
+        "Rig: static tip error in mm, by the lengths in mm that its tendons are pulled in",
+        static,
+        _RIG_SHORT,
+        lambda row: 1e3 * row.e_mean,
+    )
+    yield _orders(static)
+    speed = Column("x real time", lambda row: DURATION / row.wall_time, ".0f")
+    yield from _motions(rows, _RIG_MOTIONS, (), (speed,))
+    yield _pivot(
+        "Rig: limit of each model less the truth of its physics, in % of length (goal: 0.1)",
+        select(rows, kind="agreement"),
+        _RIG_SHORT,
+        lambda row: 100 * row.value,
+    )
+
+
+def _orders(rows: list[Row]) -> Table:
+    """A line per model and resolution: cost, and order of the error from the one before."""
+    out = new_table(
+        "Rig: time of an equilibrium, and order of its error, 1 / n^order (10 mm pulled in)",
+        ("model", "physics"),
+        ("n", "time [ms]", "order"),
+    )
+    for before, row in pairwise([None, *select(rows, case="rig_pull_10mm")]):
+        same = before is not None and before.model == row.model
+        order = f"{_order(before, row):.2f}" if same else None
+        out.add_row(row.model, row.physics, row.n, number(row.wall_time, ".3g", "ms"), order)
     return out
 
 
-def _goals(rows: list[Row]) -> Table:
-    out = new_table("Goals", ("goal", "by"), ("found", "bound", ""))
-    for row in rows:
-        if row["kind"] == "goal":
-            values = (
-                "-" if row[name] is None else f"{row[name]:.3g}" for name in ("value", "limit")
-            )
-            out.add_row(row["case"], f"{row['model']} {row['n']}", *values, verdict(row["met"]))
-    return out
+def _order(coarse: Row, fine: Row) -> float:
+    return log2(coarse.e_max / fine.e_max) / log2(fine.n / coarse.n)

@@ -11,21 +11,19 @@ from dataclasses import replace
 import numpy as np
 
 from softrobot_env.benchmarks.accuracy.cases import spiral, tension_step
-from softrobot_env.benchmarks.accuracy.cases.beam_models import DISTRIBUTED, Contestant, contestants
+from softrobot_env.benchmarks.accuracy.cases.beam_models import CONTESTANTS, DISTRIBUTED, Contestant
 from softrobot_env.benchmarks.accuracy.cases.statics import StaticCase
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
+    BOUND,
     CONTINUUM,
     Limit,
     Physics,
     Row,
+    agreement_row,
     distance,
-    make_row,
 )
 from softrobot_env.robots import ARM, RobotParams
-
-#: Largest distance of models of equal physics, in robot lengths.
-BOUND = 1e-3
 
 _SLENDER = 30.0
 
@@ -41,9 +39,6 @@ _SIZES = {
     ("ancf", spiral.CASE): ((3, 6, 12), (2, 4, 8)),
     ("ancf", tension_step.CASE): ((6, 12, 24), (3, 6, 12)),
 }
-
-
-_UNCHECKED = {"kind": "physics", "limit": None, "met": None}
 
 
 def slender(robot: RobotParams) -> RobotParams:
@@ -73,25 +68,26 @@ def static_rows(
         square = (fine / coarse) ** 2
         limit = (square * by_size[fine] - by_size[coarse]) / (square - 1)
         truth, text = case.truth(physics)
-        row = _row(case.name, model, distance(limit, truth), case.robot, physics.name)
-        row |= {"n": fine, "reference": f"limit of n = {coarse}, {fine}; {text}"}
+        text = f"limit of n = {coarse}, {fine}; {text}"
+        gap, length = distance(limit, truth), case.robot.length
+        row = agreement_row(case.name, model, fine, gap, length, physics.name, text)
         # Where bending is not uniform, no rod is the limit of a continuum: reported, not checked.
         unknown = physics == CONTINUUM and not case.uniform
-        found.append(row | _UNCHECKED if unknown else row)
+        found.append(_unchecked(row) if unknown else row)
     return found
 
 
 def slender_static_rows(case: StaticCase) -> list[Row]:
     """How far a fine continuum model of a slender robot is from the exact rod that only bends."""
     robot, found = slender(case.robot), []
-    for contestant in contestants():
+    for contestant in CONTESTANTS:
         if contestant.physics == CONTINUUM:
             model = contestant.build(robot, _FINE, case.loads)
             q = model.equilibrium(case.ctrl, load_step=0.2, check_stability=False)
             truth, text = case.truth(BENDING)
             gap = distance(model.tip(q)[[0, 2]], truth)
-            row = _row(case.name, f"{contestant.name}, slender", gap, robot, BENDING.name)
-            found.append(row | {"n": _FINE, "reference": text})
+            name, length = f"{contestant.name}, slender", robot.length
+            found.append(agreement_row(case.name, name, _FINE, gap, length, BENDING.name, text))
     return found
 
 
@@ -115,25 +111,25 @@ def dynamic_rows(case: str, limits: dict[tuple[str, str], Limit], quick: bool) -
     """
     robot = spiral.ROBOT if case == spiral.CASE else ARM
     truth = limits[case, BENDING.name]
-    chain = spiral.chain_limit(quick) if case == spiral.CASE else _chain_step(quick)
+    chain = (
+        spiral.chain_limit(quick)
+        if case == spiral.CASE
+        else tension_step.converged_reference(quick)
+    )
     name = DISTRIBUTED.name
     found = [_pair(case, f"mujoco_chain/gauss2 / {name}", chain, truth, robot)]
-    for contestant in contestants():
+    for contestant in CONTESTANTS:
         if contestant.physics != BENDING:
             other = limits[case, contestant.physics.name]
             pair = f"{contestant.name} / {name} (other physics)"
             # Not a check: what shear and extension do to the motion.
-            found.append(_pair(case, pair, other, truth, robot) | _UNCHECKED)
+            found.append(_unchecked(_pair(case, pair, other, truth, robot)))
     return found if quick else found + list(_slender_rows(case, slender(robot)))
-
-
-def _chain_step(quick: bool) -> Limit:
-    return tension_step.converged_reference(quick)
 
 
 def _slender_rows(case: str, robot: RobotParams) -> Iterator[Row]:
     truth = beam_limit(case, DISTRIBUTED, True, robot)
-    for contestant in contestants():
+    for contestant in CONTESTANTS:
         if contestant.physics != BENDING:
             limit = beam_limit(case, contestant, True, robot)
             pair = f"{contestant.name} / {DISTRIBUTED.name}, slender"
@@ -142,22 +138,14 @@ def _slender_rows(case: str, robot: RobotParams) -> Iterator[Row]:
 
 def _pair(case: str, pair: str, a: Limit, b: Limit, robot: RobotParams) -> Row:
     error = np.linalg.norm(a.tips - b.tips, axis=-1)
-    row = _row(case, pair, distance(a.tips, b.tips), robot, BENDING.name)
+    gap, text = distance(a.tips, b.tips), f"{a.text}; {b.text}"
+    row = agreement_row(case, pair, None, gap, robot.length, BENDING.name, text)
+    row = replace(row, e_mean=float(error.mean()))
     if max(a.uncertainty, b.uncertainty) > BOUND * robot.length:
-        row |= _UNCHECKED | {"model": f"{pair}: no limit found"}
-    return row | {"e_mean": float(error.mean()), "reference": f"{a.text}; {b.text}"}
+        return replace(_unchecked(row), model=f"{pair}: no limit found")
+    return row
 
 
-def _row(case: str, pair: str, gap: float, robot: RobotParams, physics: str) -> Row:
-    share = gap / robot.length
-    return make_row(
-        "agreement",
-        case,
-        pair,
-        e_mean=gap,
-        e_max=gap,
-        value=share,
-        limit=BOUND,
-        met=share < BOUND,
-        physics=physics,
-    )
+def _unchecked(row: Row) -> Row:
+    """What other physics, or an unknown limit, make of an agreement: a distance without a bound."""
+    return replace(row, kind="physics", limit=None, met=None)

@@ -2,13 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from typing import Any
-
-import numpy as np
 
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.benchmarks.accuracy.rows import BENDING, CONTINUUM, SHEAR, Physics
+from softrobot_env.benchmarks.beams import make_beam
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
@@ -41,36 +39,8 @@ class Contestant:
         space: str = "planar",
         **options: Any,
     ) -> BeamModel:
-        """The model of a robot.
-
-        Args:
-            robot: The robot.
-            pieces: Number of pieces.
-            loads: Loads.
-            space: "planar", "spatial" or "torsion": the cheapest version that can do this
-                motion is taken.
-            **options: Further options of the model.
-        """
-        kind, _, option = self.name.partition("/")
-        if kind == "pcc":
-            from softrobot_env.beams.pcc import PCC
-
-            return PCC(robot, pieces, axes=space, inertia=option, loads=loads, **options)
-        if kind == "cosserat":
-            from softrobot_env.beams.cosserat import CosseratRod
-
-            return CosseratRod(robot, pieces, loads=loads, **options)
-        return _ancf(robot, pieces, loads, space, **options)
-
-
-def _ancf(
-    robot: RobotParams, pieces: int, loads: Sequence[Load], space: str, **options: Any
-) -> BeamModel:
-    from softrobot_env.beams.ancf import ANCF
-
-    dimension = 2 if space == "planar" else 3
-
-    return ANCF(robot, pieces, dimension=dimension, loads=loads, **options)
+        """The model of a robot; arguments as those of `make_beam`."""
+        return make_beam(self.name, robot, pieces, loads, space, **options)
 
 
 LUMPED = Contestant("pcc/lumped", BENDING, (3, 6, 12, 24), (2, 3, 5, 8), (3, 6, 12), True)
@@ -78,17 +48,4 @@ DISTRIBUTED = Contestant("pcc/distributed", BENDING, (3, 6, 12, 24), (2, 3, 5, 8
 COSSERAT = Contestant("cosserat", SHEAR, (6, 12, 24, 48), (7, 14, 28), (6, 12, 24))
 ANCF_BEAM = Contestant("ancf", CONTINUUM, (3, 6, 12, 24), (2, 4, 8), (3, 6, 12))
 
-
-def contestants() -> tuple[Contestant, ...]:
-    """The models that are there."""
-    found = find_spec("softrobot_env.beams.ancf.model") is not None
-    return (LUMPED, DISTRIBUTED, COSSERAT, *((ANCF_BEAM,) if found else ()))
-
-
-def tip_twist(model: BeamModel, q: np.ndarray) -> float:
-    """Angle [rad] the tip's section is turned about the z axis at q (n,)."""
-    radius = model.robot.outer_radius
-    tips = np.full(2, model.robot.length)
-    center, rim = model.positions(q, tips, np.array([[0.0, 0.0], [radius, 0.0]]))
-    arm = rim - center
-    return float(np.arctan2(arm[1], arm[0]))
+CONTESTANTS = (LUMPED, DISTRIBUTED, COSSERAT, ANCF_BEAM)

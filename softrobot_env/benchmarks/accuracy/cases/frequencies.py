@@ -12,10 +12,11 @@ from softrobot_env.beams.exact.shearable_rod import (
     torsion_angle,
     torsion_frequency,
 )
-from softrobot_env.beams.model import BeamModel
-from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant, tip_twist
+from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
 from softrobot_env.benchmarks.accuracy.cases.statics import weightless
-from softrobot_env.benchmarks.accuracy.rows import Physics, Row, least_time, make_row
+from softrobot_env.benchmarks.accuracy.rows import Physics, Row
+from softrobot_env.benchmarks.beams import mode_frequency, tip_twist
+from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
@@ -84,29 +85,11 @@ def beam_row(case: ScalarCase, contestant: Contestant, n: int, repeats: int = 1)
     model = contestant.build(case.robot, n, loads, space)
     if case.static:
         one = np.ones(1)
-        time, q = least_time(lambda: model.equilibrium(one, check_stability=False), repeats)
+        time, q = best_of(lambda: model.equilibrium(one, check_stability=False), repeats)
         found = tip_twist(model, q)
     else:
-        time, found = least_time(lambda: beam_frequency(model, case.torsion), repeats)
+        time, found = best_of(lambda: mode_frequency(model, case.torsion), repeats)
     return _row(case, contestant.name, contestant.physics, n, time, found)
-
-
-def beam_frequency(model: BeamModel, torsion: bool) -> float:
-    """Lowest frequency [Hz] of a mode that moves the tip, or one that twists it."""
-    start = model.start()
-    space, tangent = model.linearize(start, np.zeros(model.n_inputs)), model.tangent(start.q)
-    squares, modes = np.linalg.eig(np.linalg.solve(space.mass, space.stiffness))
-    radius = model.robot.outer_radius
-    places = np.full(2, model.robot.length), np.array([[0.0, 0.0], [radius, 0.0]])
-    straight = model.positions(start.q, *places)
-    for index in np.argsort(squares.real):
-        mode = tangent @ modes[:, index].real
-        size = 1e-6 / np.max(np.abs(mode / model.data.scale))
-        center, rim = model.positions(start.q + size * mode, *places) - straight
-        twists = abs(rim[1] - center[1]) > np.hypot(center[0], center[1])
-        if squares[index].real > 0 and twists == torsion:
-            return float(np.sqrt(squares[index].real) / (2 * np.pi))
-    raise ValueError("the model has no such mode")
 
 
 def chain_row(case: ScalarCase, rule: str, n: int, physics: Physics, repeats: int = 1) -> Row:
@@ -121,10 +104,10 @@ def chain_row(case: ScalarCase, rule: str, n: int, physics: Physics, repeats: in
     )
     model = build_scene(config).model
     if case.static:
-        time, q = least_time(lambda: equilibrium(model, np.ones(1)), repeats)
+        time, q = best_of(lambda: equilibrium(model, np.ones(1)), repeats)
         found = float(joint_angles(model, q)[:, 2].sum())
     else:
-        time, found = least_time(lambda: _chain_frequency(model, case.torsion), repeats)
+        time, found = best_of(lambda: _chain_frequency(model, case.torsion), repeats)
     return _row(case, f"mujoco_chain/{rule}", physics, n, time, found)
 
 
@@ -140,7 +123,7 @@ def _chain_frequency(model: mujoco.MjModel, torsion: bool) -> float:
 
 def _row(case: ScalarCase, model: str, physics: Physics, n: int, time: float, found: float) -> Row:
     truth, text = case.truth(physics)
-    return make_row(
+    return Row(
         "number",
         case.name,
         model,

@@ -21,13 +21,14 @@ from softrobot_env.benchmarks.accuracy.cases import spiral
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, Contestant
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
+    DURATION,
     SHEAR,
     Limit,
     Row,
     distance,
-    least_time,
-    make_row,
+    motion_row,
 )
+from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.robots import RobotParams
 
 CASE = "spiral_undamped"
@@ -62,7 +63,7 @@ def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
 
         def apply_forces(self, system: Any, time: float = 0.0) -> None:
             """Add the force at a time [s]; scalars, which cost less than arrays here."""
-            size, angle = spiral.FORCE * time / spiral.DURATION, spiral.RATE * time
+            size, angle = spiral.FORCE * time / DURATION, spiral.RATE * time
             system.external_forces[0, -1] += size * sin(angle)
             system.external_forces[1, -1] += size * cos(angle)
 
@@ -89,7 +90,7 @@ def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
     return simulator, rod
 
 
-def motion(n: int, timestep: float, duration: float = spiral.DURATION) -> Callable[[], np.ndarray]:
+def motion(n: int, timestep: float, duration: float = DURATION) -> Callable[[], np.ndarray]:
     """A function that simulates the spiral in PyElastica, once, and returns the tips (k, 3) [m]."""
     import elastica
 
@@ -111,19 +112,19 @@ def rows(quick: bool = False, repeats: int = 2) -> list[Row]:
     """PyElastica's runs and ours of the undamped spiral, one after the other."""
     if not installed():
         text = "PyElastica is not installed: its rows are left out (pip install pyelastica)"
-        return [make_row("note", CASE, NAME, reference=text)]
+        return [Row("note", CASE, NAME, reference=text)]
     motion(7, 5e-4, 0.02)()  # compiles
     truth = spiral.beam_limit(COSSERAT, (8, 16, 32), ROBOT)
     found = []
     for n, timestep in _RUNS[:2] if quick else _RUNS:
-        runs = [least_time(motion(n, timestep), 1) for _ in range(repeats)]
+        runs = [best_of(motion(n, timestep), 1) for _ in range(repeats)]
         wall_time, tips = min(run[0] for run in runs), runs[0][1]
         if not np.all(np.isfinite(tips)):
             text = f"left out: diverged at a timestep of {timestep:g} s"
-            found.append(make_row("note", CASE, NAME, n, reference=text))
+            found.append(Row("note", CASE, NAME, n, reference=text))
             continue
-        row = _row(NAME, n, truth, tips, wall_time, round(spiral.DURATION / timestep))
-        found.append(row | {"integrator": "PositionVerlet"})
+        timing = {"wall_time": wall_time, "timestep": timestep, "integrator": "PositionVerlet"}
+        found.append(motion_row(CASE, NAME, n, SHEAR, truth, tips, **timing))
         finest = distance(tips, truth.tips), n
     for n in (3, 7, 14) if quick else (3, 5, 7, 14, 28):
         found += _our_rows(COSSERAT, n, truth, repeats)
@@ -131,7 +132,7 @@ def rows(quick: bool = False, repeats: int = 2) -> list[Row]:
     gap, n = finest
     share = gap / ROBOT.length
     pair = f"{NAME} {n} / cosserat (its error)"
-    found.append(make_row("physics", CASE, pair, n, e_max=gap, value=share, reference=truth.text))
+    found.append(Row("physics", CASE, pair, n, e_max=gap, value=share, reference=truth.text))
     return found
 
 
@@ -140,27 +141,11 @@ def _our_rows(contestant: Contestant, n: int, truth: Limit, repeats: int) -> lis
     out = []
     for tolerance in (1e-2, 1e-3, 1e-4, 1e-5):
         simulate, steps = spiral.beam_motion(model, "sdirk4", tolerance=tolerance)
-        wall_time, tips = least_time(simulate, repeats)
-        out.append(_row(contestant.name, n, truth, tips, wall_time, steps()))
-        out[-1] |= {"integrator": "sdirk4", "tolerance": tolerance}
+        wall_time, tips = best_of(simulate, repeats)
+        options = {"timestep": DURATION / steps(), "integrator": "sdirk4", "tolerance": tolerance}
+        name = contestant.name
+        out.append(motion_row(CASE, name, n, SHEAR, truth, tips, wall_time=wall_time, **options))
     return out
-
-
-def _row(model: str, n: int, truth: Limit, tips: np.ndarray, wall_time: float, steps: int) -> Row:
-    error = np.linalg.norm(tips - truth.tips, axis=1)
-    return make_row(
-        "dynamic",
-        CASE,
-        model,
-        n,
-        timestep=spiral.DURATION / steps,
-        e_mean=float(error.mean()),
-        e_max=float(error.max()),
-        wall_time=wall_time,
-        step_time=wall_time / steps,
-        physics=SHEAR.name,
-        reference=truth.text,
-    )
 
 
 def _chain_rows(quick: bool, repeats: int) -> list[Row]:
@@ -173,8 +158,8 @@ def _chain_rows(quick: bool, repeats: int) -> list[Row]:
             choice = simulate.scene.timestep
             if choice.timestep > _STABLE * choice.stability_limit:
                 continue
-            wall_time, tips = least_time(simulate, repeats)
-            steps = round(spiral.DURATION / choice.timestep)
-            row = _row(CHAIN, n, truth, tips, wall_time, steps)
-            out.append(row | {"integrator": choice.integrator, "physics": BENDING.name})
+            wall_time, tips = best_of(simulate, repeats)
+            timing = {"wall_time": wall_time, "timestep": choice.timestep}
+            options = timing | {"integrator": choice.integrator}
+            out.append(motion_row(CASE, CHAIN, n, BENDING, truth, tips, **options))
     return out

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from softrobot_env.benchmarks.accuracy.rows import DURATION
 from softrobot_env.robots import RIG
 
 #: Lengths (3,) [m] of the static cases. In the last one a tendon hangs slack.
@@ -16,8 +17,8 @@ STATIC: dict[str, tuple[float, float, float]] = {
 
 STEP, CIRCLE = "rig_length_step", "rig_fast_circle"
 
-#: [s] simulated, and between compared instants: a control period of the rig's environments.
-DURATION, PERIOD = 3.0, 0.02
+#: [s] between compared instants: a control period of the rig's environments.
+PERIOD = 0.02
 
 #: The step pulls in one tendon [m]. The circle pulls them in and lets them out in turn by as much,
 #: once a second after the first one, which takes the tip round at about 0.6 m/s.

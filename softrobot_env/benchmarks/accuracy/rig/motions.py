@@ -14,14 +14,19 @@ from softrobot_env.beams.exact.rig_column import tensions
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.benchmarks.accuracy.rig.cases import (
-    DURATION,
     MOTIONS,
     PERIOD,
     ROBOT,
     sample_times,
 )
 from softrobot_env.benchmarks.accuracy.rig.models import chain_scene, end_axis, piece_output
-from softrobot_env.benchmarks.accuracy.rows import Limit, distance, extrapolate
+from softrobot_env.benchmarks.accuracy.rows import (
+    DURATION,
+    Limit,
+    distance,
+    extrapolate,
+    zero_timestep,
+)
 from softrobot_env.benchmarks.stability.runs import chain_failure, silent_warnings
 
 #: Terms and tolerances of the truth, the coarser first; of a quick run.
@@ -106,9 +111,7 @@ def chain_limit(case: str, rule: str = "gauss2") -> Limit:
     """The chain's motion with infinitely many joints and at zero timestep."""
 
     def solve(n: int) -> np.ndarray:
-        a, b, c = (ChainMotion(case, rule, n, k, "implicitfast")() for k in _FINE)
-        first, second = 2 * b - a, 2 * c - b
-        return second + (second - first) / 3
+        return zero_timestep([ChainMotion(case, rule, n, k, "implicitfast")() for k in _FINE])[0]
 
     return extrapolate(solve, _SIZES, f"limit of mujoco_chain/{rule} at zero timestep")
 

@@ -9,9 +9,8 @@ bodies in its place, and the Cosserat rod has none.
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from softrobot_env.benchmarks.accuracy.rig import motions as rig_accuracy_motions
-from softrobot_env.benchmarks.accuracy.rig import statics as rig_accuracy_statics
-from softrobot_env.benchmarks.accuracy.rig.cases import DURATION, MOTIONS, PERIOD, STEP
+from softrobot_env.benchmarks.accuracy.rig import motions, statics
+from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, PERIOD, ROBOT, STEP
 from softrobot_env.benchmarks.accuracy.rig.models import PIECE, joint_numbers
 from softrobot_env.benchmarks.accuracy.rig.motions import (
     ChainMotion,
@@ -20,17 +19,17 @@ from softrobot_env.benchmarks.accuracy.rig.motions import (
     piece_motion,
     subpieces_motion,
 )
-from softrobot_env.benchmarks.accuracy.rig.statics import agreement_row
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
+    DURATION,
     Limit,
     Row,
+    agreement_row,
     distance,
-    least_time,
-    make_row,
     motion_row,
 )
 from softrobot_env.benchmarks.jobs import Job
+from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.scene.quadrature import RULES
 
 SUBPIECES = "pcc/subpieces"
@@ -55,11 +54,11 @@ LEFT_OUT = {
 
 def jobs(quick: bool = False) -> Iterator[Job]:
     """Jobs of all cases; a quick run moves in one of them, on few models."""
-    yield from rig_accuracy_statics.jobs(quick)
+    yield from statics.jobs(quick)
     limits: dict[str, Limit] = {}
 
     def find(case: str) -> list[Row]:
-        limits[case] = rig_accuracy_motions.truth(case, quick)
+        limits[case] = motions.truth(case, quick)
         return []
 
     for case in (STEP,) if quick else MOTIONS:
@@ -74,17 +73,17 @@ def jobs(quick: bool = False) -> Iterator[Job]:
 def notes() -> list[Row]:
     """Which models cannot be the rig, and why."""
     return [
-        make_row("note", "rig", model, reference=f"left out: {why}")
-        for model, why in LEFT_OUT.items()
+        Row("note", "rig", model, reference=f"left out: {why}") for model, why in LEFT_OUT.items()
     ]
 
 
 def agreement(case: str, exact: Limit) -> Row:
     """Distance of the chain's limit from the rod by Ritz' method."""
-    limit = rig_accuracy_motions.chain_limit(case)
+    limit = motions.chain_limit(case)
     gap = distance(limit.tips, exact.tips)
     text = f"{limit.text}; {exact.text}"
-    return agreement_row(case, "mujoco_chain/gauss2 / ritz_rod", 32, gap, BENDING.name, text)
+    pair = "mujoco_chain/gauss2 / ritz_rod"
+    return agreement_row(case, pair, 32, gap, ROBOT.length, BENDING.name, text)
 
 
 def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
@@ -100,15 +99,18 @@ def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
 
 def chain_row(motion: ChainMotion, exact: Limit, repeats: int = 1) -> Row:
     """Simulate and compare one run."""
-    wall_time, tips = least_time(motion, repeats)
-    timestep = PERIOD / motion.substeps
-    row = motion_row(motion.case, f"mujoco_chain/{motion.rule}", motion.n, BENDING, exact, tips)
-    return row | {
-        "timestep": timestep,
-        "integrator": motion.integrator,
-        "wall_time": wall_time,
-        "step_time": wall_time * timestep / DURATION,
-    }
+    wall_time, tips = best_of(motion, repeats)
+    return motion_row(
+        motion.case,
+        f"mujoco_chain/{motion.rule}",
+        motion.n,
+        BENDING,
+        exact,
+        tips,
+        wall_time=wall_time,
+        timestep=PERIOD / motion.substeps,
+        integrator=motion.integrator,
+    )
 
 
 def piece_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
@@ -133,14 +135,19 @@ def _adaptive_rows(
     found, still = [], motion(_CONVERGED)[0]()
     for tolerance in TOLERANCES[1:3] if quick else TOLERANCES:
         simulate, steps = motion(tolerance)
-        wall_time, tips = least_time(simulate, 1 if quick else 5)
-        row = motion_row(case, model, n, BENDING, exact, tips) | {
-            "timestep": DURATION / steps(),
-            "integrator": integrator,
-            "tolerance": tolerance,
-            "e_time": distance(tips, still),
-            "wall_time": wall_time,
-            "step_time": wall_time / steps(),
-        }
+        wall_time, tips = best_of(simulate, 1 if quick else 5)
+        row = motion_row(
+            case,
+            model,
+            n,
+            BENDING,
+            exact,
+            tips,
+            wall_time=wall_time,
+            timestep=DURATION / steps(),
+            integrator=integrator,
+            tolerance=tolerance,
+            e_time=distance(tips, still),
+        )
         found.append(row)
     return found

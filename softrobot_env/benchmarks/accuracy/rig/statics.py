@@ -6,20 +6,20 @@ import numpy as np
 
 from softrobot_env.beams.exact.rig_column import column_tip
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
-from softrobot_env.benchmarks.accuracy.cases.agreement import BOUND
 from softrobot_env.benchmarks.accuracy.rig.cases import ROBOT, STATIC
-from softrobot_env.benchmarks.accuracy.rig.models import PIECE, Entry, entries
+from softrobot_env.benchmarks.accuracy.rig.models import PIECE, entries
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
     SHEAR,
     Limit,
     Physics,
     Row,
+    agreement_row,
     distance,
-    least_time,
-    make_row,
+    static_row,
 )
 from softrobot_env.benchmarks.jobs import Job
+from softrobot_env.benchmarks.timing import best_of
 
 #: Name of the rod by Ritz' method in the report.
 RITZ = "ritz_rod"
@@ -49,8 +49,10 @@ def case_rows(case: str, quick: bool = False) -> list[Row]:
     for entry in entries(quick):
         if entry.name not in {name for name, _ in tips}:
             entry.solve(np.array(STATIC[case]))  # compiles
-        row, tip = static_row(case, entry, truths[entry.physics.name], 1 if quick else 5)
-        found.append(row)
+        wall_time, tip = best_of(lambda e=entry: e.solve(np.array(STATIC[case])), 1 if quick else 5)
+        exact = truths[entry.physics.name]
+        options = {"wall_time": wall_time}
+        found.append(static_row(case, entry.name, entry.n, entry.physics, exact, tip, **options))
         tips.setdefault((entry.name, entry.physics.name), {})[entry.n] = tip
     found.append(_ritz_row(case, truths[BENDING.name]))
     if not quick:
@@ -60,24 +62,12 @@ def case_rows(case: str, quick: bool = False) -> list[Row]:
     return found
 
 
-def static_row(case: str, entry: Entry, exact: Limit, repeats: int = 1) -> tuple[Row, np.ndarray]:
-    """Solve a case with a model; the time is the best of `repeats`.
-
-    Returns:
-        The row, and the tip (3,) [m].
-    """
-    pulled = np.array(STATIC[case])
-    wall_time, tip = least_time(lambda: entry.solve(pulled), repeats)
-    error = distance(tip, exact.tips)
-    values = {"e_mean": error, "e_max": error, "wall_time": wall_time, "reference": exact.text}
-    return make_row("static", case, entry.name, entry.n, physics=entry.physics.name, **values), tip
-
-
 def _ritz_row(case: str, exact: Limit) -> Row:
     """Whether two independent truths agree, one by polynomials, one by initial values."""
     rod = RigRod(ROBOT, _TERMS)
     tip = rod.tip(rod.equilibrium(np.array(STATIC[case])))
-    return agreement_row(case, RITZ, _TERMS, distance(tip, exact.tips), BENDING.name, exact.text)
+    gap = distance(tip, exact.tips)
+    return agreement_row(case, RITZ, _TERMS, gap, ROBOT.length, BENDING.name, exact.text)
 
 
 def _limit_row(
@@ -86,7 +76,8 @@ def _limit_row(
     sizes = sorted(tips)[-3:]
     limit = converged(tips, sizes, 1 if model == _FIRST_ORDER else 2)
     text = f"limit of n = {', '.join(map(str, sizes))}; {exact.text}"
-    return agreement_row(case, model, sizes[-1], distance(limit, exact.tips), physics, text)
+    gap = distance(limit, exact.tips)
+    return agreement_row(case, model, sizes[-1], gap, ROBOT.length, physics, text)
 
 
 def converged(tips: dict[int, np.ndarray], sizes: list[int], order: int) -> np.ndarray:
@@ -94,21 +85,3 @@ def converged(tips: dict[int, np.ndarray], sizes: list[int], order: int) -> np.n
     x = np.array([1 / n**order for n in sizes])
     powers = np.vander(x, increasing=True)
     return np.linalg.solve(powers, np.array([tips[n] for n in sizes]))[0]
-
-
-def agreement_row(case: str, model: str, n: int, gap: float, physics: str, text: str) -> Row:
-    """Row of how far a converged model is from a truth of its physics."""
-    share = gap / ROBOT.length
-    return make_row(
-        "agreement",
-        case,
-        model,
-        n,
-        e_mean=gap,
-        e_max=gap,
-        value=share,
-        limit=BOUND,
-        met=share < BOUND,
-        physics=physics,
-        reference=text,
-    )
