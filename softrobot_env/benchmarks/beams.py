@@ -1,6 +1,7 @@
 """Beam models by the names that reports have, and what is read from them."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -41,6 +42,11 @@ def make_beam(
         return CosseratRod(robot, pieces, loads=loads, **options)
     own = {"dimension": 2 if space == "planar" else 3}
     return ANCF(robot, pieces, loads=loads, **(own | options))
+
+
+def weightless(robot: RobotParams) -> RobotParams:
+    """The robot without gravity."""
+    return replace(robot, gravity=(0.0, 0.0, 0.0))
 
 
 def mode_frequency(model: BeamModel, torsion: bool = False) -> float:

@@ -1,9 +1,9 @@
 """The benchmarks by name. What one imports is loaded when it is asked for.
 
-A benchmark is a folder with the modules `run`, `tables` and `plots`. `run` returns a list of
-records (`benchmarks.records`): frozen dataclasses derived from `Record`, whose `row()` is what
-report.json has of them, less the fields declared with `drawn()`. `tables` and `plots` get the same
-records. A mapping is taken for a record too; it is written without its entry "trace".
+A benchmark is a folder with the modules `run`, `tables` and `plots` or `figures`. `run` returns a
+list of records (`benchmarks.records`): frozen dataclasses derived from `Record`, whose `row()` is
+what report.json has of them, less the fields declared with `drawn()`. Tables and pictures are made
+of the same records. A mapping is taken for a record too; it is written without its entry "trace".
 """
 
 from collections.abc import Callable, Sequence
@@ -72,9 +72,9 @@ def _rig_networks() -> Benchmark:
 
 
 def _speed() -> Benchmark:
-    from softrobot_env.benchmarks.speed import run
+    from softrobot_env.benchmarks.speed import run, tables
 
-    return Benchmark(run.run, run.tables)
+    return Benchmark(run.run, tables.tables)
 
 
 def _stability() -> Benchmark:
@@ -84,9 +84,9 @@ def _stability() -> Benchmark:
 
 
 def _thesis() -> Benchmark:
-    from softrobot_env.benchmarks.thesis import plots, run, tables
+    from softrobot_env.benchmarks.thesis import figures, run, tables
 
-    return Benchmark(run.run, tables.tables, plots.plot)
+    return Benchmark(run.run, tables.tables, figures.plot)
 
 
 #: Name -> function that loads the benchmark.

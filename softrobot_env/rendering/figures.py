@@ -105,6 +105,8 @@ STYLES = {
     "gauss3": Style(PURPLE, "-", "v"),
 }
 
+_MOST_DOTS = 1800
+
 #: Lines and markers of names that are not in `STYLES`.
 _LINES, _MARKERS = ("-", _MIXED, _DOTTED), "osD^v<>PX*hp"
 
@@ -201,6 +203,10 @@ def add_legend(figure: "Figure", source: "Axes | Sequence[Line2D]") -> None:
 
 
 def save(figure: "Figure", path: Path | str) -> Path:
-    """Write a PNG and return its path."""
-    figure.savefig(path, dpi=150)
+    """Write a PNG of 150 dots per inch, or fewer where it would be wider than a screen.
+
+    Returns:
+        Its path.
+    """
+    figure.savefig(path, dpi=min(150, _MOST_DOTS / figure.get_figwidth()))
     return Path(path)

@@ -13,11 +13,12 @@ from softrobot_env.benchmarks.episodes import of_kind
 from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.rig import run as rig
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow, cases, run_case
-from softrobot_env.benchmarks.rig.forces import ForceRow, force_rows
+from softrobot_env.benchmarks.rig.forces import force_rows
 from softrobot_env.benchmarks.rig.goals import GoalRow, middle, rows
 from softrobot_env.benchmarks.rig.plots import plot
 from softrobot_env.benchmarks.rig.tables import tables
 from softrobot_env.benchmarks.rig_networks import run as rig_networks
+from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.commands.benchmark import BENCHMARKS
 from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.control.rig.identified import Learnt

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from io import StringIO
 from math import inf
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,20 +12,17 @@ from rich.console import Console
 
 from softrobot_env.benchmarks.stability import tables as stability_tables
 from softrobot_env.benchmarks.stability.plots import plot
-from softrobot_env.benchmarks.stability.rig import run as rig_stability
-from softrobot_env.benchmarks.stability.rig import tables as rig_stability_tables
 from softrobot_env.benchmarks.stability.rig.cases import DURATION, MOTIONS, PERIOD, Variation
-from softrobot_env.benchmarks.stability.rig.run import ASKED, MAP, RULE, rule_choice, variation_rows
+from softrobot_env.benchmarks.stability.rig.run import ASKED, MAP, RULE, variation_rows, variations
 from softrobot_env.benchmarks.stability.rig.runs import TRUSTED, Truth, judged, reference, run
 from softrobot_env.benchmarks.stability.runs import (
     DIVERGED,
-    NO_TRUTH,
-    STABLE,
-    WRONG,
     ChainSystem,
     Plan,
     Trace,
+    rule_choice,
 )
+from softrobot_env.benchmarks.stability.verdicts import NO_TRUTH, STABLE, WRONG
 from softrobot_env.robots import RIG, SERVO_SPEED
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import stability_limit
@@ -113,16 +111,16 @@ def steel():
 def test_chattering_tensions_are_wrong_though_the_tip_is_right(steel):
     limit = stability_limit("implicitfast", steel[1].linear)
     row = run(*steel, "implicitfast", PERIOD / np.floor(PERIOD / (1.5 * limit)), MAP)
-    assert row["outcome"] == WRONG
-    assert row["e_max"] < row["e_bound"]
-    assert row["e_tension"] > 5
-    assert "tensions" in row["failure"]
+    assert row.outcome == WRONG
+    assert row.e_max < row.e_bound
+    assert row.e_tension > 5
+    assert "tensions" in row.failure
 
 
 def test_divergence_is_named(steel, capfd):
     row = run(*steel, "RK4", PERIOD, MAP)
-    assert (row["outcome"], row["stable"], row["e_max"]) == (DIVERGED, False, None)
-    assert row["failure"].startswith("diverged at t = ")
+    assert (row.outcome, row.stable, row.e_max) == (DIVERGED, False, None)
+    assert row.failure.startswith("diverged at t = ")
     assert "MuJoCo" not in "".join(capfd.readouterr())
 
 
@@ -162,14 +160,14 @@ RIGS = [
 @pytest.mark.parametrize("rig", RIGS, ids=str)
 def test_rule_keeps_the_rig_stable(rig):
     system = rig.system(JOINTS)
-    choice = rule_choice(rig, system)
+    choice = rule_choice(system, friction=rig.friction > 0)
     row = run(rig, system, reference(rig, system), choice.integrator, choice.timestep, RULE)
-    assert row["stable"], row["failure"]
-    assert row["uncertainty"] < TRUSTED
+    assert row.stable, row.failure
+    assert row.uncertainty < TRUSTED
 
 
 def test_variations_hold_every_kind_of_rig():
-    rigs = list(rig_stability.variations())
+    rigs = list(variations())
     assert len(set(rigs)) == len(rigs)
     for name, values in {
         "tendon_stiffness": {1e-2, 1.0, 1e2, 1e4},
@@ -191,22 +189,22 @@ def rows():
 
 
 def test_rows_are_flat_and_finite(rows):
-    json.dumps(rows, allow_nan=False)
-    assert [row["case"] for row in rows[:16]] == [MAP] * 10 + [RULE] + [ASKED] * 5
+    json.dumps([row.row() for row in rows], allow_nan=False)
+    assert [row.case for row in rows[:16]] == [MAP] * 10 + [RULE] + [ASKED] * 5
     for row in rows:
-        assert row["stable"] == (row["outcome"] == STABLE) == (row["failure"] is None)
-        assert (row["e_max"] is None) == (row["outcome"] in (DIVERGED, NO_TRUTH))
+        assert row.stable == (row.outcome == STABLE) == (row.failure is None)
+        assert (row.e_max is None) == (row.outcome in (DIVERGED, NO_TRUTH))
 
 
 def test_safe_step_ends_before_the_first_failure():
-    cells = [{"timestep": h, "stable": ok} for h, ok in ((1, True), (4, True), (2, False))]
-    assert rig_stability_tables.safe_step(cells) == 1
-    assert rig_stability_tables.safe_step(cells[2:]) is None
+    cells = [SimpleNamespace(timestep=h, stable=ok) for h, ok in ((1, True), (4, True), (2, False))]
+    assert stability_tables.safe_step(cells) == 1
+    assert stability_tables.safe_step(cells[2:]) is None
 
 
 def test_tables_and_picture_show_the_rows(rows, tmp_path):
     failed = {"outcome": DIVERGED, "stable": False, "e_max": None, "failure": "gone at t = 1 s"}
-    rows = [*rows, next(row for row in rows if row["case"] == RULE) | failed]
+    rows = [*rows, replace(next(row for row in rows if row.case == RULE), **failed)]
     out = StringIO()
     Console(file=out, width=110).print(stability_tables.tables(rows))
     text = out.getvalue()

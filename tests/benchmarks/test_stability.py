@@ -3,19 +3,19 @@
 import json
 from io import StringIO
 from math import pi
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
 from softrobot_env.beams.model import State
-from softrobot_env.benchmarks.stability import extremes as stability_extremes
+from softrobot_env.benchmarks.beams import make_beam
+from softrobot_env.benchmarks.stability import extremes
 from softrobot_env.benchmarks.stability import tables as stability_tables
-from softrobot_env.benchmarks.stability.beams import make_beam
 from softrobot_env.benchmarks.stability.map import (
     BOUND,
     Family,
-    chain_family,
     limit_rows,
     map_rows,
     rule_rows,
@@ -27,15 +27,12 @@ from softrobot_env.benchmarks.stability.runs import (
     CHAIN,
     DIVERGED,
     NOT_CONVERGED,
-    OUTCOMES,
-    STABLE,
-    WRONG,
     BeamSystem,
     Plan,
     Reference,
     Trace,
-    judge,
 )
+from softrobot_env.benchmarks.stability.verdicts import OUTCOMES, STABLE, WRONG, judge
 from softrobot_env.robots import ARM
 
 KEYS = {
@@ -59,12 +56,12 @@ TIMESTEPS = (1e-4, 2e-3, 2e-2)
 
 @pytest.fixture(scope="module")
 def chain():
-    return chain_family(6)
+    return Family(CHAIN, 6)
 
 
 @pytest.fixture(scope="module")
 def pcc():
-    return Family("pcc", 3, lambda robot, n: make_beam("pcc", robot, n))
+    return Family("pcc", 3)
 
 
 @pytest.fixture(scope="module")
@@ -144,20 +141,20 @@ def test_scaled_arm_keeps_the_damping_ratio_and_the_tensions_allowed():
 def test_equal_steps_per_period_move_equally(chain):
     """The similarity that lets all stiffnesses share one refined run, checked on the runs."""
     errors = [
-        run_cell(chain, stiffness, 0.1, "implicitfast", 2e-3 * stiffness**-0.5)["e_max"]
+        run_cell(chain, stiffness, 0.1, "implicitfast", 2e-3 * stiffness**-0.5).e_max
         for stiffness in STIFFNESSES
     ]
     np.testing.assert_allclose(errors, errors[1], rtol=1e-3)
 
 
 def test_references_are_far_more_accurate_than_the_bound(rows):
-    assert max(row["uncertainty"] for row in rows if row["uncertainty"]) < 0.05 * BOUND
+    assert max(row.uncertainty for row in rows if row.uncertainty) < 0.05 * BOUND
 
 
 def test_provoked_divergence_is_named_with_its_time(chain, capfd):
     row = run_cell(chain, 1e4, 0.0, "implicitfast", 0.02)
-    assert (row["stable"], row["outcome"], row["e_max"]) == (False, DIVERGED, None)
-    assert row["failure"].startswith("diverged at t = ")
+    assert (row.stable, row.outcome, row.e_max) == (False, DIVERGED, None)
+    assert row.failure.startswith("diverged at t = ")
     assert "MuJoCo" not in "".join(capfd.readouterr())
     assert "WARNING" not in "".join(capfd.readouterr())
 
@@ -165,44 +162,45 @@ def test_provoked_divergence_is_named_with_its_time(chain, capfd):
 def test_provoked_wrong_run_is_finite_and_beyond_the_bound(chain):
     # discrete is stable for any step, but damps all motion: after a period it hardly swings.
     row = run_cell(chain, 1.0, 0.0, "discrete", 0.05)
-    assert row["outcome"] == WRONG
-    assert row["e_max"] > BOUND
-    assert row["failure"].startswith("finite but wrong: tip ")
+    assert row.outcome == WRONG
+    assert row.e_max > BOUND
+    assert row.failure.startswith("finite but wrong: tip ")
 
 
 def test_rule_is_stable_everywhere(rows):
-    picks = [row for row in rows if row["case"] in ("rule", "rule_asked")]
-    failed = [r for r in picks if not r["stable"]]
+    picks = [row for row in rows if row.case in ("rule", "rule_asked")]
+    failed = [r for r in picks if not r.stable]
     assert len(picks) == 2 * len(STIFFNESSES) * 6
     assert not failed, failed
     for row in picks:
-        assert (0.01 / row["timestep"]) == pytest.approx(round(0.01 / row["timestep"]), rel=1e-9)
+        assert (0.01 / row.timestep) == pytest.approx(round(0.01 / row.timestep), rel=1e-9)
 
 
 def test_limit_separates_stable_from_diverging_runs(rows):
     """Except for implicit, whose error in undamped motion comes first."""
-    around = [r for r in rows if r["case"] == "limit" and r["integrator"] != "implicit"]
-    assert {row["integrator"] for row in around} == {"implicitfast", "Euler", "RK4"}
+    around = [r for r in rows if r.case == "limit" and r.integrator != "implicit"]
+    assert {row.integrator for row in around} == {"implicitfast", "Euler", "RK4"}
     for row in around:
-        ratio = row["timestep"] / row["stability_limit"]
-        assert row["stable"] == (ratio < 1), row
+        ratio = row.timestep / row.stability_limit
+        assert row.stable == (ratio < 1), row
 
 
 def test_rows_are_flat_and_finite(rows):
-    json.dumps(rows, allow_nan=False)
+    json.dumps([row.row() for row in rows], allow_nan=False)
     for row in rows:
-        assert set(row) >= KEYS
-        assert row["outcome"] in OUTCOMES
-        assert row["stable"] == (row["outcome"] == STABLE) == (row["failure"] is None)
-        assert (row["e_max"] is None) == (row["outcome"] in (DIVERGED, NOT_CONVERGED))
+        assert row.row().keys() >= KEYS
+        assert row.outcome in OUTCOMES
+        assert row.stable == (row.outcome == STABLE) == (row.failure is None)
+        assert (row.e_max is None) == (row.outcome in (DIVERGED, NOT_CONVERGED))
 
 
 def test_safe_step_ends_before_the_first_failure():
     def cell(timestep, stable):
-        return {"timestep": timestep, "stiffness_scale": 1.0, "stable": stable}
+        return SimpleNamespace(timestep=timestep, stiffness_scale=1.0, stable=stable)
 
     cells = [cell(0.1, True), cell(0.4, True), cell(0.2, True), cell(0.3, False)]
-    assert stability_tables.safe_step(cells) == pytest.approx(0.2 * ARM.first_frequency)
+    in_periods = stability_tables.safe_step(cells, stability_tables.first_period)
+    assert in_periods == pytest.approx(0.2 * ARM.first_frequency)
     assert stability_tables.safe_step([cell(0.1, False)]) is None
 
 
@@ -219,79 +217,78 @@ def test_tables_and_pictures_show_the_rows(rows, tmp_path):
 
 def test_implicit_euler_with_a_huge_step_is_finite_but_wrong(pcc):
     row = run_cell(pcc, 1.0, 0.0, "implicit_euler", 0.05)
-    assert row["outcome"] == WRONG
-    assert row["e_max"] > BOUND
+    assert row.outcome == WRONG
+    assert row.e_max > BOUND
 
 
 def test_explicit_method_on_a_damped_beam_diverges(pcc):
     row = run_cell(pcc, 1.0, 5.0, "rk4", 0.02)
-    assert (row["outcome"], row["e_max"]) == (DIVERGED, None)
+    assert (row.outcome, row.e_max) == (DIVERGED, None)
 
 
 def test_failed_newton_iteration_is_named(pcc):
-    beam = pcc.make(ARM, 3)
+    beam = make_beam(pcc.model, ARM, 3)
     start = State(beam.rest() + 3 / ARM.length, np.full(3, 1e6))
     trace = BeamSystem(beam, start, np.zeros(6)).run(Plan("implicit_euler", 0.1, 10, 0.1))
     assert trace.outcome == NOT_CONVERGED
     assert trace.failure.startswith("Newton's iteration did not converge at t = ")
 
 
-EXACT = [stability_extremes.curl(), stability_extremes.follower()]
+EXACT = [extremes.curl(), extremes.follower()]
 
 
 @pytest.mark.parametrize("case", EXACT, ids=lambda case: case.name)
 def test_extreme_loads_agree_with_exact_shapes(case):
-    row = stability_extremes.run_case(case, CHAIN, 24)
-    assert row["stable"]
-    assert row["e_max"] < 1e-3
+    row = extremes.run_case(case, CHAIN, 24)
+    assert row.stable
+    assert row.e_max < 1e-3
 
 
 def test_follower_force_agrees_with_small_deflections():
-    x, z = stability_extremes.follower_tip(2.0, 5.0, 1e-3)
+    x, z = extremes.follower_tip(2.0, 5.0, 1e-3)
     assert x == pytest.approx(1e-3 * 2.0**3 / (3 * 5.0), rel=1e-6)
     assert z == pytest.approx(2.0, rel=1e-6)
 
 
 CASES = [
-    (stability_extremes.tension_limit(), 12),
-    (stability_extremes.slack_taut(), 6),
-    (stability_extremes.straight(0.0), 6),
-    (stability_extremes.straight(1e-12), 6),
-    (stability_extremes.longest_pair("one_piece"), 2),
+    (extremes.tension_limit(), 12),
+    (extremes.slack_taut(), 6),
+    (extremes.straight(0.0), 6),
+    (extremes.straight(1e-12), 6),
+    (extremes.longest_pair("one_piece"), 2),
 ]
 
 
 @pytest.mark.parametrize(("case", "n"), CASES, ids=lambda x: getattr(x, "name", x))
 def test_chain_survives_extreme_cases(case, n):
-    row = stability_extremes.run_case(case, CHAIN, n)
-    assert row["stable"], row["failure"]
+    row = extremes.run_case(case, CHAIN, n)
+    assert row.stable, row.failure
 
 
 def test_rounding_at_the_straight_start_does_not_matter():
     exact, rounded = (
-        stability_extremes.run_case(stability_extremes.straight(angle), CHAIN, 6)["e_max"]
-        for angle in (0.0, 1e-12)
+        extremes.run_case(extremes.straight(angle), CHAIN, 6).e_max for angle in (0.0, 1e-12)
     )
     assert rounded == pytest.approx(exact, rel=1e-6)
 
 
 @pytest.mark.parametrize("damping", [0.0, 1e-3])
 def test_free_oscillation_follows_the_linear_solution(damping):
-    row = stability_extremes.oscillation_row(CHAIN, 6, damping, 20.0)
-    assert row["stable"], row["failure"]
+    row = extremes.oscillation_row(CHAIN, 6, damping, 20.0)
+    assert row.stable, row.failure
     # implicitfast lets the force act half a step early: the phase is off by pi / 500 at most.
-    assert row["e_max"] < 2e-3 * ARM.length * 0.02
+    assert row.e_max < 2e-3 * ARM.length * 0.02
 
 
 def test_growing_oscillation_fails():
     time = np.linspace(0, 20, 400)
     tip = np.stack([np.exp(0.01 * time) * np.cos(5 * time), 0 * time], axis=1)
-    assert stability_extremes._amplitude_growth(trace_of(time, tip)) > 1.1
+    assert extremes._amplitude_growth(trace_of(time, tip)) > 1.1
 
 
 def test_linear_solution_solves_the_oscillators_equation():
     time, w, damping = np.linspace(0, 3, 20001), 5.0, 0.1
-    x = stability_extremes._linear(time, w, damping, 2 * damping / w)
+    x = extremes._linear(time, w, damping, 2 * damping / w)
     v, a = np.gradient(x, time), np.gradient(np.gradient(x, time), time)
     residual = a + 2 * damping * w * v + w**2 * x
     assert np.max(np.abs(residual[5:-5])) < 1e-4 * w**2
@@ -301,9 +298,7 @@ def test_linear_solution_solves_the_oscillators_equation():
 
 def test_adaptive_run_is_compared_with_an_independent_one():
     """A refined run that adapted its steps too would agree to rounding, whatever its error."""
-    row = stability_extremes.run_case(
-        stability_extremes.longest_pair("one_piece"), "pcc", 1, "sdirk4 adaptive"
-    )
-    assert row["uncertainty"] > 1e-9
-    assert row["e_max"] > 1e-9
-    assert row["stable"]
+    row = extremes.run_case(extremes.longest_pair("one_piece"), "pcc", 1, "sdirk4 adaptive")
+    assert row.uncertainty > 1e-9
+    assert row.e_max > 1e-9
+    assert row.stable

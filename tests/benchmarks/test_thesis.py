@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks.thesis import run as thesis_figures
-from softrobot_env.benchmarks.thesis import tables as thesis_figures_tables
-from softrobot_env.benchmarks.thesis import values
+from softrobot_env.benchmarks.accuracy.cases.spiral import DURATION, force
+from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.thesis import run, tables, values
 from softrobot_env.benchmarks.thesis.cosserat import project
 from softrobot_env.benchmarks.thesis.cost import (
     evaluation_time,
@@ -18,10 +18,10 @@ from softrobot_env.benchmarks.thesis.cost import (
     random_states,
     total_rows,
 )
-from softrobot_env.benchmarks.thesis.plots import plot
-from softrobot_env.benchmarks.thesis.rows import FIELDS, MODELS, build, make_row
+from softrobot_env.benchmarks.thesis.figures import plot
+from softrobot_env.benchmarks.thesis.rows import MODELS, build, make_row
 from softrobot_env.benchmarks.thesis.run import QUICK_PIECES
-from softrobot_env.benchmarks.thesis.spiral import DURATION, Curve, force
+from softrobot_env.benchmarks.thesis.spiral import Curve
 from softrobot_env.robots import CANTILEVER_WEAK
 
 pytestmark = pytest.mark.timeout(900)  # kernels may have to be compiled first
@@ -33,6 +33,10 @@ FIGURES = {
 }
 
 
+#: Columns of report.json.
+COLUMNS = ["figure", "case", "model", "n", "x_name", "x", "y_name", "y", "thesis", "audit", "note"]
+
+
 @pytest.fixture(scope="module")
 def calls():
     return []
@@ -40,47 +44,47 @@ def calls():
 
 @pytest.fixture(scope="module")
 def rows(calls):
-    return thesis_figures.run(quick=True, progress=lambda *call: calls.append(call))
+    return run.run(quick=True, progress=lambda *call: calls.append(call))
 
 
 def check_rows(rows):
     assert rows
-    json.dumps(rows, allow_nan=False)
+    json.dumps([row.row() for row in rows], allow_nan=False)
     for row in rows:
-        assert tuple(row) == FIELDS
-        assert (row["x"] is None) == (row["x_name"] is None)
-        assert row["y"] is not None or row["note"]
+        assert list(row.row()) == COLUMNS
+        assert (row.x is None) == (row.x_name is None)
+        assert row.y is not None or row.note
 
 
 def audited(rows, figure, y_name):
     """Rows of a quantity with a number of the audit."""
-    found = [r for r in rows if (r["figure"], r["y_name"]) == (figure, y_name)]
-    return [r for r in found if r["audit"] is not None]
+    found = [r for r in rows if (r.figure, r.y_name) == (figure, y_name)]
+    return [r for r in found if r.audit is not None]
 
 
 def check_audit(rows, figure, y_name, tolerance):
     compared = audited(rows, figure, y_name)
     assert compared
     for row in compared:
-        assert row["y"] == pytest.approx(row["audit"], rel=tolerance), row
+        assert row.y == pytest.approx(row.audit, rel=tolerance), row
     return compared
 
 
 def value(rows, y_name, **fields):
-    found = [r for r in rows if r["y_name"] == y_name]
-    (row,) = [r for r in found if all(r[k] == v for k, v in fields.items())]
-    return row["y"]
+    found = [r for r in rows if r.y_name == y_name]
+    (row,) = select(found, **fields)
+    return row.y
 
 
 def test_rows_know_their_fields():
-    with pytest.raises(ValueError, match="colour"):
+    with pytest.raises(TypeError, match="colour"):
         make_row("2.5", "", "pcc", 1, "y", 1.0, colour="red")
 
 
 def test_deflections_are_those_of_the_audit(rows):
     # The audit's tolerance for discrete models is 0.5 %; its numbers are rounded to 0.05 %.
     compared = check_audit(rows, "2.11", "tip_deflection_m", 1e-3)
-    assert {r["model"] for r in compared} >= {*MODELS, "elastica", "exact_rod", "timoshenko"}
+    assert {r.model for r in compared} >= {*MODELS, "elastica", "exact_rod", "timoshenko"}
     for model, pieces in values.PIECES_FOR_5_PERCENT.items():
         assert value(rows, "pieces_for_5_percent", model=model) == pieces
     stiff = value(rows, "relative_to_euler_bernoulli", figure="2.11", model="pcc")
@@ -89,9 +93,9 @@ def test_deflections_are_those_of_the_audit(rows):
 
 def test_centrelines_end_at_the_deflections(rows):
     for model in MODELS:
-        mine = [r for r in rows if (r["figure"], r["model"]) == ("2.12", model)]
-        assert (mine[0]["x"], mine[0]["y"]) == (0, 0)
-        assert mine[-1]["y"] == pytest.approx(values.DEFLECTION["weak", model][5], rel=1e-3)
+        mine = [r for r in rows if (r.figure, r.model) == ("2.12", model)]
+        assert (mine[0].x, mine[0].y) == (0, 0)
+        assert mine[-1].y == pytest.approx(values.DEFLECTION["weak", model][5], rel=1e-3)
 
 
 def test_weighting_functions_are_the_printed_ones(rows):
@@ -102,10 +106,10 @@ def test_weighting_functions_are_the_printed_ones(rows):
         "xi_4": lambda t: 2 / (1 + cos(t)),
         "xi_5": lambda t: t / sin(t) if t else 1.0,
     }
-    mine = [r for r in rows if r["figure"] == "2.5"]
-    assert {r["case"] for r in mine} == set(printed)
+    mine = [r for r in rows if r.figure == "2.5"]
+    assert {r.case for r in mine} == set(printed)
     for row in mine:
-        assert row["y"] == pytest.approx(printed[row["case"]](row["x"]), rel=1e-12)
+        assert row.y == pytest.approx(printed[row.case](row.x), rel=1e-12)
 
 
 def test_weighting_matters_as_much_as_printed(rows):
@@ -118,14 +122,14 @@ def test_weighting_matters_as_much_as_printed(rows):
 
 
 def test_projection_stops_the_drift(rows):
-    worst = {r["case"]: r["y"] for r in rows if r["y_name"] == "largest_norm_violation"}
+    worst = {r.case: r.y for r in rows if r.y_name == "largest_norm_violation"}
     for tolerance, printed in zip(("0.001", "1e-05"), values.DRIFT, strict=True):
         assert worst[f"Radau, projected, {tolerance}"] < printed
         assert worst[f"Radau, not projected, {tolerance}"] > (
             20 * worst[f"Radau, projected, {tolerance}"]
         )
-    free = [r for r in rows if r["case"] == "BDF, not projected, 0.001" and r["x"] is not None]
-    assert free[-1]["y"] > 10 * free[0]["y"]
+    free = [r for r in rows if r.case == "BDF, not projected, 0.001" and r.x is not None]
+    assert free[-1].y > 10 * free[0].y
 
 
 def test_projection_gives_unit_quaternions_with_normal_rates():
@@ -149,14 +153,14 @@ def test_quadrature_needs_order_eight_and_ours_is_exact(rows):
         value(rows, "relative_rms_error", case="legendre, against exact", x=x) for x in (4.0, 8.0)
     ]
     assert 2 < np.log2(errors[0] / errors[1]) < 4
-    times = {r["x"]: r["y"] for r in rows if r["figure"] == "2.9" and r["case"] == "legendre"}
+    times = {r.x: r.y for r in rows if r.figure == "2.9" and r.case == "legendre"}
     assert times[20.0] > 3 * times[4.0]
 
 
 def test_bending_frequencies_are_those_of_the_audit(rows):
     compared = check_audit(rows, "2.13", "frequency_Hz", 5e-4)
     assert len(compared) == 2 * (3 * 4 + 2)
-    far = {r["model"]: r["y"] for r in audited(rows, "2.13", "relative_to_euler_bernoulli")}
+    far = {r.model: r.y for r in audited(rows, "2.13", "relative_to_euler_bernoulli")}
     for model, found in far.items():
         expected = values.THEORY_DISTANCE_AUDIT["stiff", model]
         assert found == pytest.approx(expected, abs=6e-4)
@@ -216,12 +220,12 @@ def test_spiral_is_that_of_the_audit(rows):
     # The audit's absolute tolerance is 0.1 mm, also for differences of differences.
     for y_name in ("largest_radius_m", "last_tip_x_m", "last_tip_y_m", "last_tip_z_m"):
         for row in audited(rows, "2.22", y_name):
-            assert row["y"] == pytest.approx(row["audit"], abs=1e-4), row
+            assert row.y == pytest.approx(row.audit, abs=1e-4), row
     for y_name in ("mean_distance_m", "largest_distance_m"):
         compared = audited(rows, "2.20", y_name)
         assert len(compared) == 4
         for row in compared:
-            assert row["y"] == pytest.approx(row["audit"], abs=1e-4), row
+            assert row.y == pytest.approx(row.audit, abs=1e-4), row
 
 
 def test_spiral_turns_and_grows():
@@ -257,10 +261,10 @@ def test_implicit_euler_steps_are_the_printed_ones_in_metres(rows):
 
 def test_quick_run_covers_every_figure_and_fits_a_terminal(rows, calls, tmp_path):
     check_rows(rows)
-    assert {r["figure"] for r in rows} == FIGURES
+    assert {r.figure for r in rows} == FIGURES
     assert [done for _, done, _ in calls] == list(range(calls[-1][2] + 1))
     text = StringIO()
-    Console(file=text, width=100).print(thesis_figures_tables.tables(rows))
+    Console(file=text, width=100).print(tables.tables(rows))
     lines = text.getvalue().splitlines()
     assert max(map(len, lines)) <= 100 and not any("…" in line for line in lines)
     pytest.importorskip("matplotlib")

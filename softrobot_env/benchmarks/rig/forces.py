@@ -1,11 +1,9 @@
 """Tendon forces of the spatial rig on a circle at different speeds (thesis Fig. 5.14)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from scipy.optimize import brentq, minimize_scalar
 
-from softrobot_env.benchmarks.records import Record
+from softrobot_env.benchmarks.thesis.rows import Row, make_row
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.robots import RIG, RobotParams
 
@@ -17,32 +15,6 @@ _INSTANTS = 60  # per lap
 #: Angular velocity [1/s] of the least force in the thesis, and of the balance of stiffness and
 #: centripetal moment with its printed parameters (audit).
 _THESIS, _AUDIT = 2.8, 8.6
-
-
-@dataclass(frozen=True)
-class ForceRow(Record):
-    """A point of Fig. 5.14, or a number of it; columns as the thesis benchmark has them.
-
-    Attributes:
-        figure: "5.14a" for the force, "5.14b" for its phase.
-        y_name, y: What was found.
-        x_name, x: Angular velocity [rad/s] of a point; None for a number.
-        thesis, audit: What they say.
-        note: On what was found.
-        case, model, n: Which circle, which model, and its number of pieces.
-    """
-
-    figure: str
-    y_name: str
-    y: float
-    x: float | None = None
-    x_name: str | None = None
-    thesis: float | None = None
-    audit: float | None = None
-    note: str | None = None
-    case: str = f"circle of {1e3 * RADIUS:g} mm"
-    model: str = "pcc"
-    n: int = 1
 
 
 def effective_force(servo: ServoConstraints, radius: float, omega: float) -> tuple[float, float]:
@@ -87,23 +59,23 @@ def balance(servo: ServoConstraints, radius: float = RADIUS) -> float:
     return float(np.exp(brentq(ahead, *np.log([SLOWEST, FASTEST]), xtol=1e-10)))
 
 
-def force_rows(robot: RobotParams = RIG, count: int = 61) -> list[ForceRow]:
+def force_rows(robot: RobotParams = RIG, count: int = 61) -> list[Row]:
     """Rows of Fig. 5.14: force and phase over the angular velocity, least force and balance.
 
     Args:
         robot: The rig.
         count: Number of angular velocities, in geometric sequence.
     """
-    servo = ServoConstraints(robot)
+    servo, what = ServoConstraints(robot), (f"circle of {1e3 * RADIUS:g} mm", "pcc", 1)
     rows = []
-    for omega in map(float, np.geomspace(SLOWEST, FASTEST, count)):
+    for omega in np.geomspace(SLOWEST, FASTEST, count):
         force, phase = effective_force(servo, RADIUS, omega)
-        rows.append(ForceRow("5.14a", "effective_force_N", force, omega, "omega_rad_s"))
-        rows.append(ForceRow("5.14b", "phase_rad", phase, omega, "omega_rad_s"))
+        x = ("omega_rad_s", omega)
+        rows.append(make_row("5.14a", *what, "effective_force_N", force, x))
+        rows.append(make_row("5.14b", *what, "phase_rad", phase, x))
     note = "damping puts it below the balance; 2.8 does not follow from the printed parameters"
-    least, even = least_force(servo), balance(servo)
-    return [
-        *rows,
-        ForceRow("5.14a", "omega_of_least_force_rad_s", least, thesis=_THESIS, note=note),
-        ForceRow("5.14b", "omega_of_balance_rad_s", even, audit=_AUDIT),
-    ]
+    least, name = least_force(servo), "omega_of_least_force_rad_s"
+    rows.append(make_row("5.14a", *what, name, least, thesis=_THESIS, note=note))
+    even, name = balance(servo), "omega_of_balance_rad_s"
+    rows.append(make_row("5.14b", *what, name, even, audit=_AUDIT))
+    return rows

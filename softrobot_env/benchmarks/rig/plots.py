@@ -8,8 +8,8 @@ import numpy as np
 from softrobot_env.benchmarks.episodes import of_kind, one
 from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow
-from softrobot_env.benchmarks.rig.forces import ForceRow
 from softrobot_env.benchmarks.rig.run import Row
+from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import draw, draw_path, finish, longest, policy_curves
 from softrobot_env.rendering.figures import REFERENCE, new_figure, save, style_of

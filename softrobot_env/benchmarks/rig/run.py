@@ -8,7 +8,8 @@ from softrobot_env.benchmarks.episodes import of_kind
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.rig import goals
 from softrobot_env.benchmarks.rig.cases import LapsRow, cases, rig_name, run_case
-from softrobot_env.benchmarks.rig.forces import ForceRow, force_rows
+from softrobot_env.benchmarks.rig.forces import force_rows
+from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.control.rig.identified import Learnt
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.identification.twin_networks import learn, visit

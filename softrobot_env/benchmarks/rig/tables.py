@@ -10,9 +10,9 @@ from rich.text import Text
 from softrobot_env.benchmarks.episodes import names, of_kind
 from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow, rig_name
-from softrobot_env.benchmarks.rig.forces import ForceRow
 from softrobot_env.benchmarks.rig.goals import GoalRow, middle
 from softrobot_env.benchmarks.rig.run import Row
+from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.evaluation.thesis import TRIANGLE
 from softrobot_env.rendering.tables import Column, make_table, new_table, verdict
 

@@ -9,9 +9,11 @@ import mujoco
 import numpy as np
 from mujoco.batch import Batch
 
+from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 
+_WHAT = "vector env.step"
 _ENV_ID = "SoftRobot/ArmSwing-v0"
 
 #: (environments, threads) of the batched environment.
@@ -49,8 +51,8 @@ def _timed(do: Callable[[], object]) -> float:
     return (perf_counter() - begin) / count
 
 
-def run(quick: bool) -> list[dict]:
-    """Rows as those of `speed.run`; the ratio is that to bare `Batch.step`s of the same scene."""
+def run(quick: bool) -> list[Row]:
+    """Rows, whose ratio is that to bare `Batch.step`s of the same scene."""
     # Processes first: they are forked, and the simulations below reserve much memory.
     processes = _processes(quick)
     rows = []
@@ -58,18 +60,20 @@ def run(quick: bool) -> list[dict]:
         turns = _batched(count, threads)
         for _ in range(2 if quick else 6):
             turns.take()
-        rows.append(_row("VectorTrackingEnv", count, threads, *turns.times))
+        sizes = {"count": count, "threads": threads}
+        rows.append(step_row(_WHAT, "VectorTrackingEnv", *turns.times, **sizes))
     return [*rows, processes]
 
 
-def _processes(quick: bool) -> dict:
+def _processes(quick: bool) -> Row:
     """Row of Gymnasium's environments in processes."""
     env = gymnasium.make_vec(_ENV_ID, num_envs=_PROCESSES, vectorization_mode="async")
     env.reset(seed=0)
     actions = np.zeros(env.action_space.shape, np.float32)
     least = min(_timed(lambda: env.step(actions)) for _ in range(2 if quick else 6))
     env.close()
-    return _row("AsyncVectorEnv of the same", _PROCESSES, _PROCESSES, least, None)
+    sizes = {"count": _PROCESSES, "threads": _PROCESSES}
+    return step_row(_WHAT, "AsyncVectorEnv of the same", least, None, **sizes)
 
 
 def _batched(count: int, threads: int) -> _Turns:
@@ -86,18 +90,3 @@ def _batched(count: int, threads: int) -> _Turns:
     bare.forward()
     substeps, stage = scene.timestep.substeps, int(mujoco.mjtStage.mjSTAGE_VEL)
     return _Turns(lambda: env.step(actions), lambda: bare.step(nstep=substeps, stage=stage))
-
-
-def _row(variant: str, count: int, threads: int, seconds: float, raw: float | None) -> dict:
-    return {
-        "what": "vector env.step",
-        "variant": variant,
-        "n_envs": count,
-        "threads": threads,
-        "steps_per_second": count / seconds,
-        "raw_steps_per_second": None if raw is None else count / raw,
-        "ratio": None if raw is None else raw / seconds,
-        "overhead": None if raw is None else (seconds - raw) / count,
-        "overhead_ratio": None,
-        "seconds": seconds / count,
-    }

@@ -4,7 +4,6 @@ The chain runs with what the timestep rule picks, the beam models with sdirk4 at
 with steps adapted to its error estimate.
 """
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import ceil, pi
@@ -18,31 +17,34 @@ from softrobot_env.beams.exact.continuum_arc import TEXT as CONTINUUM_ARC
 from softrobot_env.beams.exact.continuum_arc import continuum_arc_tip
 from softrobot_env.beams.exact.shearable_rod import section, tendon_tip
 from softrobot_env.beams.model import State
-from softrobot_env.benchmarks.stability.beams import make_beam
-from softrobot_env.benchmarks.stability.map import Job, damped
+from softrobot_env.benchmarks.accuracy.rows import SHEAR, distance
+from softrobot_env.benchmarks.beams import make_beam, weightless
+from softrobot_env.benchmarks.jobs import Job
+from softrobot_env.benchmarks.stability.map import damped
 from softrobot_env.benchmarks.stability.runs import (
     ADAPTIVE,
     CHAIN,
-    WRONG,
     BeamSystem,
     ChainSystem,
     Plan,
     Reference,
-    Row,
     System,
     Trace,
+    neutral_scene,
+    rule_choice,
+    steps_for,
+)
+from softrobot_env.benchmarks.stability.verdicts import (
+    WRONG,
+    Row,
     Verdict,
     judge,
     judge_errors,
-    make_row,
-    neutral_scene,
-    steps_for,
 )
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.timestep import TimestepWarning, choose_timestep
 
 #: Method of the beam models, and its steps per first period.
 BEAM_METHOD = "sdirk4"
@@ -51,8 +53,6 @@ BEAM_STEPS = 250
 #: Share of the length that the tip may be off; of the amplitude in a free oscillation.
 SHARE = 0.05
 OSCILLATION_SHARE = 0.2
-
-_SHEAR_COEFFICIENT = 0.75  # of the Cosserat rod
 
 #: Growth of the amplitude that rounding and the sampling of the peaks explain.
 _GROWTH = 1.01
@@ -109,7 +109,7 @@ def settling(name: str, robot: RobotParams, load: Load, tip: np.ndarray | None, 
 
 def bare(robot: RobotParams) -> RobotParams:
     """The robot without tendons and weight."""
-    return replace(robot, tendons=(), gravity=(0.0, 0.0, 0.0))
+    return replace(weightless(robot), tendons=())
 
 
 def curl(turns: float = 1.25) -> Case:
@@ -179,7 +179,7 @@ def tension_limit() -> Case:
     limit = ARM.tendons[-2].tension_limit
     tension = np.array([0.0] * (len(ARM.tendons) - 2) + [limit, 0.0])
     tip = ConstantCurvatureStatics(ARM).tip(TendonMap(ARM).reduced(tension))
-    pressed = tendon_tip(ARM, section(ARM, _SHEAR_COEFFICIENT), tension)
+    pressed = tendon_tip(ARM, section(ARM, SHEAR.shear_coefficient), tension)
     return Case(
         "tension_limit",
         ARM,
@@ -278,7 +278,7 @@ def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
     if trace.steps:
         time = plan.timestep * plan.steps
         plan = replace(plan, timestep=time / trace.steps, steps=trace.steps)
-    return make_row(
+    return Row.of(
         case.name,
         model,
         n,
@@ -310,9 +310,7 @@ def _plan(robot: RobotParams, system: System, duration: float) -> Plan:
     """The rule's choice for the chain; sdirk4 for a beam. Steps divide the control period."""
     period = 1 / robot.first_frequency
     if isinstance(system, ChainSystem):
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", TimestepWarning)
-            choice = choose_timestep(system.linear, _CONTROL_PERIOD)
+        choice = rule_choice(system)
         integrator, timestep = choice.integrator, choice.timestep
     else:
         integrator = BEAM_METHOD
@@ -334,10 +332,10 @@ def refined(system: System, plan: Plan) -> Reference:
     for trace in (coarse, fine):
         if trace.failure:
             raise RuntimeError(f"the refined run failed: {trace.failure}")
-    distance = float(np.max(np.linalg.norm(coarse.tip - fine.tip, axis=1)))
-    if distance == 0:
+    gap = distance(coarse.tip, fine.tip)
+    if gap == 0:
         raise RuntimeError("the refined runs are equal: they cannot verify each other")
-    return Reference(fine.time, fine.tip, distance)
+    return Reference(fine.time, fine.tip, gap)
 
 
 def _judge_rest(trace: Trace, case: Case) -> Verdict:
@@ -369,7 +367,7 @@ def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:
             text = f"finite but wrong: the free amplitude grew by a factor {growth:.3g}"
             verdict = Verdict(WRONG, text, verdict.e_max)
     name = "oscillation" if damping == 0 else "oscillation_damped"
-    return make_row(
+    return Row.of(
         f"{name}_{duration / 60:g}min",
         model,
         n,

@@ -7,15 +7,15 @@ user sets; similarity then shows as diagonals of equal colour, and where absolut
 control period in the timestep rule) break it, that shows too.
 """
 
-import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from math import isinf, pi
 
 import numpy as np
 
-from softrobot_env.beams.model import BeamModel, State
+from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.cases.tension_step import END, START, tensions
+from softrobot_env.benchmarks.beams import make_beam
 from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.stability.runs import (
     BEAM_METHODS,
@@ -25,24 +25,18 @@ from softrobot_env.benchmarks.stability.runs import (
     ChainSystem,
     Plan,
     Reference,
-    Row,
     System,
     beam_reference,
     chain_reference,
-    judge,
-    make_row,
     neutral_scene,
+    rule_choice,
     steps_for,
 )
+from softrobot_env.benchmarks.stability.verdicts import Row, judge
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
-from softrobot_env.scene.timestep import (
-    TimestepChoice,
-    TimestepWarning,
-    choose_timestep,
-    stability_limit,
-)
+from softrobot_env.scene.timestep import stability_limit
 
 #: [s]: what a user would try. Stiffness in units of the arm's.
 TIMESTEPS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
@@ -71,8 +65,6 @@ _REFERENCE_STEPS = 1000  # per first period, at least
 _LIMIT_SHARE = 0.4
 _LARGEST_LIMIT = 0.1
 
-MakeBeam = Callable[[RobotParams, int], BeamModel]
-
 
 def damped(robot: RobotParams, damping_ratio: float) -> RobotParams:
     """The robot with a damping ratio of its first mode."""
@@ -94,14 +86,12 @@ class Family:
     """A model with a number of hinges or pieces, in all stiffnesses and dampings.
 
     Attributes:
-        model: Name in the report.
+        model: `CHAIN`, or a name of `make_beam`.
         n: Number of hinges or pieces.
-        make: Builds a beam model; None for the MuJoCo chain.
     """
 
     model: str
     n: int
-    make: MakeBeam | None = None
     _posture: np.ndarray | None = None
     _references: dict[float, Reference] = field(default_factory=dict)
     _system: tuple[tuple[float, float], System] | None = None
@@ -109,7 +99,7 @@ class Family:
     @property
     def integrators(self) -> tuple[str, ...]:
         """Names of its integrators or methods."""
-        return BEAM_METHODS if self.make else CHAIN_INTEGRATORS
+        return CHAIN_INTEGRATORS if self.model == CHAIN else BEAM_METHODS
 
     def system(self, stiffness: float, damping: float) -> System:
         """The robot in the equilibrium of `START`, with the tensions of `END`."""
@@ -120,12 +110,12 @@ class Family:
 
     def _build(self, robot: RobotParams) -> System:
         inputs = tensions(robot, END)
-        if self.make is None:
+        if self.model == CHAIN:
             config = SceneConfig(robot, pieces=self.n // 2)
             if self._posture is None:
                 self._posture = equilibrium(neutral_scene(config).model, tensions(robot, START))
             return ChainSystem(config, self._posture, inputs)
-        beam = self.make(robot, self.n)
+        beam = make_beam(self.model, robot, self.n)
         if self._posture is None:
             u = tensions(robot, START)
             self._posture = beam.equilibrium(u, check_stability=False)
@@ -171,7 +161,7 @@ def run_cell(
     limit = None
     if isinstance(system, ChainSystem):
         limit = stability_limit(integrator, system.linear)
-    return make_row(
+    return Row.of(
         case,
         family.model,
         family.n,
@@ -203,16 +193,6 @@ def map_rows(
     ]
 
 
-def rule_choice(
-    family: Family, stiffness: float, damping: float, asked: str | None = None
-) -> TimestepChoice:
-    """What `scene.timestep` picks for a chain; `asked` fixes the integrator."""
-    system = family.system(stiffness, damping)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TimestepWarning)
-        return choose_timestep(system.linear, system.scene.config.control_period, integrator=asked)
-
-
 def rule_rows(
     family: Family, damping: float, stiffnesses: tuple[float, ...] = STIFFNESSES
 ) -> list[Row]:
@@ -220,7 +200,7 @@ def rule_rows(
     rows = []
     for stiffness in stiffnesses:
         for asked in (None, *family.integrators):
-            choice = rule_choice(family, stiffness, damping, asked)
+            choice = rule_choice(family.system(stiffness, damping), asked)
             rows.append(
                 run_cell(
                     family,
@@ -281,8 +261,3 @@ def beam_jobs(
             f"{family.model} {family.n}, damping {damping:.2g}",
             lambda z=damping: map_rows(family, z, timesteps, stiffnesses),
         )
-
-
-def chain_family(n: int) -> Family:
-    """The MuJoCo chain on n hinges."""
-    return Family(CHAIN, n)

@@ -1,12 +1,70 @@
-"""Maps of stability as pictures, one per model and resolution."""
+"""Maps of stability as pictures: panels by damping and integrator, a cell for each run."""
 
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from softrobot_env.benchmarks.stability.groups import groups
+import numpy as np
+
+from softrobot_env.benchmarks.records import groups, select
 from softrobot_env.benchmarks.stability.map import MOST_STEPS
-from softrobot_env.benchmarks.stability.map_plot import Names, draw_map
-from softrobot_env.benchmarks.stability.rig import plots as rig_stability_plots
-from softrobot_env.benchmarks.stability.runs import CHAIN, Row
+from softrobot_env.benchmarks.stability.rig import cases as rig
+from softrobot_env.benchmarks.stability.rig.run import ASKED, MAP, RULE
+from softrobot_env.benchmarks.stability.rig.runs import BOUND, JOINTS, TENSION_BOUND, RigRow
+from softrobot_env.benchmarks.stability.runs import CHAIN, DIVERGED, NOT_CONVERGED
+from softrobot_env.benchmarks.stability.verdicts import NO_TRUTH, STABLE, WRONG, Row
+from softrobot_env.rendering.figures import (
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    add_legend,
+    entry,
+    new_figure,
+    save,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.colors import Colormap, LogNorm
+    from matplotlib.figure import Figure
+
+#: Outcome -> colour, sign in the cell, and text of the legend.
+_OUTCOMES = {
+    WRONG: (ORANGE, "~", "~  finite but wrong"),
+    DIVERGED: (VERMILLION, "x", "x  diverged"),
+    NOT_CONVERGED: (PURPLE, "N", "N  Newton's iteration failed"),
+    NO_TRUTH: ("#CCCCCC", "?", "?  ended, but refined runs differ"),
+}
+_GREENS = ("#004D38", "#009E73", "#C9EBDD")
+
+#: Errors [mm] at the ends of the shades of green.
+_ERRORS = (0.02, 25.0)
+
+#: Range [ms] of the axis; lower picks are drawn as triangles on its edge.
+_LOWEST, _HIGHEST = 0.015, 28.0
+
+
+@dataclass(frozen=True)
+class _Map:
+    """Runs to draw and what the picture says.
+
+    Attributes:
+        cells: Runs of the map.
+        picks: What the rule picks, by itself and with an integrator asked for.
+        own: Case of the rule's own picks.
+        damping, line: Field that the lines of panels differ in, and their label with it.
+        stiffness, x: Field along the horizontal axis, and its label.
+        title: Of the picture.
+    """
+
+    cells: list[Row]
+    picks: list[Row]
+    own: str
+    damping: str
+    line: str
+    stiffness: str
+    x: str
+    title: str
 
 
 def plot(rows: list[Row], path: Path | str) -> None:
@@ -17,27 +75,181 @@ def plot(rows: list[Row], path: Path | str) -> None:
         path: File of the first model's picture; the others get the model's name appended, that of
             the rig "_rig".
     """
-    path = Path(path)
-    rig_stability_plots.plot(rows, path.with_stem(f"{path.stem}_rig"))
-    maps = groups((row for row in rows if row["case"] == "map"), "model", "n")
-    for index, ((model, n), cells) in enumerate(maps.items()):
-        picks = [
-            row
-            for row in rows
-            if row["case"] in ("rule", "rule_asked") and (row["model"], row["n"]) == (model, n)
-        ]
-        name = f"{path.stem}_{model.split('/')[0]}_{n}{path.suffix}"
-        names = Names(_title(cells[0]), "damping ratio {:.2g}", "stiffness / arm's")
-        draw_map(cells, picks, names, path if index == 0 else path.with_name(name))
+    path, colours = Path(path), ("damping_ratio", "damping ratio {:.2g}")
+    axis = ("stiffness_scale", "stiffness / arm's")
+    for index, ((model, n), cells) in enumerate(
+        groups(select(rows, case="map"), "model", "n").items()
+    ):
+        mine = select(rows, model=model, n=n)
+        picks = select(mine, case="rule") + select(mine, case="rule_asked")
+        figure = _draw(_Map(cells, picks, "rule", *colours, *axis, _title(cells[0])))
+        name = path.stem if index == 0 else f"{path.stem}_{model.split('/')[0]}_{n}"
+        save(figure, path.with_stem(name))
+    cells = [row for row in rows if row.case in (MAP, RULE, ASKED) and _is_rig_itself(row)]
+    if select(cells, case=MAP):
+        save(_draw(_rig_map(cells)), path.with_stem(f"{path.stem}_rig"))
 
 
 def _title(row: Row) -> str:
-    if row["model"] == CHAIN:
-        what = f"the MuJoCo chain with {row['n']} hinges"
+    if row.model == CHAIN:
+        what = f"The MuJoCo chain with {row.n} hinges"
     else:
-        what = f"the beam model {row['model']} with {row['n']} pieces"
+        what = f"The beam model {row.model} with {row.n} pieces"
     return (
-        f"Which timestep is safe? {what[0].upper()}{what[1:]}: step of the tendon tensions, "
+        f"Which timestep is safe? {what}: step of the tendon tensions, "
         f"three first periods or {MOST_STEPS} steps.\nGreen: the tip stays within "
-        f"{1e3 * row['e_bound']:g} mm (5 % of the length) of a refined run of the same model"
+        f"{1e3 * row.e_bound:g} mm (5 % of the length) of a refined run of the same model"
     )
+
+
+def _is_rig_itself(row: RigRow) -> bool:
+    """Whether nothing but damping and tendon stiffness differs from the rig."""
+    usual = 1.0, rig.Variation.pretension, 0.0, "bend"
+    return (row.stiffness_scale, row.pretension, row.friction, row.motion) == usual
+
+
+def _rig_map(rows: list[RigRow]) -> _Map:
+    cells = select(rows, case=MAP)
+    dampings = {row.damping_scale for row in cells}
+    return _Map(
+        cells,
+        [row for row in rows if row.case != MAP and row.damping_scale in dampings],
+        RULE,
+        "damping_scale",
+        "damping x {:g}",
+        "tendon_stiffness_scale",
+        "tendon stiffness / nylon's",
+        f"The spatial rig with {JOINTS} joints: servos bend it to and fro for {rig.DURATION:g} s.\n"
+        f"Green: within {1e3 * BOUND:g} mm (5 % of the length) and {TENSION_BOUND:g} N of tension "
+        "in the mean of a refined run",
+    )
+
+
+def _draw(drawn: _Map) -> "Figure":
+    """A picture of a map and what the rule picks."""
+    from matplotlib.colors import LinearSegmentedColormap, LogNorm
+
+    colors, norm = LinearSegmentedColormap.from_list("error", _GREENS), LogNorm(*_ERRORS)
+    integrators = list(dict.fromkeys(row.integrator for row in drawn.cells))
+    dampings = sorted({getattr(row, drawn.damping) for row in drawn.cells})
+    size = 1.6 + 2.15 * len(integrators), 2.2 + 1.75 * len(dampings)
+    figure, panels = new_figure(len(dampings), len(integrators), size, share=True)
+    for line, damping in zip(panels, dampings, strict=True):
+        for axes, integrator in zip(line, integrators, strict=True):
+            own = {"integrator": integrator, drawn.damping: damping}
+            mine = select(drawn.cells, **own)
+            _draw_cells(axes, mine, drawn.stiffness, colors, norm)
+            _draw_limit(axes, mine, drawn.stiffness)
+            _draw_picks(axes, select(drawn.picks, **own), drawn)
+        line[0].set_ylabel(f"{drawn.line.format(damping)}\ntimestep [ms]", fontsize=8.5)
+    for axes, integrator in zip(panels[0], integrators, strict=True):
+        axes.set_title(integrator, fontsize=10, fontweight="bold")
+    for axes in panels[-1]:
+        axes.set_xlabel(drawn.x, fontsize=8.5)
+    figure.suptitle(drawn.title, fontsize=11)
+    _add_colour_bar(figure, panels, colors, norm)
+    add_legend(figure, _entries({row.outcome for row in drawn.cells}, bool(drawn.picks)))
+    return figure
+
+
+def _draw_cells(
+    axes: "Axes", rows: list[Row], stiffness: str, colors: "Colormap", norm: "LogNorm"
+) -> None:
+    """One rectangle per run, between the geometric means of neighbouring values."""
+    from matplotlib.colors import to_rgb
+
+    x = sorted({getattr(row, stiffness) for row in rows})
+    y = sorted({1e3 * row.timestep for row in rows})
+    picture = np.ones((len(y), len(x), 3))
+    for row in rows:
+        i, j = y.index(1e3 * row.timestep), x.index(getattr(row, stiffness))
+        if row.outcome == STABLE:
+            picture[i, j] = colors(norm(max(1e3 * row.e_max, _ERRORS[0])))[:3]
+        else:
+            colour, sign, _ = _OUTCOMES[row.outcome]
+            picture[i, j] = to_rgb(colour)
+            axes.text(x[j], y[i], sign, fontsize=6, ha="center", va="center", alpha=0.6)
+    axes.grid(False)
+    axes.pcolormesh(_edges(x), _edges(y), picture, edgecolors="white", linewidth=0.4)
+    axes.set(xscale="log", yscale="log")
+    ruled = rows[0].model == CHAIN  # its picks may lie below the map
+    axes.set_ylim(_LOWEST if ruled else _edges(y)[0], _HIGHEST)
+    axes.set_yticks([0.1, 1, 10], ["0.1", "1", "10"])
+    axes.set_xticks([1e-2, 1, 1e2, 1e4])
+    axes.minorticks_off()
+    axes.set_xlim(*_edges(x)[[0, -1]])
+    axes.tick_params(labelsize=7.5)
+
+
+def _edges(values: list[float]) -> np.ndarray:
+    """Borders (k + 1,) of cells around increasing values (k,), on a logarithmic axis."""
+    logs = np.log(values)
+    inner = (logs[1:] + logs[:-1]) / 2
+    return np.exp(np.concatenate(([2 * logs[0] - inner[0]], inner, [2 * logs[-1] - inner[-1]])))
+
+
+def _draw_limit(axes: "Axes", rows: list[Row], stiffness: str) -> None:
+    """Stability limit of the linearised chain."""
+    limits = {getattr(r, stiffness): 1e3 * r.stability_limit for r in rows if r.stability_limit}
+    x = sorted(limits)
+    axes.plot(x, [limits[s] for s in x], color="black", linestyle="--", linewidth=1.1)
+
+
+def _draw_picks(axes: "Axes", rows: list[Row], drawn: _Map) -> None:
+    """What the rule picks: by itself a star, with this integrator asked for a circle."""
+    own = {getattr(row, drawn.stiffness) for row in select(rows, case=drawn.own)}
+    for row in rows:
+        x, own_pick, height = (
+            getattr(row, drawn.stiffness),
+            row.case == drawn.own,
+            1e3 * row.timestep,
+        )
+        if not own_pick and x in own:
+            continue
+        below = height < _LOWEST
+        axes.plot(
+            x,
+            1.3 * _LOWEST if below else height,
+            marker="v" if below else "*" if own_pick else "o",
+            markersize=9 if own_pick else 4.5,
+            markerfacecolor=_fill(row.outcome),
+            markeredgecolor="black",
+            markeredgewidth=0.7,
+        )
+
+
+def _fill(outcome: str) -> str:
+    """Colour of a pick of the rule."""
+    return {STABLE: "white", NO_TRUTH: _OUTCOMES[NO_TRUTH][0]}.get(outcome, "black")
+
+
+def _add_colour_bar(
+    figure: "Figure", panels: np.ndarray, colors: "Colormap", norm: "LogNorm"
+) -> None:
+    from matplotlib.cm import ScalarMappable
+
+    place = {"location": "right", "shrink": 0.6, "aspect": 30, "pad": 0.01}
+    bar = figure.colorbar(ScalarMappable(norm, colors), ax=panels, **place)
+    bar.set_label("stable: largest error of the tip [mm]", fontsize=8.5)
+    bar.ax.tick_params(labelsize=7.5)
+
+
+def _entries(outcomes: set[str], ruled: bool) -> list:
+    """Entries of the legend."""
+    square = {"linestyle": "", "marker": "s", "markersize": 9}
+    handles = [
+        entry(text, color=colour, **square)
+        for outcome, (colour, _, text) in _OUTCOMES.items()
+        if outcome in outcomes
+    ]
+    if not ruled:
+        return handles
+    point = {"linestyle": "", "markeredgecolor": "black", "markerfacecolor": "white"}
+    return [
+        *handles,
+        entry("the rule's own pick", marker="*", markersize=9, **point),
+        entry("rule, integrator asked for", marker="o", markersize=5, **point),
+        entry("rule's pick below the axis", marker="v", markersize=5, **point),
+        entry("rule's pick that failed", marker="o", **point | {"markerfacecolor": "black"}),
+        entry("linear stability limit", color="black", linestyle="--"),
+    ]

@@ -6,21 +6,22 @@ of the same model (or of an independent truth). Everything else is a failure wit
 
 from collections.abc import Iterator
 
-from softrobot_env.benchmarks.jobs import Progress, run_jobs
-from softrobot_env.benchmarks.stability import extremes as stability_extremes
-from softrobot_env.benchmarks.stability.beams import BEAMS, make_beam
+from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
+from softrobot_env.benchmarks.stability import extremes
 from softrobot_env.benchmarks.stability.map import (
     ALL_DAMPINGS,
     NOMINAL,
     SOME_DAMPINGS,
     Family,
-    Job,
     beam_jobs,
-    chain_family,
     chain_jobs,
 )
-from softrobot_env.benchmarks.stability.rig import run as rig_stability
-from softrobot_env.benchmarks.stability.runs import Row
+from softrobot_env.benchmarks.stability.rig import run as rig
+from softrobot_env.benchmarks.stability.runs import CHAIN
+from softrobot_env.benchmarks.stability.verdicts import Row
+
+#: Beam models, see `benchmarks.beams.make_beam`.
+BEAMS = ("pcc", "cosserat", "ancf2d")
 
 #: Hinges of the chain and pieces of the beams, with the damping ratios of their maps.
 CHAINS = ((12, ALL_DAMPINGS), (6, SOME_DAMPINGS), (48, SOME_DAMPINGS))
@@ -41,34 +42,27 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         progress: Called with (description, done, total), or None.
 
     Returns:
-        Rows as `stability_runs.make_row` says. Their case is "map", "rule" (what the timestep
-        rule picks), "rule_asked" (the rule with a fixed integrator), "limit" (around the
-        stability limit of the linearised chain), or the name of an extreme case, or one of
-        `rig_stability.CASES` with the rig's further fields. e_max is None for runs that did not
-        reach their end, or that nothing can judge.
+        Rows. Their case is "map", "rule" (what the timestep rule picks), "rule_asked" (the rule
+        with a fixed integrator), "limit" (around the stability limit of the linearised chain), or
+        the name of an extreme case, or one of the rig's `CASES`, of rows with further fields.
     """
     return run_jobs(list(_quick_jobs() if quick else _full_jobs()), progress)
 
 
-def beam_family(name: str, pieces: int) -> Family:
-    """A beam model with a number of pieces."""
-    return Family(name, pieces, lambda robot, n: make_beam(name, robot, n))
-
-
 def _full_jobs() -> Iterator[Job]:
     for n, dampings in CHAINS:
-        yield from chain_jobs(chain_family(n), dampings)
+        yield from chain_jobs(Family(CHAIN, n), dampings)
     for name in BEAMS:
         for n, dampings in PIECES:
-            yield from beam_jobs(beam_family(name, n), dampings)
-    yield from stability_extremes.jobs(BEAMS)
-    yield from rig_stability.jobs()
+            yield from beam_jobs(Family(name, n), dampings)
+    yield from extremes.jobs(BEAMS)
+    yield from rig.jobs()
 
 
 def _quick_jobs() -> Iterator[Job]:
     grid = QUICK_DAMPINGS, QUICK_TIMESTEPS, QUICK_STIFFNESSES
-    yield from chain_jobs(chain_family(6), *grid, QUICK_RATIOS)
+    yield from chain_jobs(Family(CHAIN, 6), *grid, QUICK_RATIOS)
     for name in BEAMS:
-        yield from beam_jobs(beam_family(name, 3), *grid)
-    yield from stability_extremes.jobs(BEAMS, quick=True)
-    yield from rig_stability.jobs(quick=True)
+        yield from beam_jobs(Family(name, 3), *grid)
+    yield from extremes.jobs(BEAMS, quick=True)
+    yield from rig.jobs(quick=True)

@@ -1,33 +1,36 @@
-"""Run one model with one integrator and timestep, and judge the motion against a refined one.
+"""Run one model with one integrator and timestep, or refined.
 
 Both kinds of systems, the MuJoCo chain and the beam models, run through the same interface:
 `System.run` returns a `Trace`, which says how the run ended instead of raising.
 """
 
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import ceil
 from time import perf_counter
-from typing import Any, Protocol
+from typing import Protocol
 
 import mujoco
 import numpy as np
 
 from softrobot_env.beams.model import BeamModel, IntegrationError, State
 from softrobot_env.beams.signals import Signal
+from softrobot_env.benchmarks.accuracy.rows import distance, zero_timestep
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.timestep import LinearChain, linearize
+from softrobot_env.scene.timestep import (
+    LinearChain,
+    TimestepChoice,
+    TimestepWarning,
+    choose_timestep,
+    linearize,
+)
 
-Row = dict[str, Any]
-
-#: How a run can end. A wrong run stays finite, but its tip leaves the error bound. One that did
-#: not converge gave up, because Newton's iteration failed or adapted steps became too many. One
-#: without truth ended, but refined runs differ too much to judge it by them.
-STABLE, WRONG, DIVERGED, NOT_CONVERGED = "stable", "wrong", "diverged", "not_converged"
-NO_TRUTH = "no_truth"
-OUTCOMES = (STABLE, WRONG, DIVERGED, NOT_CONVERGED, NO_TRUTH)
+#: How a run can fail: its motion grows beyond all bounds, or it gives up because Newton's
+#: iteration failed or adapted steps became too many.
+DIVERGED, NOT_CONVERGED = "diverged", "not_converged"
 
 #: Integrators of the MuJoCo chain, and methods of the beam models.
 CHAIN_INTEGRATORS = ("implicitfast", "discrete", "Euler", "implicit", "RK4")
@@ -43,9 +46,6 @@ _REFERENCE_TOLERANCES = (1e-6, 1e-7)
 
 #: Steps after which an adaptive run gives up.
 _MOST_ADAPTED = 20_000
-
-#: Instants in three periods, with the first, below which the motion between them is compared too.
-_LEAST_INSTANTS = 7
 
 _BAD = {
     int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
@@ -176,6 +176,16 @@ class ChainSystem:
         return Trace(*series, outcome, failure, wall_time, done, np.array(tensions))
 
 
+def rule_choice(
+    system: ChainSystem, asked: str | None = None, friction: bool = False
+) -> TimestepChoice:
+    """What `scene.timestep` picks for a chain; `asked` fixes the integrator."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimestepWarning)
+        period = system.scene.config.control_period
+        return choose_timestep(system.linear, period, integrator=asked, friction=friction)
+
+
 @contextmanager
 def silent_warnings() -> Iterator[None]:
     """Keep MuJoCo from printing and logging warnings; they are read from the data instead."""
@@ -304,10 +314,8 @@ def chain_reference(system: ChainSystem, duration: float, sample: float, most: f
         for k in (1, 2, 4)
     ]
     _check_finite(traces)
-    a, b, c = (trace.tip for trace in traces)
-    first, second = 2 * b - a, 2 * c - b
-    limit = second + (second - first) / 3
-    return Reference(traces[0].time, limit, _distance(limit, second))
+    limit, second = zero_timestep([trace.tip for trace in traces])
+    return Reference(traces[0].time, limit, distance(limit, second))
 
 
 def beam_reference(
@@ -327,97 +335,10 @@ def beam_reference(
             for tolerance in _REFERENCE_TOLERANCES
         ]
     _check_finite(traces)
-    return Reference(traces[1].time, traces[1].tip, _distance(traces[0].tip, traces[1].tip))
+    return Reference(traces[1].time, traces[1].tip, distance(traces[0].tip, traces[1].tip))
 
 
 def _check_finite(traces: list[Trace]) -> None:
     for trace in traces:
         if trace.failure:
             raise RuntimeError(f"the reference failed: {trace.failure}")
-
-
-def _distance(a: np.ndarray, b: np.ndarray) -> float:
-    return float(np.max(np.linalg.norm(a - b, axis=1)))
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """How a run ended.
-
-    Attributes:
-        outcome: One of `OUTCOMES`.
-        failure: What failed and when, or None.
-        e_max: [m], largest distance of the tip from the truth; None if the run did not end.
-    """
-
-    outcome: str
-    failure: str | None
-    e_max: float | None
-
-
-def judge(trace: Trace, truth: Reference, bound: float, name: str = "the refined run") -> Verdict:
-    """Classify a run; instants that the truth does not cover count for failures only.
-
-    A run with very few instants, which could be right by chance, is compared between them too.
-    """
-    if trace.outcome is not None:
-        return Verdict(trace.outcome, trace.failure, None)
-    covered = trace.time <= truth.time[-1] * (1 + 1e-9)
-    time, tip = np.minimum(trace.time[covered], truth.time[-1]), trace.tip[covered]
-    if len(time) < _LEAST_INSTANTS:
-        time = truth.time[truth.time <= trace.time[-1]]
-        tip = np.stack([np.interp(time, trace.time, x) for x in trace.tip.T], axis=1)
-    return judge_errors(time, np.linalg.norm(tip - truth.at(time), axis=1), bound, name)
-
-
-def judge_errors(time: np.ndarray, error: np.ndarray, bound: float, name: str) -> Verdict:
-    """Classify a finite run by its errors (k,) [m] at instants (k,) [s]."""
-    worst = int(np.argmax(error))
-    e_max = float(error[worst])
-    if e_max <= bound:
-        return Verdict(STABLE, None, e_max)
-    text = f"finite but wrong: tip {1e3 * e_max:.3g} mm from {name} at t = {time[worst]:.4g} s"
-    return Verdict(WRONG, text, e_max)
-
-
-def make_row(
-    case: str,
-    model: str,
-    n: int,
-    plan: Plan,
-    verdict: Verdict,
-    bound: float,
-    wall_time: float,
-    **more: Any,
-) -> Row:
-    """Row of the report.
-
-    Args:
-        case, model, n: What ran; n is the number of hinges or pieces.
-        plan: How.
-        verdict: How it ended.
-        bound: [m].
-        wall_time: [s].
-        **more: stiffness_scale, damping_scale (1 unless given) and damping_ratio,
-            stability_limit, reference, uncertainty (None unless given).
-    """
-    return {
-        "case": case,
-        "model": model,
-        "n": n,
-        "timestep": plan.timestep,
-        "integrator": plan.integrator,
-        "stiffness_scale": more.get("stiffness_scale", 1.0),
-        "damping_scale": more.get("damping_scale", 1.0),
-        "damping_ratio": more.get("damping_ratio"),
-        "stable": verdict.outcome == STABLE,
-        "outcome": verdict.outcome,
-        "failure": verdict.failure,
-        "e_max": verdict.e_max,
-        "e_bound": bound,
-        "wall_time": wall_time,
-        "duration": plan.timestep * plan.steps,
-        "stability_limit": more.get("stability_limit"),
-        "reference": more.get("reference"),
-        "uncertainty": more.get("uncertainty"),
-    }

@@ -1,54 +1,58 @@
 """The stability rows as tables that fit a terminal."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 
 from rich.console import Group
 from rich.table import Table
+from rich.text import Text
 
-from softrobot_env.benchmarks.stability.groups import groups, new_table
-from softrobot_env.benchmarks.stability.rig import run as rig_stability
-from softrobot_env.benchmarks.stability.rig import tables as rig_stability_tables
+from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.benchmarks.stability.rig.run import ASKED, MAP, RULE
+from softrobot_env.benchmarks.stability.rig.run import CASES as RIG_CASES
+from softrobot_env.benchmarks.stability.rig.runs import RigRow
 from softrobot_env.benchmarks.stability.runs import (
     CHAIN,
+    CHAIN_INTEGRATORS,
     DIVERGED,
     NOT_CONVERGED,
-    STABLE,
-    WRONG,
-    Row,
 )
+from softrobot_env.benchmarks.stability.verdicts import NO_TRUTH, STABLE, WRONG, Row
+from softrobot_env.rendering.tables import Column, make_table, new_table, number
 from softrobot_env.robots import ARM
 
 #: Cases that make up the maps, and those of the rig; all others are extreme cases.
-MAP_CASES = ("map", "rule", "rule_asked", "limit", *rig_stability.CASES)
+MAP_CASES = ("map", "rule", "rule_asked", "limit", *RIG_CASES)
 
 _SHORT = {CHAIN: "chain", "implicit_euler": "impl. Euler"}
 
 
 def tables(rows: list[Row]) -> Group:
     """Shares of the maps, the rule, how sharp its limit is, extreme cases, and the rig's."""
-    arm = (_shares(rows), _rule(rows), _limits(rows), _extremes(rows))
-    return Group(*arm, *rig_stability_tables.tables(rows))
+    rig = [row for row in rows if isinstance(row, RigRow)]
+    parts = [_shares(rows), _rule(rows), _limits(rows), _extremes(rows)]
+    parts += [_rig_safe(rig), _rig_rule(rig), _rig_failures(rig)] if rig else []
+    return Group(*parts)
 
 
 def first_period(row: Row) -> float:
     """First period [s] of the arm with a row's stiffness."""
-    return 1 / (ARM.first_frequency * row["stiffness_scale"] ** 0.5)
+    return 1 / (ARM.first_frequency * row.stiffness_scale**0.5)
 
 
-def safe_step(rows: Iterable[Row]) -> float | None:
-    """Largest timestep, in first periods, up to which all of some cells are stable."""
+def safe_step(rows: Iterable[Row], unit: Callable[[Row], float] = lambda _: 1.0) -> float | None:
+    """Largest timestep, in seconds or in another unit [s], up to which all runs are stable."""
     safe = None
-    for row in sorted(rows, key=lambda row: row["timestep"] / first_period(row)):
-        if not row["stable"]:
+    for row in sorted(rows, key=lambda row: row.timestep / unit(row)):
+        if not row.stable:
             break
-        safe = row["timestep"] / first_period(row)
+        safe = row.timestep / unit(row)
     return safe
 
 
 def _shares(rows: list[Row]) -> Table:
     """One line per model and integrator."""
-    cells = [row for row in rows if row["case"] == "map"]
-    dampings = sorted({row["damping_ratio"] for row in cells})
+    cells = select(rows, case="map")
+    dampings = sorted({row.damping_ratio for row in cells})
     shown = [z for z in dampings if z in (dampings[0], dampings[-1])] if cells else []
     out = new_table(
         "Maps: share of cells in %; largest step up to which all are stable (T1: first period)",
@@ -57,16 +61,13 @@ def _shares(rows: list[Row]) -> Table:
     )
     for (model, n, integrator), mine in groups(cells, "model", "n", "integrator").items():
         shares = [
-            f"{100 * sum(row['outcome'] == kind for row in mine) / len(mine):.0f}"
+            f"{100 * len(select(mine, outcome=kind)) / len(mine):.0f}"
             for kind in (STABLE, WRONG, DIVERGED, NOT_CONVERGED)
         ]
-        steps = [safe_step(r for r in mine if r["damping_ratio"] == z) for z in shown]
-        out.add_row(_short(model), str(n), _short(integrator), *shares, *map(_step, steps))
+        steps = [safe_step(select(mine, damping_ratio=z), first_period) for z in shown]
+        texts = ("none" if step is None else f"T1/{1 / step:.0f}" for step in steps)
+        out.add_row(_short(model), n, _short(integrator), *shares, *texts)
     return out
-
-
-def _step(step: float | None) -> str:
-    return "none" if step is None else f"T1/{1 / step:.0f}"
 
 
 def _rule(rows: list[Row]) -> Table:
@@ -76,25 +77,30 @@ def _rule(rows: list[Row]) -> Table:
         ("n", "zeta", "picks"),
         ("steps / T1", "stable", "e_max", "asked: stable"),
     )
-    asked = groups((r for r in rows if r["case"] == "rule_asked"), "n", "damping_ratio")
-    picked = groups((r for r in rows if r["case"] == "rule"), "n", "damping_ratio")
+    asked = groups(select(rows, case="rule_asked"), "n", "damping_ratio")
+    picked = groups(select(rows, case="rule"), "n", "damping_ratio")
     for (n, damping), mine in picked.items():
-        steps = [first_period(row) / row["timestep"] for row in mine]
-        errors = [row["e_max"] for row in mine if row["e_max"] is not None]
+        steps = [first_period(row) / row.timestep for row in mine]
+        error = _largest(mine, "e_max", "mm")
         out.add_row(
-            str(n),
+            n,
             f"{damping:.2g}",
-            ", ".join(sorted({row["integrator"] for row in mine})),
+            ", ".join(sorted({row.integrator for row in mine})),
             f"{min(steps):.0f} to {max(steps):.0f}",
             _count(mine),
-            f"{1e3 * max(errors):.2g} mm" if errors else "-",
+            f"{error} mm" if error != "-" else error,
             _count(asked.get((n, damping), [])),
         )
     return out
 
 
 def _count(rows: list[Row]) -> str:
-    return f"{sum(row['stable'] for row in rows)}/{len(rows)}"
+    return f"{sum(row.stable for row in rows)}/{len(rows)}"
+
+
+def _largest(rows: list[Row], name: str, unit: str) -> str:
+    values = (getattr(row, name) for row in rows)
+    return number(max((v for v in values if v is not None), default=None), ".2g", unit)
 
 
 def _limits(rows: list[Row]) -> Table:
@@ -104,47 +110,117 @@ def _limits(rows: list[Row]) -> Table:
         ("integrator", "n", "zeta"),
         ("limit", "stable up to", "fails from", "diverges from"),
     )
-    cells = (row for row in rows if row["case"] == "limit")
-    for (integrator, n, damping), mine in groups(cells, "integrator", "n", "damping_ratio").items():
-        mine = sorted(mine, key=lambda row: row["timestep"])
-        ratio = [row["timestep"] / row["stability_limit"] for row in mine]
-        bad = [r for r, row in zip(ratio, mine, strict=True) if not row["stable"]]
-        gone = [r for r, row in zip(ratio, mine, strict=True) if row["outcome"] == DIVERGED]
-        good = [r for r in ratio if not bad or r < bad[0]]
+    cells = groups(select(rows, case="limit"), "integrator", "n", "damping_ratio")
+    for (integrator, n, damping), mine in cells.items():
+        mine = sorted(mine, key=lambda row: row.timestep)
+        ratio = {row: row.timestep / row.stability_limit for row in mine}
+        bad = [r for row, r in ratio.items() if not row.stable]
+        gone = [r for row, r in ratio.items() if row.outcome == DIVERGED]
+        good = [r for r in ratio.values() if not bad or r < bad[0]]
         out.add_row(
             integrator,
-            str(n),
+            n,
             f"{damping:.2g}",
-            f"{1e3 * mine[0]['stability_limit']:.3g} ms",
-            *(f"{r[0]:.2f}" if r else "-" for r in (good[-1:], bad, gone)),
+            f"{1e3 * mine[0].stability_limit:.3g} ms",
+            *(f"{r[0]:.2f}" if r else None for r in (good[-1:], bad, gone)),
         )
     return out
 
 
 def _extremes(rows: list[Row]) -> Table:
     """One line per case and model."""
-    out = new_table(
+    mine = [row for row in rows if row.case not in MAP_CASES]
+    failed = (row for row in mine if row.failure)
+    return make_table(
         "Extreme cases",
-        ("case", "model", "n", "integrator"),
-        ("h [ms]", "error [mm]", "bound", "time [s]"),
+        (
+            Column("case"),
+            Column("model", lambda row: _short(row.model)),
+            Column("n"),
+            Column("integrator", lambda row: _short(row.integrator)),
+            Column("h [ms]", "timestep", ".3g", "ms"),
+            Column("error [mm]", _error, ">"),
+            Column("bound", "e_bound", ".2g", "mm"),
+            Column("time [s]", "wall_time", ".2g"),
+        ),
+        mine,
+        caption="\n".join(f"{row.case}, {_short(row.model)}: {row.failure}" for row in failed),
     )
-    mine = [row for row in rows if row["case"] not in MAP_CASES]
-    for row in mine:
-        error = "-" if row["e_max"] is None else f"{1e3 * row['e_max']:.2g}"
-        out.add_row(
-            row["case"],
-            _short(row["model"]),
-            str(row["n"]),
-            _short(row["integrator"]),
-            f"{1e3 * row['timestep']:.3g}",
-            error if row["stable"] else f"[red]{error} FAILS[/]",
-            f"{1e3 * row['e_bound']:.2g}",
-            f"{row['wall_time']:.2g}",
-        )
-    failed = [row for row in mine if row["failure"]]
-    out.caption = "\n".join(f"{r['case']}, {_short(r['model'])}: {r['failure']}" for r in failed)
-    return out
+
+
+def _error(row: Row) -> Text:
+    error = number(row.e_max, ".2g", "mm")
+    return Text(error) if row.stable else Text(f"{error} FAILS", style="red")
 
 
 def _short(name: str) -> str:
     return _SHORT.get(name, name)
+
+
+# ---------------------------------------------------------------- the rig
+
+
+def _rig_safe(rows: list[RigRow]) -> Table:
+    out = new_table(
+        "Rig: largest timestep [ms] up to which all runs are stable (?: no truth)",
+        ("damping", "tendons"),
+        CHAIN_INTEGRATORS,
+    )
+    cells = groups(select(rows, case=MAP), "damping_scale", "tendon_stiffness_scale")
+    for (damping, tendons), mine in cells.items():
+        steps = (_safe(select(mine, integrator=name)) for name in CHAIN_INTEGRATORS)
+        out.add_row(f"x {damping:g}", f"x {tendons:g}", *steps)
+    return out
+
+
+def _safe(rows: list[RigRow]) -> str:
+    if select(rows, outcome=NO_TRUTH):
+        return "?"
+    return number(safe_step(rows), "g", "ms", missing="none")
+
+
+def _rig_rule(rows: list[RigRow]) -> Table:
+    """One line per integrator, the rule's own or asked for, friction and damping."""
+    out = new_table(
+        "Rig: what the timestep rule picks, over tendons, stiffness, pretension and slack",
+        ("integrator", "friction", "damping"),
+        ("runs", "stable", "wrong", "div.", "no truth", "e max [mm]", "F err. [N]"),
+    )
+    for asked in (None, *CHAIN_INTEGRATORS):
+        picked = select(rows, case=ASKED, integrator=asked) if asked else select(rows, case=RULE)
+        for (friction, damping), mine in groups(picked, "friction", "damping_scale").items():
+            names = ", ".join(sorted({row.integrator for row in mine}))
+            outcomes = [row.outcome for row in mine]
+            out.add_row(
+                names if asked else f"rule: {names}",
+                f"{friction:g} N",
+                f"x {damping:g}",
+                len(mine),
+                *(outcomes.count(kind) for kind in (STABLE, WRONG, DIVERGED, NO_TRUTH)),
+                _largest(mine, "e_max", "mm"),
+                _largest(mine, "e_tension", "N"),
+            )
+    return out
+
+
+def _rig_failures(rows: list[RigRow]) -> Table:
+    """One line per own pick of the rule that diverged or is wrong."""
+    return make_table(
+        "Rig: picks of the rule that fail",
+        (
+            Column("tendons, E, damping", _rig_label),
+            Column("pretension, friction, motion", _drive_label),
+            Column("picks", lambda row: f"{row.integrator} {1e3 * row.timestep:.3g} ms"),
+            Column("failure"),
+        ),
+        [row for row in select(rows, case=RULE) if row.outcome in (WRONG, DIVERGED)],
+    )
+
+
+def _rig_label(row: RigRow) -> str:
+    scales = row.tendon_stiffness_scale, row.stiffness_scale, row.damping_scale
+    return " ".join(f"x {scale:g}" for scale in scales)
+
+
+def _drive_label(row: RigRow) -> str:
+    return f"{row.pretension:g} N, {row.friction:g} N, {row.motion}"

@@ -1,8 +1,7 @@
 """What evaluations of the equations of motion cost, and how many it takes: Fig. 2.16 to 2.18."""
 
 from collections.abc import Callable
-from time import perf_counter
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numba import njit
@@ -10,8 +9,10 @@ from numba import njit
 from softrobot_env.beams import mechanics
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.model import BeamModel, Motion
+from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row, build, make_row
+from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.robots import CANTILEVER_WEAK
 
 #: Integrator of each model, in place of ode45 and ode15s, and their relative tolerance (sec. 2.5).
@@ -56,19 +57,13 @@ def force_time(model: BeamModel, q: np.ndarray, v: np.ndarray) -> float:
 def _time(loop: Callable[..., None], model: BeamModel, q: np.ndarray, v: np.ndarray) -> float:
     """Shortest time [s] per state of some loops, each long enough for the clock."""
     arguments = model.data, q, v, np.zeros(model.n_inputs), np.empty(model.n)
-    rounds, best = 1, 0.0
+    rounds = 1
     loop(*arguments, rounds)
     while True:
-        best = min(_clock(loop, *arguments, rounds) for _ in range(_REPEATS))
+        best, _ = best_of(partial(loop, *arguments, rounds), _REPEATS)
         if best > _SHORTEST / _REPEATS:
             return best / (rounds * len(q))
         rounds *= 4
-
-
-def _clock(loop: Callable[..., None], *arguments: Any) -> float:
-    begin = perf_counter()
-    loop(*arguments)
-    return perf_counter() - begin
 
 
 def random_states(model: BeamModel, count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -115,12 +110,9 @@ def self_weight_rows(pieces: tuple[int, ...]) -> list[Row]:
         method = METHODS[model]
         for n in pieces:
             beam = build(model, CANTILEVER_WEAK, n)
-
-            def simulate(beam: BeamModel = beam, method: str = method) -> Motion:
-                return beam.simulate(_DURATION, method=method, tolerance=TOLERANCE)
-
+            simulate = partial(beam.simulate, _DURATION, method=method, tolerance=TOLERANCE)
             motion = simulate()
-            time = min(_clock(simulate) for _ in range(3))
+            time, _ = best_of(simulate, 3)
             number = evaluations(beam, motion)
             rows += [
                 make_row("2.17", method, model, n, "evaluations", number),
@@ -131,12 +123,8 @@ def self_weight_rows(pieces: tuple[int, ...]) -> list[Row]:
 
 def total_rows(rows: list[Row]) -> list[Row]:
     """Fig. 2.18 from the rows of Fig. 2.16 and 2.17, and statements that the thesis draws."""
-    single = {
-        (r["model"], r["n"]): r["y"]
-        for r in rows
-        if (r["figure"], r["case"]) == ("2.16", "compiled")
-    }
-    number = {(r["model"], r["n"]): r["y"] for r in rows if r["figure"] == "2.17"}
+    single = {(r.model, r.n): r.y for r in select(rows, figure="2.16", case="compiled")}
+    number = {(r.model, r.n): r.y for r in select(rows, figure="2.17")}
     out = []
     for (model, n), count in number.items():
         total = count * single[model, n]
@@ -145,7 +133,7 @@ def total_rows(rows: list[Row]) -> list[Row]:
 
 
 def _statement_rows(number: dict[tuple[str, int], float], totals: list[Row]) -> list[Row]:
-    fast = [r["n"] for r in totals if r["model"] == "ancf" and r["y"] < _DURATION]
+    fast = [r.n for r in totals if r.model == "ancf" and r.y < _DURATION]
     sizes = sorted({n for _, n in number})
     more = [n for n in sizes if number["pcc", n] > number["ancf", n]]
     note = None if more else f"never up to {sizes[-1]} pieces"

@@ -2,12 +2,9 @@
 
 from dataclasses import replace
 
-import numpy as np
-from scipy.linalg import eigh
-
 from softrobot_env.beams.exact.analytic import euler_bernoulli_frequency
 from softrobot_env.beams.exact.shearable_rod import bending_frequency, torsion_frequency
-from softrobot_env.beams.model import BeamModel
+from softrobot_env.benchmarks.beams import mode_frequency, weightless
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.rows import (
     MODELS,
@@ -17,7 +14,6 @@ from softrobot_env.benchmarks.thesis.rows import (
     Row,
     build,
     make_row,
-    weightless,
 )
 from softrobot_env.benchmarks.thesis.statics import LOCKED
 from softrobot_env.robots import CANTILEVER_WEAK, RobotParams
@@ -31,28 +27,6 @@ _PRINTED_FACTOR = (
     "the factor 4 of (2.44) instead of 1/4 makes rotary accelerations 16 times too large and "
     "torsional frequencies 4 times too high; it may be why the thesis' rod does not converge"
 )
-
-
-def mode_frequency(model: BeamModel, torsion: bool = False) -> float:
-    """Lowest frequency [Hz] of the straight robot that moves its tip, or that twists it.
-
-    From the eigenvalues of the linear model; the thesis' Fourier transform over two periods
-    resolves half the frequency (audit).
-    """
-    start = model.start()
-    space, tangent = model.linearize(start), model.tangent(start.q)
-    # The straight robot's matrices are symmetric, also with the printed moments.
-    squares, modes = eigh(space.stiffness, space.mass)
-    ends = np.full(2, model.robot.length)
-    offsets = np.array([[0.0, 0.0], [model.robot.outer_radius, 0.0]])
-    straight = model.positions(start.q, ends, offsets)
-    for square, mode in zip(squares, (tangent @ modes).T, strict=True):
-        size = 1e-6 / np.max(np.abs(mode / model.data.scale))
-        center, rim = model.positions(start.q + size * mode, ends, offsets) - straight
-        twists = abs(rim[1] - center[1]) > np.linalg.norm(center)
-        if square > 0 and twists == torsion:
-            return float(np.sqrt(square) / (2 * np.pi))
-    raise ValueError("the model has no such mode")
 
 
 def bending_rows(pieces: tuple[int, ...]) -> list[Row]:
@@ -91,7 +65,7 @@ def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
 
 def _statement_rows(name: str, rows: list[Row]) -> list[Row]:
     """Distances of the models with 14 pieces from each other and from Euler-Bernoulli."""
-    mine = {(r["model"], r["n"]): r["y"] for r in rows if r["case"] == name}
+    mine = {(r.model, r.n): r.y for r in rows if r.case == name}
     theory = mine["euler_bernoulli", None]
     finest = {model: mine[model, _FINEST] for model in MODELS}
     spread = (max(finest.values()) - min(finest.values())) / min(finest.values())
@@ -141,7 +115,7 @@ def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
                 lumped = ratio == 0 and model != "ancf"
                 known = values.TORSION_FREQUENCY_LUMPED.get(n) if lumped else None
                 rows.append(make_row("2.15", case, model, n, _FREQUENCY, found, audit=known))
-    rod = {r["n"]: r["y"] for r in rows if (r["case"], r["model"]) == ("nu = 0", "cosserat")}
+    rod = {r.n: r.y for r in rows if (r.case, r.model) == ("nu = 0", "cosserat")}
     finest = max(rod)
     rows.append(
         make_row(

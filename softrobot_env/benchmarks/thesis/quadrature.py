@@ -3,9 +3,10 @@
 import numpy as np
 
 from softrobot_env.beams.ancf import ANCF
+from softrobot_env.benchmarks.beams import weightless
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.cost import force_time
-from softrobot_env.benchmarks.thesis.rows import Row, build, make_row, weightless
+from softrobot_env.benchmarks.thesis.rows import Row, build, make_row
 from softrobot_env.robots import CANTILEVER_WEAK
 
 #: Order of the thesis' reference solution.
@@ -62,7 +63,7 @@ def _first_order_rows(rows: list[Row]) -> list[Row]:
     """First order with an error below 1e-3, by reference."""
     out = []
     for case in (f"legendre, against order {HIGHEST}", "legendre, against exact"):
-        good = [int(r["x"]) for r in rows if r["case"] == case and r["y"] < _LIMIT]
+        good = [int(r.x) for r in rows if r.case == case and r.y < _LIMIT]
         first = min(good) if good else None
         note = None if good else "no order computed has an error below 1e-3"
         row = make_row(

@@ -1,32 +1,14 @@
 """Rows of the thesis benchmark, and the beam models as chapter 2 uses them."""
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import Any
 
-from softrobot_env.beams.ancf import ANCF
-from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.model import BeamModel
-from softrobot_env.beams.pcc import PCC
+from softrobot_env.benchmarks.beams import make_beam
+from softrobot_env.benchmarks.records import Record
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
-
-Row = dict[str, Any]
-
-#: Fields of every row; see `benchmarks.thesis_figures.run`.
-FIELDS = (
-    "figure",
-    "case",
-    "model",
-    "n",
-    "x_name",
-    "x",
-    "y_name",
-    "y",
-    "thesis",
-    "audit",
-    "note",
-)
 
 #: Models by name in the rows.
 MODELS = ("pcc", "cosserat", "ancf")
@@ -41,6 +23,34 @@ SILICONE = 0.49
 SHEAR_COEFFICIENT = 0.75
 
 
+@dataclass(frozen=True)
+class Row(Record):
+    """A point of a figure or a number of a table; names of quantities end in their unit.
+
+    Attributes:
+        figure: Of the thesis, such as "2.11" or "tab2.2".
+        case, model: Curve or line that it belongs to.
+        n: Pieces, if it has any.
+        x_name, x: Abscissa, None where it is n or there is none.
+        y_name, y: The quantity; None where it could not be computed, and the note then says why.
+        thesis: The printed number.
+        audit: The number recomputed independently.
+        note: What has to be known.
+    """
+
+    figure: str
+    case: str
+    model: str
+    n: int | None
+    x_name: str | None
+    x: float | None
+    y_name: str
+    y: float | None
+    thesis: float | None = None
+    audit: float | None = None
+    note: str | None = None
+
+
 def make_row(
     figure: str,
     case: str,
@@ -51,24 +61,10 @@ def make_row(
     x: tuple[str, float] | None = None,
     **others: Any,
 ) -> Row:
-    """A row; x is its name and value, `others` are thesis, audit and note.
-
-    Raises:
-        ValueError: A field that rows do not have.
-    """
-    unknown = others.keys() - {"thesis", "audit", "note"}
-    if unknown:
-        raise ValueError(f"unknown fields {sorted(unknown)}")
-    x_name, x_value = (None, None) if x is None else x
-    values = {"figure": figure, "case": case, "model": model, "n": n, "x_name": x_name}
-    values |= {"x": None if x_value is None else float(x_value), "y_name": y_name}
-    values |= {"y": None if y is None else float(y)}
-    return dict.fromkeys(FIELDS) | values | others
-
-
-def weightless(robot: RobotParams) -> RobotParams:
-    """The same robot without gravity."""
-    return replace(robot, gravity=(0.0, 0.0, 0.0))
+    """A row; x is its name and value, `others` are thesis, audit and note."""
+    x_name, x_value = (None, None) if x is None else (x[0], float(x[1]))
+    y_value = None if y is None else float(y)
+    return Row(figure, case, model, n, x_name, x_value, y_name, y_value, **others)
 
 
 def build(
@@ -90,10 +86,7 @@ def build(
         planar: Whether to take the planar version of PCC and ANCF; else PCC has torsion.
         **options: Further options of the model's class, instead of those named.
     """
-    if model == "pcc":
-        options = {"axes": "planar" if planar else "torsion"} | options
-        return PCC(robot, n, loads=loads, **options)
     if model == "cosserat":
         printed = {"weighting": 2, "moments": "printed", "shear_coefficient": SHEAR_COEFFICIENT}
-        return CosseratRod(robot, n, loads=loads, **(printed | options))
-    return ANCF(robot, n, loads=loads, **({"dimension": 2 if planar else 3} | options))
+        options = printed | options
+    return make_beam(model, robot, n, loads, "planar" if planar else "torsion", **options)

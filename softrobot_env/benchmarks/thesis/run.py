@@ -33,10 +33,7 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         progress: Called with (description, done, total), or None.
 
     Returns:
-        Rows with figure (of the thesis, such as "2.11" or "tab2.2"), case, model, n (pieces),
-        x_name and x, y_name and y, thesis (the printed number), audit (the number recomputed
-        independently) and note. Names end in the unit; fields that do not apply are None, y too
-        where something could not be computed, and the note then says why.
+        Rows in the order of the figures.
     """
     rows: list[Row] = []
     return run_jobs([*_planar_jobs(quick, rows), *_spiral_jobs(quick)], progress, rows)

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from time import perf_counter
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -10,18 +10,19 @@ from scipy.interpolate import CubicSpline
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.model import BeamModel, IntegrationError, Motion
+from softrobot_env.benchmarks.accuracy.cases.spiral import (
+    DURATION,
+    PERIOD,
+    ROBOT,
+    force,
+    loads,
+)
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.cost import METHODS, TOLERANCE
-from softrobot_env.benchmarks.thesis.rows import MODELS, Row, build, make_row, weightless
-from softrobot_env.robots import CANTILEVER_STIFF
-from softrobot_env.robots.loads import Load
+from softrobot_env.benchmarks.thesis.rows import MODELS, Row, build, make_row
+from softrobot_env.benchmarks.timing import best_of
 
-#: [s] simulated.
-DURATION = 3.0
-
-_FORCE, _RATE = 20.0, 10.0  # N, rad/s
-_PERIOD = 0.01  # s, between compared instants
-_SHOWN = 4  # of these, between those in the rows
+_SHOWN = 4  # of the compared instants, between those in the rows
 _ACCURATE = 1e-6  # tolerance of curves
 _REFERENCE = 1e-9  # tolerance of references of Tab. 2.2
 _REPEATS = 3
@@ -38,17 +39,9 @@ _FIRST = "ours starts with a thousandth of the motion"
 _EXCHANGED = "the thesis' columns of ode15s and ode45 are exchanged for this model (audit)"
 
 
-def force(t: float) -> np.ndarray:
-    """(2,) [N] in x and y at time t [s], (2.79)."""
-    return _FORCE * t / DURATION * np.array([np.sin(_RATE * t), np.cos(_RATE * t)])
-
-
 def spiral_model(model: str, n: int) -> BeamModel:
     """Spatial model of the stiff set, without gravity (audit), with forces on its tip."""
-    robot = weightless(CANTILEVER_STIFF)
-    tip = robot.length
-    loads = (Load("x", tip, force=(1.0, 0.0, 0.0)), Load("y", tip, force=(0.0, 1.0, 0.0)))
-    return build(model, robot, n, loads, planar=False)
+    return build(model, ROBOT, n, loads(), planar=False)
 
 
 @dataclass(frozen=True)
@@ -69,7 +62,7 @@ def _mean_and_largest(difference: np.ndarray) -> tuple[float, float]:
     return float(distance.mean()), float(distance.max())
 
 
-def _simulate(beam: BeamModel, samples: Any = _PERIOD, **options: Any) -> Motion:
+def _simulate(beam: BeamModel, samples: Any = PERIOD, **options: Any) -> Motion:
     return beam.simulate(DURATION, _signal(), samples=samples, **options)
 
 
@@ -98,7 +91,7 @@ def curve_rows(curves: list[Curve]) -> list[Row]:
     for model, n, tip in [*((c.model, c.n, c.tip) for c in shown), ("mean of models", None, mean)]:
         for k in range(0, len(tip), _SHOWN):
             x, y, _ = tip[k]
-            rows.append(make_row("2.21", "spiral", model, n, "tip_x_m", x, ("time_s", k * _PERIOD)))
+            rows.append(make_row("2.21", "spiral", model, n, "tip_x_m", x, ("time_s", k * PERIOD)))
             rows.append(make_row("2.22", "spiral", model, n, "tip_y_m", y, ("tip_x_m", x)))
     return rows
 
@@ -149,7 +142,7 @@ def time_rows(model: str, pieces: tuple[int, ...]) -> list[Row]:
         time, _ = _timed(beam, method=method, tolerance=TOLERANCE)
         rows.append(make_row("2.19", method, model, n, "computation_time_s", time))
     if model == "ancf":
-        fast = [r["n"] for r in rows if r["y"] < DURATION]
+        fast = [r.n for r in rows if r.y < DURATION]
         rows.append(
             make_row(
                 "2.19",
@@ -167,14 +160,9 @@ def time_rows(model: str, pieces: tuple[int, ...]) -> list[Row]:
 
 def _timed(beam: BeamModel, repeats: int = _REPEATS, **options: Any) -> tuple[float, Motion]:
     """Shortest computation time [s] of some simulations, and the motion; compiled before."""
-    signal = _signal()
-    motion = beam.simulate(DURATION, signal, **options)
-    best = np.inf
-    for _ in range(repeats):
-        begin = perf_counter()
-        beam.simulate(DURATION, signal, **options)
-        best = min(best, perf_counter() - begin)
-    return best, motion
+    simulate = partial(beam.simulate, DURATION, _signal(), **options)
+    simulate()
+    return best_of(simulate, repeats)
 
 
 # ---------------------------------------------------------------- Tab. 2.2 and 2.3

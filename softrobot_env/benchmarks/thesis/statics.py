@@ -8,6 +8,7 @@ from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.exact.analytic import euler_bernoulli_deflection, timoshenko_deflection
 from softrobot_env.beams.exact.shearable_rod import rod_tip, section, torsion_angle
 from softrobot_env.beams.model import BeamModel
+from softrobot_env.benchmarks.beams import tip_twist, weightless
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.rows import (
     MODELS,
@@ -17,7 +18,6 @@ from softrobot_env.benchmarks.thesis.rows import (
     Row,
     build,
     make_row,
-    weightless,
 )
 from softrobot_env.robots import CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
@@ -94,7 +94,7 @@ def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
 def _threshold_rows(rows: list[Row]) -> list[Row]:
     """Fewest pieces for a weak deflection within 5 % of what the model converges to; PCC's error
     for the stiff set with one piece."""
-    found = {(r["case"], r["model"], r["n"]): r["y"] for r in rows}
+    found = {(r.case, r.model, r.n): r.y for r in rows}
     out = []
     for model, limit in CONVERGES_TO.items():
         converged = found["weak", limit, None]
@@ -143,14 +143,6 @@ def centreline_rows() -> list[Row]:
                 make_row("2.12", "weak", model, _CURVE_PIECES, "deflection_m", -point[0], x)
             )
     return rows
-
-
-def tip_twist(model: BeamModel, q: np.ndarray) -> float:
-    """Angle [rad] by which the tip's section is turned about the straight robot's axis."""
-    ends = np.full(2, model.robot.length)
-    offsets = np.array([[0.0, 0.0], [model.robot.outer_radius, 0.0]])
-    center, rim = model.positions(q, ends, offsets)
-    return float(np.arctan2(rim[1] - center[1], rim[0] - center[0]))
 
 
 def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:

@@ -13,9 +13,8 @@ from softrobot_env.beams.exact.shearable_rod import (
     torsion_frequency,
 )
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
-from softrobot_env.benchmarks.accuracy.cases.statics import weightless
 from softrobot_env.benchmarks.accuracy.rows import Physics, Row
-from softrobot_env.benchmarks.beams import mode_frequency, tip_twist
+from softrobot_env.benchmarks.beams import mode_frequency, tip_twist, weightless
 from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load

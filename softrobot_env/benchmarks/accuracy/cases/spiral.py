@@ -2,7 +2,6 @@
 
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -12,6 +11,7 @@ from softrobot_env.beams import signals
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
 from softrobot_env.benchmarks.accuracy.rows import DURATION, Limit, extrapolate
+from softrobot_env.benchmarks.beams import weightless
 from softrobot_env.robots import CANTILEVER_STIFF, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import Scene, build_scene
@@ -26,7 +26,7 @@ PERIOD = 0.01
 #: [N] at the end, and [rad/s].
 FORCE, RATE = 20.0, 10.0
 
-ROBOT = replace(CANTILEVER_STIFF, gravity=(0.0, 0.0, 0.0))
+ROBOT = weightless(CANTILEVER_STIFF)
 
 _REFERENCE_TOLERANCE = 1e-7
 

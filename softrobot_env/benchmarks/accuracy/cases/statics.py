@@ -11,6 +11,7 @@ from softrobot_env.beams.exact.continuum_arc import TEXT as CONTINUUM_ARC
 from softrobot_env.beams.exact.continuum_arc import continuum_arc_tip
 from softrobot_env.beams.exact.shearable_rod import rod_tip, section, tendon_tip
 from softrobot_env.benchmarks.accuracy.rows import BENDING, CONTINUUM, Physics
+from softrobot_env.benchmarks.beams import weightless
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
@@ -75,7 +76,7 @@ def self_weight(name: str, robot: RobotParams) -> StaticCase:
 
 def tip_moment(moment: float) -> StaticCase:
     """The weak cantilever without gravity under a tip moment [N m]; no force, so no shear."""
-    robot = weightless()
+    robot = weightless(CANTILEVER_WEAK)
     tip = arc_tip(robot.length, moment / robot.bending_stiffness)
     load = Load("load", robot.length, moment=(0.0, moment, 0.0))
 
@@ -89,7 +90,7 @@ def tip_moment(moment: float) -> StaticCase:
 
 def tip_force(force: float) -> StaticCase:
     """The weak cantilever without gravity under a lateral tip force [N]."""
-    robot = weightless()
+    robot = weightless(CANTILEVER_WEAK)
     load = Load("load", robot.length, force=(force, 0.0, 0.0))
     truth = _dead_load(robot, force=(force, 0.0))
     return StaticCase(f"tip_force_{force:g}N", robot, truth, (load,))
@@ -145,8 +146,3 @@ def guided_arm() -> RobotParams:
 def _tendon_tip(robot: RobotParams, reduced: tuple[float, ...], physics: Physics) -> np.ndarray:
     tension = TendonMap(robot).tension(np.array(reduced))
     return tendon_tip(robot, section(robot, physics.shear_coefficient), tension)
-
-
-def weightless(robot: RobotParams = CANTILEVER_WEAK) -> RobotParams:
-    """A robot without gravity."""
-    return replace(robot, gravity=(0.0, 0.0, 0.0))

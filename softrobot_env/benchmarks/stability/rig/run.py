@@ -8,15 +8,13 @@ tighten on an undamped rig strike like hammers: then small errors grow to any si
 refined runs differ, and all that can be said of a run is whether it ended.
 """
 
-import warnings
 from collections.abc import Iterator
 from itertools import product
 
 from softrobot_env.benchmarks.jobs import Job
-from softrobot_env.benchmarks.stability.rig.cases import PERIOD, Variation
-from softrobot_env.benchmarks.stability.rig.runs import JOINTS, reference, run
-from softrobot_env.benchmarks.stability.runs import CHAIN_INTEGRATORS, ChainSystem, Row
-from softrobot_env.scene.timestep import TimestepChoice, TimestepWarning, choose_timestep
+from softrobot_env.benchmarks.stability.rig.cases import Variation
+from softrobot_env.benchmarks.stability.rig.runs import JOINTS, RigRow, reference, run
+from softrobot_env.benchmarks.stability.runs import CHAIN_INTEGRATORS, rule_choice
 
 MAP, RULE, ASKED = "rig_map", "rig_rule", "rig_rule_asked"
 CASES = (MAP, RULE, ASKED)
@@ -53,7 +51,7 @@ def variations() -> Iterator[Variation]:
                 yield rig
 
 
-def variation_rows(rig: Variation, timesteps: tuple[float, ...]) -> list[Row]:
+def variation_rows(rig: Variation, timesteps: tuple[float, ...]) -> list[RigRow]:
     """Runs of a rig with given timesteps and every integrator, and with the rule's choices."""
     system = rig.system(JOINTS)
     truth = reference(rig, system)
@@ -63,14 +61,7 @@ def variation_rows(rig: Variation, timesteps: tuple[float, ...]) -> list[Row]:
         for timestep in timesteps
     ]
     for asked in (None, *CHAIN_INTEGRATORS):
-        choice = rule_choice(rig, system, asked)
+        choice = rule_choice(system, asked, rig.friction > 0)
         case = RULE if asked is None else ASKED
         rows.append(run(rig, system, truth, choice.integrator, choice.timestep, case))
     return rows
-
-
-def rule_choice(rig: Variation, system: ChainSystem, asked: str | None = None) -> TimestepChoice:
-    """What `scene.timestep` picks; `asked` fixes the integrator."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TimestepWarning)
-        return choose_timestep(system.linear, PERIOD, integrator=asked, friction=rig.friction > 0)

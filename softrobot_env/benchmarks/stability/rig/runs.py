@@ -5,21 +5,17 @@ from math import ceil, inf, isinf
 
 import numpy as np
 
+from softrobot_env.benchmarks.accuracy.rows import distance
 from softrobot_env.benchmarks.stability.rig.cases import DURATION, PERIOD, Variation
 from softrobot_env.benchmarks.stability.runs import (
     CHAIN,
-    NO_TRUTH,
-    WRONG,
     ChainSystem,
     Plan,
     Reference,
-    Row,
     Trace,
-    Verdict,
-    judge,
-    make_row,
     steps_for,
 )
+from softrobot_env.benchmarks.stability.verdicts import NO_TRUTH, WRONG, Row, Verdict, judge
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import stability_limit
 
@@ -36,6 +32,24 @@ _LIMIT_SHARE = 0.4
 
 #: [m], largest distance of refined runs that can judge another one.
 TRUSTED = BOUND / 3
+
+
+@dataclass(frozen=True)
+class RigRow(Row):
+    """A run of a varied rig.
+
+    Attributes:
+        tendon_stiffness_scale: Of the tendons, over nylon's.
+        pretension, friction: [N] of every tendon.
+        motion: Key of `MOTIONS`.
+        e_tension: [N], mean error of the tensions, None where nothing can judge them.
+    """
+
+    tendon_stiffness_scale: float
+    pretension: float
+    friction: float
+    motion: str
+    e_tension: float | None
 
 
 @dataclass(frozen=True)
@@ -61,7 +75,7 @@ def reference(rig: Variation, system: ChainSystem) -> Truth:
     )
     if coarse.failure or fine.failure:
         return Truth(fine, inf)
-    return Truth(fine, float(np.max(np.linalg.norm(coarse.tip - fine.tip, axis=1))))
+    return Truth(fine, distance(coarse.tip, fine.tip))
 
 
 def _refinement(rig: Variation, system: ChainSystem) -> tuple[str, float]:
@@ -83,13 +97,13 @@ def run(
     integrator: str,
     timestep: float,
     case: str,
-) -> Row:
+) -> RigRow:
     """One run, of at most `MOST_STEPS` steps, judged by its tip and its tensions."""
     plan = Plan(integrator, timestep, steps_for(DURATION, timestep, 1, MOST_STEPS), PERIOD)
     trace = system.run(plan)
     verdict, error = judged(trace, truth)
     limit = stability_limit(integrator, system.linear)
-    row = make_row(
+    return RigRow.of(
         case,
         CHAIN,
         JOINTS,
@@ -102,14 +116,12 @@ def run(
         stability_limit=None if isinf(limit) else float(limit),
         reference="refined run of the same model",
         uncertainty=None if isinf(truth.uncertainty) else truth.uncertainty,
+        tendon_stiffness_scale=rig.tendon_stiffness,
+        pretension=rig.pretension,
+        friction=rig.friction,
+        motion=rig.motion,
+        e_tension=error,
     )
-    return row | {
-        "tendon_stiffness_scale": rig.tendon_stiffness,
-        "pretension": rig.pretension,
-        "friction": rig.friction,
-        "motion": rig.motion,
-        "e_tension": error,
-    }
 
 
 def judged(trace: Trace, truth: Truth) -> tuple[Verdict, float | None]:

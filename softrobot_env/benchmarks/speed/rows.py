@@ -1,0 +1,61 @@
+"""The rows of the speed benchmark."""
+
+from dataclasses import dataclass
+
+from softrobot_env.benchmarks.records import Record
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """How long something takes; None where a field does not apply.
+
+    Attributes:
+        what: "env.step", "vector env.step", "start" or "render".
+        variant: Environment, or what is waited for.
+        n_envs, threads: Environments stepped at once, and by how many threads or processes.
+        steps_per_second: Of all environments together.
+        raw_steps_per_second: Of bare simulations in the same motion.
+        ratio: Time of the bare simulation over that of the environment.
+        overhead: [s] that a step of one environment takes beyond the simulation.
+        overhead_ratio: The same over that of the yardstick.
+        seconds: [s] of a step of one environment, or of the wait.
+    """
+
+    what: str
+    variant: str
+    n_envs: int | None = None
+    threads: int | None = None
+    steps_per_second: float | None = None
+    raw_steps_per_second: float | None = None
+    ratio: float | None = None
+    overhead: float | None = None
+    overhead_ratio: float | None = None
+    seconds: float | None = None
+
+
+def step_row(
+    what: str,
+    variant: str,
+    seconds: float,
+    raw: float | None,
+    *,
+    count: int = 1,
+    threads: int = 1,
+    yardstick: float | None = None,
+) -> Row:
+    """Row of a step.
+
+    Args:
+        what, variant: Of the row.
+        seconds: [s] of a step of all environments.
+        raw: [s] of their bare simulations, or None.
+        count, threads: Environments, and threads or processes.
+        yardstick: Overhead [s] to compare with.
+    """
+    bare = {}
+    if raw is not None:
+        overhead = (seconds - raw) / count
+        bare = {"raw_steps_per_second": count / raw, "ratio": raw / seconds, "overhead": overhead}
+        bare |= {} if yardstick is None else {"overhead_ratio": overhead / yardstick}
+    speed = {"steps_per_second": count / seconds, "seconds": seconds / count}
+    return Row(what, variant, count, threads, **speed, **bare)
