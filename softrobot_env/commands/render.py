@@ -88,5 +88,5 @@ def _case(args: argparse.Namespace, setup: Setup) -> Case:
             f"policy {policy!r} is not for the task {args.task}; choose from "
             f"{', '.join(setup.policies)}"
         )
-    case = setup.case(task, options, policy, {}, setup.twins()[0])
-    return replace(case, duration=args.duration)
+    case = Case(task, policy, options, twin=setup.twins()[0])
+    return replace(setup.complete(case), duration=args.duration)

@@ -5,18 +5,6 @@ from pathlib import Path
 
 import numpy as np
 
-#: Arrays with a row for every control instant.
-_BY_INSTANT = (
-    "time",
-    "reference",
-    "tip",
-    "action",
-    "tendon_tension",
-    "tendon_length",
-    "curvature",
-    "reward",
-)
-
 
 @dataclass(frozen=True)
 class Rollout:
@@ -61,8 +49,9 @@ class Rollout:
 
     def part(self, instants: slice) -> "Rollout":
         """The record at some of its instants, with all of the policy's decisions."""
-        arrays = {name: getattr(self, name)[instants] for name in _BY_INSTANT}
-        return replace(self, **arrays)
+        arrays = {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        kept = {k: v[instants] for k, v in arrays.items() if not k.startswith("policy_")}
+        return replace(self, **kept)
 
     def thinned(self, period: float) -> "Rollout":
         """The record at instants about `period` [s] apart."""

@@ -106,8 +106,3 @@ def cells(row: Any | None, names: Sequence[str], stroke: str = " / ") -> str:
 def both(rows: Sequence[Any | None], name: str) -> str:
     """A value of several rows, parted by strokes."""
     return " / ".join(cell(row, name) for row in rows)
-
-
-def task_name(task: str, width: float | None) -> str:
-    """Task, with the width of a step."""
-    return task if width is None else f"{task} {1e3 * width:g} mm"

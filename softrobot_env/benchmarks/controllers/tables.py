@@ -19,7 +19,7 @@ from softrobot_env.benchmarks.controllers.rows import (
 )
 from softrobot_env.benchmarks.episodes import names, of_kind, one
 from softrobot_env.benchmarks.records import select
-from softrobot_env.evaluation.labels import variation_label
+from softrobot_env.evaluation.labels import task_label, variation_label
 from softrobot_env.evaluation.report import failures
 from softrobot_env.evaluation.thesis import (
     AUDIT,
@@ -36,7 +36,6 @@ from softrobot_env.rendering.quantities import (
     cells,
     number,
     span,
-    task_name,
     with_unit,
 )
 from softrobot_env.rendering.tables import new_table, pivot_table, verdict
@@ -65,6 +64,10 @@ def tables(rows: list[Row]) -> Group:
     ]
     parts = [part for part in parts if part.row_count]
     return Group(*parts, *map(Text, failures([row.row() for row in found])))
+
+
+def _task(task: str, width: float | None) -> str:
+    return task_label({"task": task, "step_width": width})
 
 
 # ---------------------------------------------------------------- beside the thesis
@@ -159,7 +162,7 @@ def _policy_times(rows: Rows) -> Table:
     """Tab. 6.5."""
     title = "Tab. 6.5: policy time per decision in us, median / 99th percentile"
     shown = (("thesis", "step", 0.05), ("mujoco", "step", 0.05), ("mujoco", "swing", None))
-    heads = [f"{_PLANTS[s]}\n{task_name(task, width)}" for s, task, width in shown]
+    heads = [f"{_PLANTS[s]}\n{_task(task, width)}" for s, task, width in shown]
     out = new_table(title, ("policy",), ("decides\nevery ms", "thesis", *heads))
     for policy in names(rows):
         mine = [one(rows, setting=s, policy=policy, task=t, step_width=w) for s, t, w in shown]
@@ -196,7 +199,7 @@ def _moduli(rows: Rows, plant: str, task: str, width: float | None) -> Table:
     if width is not None:
         metrics, stroke = ("e_rms", "settling_time", "overshoot"), "/"
         what = "rms mm/settling s/over %"
-    place = f"{task_name(task, width)} on {_PLANT_NAMES[plant]}"
+    place = f"{_task(task, width)} on {_PLANT_NAMES[plant]}"
     mine = select(rows, plant=plant, task=task, step_width=width)
     factors = moduli(mine)
     heads = [f"E x {factor:g}" for factor in factors]
@@ -216,7 +219,7 @@ def _ratios(varied: list[VariedRow]) -> Table:
         "MuJoCo: largest error with another Young's modulus over the nominal one (max / rms)",
         "policy",
         names(varied),
-        {task_name(*task): task for task in TASKS},
+        {_task(*task): task for task in TASKS},
         lambda policy, task: _largest(
             select(varied, policy=policy, task=task[0], step_width=task[1])
         ),
@@ -264,7 +267,7 @@ def _output(rows: Rows) -> Table:
                 f"{cell(row, name)} ({cell(nominal, name)})" if name in shown else ""
                 for name in metrics
             )
-            out.add_row(task_name(task, width), row.policy, *pairs)
+            out.add_row(_task(task, width), row.policy, *pairs)
         out.add_section()
     return out
 

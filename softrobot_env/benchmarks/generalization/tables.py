@@ -19,6 +19,7 @@ from softrobot_env.benchmarks.generalization.cases import (
     variation_name,
 )
 from softrobot_env.benchmarks.records import select
+from softrobot_env.evaluation.labels import task_label
 from softrobot_env.rendering.quantities import cell, number
 from softrobot_env.rendering.tables import Column, make_table, new_table
 
@@ -110,15 +111,8 @@ def _cell(rows: Sequence[Row], metric: str) -> str:
 def _failures(rows: list[Row]) -> Table:
     columns = (
         Column("policy"),
-        Column("task", _task),
+        Column("task", lambda row: task_label(row.row())),
         Column("variation", lambda row: variation_name(row.variation)),
         Column("failure"),
     )
     return make_table("Failed", columns, (row for row in rows if row.failure is not None))
-
-
-def _task(row: Row) -> str:
-    parts = [row.task]
-    parts += [] if row.path_seed is None else [str(row.path_seed)]
-    parts += [] if row.speed is None else [f"{row.speed:g} m/s"]
-    return " ".join(parts)

@@ -52,7 +52,7 @@ def _of_task(
         task = build_task(name, options)
         for policy in policies:
             for twin, variation in conditions:
-                yield setup.case(task, options, policy, variation, twin)
+                yield setup.complete(Case(task, policy, options, variation, twin))
 
 
 def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:

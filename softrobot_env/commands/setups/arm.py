@@ -1,14 +1,15 @@
 """The planar arm as commands run it."""
 
+from dataclasses import replace
+
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands.arguments import plant_options
 from softrobot_env.commands.setups.base import Setup
-from softrobot_env.commands.task_options import Options
 from softrobot_env.control.registry import FEEDBACKS, POLICIES
 from softrobot_env.envs.disturbances import split
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.tasks import ALL_TASKS, Task
+from softrobot_env.tasks import ALL_TASKS
 
 #: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
 STEP_DURATION = 25.0
@@ -24,25 +25,14 @@ class ArmSetup(Setup):
     policies = tuple(POLICIES)
     default_policy = "feedforward_pi"
 
-    def case(
-        self,
-        task: Task,
-        options: Options,
-        policy: str,
-        variation: dict[str, float],
-        twin: int | None,
-    ) -> Case:
+    def complete(self, case: Case) -> Case:
         """See `Setup`; step responses are long."""
-        return Case(
-            task,
-            policy,
-            options,
-            variation,
-            twin,
+        return replace(
+            case,
             plant=self._args.plant,
             feedback=self._args.feedback,
-            duration=None if task.step_width is None else STEP_DURATION,
-            scene=plant_options(self._args, policy),
+            duration=None if case.task.step_width is None else STEP_DURATION,
+            scene=plant_options(self._args, case.policy),
         )
 
     def check(self, cases: list[Case]) -> None:

@@ -3,10 +3,7 @@
 import argparse
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from softrobot_env.commands.task_options import Options
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.tasks import Task
-from softrobot_env.tasks.rig import RigTask
 
 if TYPE_CHECKING:
     import gymnasium
@@ -32,15 +29,8 @@ class Setup:
         """Rigs to run every case on."""
         return [None]
 
-    def case(
-        self,
-        task: Task | RigTask,
-        options: Options,
-        policy: str,
-        variation: dict[str, float],
-        twin: int | None,
-    ) -> Case:
-        """The case of a task that was made with `options`, as the arguments say.
+    def complete(self, case: Case) -> Case:
+        """A case of task, policy, variation and twin with all else that the arguments say of it.
 
         Raises:
             ValueError, FileNotFoundError: An argument that does not fit; the message says why.

@@ -1,5 +1,6 @@
 """The spatial test rig as commands simulate it."""
 
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 from zipfile import BadZipFile, is_zipfile
@@ -8,12 +9,11 @@ from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands.arguments import scene_options
 from softrobot_env.commands.setups.arm import ARM_ARGUMENTS
 from softrobot_env.commands.setups.base import Setup
-from softrobot_env.commands.task_options import Options
 from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.evaluation.runner import Case, acts_on_identified
 from softrobot_env.robots import RIG
 from softrobot_env.tasks import ALL_TASKS
-from softrobot_env.tasks.rig import RIG_TASKS, RigTask
+from softrobot_env.tasks.rig import RIG_TASKS
 
 if TYPE_CHECKING:
     from softrobot_env.control.rig.identified import Learnt
@@ -37,20 +37,10 @@ class RigSetup(Setup):
         """Those asked for."""
         return [_SHIPPED] if self._args.twin is None else list(dict.fromkeys(self._args.twin))
 
-    def case(
-        self,
-        task: RigTask,
-        options: Options,
-        policy: str,
-        variation: dict[str, float],
-        twin: int | None,
-    ) -> Case:
+    def complete(self, case: Case) -> Case:
         """See `Setup`; reads the file of identified parameters for policies that act on them."""
-        known = self._identified if acts_on_identified(policy) else None
-        scene, plant = scene_options(self._args), self.plant
-        return Case(
-            task, policy, options, variation, twin, plant=plant, scene=scene, identified=known
-        )
+        known = self._identified if acts_on_identified(case.policy) else None
+        return replace(case, plant=self.plant, scene=scene_options(self._args), identified=known)
 
     def check(self, cases: list[Case]) -> None:
         """Refuse what no case uses, arguments of the arm and unfit references."""
