@@ -25,7 +25,7 @@ _TRACKING_HIDES = ("e_rms", "e_final")
 
 _BOUND = "The thesis gives a steady-state error of 0.01 % as an upper bound."
 _TRACKING = "Tracking errors are those after the approach, as in Tabs. 5.2 and 5.3 of the thesis."
-_LEARNT = "What policies have learnt of the rig is of {}; other rigs differ from it."
+_IDENTIFIED = "The identified parameters of the rig are of {}; other rigs differ from it."
 
 #: Column -> (heading, factor from SI, digits) of the tables people read.
 _COLUMNS = {
@@ -148,7 +148,7 @@ def notes(rows: list[Row]) -> list[str]:
     """What has to be known to read the rows of the rig."""
     approached = any(row.get("e_mean_tracking") is not None for row in rows)
     foreign = dict.fromkeys(row["learnt"] for row in rows if learnt_elsewhere(row))
-    return [_TRACKING] * approached + [_LEARNT.format(rig) for rig in foreign]
+    return [_TRACKING] * approached + [_IDENTIFIED.format(rig) for rig in foreign]
 
 
 def markdown(rows: list[Row], command: str) -> str:

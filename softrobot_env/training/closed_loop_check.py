@@ -10,7 +10,6 @@ from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics
 from softrobot_env.evaluation.runner import Case, Outcome, run
-from softrobot_env.interfaces import Policy
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import Task, make_task
@@ -59,18 +58,7 @@ def check(
         duration: [s] of the episodes, the tasks' own unless given.
         reward: Whose mean is told; the environments' default unless given.
     """
-    policy = neural.NeuralPolicy.of(ARM, network, neural.PERIOD)
-    return check_policy(policy, variations, duration, reward)
-
-
-def check_policy(
-    policy: Policy,
-    variations: Sequence[dict[str, float]],
-    duration: float | None = None,
-    reward: TrackingReward | None = None,
-) -> Rows:
-    """As `check`, of any policy at the network's control period."""
-    rows = {}
+    policy, rows = neural.NeuralPolicy.of(ARM, network, neural.PERIOD), {}
     for name, width in TASKS:
         task = make_task(name, width)
         env = TrackingEnv(task, control_period=neural.PERIOD, preview=neural.PREVIEW, reward=reward)

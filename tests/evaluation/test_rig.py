@@ -105,7 +105,7 @@ def test_one_rig_stands_in_the_title_and_several_in_a_column():
 )
 def test_reports_say_of_which_other_rig_policies_have_learnt(plant, driven, learnt, other):
     values = row(record(TASK, 9.0), plant=plant, twin=driven, learnt=learnt)
-    said = [f"What policies have learnt of the rig is of {learnt}; other rigs differ from it."]
+    said = [f"The identified parameters of the rig are of {learnt}; other rigs differ from it."]
     assert report.notes([values, values]) == said * other
 
 

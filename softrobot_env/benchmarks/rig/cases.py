@@ -64,15 +64,14 @@ def rig_name(twin: int | None) -> str:
 def run_case(case: Case, traced: bool) -> LapsRow:
     """Run an episode; `traced` says whether its row has a trace for the figures."""
     rollout = run(case).rollout
-    failed = rollout.failure is not None
-    errors = None if failed else approached_metrics(rollout, case.task.trajectory)
+    errors = approached_metrics(rollout, case.task.trajectory)
     times, duration = rollout.policy_time, float(rollout.time[-1])
     return LapsRow(
         twin=case.twin,
         period=case.options["period"],
         policy=case.policy,
-        e_mean=None if failed else errors.e_mean_tracking,
-        e_max=None if failed else errors.e_max_tracking,
+        e_mean=errors.e_mean_tracking,
+        e_max=errors.e_max_tracking,
         failure=rollout.failure,
         limited=float(np.mean(rollout.policy_status != "")),
         policy_time_median=float(np.median(times)),

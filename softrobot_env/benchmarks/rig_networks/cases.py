@@ -1,7 +1,7 @@
 """Cells of the studies of the rig's quasi-static networks: what is trained, and its row."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 from time import perf_counter
 
@@ -53,23 +53,16 @@ class Case:
 
 
 @dataclass(frozen=True)
-class CellRow(Record):
-    """What trainings that differ in nothing but their seeds have found.
+class CellRow(Case, Record):
+    """What the trainings of a case have found.
 
     Attributes:
-        study, direction, layers, neurons, trainings: See `Case`.
-        samples: In the training set.
+        samples: In the training set, also where it is all of them.
         e_rms, e_rms_least, e_rms_largest, e_max: [m], on the test set; medians but the two.
         e_rms_validation: [m], on the validation set, median.
         iterations, training_time: Of a training, medians; [1] and [s].
     """
 
-    study: str
-    direction: str
-    layers: int
-    neurons: int
-    samples: int
-    trainings: int
     e_rms: float
     e_rms_least: float
     e_rms_largest: float
@@ -100,13 +93,9 @@ def run_case(case: Case, data: RigData, parts: Split) -> CellRow:
         fits.append(train(case, data, parts, seed))
         times.append(perf_counter() - began)
     errors = [rig_networks.rms(fit.network, test) for fit in fits]
+    counted = replace(case, samples=case.samples or len(parts.training))
     return CellRow(
-        study=case.study,
-        direction=case.direction,
-        layers=case.layers,
-        neurons=case.neurons,
-        samples=case.samples or len(parts.training),
-        trainings=case.trainings,
+        **vars(counted),
         e_rms=median(errors),
         e_rms_least=min(errors),
         e_rms_largest=max(errors),

@@ -45,7 +45,7 @@ def _run_cases(
             progress.update(bar, description=case.label)
             try:
                 with closing(setup_of(case.task.name, setups).environment(case)) as env:
-                    results.append(Result.of(runner.run(case, env)))
+                    results.append(Result(runner.run(case, env)))
             except RobotError as error:
                 console.print(f"Ended before {case.label}: {error}")
                 break

@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from softrobot_env.evaluation.labels import (
     learnt_label,
@@ -12,37 +12,30 @@ from softrobot_env.evaluation.labels import (
     robot_label,
     task_label,
 )
-from softrobot_env.evaluation.metrics import ApproachedMetrics, approached_metrics
-from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rows import EvaluatedRow
-from softrobot_env.evaluation.runner import Case, Outcome
+from softrobot_env.evaluation.runner import Outcome
 
 
 @dataclass(frozen=True)
 class Result:
-    """An episode, its record and its row of the report."""
+    """An episode and its row of the report."""
 
-    case: Case
-    rollout: Rollout
-    row: EvaluatedRow
+    outcome: Outcome
 
-    @classmethod
-    def of(cls, outcome: Outcome) -> Self:
-        """The result of an episode."""
-        case, rollout = outcome.case, outcome.rollout
-        approached = ApproachedMetrics(None, None)
-        if rollout.failure is None:
-            approached = approached_metrics(rollout, case.task.trajectory)
+    @cached_property
+    def row(self) -> EvaluatedRow:
+        """What the report says of it."""
+        case, rollout = self.outcome.case, self.outcome.rollout
         known = case.identified
-        row = outcome.row(
+        return self.outcome.row(
             EvaluatedRow,
             options=option_columns(case.options),
             twin=case.twin,
             feedback=case.feedback,
             learnt=None if known is None else learnt_label(known.twin),
-            **asdict(approached),
+            **asdict(approached_metrics(rollout, case.task.trajectory)),
         )
-        return cls(case, rollout, row)
 
     @cached_property
     def columns(self) -> dict[str, Any]:
@@ -58,7 +51,7 @@ class Result:
 def save_rollouts(results: list[Result], out: Path) -> None:
     """Write a record of every episode."""
     for result in results:
-        result.rollout.save(out / f"{_file_stem(result)}.npz")
+        result.outcome.rollout.save(out / f"{_file_stem(result)}.npz")
 
 
 def plot(results: list[Result], out: Path) -> None:
@@ -68,21 +61,21 @@ def plot(results: list[Result], out: Path) -> None:
 
     for group in dict.fromkeys(result.group for result in results):
         same = [result for result in results if result.group == group]
-        task, stem = same[0].case.task, _in_file_name(group)
-        nominal = {r.case.policy: r.rollout for r in same if not r.case.variation}
+        task, stem = same[0].outcome.case.task, _in_file_name(group)
+        nominal = {r.row.policy: r.outcome.rollout for r in same if not r.row.variation}
         if nominal:
             plot_task(policy_curves(nominal), task, group, out, stem)
-        for policy in dict.fromkeys(r.case.policy for r in same):
-            mine = [r for r in same if r.case.policy == policy]
-            varied = {robot_label(r.columns) or "nominal": r.rollout for r in mine}
+        for policy in dict.fromkeys(r.row.policy for r in same):
+            mine = [r for r in same if r.row.policy == policy]
+            varied = {robot_label(r.columns) or "nominal": r.outcome.rollout for r in mine}
             if len(varied) > 1:
                 title = f"{group}, {policy}"
                 plot_task(varied_curves(varied), task, title, out, f"{stem}_{policy}_varied")
 
 
 def _file_stem(result: Result) -> str:
-    parts = [result.group, result.case.policy]
-    parts += [f"{name}_{scale:g}" for name, scale in result.case.variation.items()]
+    parts = [result.group, result.row.policy]
+    parts += [f"{name}_{scale:g}" for name, scale in result.row.variation.items()]
     return _in_file_name("_".join(parts))
 
 
