@@ -120,6 +120,7 @@ class EvaluatedRow(EpisodeRow):
 
     def columns(self) -> dict[str, Any]:
         """What report.json has: a column for each option as well."""
-        values = vars(self) | self.options
-        del values["options"]
-        return values
+        flat = {}
+        for name, value in vars(self).items():
+            flat |= value if name == "options" else {name: value}
+        return flat

@@ -146,7 +146,7 @@ def draw_shapes(axis: "Axes", curves: Sequence[Curve], robot: RobotParams) -> No
     """Shape of a planar robot at the end of each episode."""
     for curve, width in zip(curves, _widths(len(curves)), strict=True):
         shape = _in_plane(centerline(robot, curve.rollout.curvature[-1]), "xz")
-        line = dict(curve.line) | {"linewidth": width, "solid_capstyle": "butt"}
+        line = dict(curve.line) | {"linestyle": "-", "linewidth": width, "solid_capstyle": "butt"}
         axis.plot(*shape, **line, label=curve.label)
 
 

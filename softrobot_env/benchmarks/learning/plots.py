@@ -28,6 +28,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
             least, most = values.min(axis=0), values.max(axis=0)
             axis.fill_between(steps / 1e6, least, most, color=style.colour, alpha=0.2, lw=0)
         axis.set(xlabel="environment steps [million]", ylabel=label)
+        axis.locator_params(axis="x", nbins=5)
     axes[1].set_yscale("log")
     title = "Closed-loop checks of the mean action during training: median and range of the seeds"
     save(finish(figure, axes[0], title), path)

@@ -9,7 +9,7 @@ from softrobot_env.benchmarks.rig_networks.cases import CellRow
 from softrobot_env.benchmarks.rig_networks.run import Row
 from softrobot_env.benchmarks.rig_networks.tables import THESIS
 from softrobot_env.identification.networks import TRAINING
-from softrobot_env.rendering.figures import BLUE, COLOURS, REFERENCE, new_figure, save
+from softrobot_env.rendering.figures import BLUE, COLOURS, REFERENCE, new_figure, plain_ticks, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,7 +25,7 @@ _MARK = {"color": "black", "linestyle": "none", "markersize": 8, "zorder": 5}
 
 def plot(rows: list[Row], path: Path | str) -> None:
     """Draw a PNG: a line of panels per direction, error over neurons and over samples."""
-    from matplotlib.ticker import LogFormatter
+    from matplotlib.ticker import LogLocator
 
     cells = [row for row in of_kind(rows, CellRow) if row.study in ("size", "samples")]
     directions = groups(cells, "direction")
@@ -38,8 +38,8 @@ def plot(rows: list[Row], path: Path | str) -> None:
         for axis in (left, right):
             axis.set(xscale="log", yscale="log")
             for numbers in (axis.xaxis, axis.yaxis):
-                numbers.set_major_formatter("{x:g}")
-                numbers.set_minor_formatter(LogFormatter())  # only where there are few others
+                numbers.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            plain_ticks(axis)
             axis.legend(fontsize=8, frameon=False)
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")
