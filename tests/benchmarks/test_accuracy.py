@@ -286,9 +286,8 @@ def test_frequencies_and_twist_agree_with_closed_forms(case):
 
 
 def test_chain_spiral_is_that_of_many_pieces():
-    model = DISTRIBUTED.build(spiral.ROBOT, 6, spiral.loads(), "spatial")
-    tips = spiral.beam_motion(model, "sdirk4", tolerance=1e-4)[0]()
-    chain = spiral.ChainSpiral("gauss2", 6, 5)()
+    tips = replace(spiral.beam_motion(DISTRIBUTED, 6), tolerance=1e-4)()
+    chain = spiral.chain_motion("gauss2", 6, 5)()
     assert distance(tips, chain) < agreement.BOUND * spiral.ROBOT.length * 2.5
     assert chain[0] == pytest.approx([0, 0, spiral.ROBOT.length])
 

@@ -17,11 +17,12 @@ from softrobot_env.beams.exact.rig_column import column_tip, tensions
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.benchmarks.accuracy import tables as accuracy_tables
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED
+from softrobot_env.benchmarks.accuracy.cases.motions import timed_row
 from softrobot_env.benchmarks.accuracy.plots import plot
 from softrobot_env.benchmarks.accuracy.rig import motions, run
 from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, STATIC, STEP, sample_times
 from softrobot_env.benchmarks.accuracy.rig.models import beam_statics, chain_statics, piece_statics
-from softrobot_env.benchmarks.accuracy.rig.motions import ChainMotion, piece_motion
+from softrobot_env.benchmarks.accuracy.rig.motions import PieceMotion, chain_motion
 from softrobot_env.benchmarks.accuracy.rig.statics import case_rows, converged, truth
 from softrobot_env.benchmarks.accuracy.rows import BENDING, DURATION, Limit, distance
 from softrobot_env.robots import RIG
@@ -205,33 +206,33 @@ def test_step_starts_straight_and_ends_in_the_equilibrium(step_truth):
 
 
 def test_chain_moves_as_the_rod(step_truth):
-    chains = [ChainMotion(STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
-    rows = [run.chain_row(chain, step_truth) for chain in chains]
+    chains = [chain_motion(STEP, "midpoint", n, 10, "implicitfast") for n in (4, 8)]
+    rows = [timed_row(STEP, BENDING, step_truth, chain) for chain in chains]
     assert rows[0].e_max < 3e-3
     assert rows[1].e_mean < rows[0].e_mean / 3
 
 
 def test_diverged_chain_is_no_result():
     with pytest.warns(TimestepWarning, match="expect divergence"):
-        motion = ChainMotion(STEP, "midpoint", 4, 1, "RK4")
+        motion = chain_motion(STEP, "midpoint", 4, 1, "RK4")
     with pytest.raises(RuntimeError, match="midpoint with 4 joints diverged at t = "):
         motion()
 
 
 def test_closed_form_moves_as_the_rod_of_one_term():
-    simulate, steps = piece_motion(STEP, 1e-6)
+    motion = PieceMotion(STEP, 1e-6)
     rod = RigRod(RIG, 1).motion(MOTIONS[STEP], sample_times(), 1e-6)
-    assert distance(simulate(), rod) < 1e-5
-    assert steps() > 20
+    assert distance(motion(), rod) < 1e-5
+    assert motion.settings.timestep < DURATION / 20
 
 
 @pytest.fixture(scope="module")
 def rows(step_truth):
-    motion = ChainMotion(STEP, "balanced2", 4, 2, "discrete")
+    motion = chain_motion(STEP, "balanced2", 4, 2, "discrete")
     case = "rig_pull_10mm"
     return [
         *case_rows(case, quick=True),
-        run.chain_row(motion, step_truth),
+        timed_row(STEP, BENDING, step_truth, motion),
         *run.piece_rows(STEP, step_truth, quick=True),
         *run.notes(),
     ]

@@ -116,33 +116,39 @@ def static_row(
     return Row("static", case, model, n, **values, **others)
 
 
+@dataclass(frozen=True)
+class Settings:
+    """What a motion was simulated with: see the fields of `Row`."""
+
+    model: str
+    n: int
+    timestep: float
+    integrator: str
+    tolerance: float | None = None
+
+
 def motion_row(
     case: str,
-    model: str,
-    n: int,
     physics: Physics,
     truth: Limit,
+    settings: Settings,
     tips: np.ndarray,
-    *,
     wall_time: float,
-    timestep: float,
-    **others: Any,
+    e_time: float | None = None,
 ) -> Row:
-    """Mean and largest error of tips (k, d) [m] in motion; `others` are further fields."""
+    """Mean and largest error of tips (k, d) [m] in motion."""
     error = np.linalg.norm(tips - truth.tips, axis=1)
     return Row(
         "dynamic",
         case,
-        model,
-        n,
-        timestep,
+        **vars(settings),
         e_mean=float(error.mean()),
         e_max=float(error.max()),
+        e_time=e_time,
         wall_time=wall_time,
-        step_time=wall_time * timestep / DURATION,
+        step_time=wall_time * settings.timestep / DURATION,
         physics=physics.name,
         reference=truth.text,
-        **others,
     )
 
 

@@ -8,7 +8,7 @@ models share the physics, their limits must agree (`cases.agreement`).
 
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import compress
+from itertools import compress, product
 from typing import Any
 
 import mujoco
@@ -24,6 +24,7 @@ from softrobot_env.benchmarks.accuracy.cases.frequencies import (
     chain_row,
     scalar_cases,
 )
+from softrobot_env.benchmarks.accuracy.cases.motions import chain_settings, timed_row
 from softrobot_env.benchmarks.accuracy.cases.statics import StaticCase, static_cases
 from softrobot_env.benchmarks.accuracy.rig import run as rig
 from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS as RIG_MOTIONS
@@ -33,7 +34,6 @@ from softrobot_env.benchmarks.accuracy.rows import (
     Limit,
     Physics,
     Row,
-    distance,
     motion_row,
     static_row,
 )
@@ -67,9 +67,6 @@ FIXED_STEPS = {"implicit_euler": (1e-2, 2.5e-3), "sdirk2": (2e-2, 1e-2, 5e-3)}
 
 #: Error of the run that measures the error in time, far below those of the others.
 _CONVERGED = 1e-8
-
-#: Tolerance of methods with a fixed step, which they use to end Newton's iteration.
-_NEWTON = 1e-6
 
 _LOAD_STEP = 0.2
 
@@ -245,37 +242,19 @@ def _dynamic_jobs(quick: bool) -> Iterator[Job]:
 
 
 def _beam_rows(case: str, contestant: Contestant, truth: Limit, quick: bool) -> list[Row]:
-    found, turning = [], case == spiral.CASE
-    numbers = contestant.spiral if turning else contestant.step
+    found, (module, _) = [], agreement.MOTIONS[case]
+    numbers = contestant.spiral if module is spiral else contestant.step
     for index, n in enumerate(numbers[: 2 if quick else None]):
-        if turning:
-            model = contestant.build(spiral.ROBOT, n, spiral.loads(), "spatial")
-        else:
-            model = contestant.build(ARM, n)
-        motion = spiral.beam_motion if turning else tension_step.beam_motion
-        exact = motion(model, "sdirk4", tolerance=_CONVERGED)[0]()
+        motion = module.beam_motion(contestant, n)
+        exact = replace(motion, tolerance=_CONVERGED)()
         for method, step, tolerance in _settings(contestant, index, quick):
-            simulate, steps = motion(model, method, step=step, tolerance=tolerance or _NEWTON)
+            run = replace(motion, method=method, step=step, tolerance=tolerance)
+            repeats = 2 if quick else 5
             try:
-                wall_time, tips = best_of(simulate, 2 if quick else 5)
+                found.append(timed_row(case, contestant.physics, truth, run, repeats, exact))
             except IntegrationError as error:
                 text = f"left out: {error}"
                 found.append(Row("note", case, contestant.name, n, reference=text))
-                continue
-            row = motion_row(
-                case,
-                contestant.name,
-                n,
-                contestant.physics,
-                truth,
-                tips,
-                wall_time=wall_time,
-                timestep=DURATION / steps(),
-                integrator=method,
-                tolerance=tolerance,
-                e_time=distance(tips, exact),
-            )
-            found.append(row)
     return found
 
 
@@ -306,26 +285,15 @@ def _chain_rows(case: str, rule: str, truth: Limit, quick: bool) -> list[Row]:
 
 
 def _chain_spirals(rule: str, truth: Limit, quick: bool) -> list[Row]:
-    found = []
     numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
-    for n in numbers[:-1] if quick else numbers:
-        for integrator in DYNAMIC_INTEGRATORS:
-            for substeps in SUBSTEPS[:3] if quick else SUBSTEPS:
-                simulate = spiral.ChainSpiral(rule, n, substeps, integrator)
-                wall_time, tips = best_of(simulate, 5 if quick else 20)
-                row = motion_row(
-                    spiral.CASE,
-                    f"mujoco_chain/{rule}",
-                    n,
-                    BENDING,
-                    truth,
-                    tips,
-                    wall_time=wall_time,
-                    timestep=spiral.PERIOD / substeps,
-                    integrator=integrator,
-                )
-                found.append(row)
-    return found
+    settings = product(
+        numbers[:-1] if quick else numbers,
+        DYNAMIC_INTEGRATORS,
+        SUBSTEPS[:3] if quick else SUBSTEPS,
+    )
+    motions = (spiral.chain_motion(rule, n, k, integrator) for n, integrator, k in settings)
+    repeats = 5 if quick else 20
+    return [timed_row(spiral.CASE, BENDING, truth, motion, repeats) for motion in motions]
 
 
 def dynamic_row(
@@ -334,17 +302,9 @@ def dynamic_row(
     """Simulate the tension step on a chain and compare it; the time is the best of `repeats`."""
     scene = build_scene(_config(ARM, rule, n, timestep=timestep, integrator=integrator))
     tips = tension_step.tip_motion(scene)
-    return motion_row(
-        tension_step.CASE,
-        f"mujoco_chain/{rule}",
-        n,
-        BENDING,
-        truth,
-        tips,
-        wall_time=min(_stepping_time(scene) for _ in range(repeats)),
-        timestep=scene.timestep.timestep,
-        integrator=integrator,
-    )
+    wall_time = min(_stepping_time(scene) for _ in range(repeats))
+    case, settings = tension_step.CASE, chain_settings(scene)
+    return motion_row(case, BENDING, truth, settings, tips, wall_time)
 
 
 def _stepping_time(scene: Scene) -> float:

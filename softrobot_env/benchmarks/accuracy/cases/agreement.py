@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.benchmarks.accuracy.cases import spiral, tension_step
+from softrobot_env.benchmarks.accuracy.cases import motions, spiral, tension_step
 from softrobot_env.benchmarks.accuracy.cases.beam_models import CONTESTANTS, DISTRIBUTED, Contestant
 from softrobot_env.benchmarks.accuracy.cases.statics import StaticCase
 from softrobot_env.benchmarks.accuracy.rows import (
@@ -39,6 +39,10 @@ _SIZES = {
     ("ancf", spiral.CASE): ((3, 6, 12), (2, 4, 8)),
     ("ancf", tension_step.CASE): ((6, 12, 24), (3, 6, 12)),
 }
+
+
+#: Case -> module with its `beam_motion`, and robot.
+MOTIONS = {spiral.CASE: (spiral, spiral.ROBOT), tension_step.CASE: (tension_step, ARM)}
 
 
 def slender(robot: RobotParams) -> RobotParams:
@@ -96,9 +100,8 @@ def beam_limit(
 ) -> Limit:
     """Converged motion of a model, of the case's own robot unless another is given."""
     sizes = _SIZES[contestant.name.split("/")[0], case][quick]
-    if case == spiral.CASE:
-        return spiral.beam_limit(contestant, sizes, spiral.ROBOT if robot is None else robot)
-    return tension_step.beam_limit(contestant, sizes, ARM if robot is None else robot)
+    module, own = MOTIONS[case]
+    return motions.beam_limit(module.beam_motion, contestant, sizes, robot or own)
 
 
 def dynamic_rows(case: str, limits: dict[tuple[str, str], Limit], quick: bool) -> list[Row]:
@@ -109,13 +112,10 @@ def dynamic_rows(case: str, limits: dict[tuple[str, str], Limit], quick: bool) -
         limits: Converged motion by case and physics.
         quick: Coarser limits, and no slender robot.
     """
-    robot = spiral.ROBOT if case == spiral.CASE else ARM
+    _, robot = MOTIONS[case]
     truth = limits[case, BENDING.name]
-    chain = (
-        spiral.chain_limit(quick)
-        if case == spiral.CASE
-        else tension_step.converged_reference(quick)
-    )
+    turning = case == spiral.CASE
+    chain = (spiral.chain_limit if turning else tension_step.converged_reference)(quick)
     name = DISTRIBUTED.name
     found = [_pair(case, f"mujoco_chain/gauss2 / {name}", chain, truth, robot)]
     for contestant in CONTESTANTS:

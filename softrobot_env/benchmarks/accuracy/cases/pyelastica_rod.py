@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.benchmarks.accuracy.cases import spiral
-from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, Contestant
+from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED
+from softrobot_env.benchmarks.accuracy.cases.motions import beam_limit, timed_row
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
     DURATION,
     SHEAR,
-    Limit,
     Row,
+    Settings,
     distance,
     motion_row,
 )
@@ -114,7 +115,7 @@ def rows(quick: bool = False, repeats: int = 2) -> list[Row]:
         text = "PyElastica is not installed: its rows are left out (pip install pyelastica)"
         return [Row("note", CASE, NAME, reference=text)]
     motion(7, 5e-4, 0.02)()  # compiles
-    truth = spiral.beam_limit(COSSERAT, (8, 16, 32), ROBOT)
+    truth = beam_limit(spiral.beam_motion, COSSERAT, (8, 16, 32), ROBOT)
     found = []
     for n, timestep in _RUNS[:2] if quick else _RUNS:
         runs = [best_of(motion(n, timestep), 1) for _ in range(repeats)]
@@ -123,11 +124,14 @@ def rows(quick: bool = False, repeats: int = 2) -> list[Row]:
             text = f"left out: diverged at a timestep of {timestep:g} s"
             found.append(Row("note", CASE, NAME, n, reference=text))
             continue
-        timing = {"wall_time": wall_time, "timestep": timestep, "integrator": "PositionVerlet"}
-        found.append(motion_row(CASE, NAME, n, SHEAR, truth, tips, **timing))
+        settings = Settings(NAME, n, timestep, "PositionVerlet")
+        found.append(motion_row(CASE, SHEAR, truth, settings, tips, wall_time))
         finest = distance(tips, truth.tips), n
     for n in (3, 7, 14) if quick else (3, 5, 7, 14, 28):
-        found += _our_rows(COSSERAT, n, truth, repeats)
+        rod = spiral.beam_motion(COSSERAT, n, ROBOT)
+        for tolerance in (1e-2, 1e-3, 1e-4, 1e-5):
+            rod.tolerance = tolerance
+            found.append(timed_row(CASE, SHEAR, truth, rod, repeats))
     found += _chain_rows(quick, repeats)
     gap, n = finest
     share = gap / ROBOT.length
@@ -136,30 +140,15 @@ def rows(quick: bool = False, repeats: int = 2) -> list[Row]:
     return found
 
 
-def _our_rows(contestant: Contestant, n: int, truth: Limit, repeats: int) -> list[Row]:
-    model = contestant.build(ROBOT, n, spiral.loads(ROBOT), "spatial")
-    out = []
-    for tolerance in (1e-2, 1e-3, 1e-4, 1e-5):
-        simulate, steps = spiral.beam_motion(model, "sdirk4", tolerance=tolerance)
-        wall_time, tips = best_of(simulate, repeats)
-        options = {"timestep": DURATION / steps(), "integrator": "sdirk4", "tolerance": tolerance}
-        name = contestant.name
-        out.append(motion_row(CASE, name, n, SHEAR, truth, tips, wall_time=wall_time, **options))
-    return out
-
-
 def _chain_rows(quick: bool, repeats: int) -> list[Row]:
     """The MuJoCo chain at timesteps within its stability limit."""
-    truth = spiral.beam_limit(DISTRIBUTED, (3, 6, 12) if quick else (5, 10, 20), ROBOT)
+    sizes = (3, 6, 12) if quick else (5, 10, 20)
+    truth = beam_limit(spiral.beam_motion, DISTRIBUTED, sizes, ROBOT)
     out = []
     for n in (2, 4) if quick else (2, 4, 6, 12, 24):
         for substeps in (2, 3, 4, 5, 8, 10, 20):
-            simulate = spiral.ChainSpiral("gauss2", n, substeps, robot=ROBOT)
-            choice = simulate.scene.timestep
-            if choice.timestep > _STABLE * choice.stability_limit:
-                continue
-            wall_time, tips = best_of(simulate, repeats)
-            timing = {"wall_time": wall_time, "timestep": choice.timestep}
-            options = timing | {"integrator": choice.integrator}
-            out.append(motion_row(CASE, CHAIN, n, BENDING, truth, tips, **options))
+            motion = spiral.chain_motion("gauss2", n, substeps, robot=ROBOT)
+            choice = motion.scene.timestep
+            if choice.timestep <= _STABLE * choice.stability_limit:
+                out.append(timed_row(CASE, BENDING, truth, motion, repeats))
     return out

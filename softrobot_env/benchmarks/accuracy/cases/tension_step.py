@@ -1,16 +1,14 @@
 """A fast motion of the arm with known accuracy: all three tendon pairs pull harder at once."""
 
-from collections.abc import Callable
-
 import numpy as np
 
-from softrobot_env.beams.model import BeamModel, State
+from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
+from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion
 from softrobot_env.benchmarks.accuracy.rows import (
     DURATION,
     Limit,
     distance,
-    extrapolate,
     zero_timestep,
 )
 from softrobot_env.envs.simulation.mujoco import Simulation
@@ -28,8 +26,6 @@ PERIOD = 0.01
 
 #: Equal reduced inputs before and after, in units of EI / r: the 100 mm step of the thesis.
 START, END = 0.6, 0.933
-
-_REFERENCE_TOLERANCE = 1e-7
 
 
 def tensions(robot: RobotParams, a: float) -> np.ndarray:
@@ -63,34 +59,16 @@ def tip_motion(scene: Scene) -> np.ndarray:
     return tips
 
 
-def beam_motion(
-    model: BeamModel, method: str, step: float | None = None, tolerance: float = 1e-6
-) -> tuple[Callable[[], np.ndarray], Callable[[], int]]:
-    """A function that simulates the step and returns the tips (300, 2), and its steps."""
-    robot, counted = model.robot, []
-    q = model.equilibrium(tensions(robot, START), load_step=0.2, check_stability=False)
-    start, end = State(q, np.zeros_like(q)), tensions(robot, END)
+def beam_motion(contestant: Contestant, n: int, robot: RobotParams = ARM) -> BeamMotion:
+    """The step of a beam model, with tips (300, 2)."""
+    beam = contestant.build(robot, n)
+    q = beam.equilibrium(tensions(robot, START), load_step=0.2, check_stability=False)
 
-    def simulate() -> np.ndarray:
-        motion = model.simulate(
-            DURATION, end, start, method=method, step=step, tolerance=tolerance, samples=PERIOD
-        )
-        counted[:] = [motion.steps]
-        return model.tip(motion.q)[1:, [0, 2]]
+    def tips(q: np.ndarray) -> np.ndarray:
+        return beam.tip(q)[1:, [0, 2]]
 
-    return simulate, lambda: counted[0]
-
-
-def beam_limit(
-    contestant: Contestant, sizes: tuple[int, int, int], robot: RobotParams = ARM
-) -> Limit:
-    """The step of a beam model with infinitely many pieces."""
-
-    def solve(n: int) -> np.ndarray:
-        model = contestant.build(robot, n)
-        return beam_motion(model, "sdirk4", tolerance=_REFERENCE_TOLERANCE)[0]()
-
-    return extrapolate(solve, sizes, f"limit of {contestant.name} (sdirk4, 1e-7)")
+    rest, inputs = State(q, np.zeros_like(q)), tensions(robot, END)
+    return BeamMotion(contestant.name, n, beam, inputs, tips, PERIOD, rest)
 
 
 def converged_reference(quick: bool = False) -> Limit:

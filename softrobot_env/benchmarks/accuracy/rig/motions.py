@@ -1,11 +1,6 @@
 """Motions of the rig: a step of one length and a fast circle, on all models that can move it."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
-
-import mujoco
 import numpy as np
-from mujoco.rollout import Rollout
 from scipy.integrate import solve_ivp
 
 from softrobot_env.beams import signals
@@ -13,21 +8,22 @@ from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES, accelerati
 from softrobot_env.beams.exact.rig_column import tensions
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.beams.pcc import PCC
+from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion, ChainMotion
 from softrobot_env.benchmarks.accuracy.rig.cases import (
     MOTIONS,
     PERIOD,
     ROBOT,
     sample_times,
 )
-from softrobot_env.benchmarks.accuracy.rig.models import chain_scene, end_axis, piece_output
+from softrobot_env.benchmarks.accuracy.rig.models import PIECE, chain_scene, end_axis, piece_output
 from softrobot_env.benchmarks.accuracy.rows import (
     DURATION,
     Limit,
+    Settings,
     distance,
     extrapolate,
     zero_timestep,
 )
-from softrobot_env.benchmarks.stability.runs import chain_failure, silent_warnings
 
 #: Terms and tolerances of the truth, the coarser first; of a quick run.
 _TRUTHS = ((5, 1e-6), (6, 1e-7))
@@ -36,10 +32,6 @@ _QUICK_TRUTHS = ((3, 1e-4), (4, 1e-4))
 #: Substeps of the chain's limit: h, h / 2 and h / 4.
 _FINE = (40, 80, 160)
 _SIZES = (8, 16, 32)
-
-#: A function that simulates a motion, and the number of its steps.
-Simulate = Callable[[], np.ndarray]
-Steps = Callable[[], int]
 
 
 def truth(case: str, quick: bool = False) -> Limit:
@@ -54,107 +46,66 @@ def truth(case: str, quick: bool = False) -> Limit:
     return Limit(fine, uncertainty, f"{text}; uncertainty {1e3 * uncertainty:.1g} mm")
 
 
-@dataclass
-class ChainMotion:
-    """A motion of the MuJoCo chain, run by `mujoco.rollout`.
-
-    Attributes:
-        case: Key of `MOTIONS`.
-        rule, n: Hinge rule and joints.
-        substeps: Timesteps per control period.
-        integrator: MuJoCo's name.
-    """
-
-    case: str
-    rule: str
-    n: int
-    substeps: int
-    integrator: str
-
-    def __post_init__(self) -> None:
-        options = {"timestep": PERIOD / self.substeps, "integrator": self.integrator}
-        self._model = chain_scene(self.rule, self.n, **options).model
-        self._data = mujoco.MjData(self._model)
-        kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
-        self._start = np.empty((1, mujoco.mj_stateSize(self._model, kind)))
-        mujoco.mj_getState(self._model, self._data, self._start[0], kind)
-        steps = round(DURATION / PERIOD) * self.substeps
-        times = PERIOD / self.substeps * np.arange(steps + 1)
-        self._ctrl = np.ascontiguousarray(MOTIONS[self.case](times)[None])
-        self._state = np.empty((1, steps + 1, self._start.shape[1]))
-        self._sensors = np.empty((1, steps + 1, self._model.nsensordata))
-        self._rollout = Rollout(nthread=0)
-
-    def __call__(self) -> np.ndarray:
-        """Tips (k, 3) [m].
-
-        Raises:
-            RuntimeError: The simulation diverged.
-        """
-        with silent_warnings():
-            self._rollout.rollout(
-                [self._model],
-                [self._data],
-                self._start,
-                self._ctrl,
-                state=self._state,
-                sensordata=self._sensors,
-            )
-        tips = self._sensors[0, :: self.substeps, :3].copy()
-        failure = chain_failure(self._data, tips[-1])
-        if failure:
-            raise RuntimeError(f"{self.case}, {self.rule} with {self.n} joints {failure}")
-        return tips
+def chain_motion(case: str, rule: str, n: int, substeps: int, integrator: str) -> ChainMotion:
+    """A motion of the MuJoCo chain with n joints and some timesteps per control period."""
+    options = {"timestep": PERIOD / substeps, "integrator": integrator}
+    return ChainMotion(chain_scene(rule, n, **options), MOTIONS[case])
 
 
 def chain_limit(case: str, rule: str = "gauss2") -> Limit:
     """The chain's motion with infinitely many joints and at zero timestep."""
 
     def solve(n: int) -> np.ndarray:
-        return zero_timestep([ChainMotion(case, rule, n, k, "implicitfast")() for k in _FINE])[0]
+        return zero_timestep([chain_motion(case, rule, n, k, "implicitfast")() for k in _FINE])[0]
 
     return extrapolate(solve, _SIZES, f"limit of mujoco_chain/{rule} at zero timestep")
 
 
-def subpieces_motion(case: str, n: int, tolerance: float) -> tuple[Simulate, Steps]:
+def subpieces_motion(case: str, n: int, tolerance: float) -> BeamMotion:
     """PCC of n pieces with the thesis' three rigid bodies, which hold the head."""
-    model = PCC(ROBOT, n, axes="spatial", inertia=SUBPIECES, drive="length")
+    beam = PCC(ROBOT, n, axes="spatial", inertia=SUBPIECES, drive="length")
+
+    def tips(q: np.ndarray) -> np.ndarray:
+        return beam.tip(q) + ROBOT.head.output * end_axis(beam, q)
+
     signal = signals.smooth(MOTIONS[case], DURATION)
-    counted = []
-
-    def simulate() -> np.ndarray:
-        motion = model.simulate(
-            DURATION, signal, method="sdirk4", tolerance=tolerance, samples=PERIOD
-        )
-        counted[:] = [motion.steps]
-        return model.tip(motion.q) + ROBOT.head.output * end_axis(model, motion.q)
-
-    return simulate, lambda: counted[0]
+    return BeamMotion("pcc/subpieces", n, beam, signal, tips, PERIOD, tolerance=tolerance)
 
 
-def piece_motion(case: str, tolerance: float) -> tuple[Simulate, Steps]:
-    """The closed form of one piece with uniform backbone and head, integrated by SciPy."""
-    piece, pulled = make_rig_piece(ROBOT, "distributed"), MOTIONS[case]
-    counted = []
+class PieceMotion:
+    """The closed form of one piece with uniform backbone and head, integrated by SciPy.
 
-    def slope(t: float, x: np.ndarray) -> np.ndarray:
+    Args:
+        case: Key of `MOTIONS`.
+        tolerance: Relative, and absolute of angles and rates.
+    """
+
+    def __init__(self, case: str, tolerance: float) -> None:
+        self._piece, self._pulled = make_rig_piece(ROBOT, "distributed"), MOTIONS[case]
+        self._tolerance, self._steps = tolerance, 1
+
+    @property
+    def settings(self) -> Settings:
+        """What it was simulated with; the steps are those of the last call."""
+        return Settings(PIECE, 1, DURATION / self._steps, "RK45", self._tolerance)
+
+    def _slope(self, t: float, x: np.ndarray) -> np.ndarray:
         out = np.empty(4)
         out[:2] = x[2:]
-        force = tensions(ROBOT, pulled(t), np.array([x[1], -x[0]]))
-        acceleration(piece, x[:2], x[2:], force, out[2:])
+        force = tensions(ROBOT, self._pulled(t), np.array([x[1], -x[0]]))
+        acceleration(self._piece, x[:2], x[2:], force, out[2:])
         return out
 
-    def simulate() -> np.ndarray:
+    def __call__(self) -> np.ndarray:
+        """Tips (k, 3) [m]."""
         found = solve_ivp(
-            slope,
+            self._slope,
             (0, DURATION),
             np.zeros(4),
             t_eval=sample_times(),
-            rtol=tolerance,
-            atol=tolerance,
+            rtol=self._tolerance,
+            atol=self._tolerance,
             dense_output=True,
         )
-        counted[:] = [len(found.sol.ts) - 1]
-        return np.array([piece_output(piece, y) for y in found.y[:2].T])
-
-    return simulate, lambda: counted[0]
+        self._steps = len(found.sol.ts) - 1
+        return np.array([piece_output(self._piece, y) for y in found.y[:2].T])

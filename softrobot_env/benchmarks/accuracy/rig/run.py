@@ -9,30 +9,24 @@ bodies in its place, and the Cosserat rod has none.
 from collections.abc import Callable, Iterator
 from functools import partial
 
+from softrobot_env.benchmarks.accuracy.cases.motions import TimedMotion, timed_row
 from softrobot_env.benchmarks.accuracy.rig import motions, statics
-from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, PERIOD, ROBOT, STEP
-from softrobot_env.benchmarks.accuracy.rig.models import PIECE, joint_numbers
+from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, ROBOT, STEP
+from softrobot_env.benchmarks.accuracy.rig.models import joint_numbers
 from softrobot_env.benchmarks.accuracy.rig.motions import (
-    ChainMotion,
-    Simulate,
-    Steps,
-    piece_motion,
+    PieceMotion,
+    chain_motion,
     subpieces_motion,
 )
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
-    DURATION,
     Limit,
     Row,
     agreement_row,
     distance,
-    motion_row,
 )
 from softrobot_env.benchmarks.jobs import Job
-from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.scene.quadrature import RULES
-
-SUBPIECES = "pcc/subpieces"
 
 #: Timesteps per control period, integrators of the chain, and hinge rules of a quick run.
 SUBSTEPS = (20, 10, 4, 2)
@@ -89,7 +83,9 @@ def agreement(case: str, exact: Limit) -> Row:
 def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
     """Runs of the chain over rules, joints, integrators and timesteps."""
     return [
-        chain_row(ChainMotion(case, rule, n, k, integrator), exact, 2 if quick else 5)
+        timed_row(
+            case, BENDING, exact, chain_motion(case, rule, n, k, integrator), 2 if quick else 5
+        )
         for rule in (QUICK_RULES if quick else RULES)
         for n in joint_numbers(rule)[1 : 3 if quick else 4]
         for integrator in INTEGRATORS
@@ -97,57 +93,20 @@ def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
     ]
 
 
-def chain_row(motion: ChainMotion, exact: Limit, repeats: int = 1) -> Row:
-    """Simulate and compare one run."""
-    wall_time, tips = best_of(motion, repeats)
-    return motion_row(
-        motion.case,
-        f"mujoco_chain/{motion.rule}",
-        motion.n,
-        BENDING,
-        exact,
-        tips,
-        wall_time=wall_time,
-        timestep=PERIOD / motion.substeps,
-        integrator=motion.integrator,
-    )
-
-
 def piece_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
     """Runs of the closed form and of PCC with given rigid bodies, with adapted steps."""
-    found = _adaptive_rows(case, PIECE, 1, "RK45", partial(piece_motion, case), exact, quick)
+    found = _adaptive_rows(case, partial(PieceMotion, case), exact, quick)
     for n in PIECES:
-        simulate = partial(subpieces_motion, case, n)
-        found += _adaptive_rows(case, SUBPIECES, n, "sdirk4", simulate, exact, quick)
+        found += _adaptive_rows(case, partial(subpieces_motion, case, n), exact, quick)
     return found
 
 
 def _adaptive_rows(
-    case: str,
-    model: str,
-    n: int,
-    integrator: str,
-    motion: Callable[[float], tuple[Simulate, Steps]],
-    exact: Limit,
-    quick: bool,
+    case: str, make: Callable[[float], TimedMotion], exact: Limit, quick: bool
 ) -> list[Row]:
-    """Runs of a model at several tolerances, from which `motion` makes a simulation."""
-    found, still = [], motion(_CONVERGED)[0]()
-    for tolerance in TOLERANCES[1:3] if quick else TOLERANCES:
-        simulate, steps = motion(tolerance)
-        wall_time, tips = best_of(simulate, 1 if quick else 5)
-        row = motion_row(
-            case,
-            model,
-            n,
-            BENDING,
-            exact,
-            tips,
-            wall_time=wall_time,
-            timestep=DURATION / steps(),
-            integrator=integrator,
-            tolerance=tolerance,
-            e_time=distance(tips, still),
-        )
-        found.append(row)
-    return found
+    """Runs at several tolerances, for which `make` makes the motion."""
+    still, repeats = make(_CONVERGED)(), 1 if quick else 5
+    return [
+        timed_row(case, BENDING, exact, make(tolerance), repeats, still)
+        for tolerance in (TOLERANCES[1:3] if quick else TOLERANCES)
+    ]
