@@ -107,7 +107,7 @@ def draw_tip(
     for axis in axes[2:]:
         draw(axis, curves, lambda rollout: 1e3 * rollout.error, shown)
         axis.set(yscale="log", ylabel="error [mm]")
-        axis.set_ylim(bottom=_SMALLEST_ERROR)
+        axis.set_ylim(bottom=max(_SMALLEST_ERROR, axis.get_ylim()[0]))
     axes[-1].set_xlabel("time [s]")
 
 
