@@ -144,4 +144,4 @@ def run(case: Case, env: "gymnasium.Env | None" = None, policy: Policy | None = 
         policy = case.make_policy(env.control_period)
     warm_up(env, policy, case.reset_options)
     rollout = run_episode(env, policy, _SEED, case.reset_options)
-    return Outcome(case, rollout, policy.hold * env.control_period)
+    return Outcome(case, rollout, getattr(policy, "hold", 1) * env.control_period)
