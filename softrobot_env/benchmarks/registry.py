@@ -14,7 +14,7 @@ from typing import Any
 from rich.console import Group
 
 from softrobot_env.benchmarks.records import Record
-from softrobot_env.registries import Registry
+from softrobot_env.registries import Registry, load
 
 Records = Sequence[Record | dict[str, Any]]
 
@@ -35,72 +35,34 @@ class Benchmark:
     plot: Callable[[Records, Path], None] | None = None
 
 
-def _accuracy() -> Benchmark:
-    from softrobot_env.benchmarks.accuracy import plots, run, tables
+def _of(run: str, tables: str, plot: str | None = None) -> Callable[[], Benchmark]:
+    """What loads a benchmark, from paths `folder.module:name` in this package."""
 
-    return Benchmark(run.run, tables.tables, plots.plot)
+    def find() -> Benchmark:
+        paths = (run, tables) if plot is None else (run, tables, plot)
+        return Benchmark(*(load(f"{__package__}.{path}") for path in paths))
 
-
-def _controllers() -> Benchmark:
-    from softrobot_env.benchmarks.controllers import plots, run, tables
-
-    return Benchmark(run.run, tables.tables, plots.plot)
-
-
-def _generalization() -> Benchmark:
-    from softrobot_env.benchmarks.generalization import plots, run, tables
-
-    return Benchmark(run.run, tables.tables, plots.plot)
-
-
-def _learning() -> Benchmark:
-    from softrobot_env.benchmarks.learning import plots, run, tables
-
-    return Benchmark(run.run, tables.tables, plots.plot)
-
-
-def _rig() -> Benchmark:
-    from softrobot_env.benchmarks.rig import plots, run, tables
-
-    return Benchmark(run.run, tables.tables, plots.plot)
-
-
-def _rig_networks() -> Benchmark:
-    from softrobot_env.benchmarks.rig_networks import plots, run, tables
-
-    return Benchmark(run.run_on_twin, tables.tables, plots.plot)
-
-
-def _speed() -> Benchmark:
-    from softrobot_env.benchmarks.speed import run, tables
-
-    return Benchmark(run.run, tables.tables)
-
-
-def _stability() -> Benchmark:
-    from softrobot_env.benchmarks.stability import plots, run, tables
-
-    return Benchmark(run.run, tables.tables, plots.plot)
-
-
-def _thesis() -> Benchmark:
-    from softrobot_env.benchmarks.thesis import figures, run, tables
-
-    return Benchmark(run.run, tables.tables, figures.plot)
+    return find
 
 
 #: Name -> function that loads the benchmark.
 BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
     "benchmark",
     {
-        "accuracy": _accuracy,
-        "controllers": _controllers,
-        "generalization": _generalization,
-        "learning": _learning,
-        "rig": _rig,
-        "rig_networks": _rig_networks,
-        "speed": _speed,
-        "stability": _stability,
-        "thesis": _thesis,
+        "accuracy": _of("accuracy.run:run", "accuracy.tables:tables", "accuracy.plots:plot"),
+        "controllers": _of(
+            "controllers.run:run", "controllers.tables:tables", "controllers.plots:plot"
+        ),
+        "generalization": _of(
+            "generalization.run:run", "generalization.tables:tables", "generalization.plots:plot"
+        ),
+        "learning": _of("learning.run:run", "learning.tables:tables", "learning.plots:plot"),
+        "rig": _of("rig.run:run", "rig.tables:tables", "rig.plots:plot"),
+        "rig_networks": _of(
+            "rig_networks.run:run_on_twin", "rig_networks.tables:tables", "rig_networks.plots:plot"
+        ),
+        "speed": _of("speed.run:run", "speed.tables:tables"),
+        "stability": _of("stability.run:run", "stability.tables:tables", "stability.plots:plot"),
+        "thesis": _of("thesis.run:run", "thesis.tables:tables", "thesis.figures:plot"),
     },
 )

@@ -12,11 +12,9 @@ import pytest
 from rich.console import Console
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.exact import shearable_rod as exact_rod
+from softrobot_env.beams.exact import shearable_rod
 from softrobot_env.beams.exact.analytic import elastica, rayleigh_frequency
-from softrobot_env.benchmarks.accuracy import goals
-from softrobot_env.benchmarks.accuracy import run as accuracy
-from softrobot_env.benchmarks.accuracy import tables as accuracy_tables
+from softrobot_env.benchmarks.accuracy import goals, run, tables
 from softrobot_env.benchmarks.accuracy.cases import agreement, pyelastica_rod, spiral, tension_step
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, LUMPED
 from softrobot_env.benchmarks.accuracy.cases.frequencies import beam_row, chain_row, scalar_cases
@@ -82,15 +80,15 @@ def weight(robot):
     ],
 )
 def test_rod_with_shear_deflects_as_in_the_audit(robot, k, deflection):
-    tip = exact_rod.rod_tip(robot.length, exact_rod.section(robot, k), weight=weight(robot))
+    tip = shearable_rod.rod_tip(robot.length, shearable_rod.section(robot, k), weight=weight(robot))
     assert -1e3 * tip[0] == pytest.approx(deflection, abs=0.006)
 
 
 @pytest.mark.parametrize("load", [{"force": (3.0, -1.0)}, {"moment": 1.0}])
 def test_rod_of_large_shear_stiffness_is_the_elastica(load):
     robot = CANTILEVER_WEAK
-    thin = exact_rod.Section(robot.bending_stiffness, 1e9, 1e9)
-    tip = exact_rod.rod_tip(robot.length, thin, weight=weight(robot), **load)
+    thin = shearable_rod.Section(robot.bending_stiffness, 1e9, 1e9)
+    tip = shearable_rod.rod_tip(robot.length, thin, weight=weight(robot), **load)
     slender = elastica(robot.length, robot.bending_stiffness, weight=weight(robot), **load)
     assert np.allclose(tip, slender.tip, atol=1e-7)
 
@@ -105,23 +103,23 @@ def test_rod_of_large_shear_stiffness_is_the_elastica(load):
     ],
 )
 def test_timoshenko_frequency_is_that_of_the_audit(robot, k, frequency):
-    assert exact_rod.bending_frequency(robot, k) == pytest.approx(frequency, rel=2e-4)
+    assert shearable_rod.bending_frequency(robot, k) == pytest.approx(frequency, rel=2e-4)
 
 
 def test_frequency_without_shear_is_rayleighs():
     robot = CANTILEVER_STIFF
     beam = robot.length, robot.bending_stiffness, robot.mass_per_length
     rayleigh = rayleigh_frequency(*beam, robot.density * robot.second_moment)
-    assert exact_rod.bending_frequency(robot, None) == pytest.approx(rayleigh, rel=1e-9)
+    assert shearable_rod.bending_frequency(robot, None) == pytest.approx(rayleigh, rel=1e-9)
 
 
 def test_tendons_in_channels_bend_to_constant_curvature_and_compress():
     tension = TendonMap(ARM).tension(np.array([5.0, -8.0, 11.0]))
-    tip = exact_rod.tendon_tip(ARM, exact_rod.section(ARM, None), tension)
+    tip = shearable_rod.tendon_tip(ARM, shearable_rod.section(ARM, None), tension)
     assert np.allclose(tip, ConstantCurvatureStatics(ARM).tip(np.array([5.0, -8.0, 11.0])))
     # Equal tensions on both sides of the longest pair compress the arm by 2 T / EA.
     both = np.array([0, 0, 0, 0, 3.0, 3.0])
-    short = exact_rod.tendon_tip(ARM, exact_rod.section(ARM, 0.75), both)
+    short = shearable_rod.tendon_tip(ARM, shearable_rod.section(ARM, 0.75), both)
     strain = 2 * 3.0 / (ARM.youngs_modulus * ARM.area)
     assert np.allclose(short, [0, ARM.length * (1 - strain)])
 
@@ -129,10 +127,11 @@ def test_tendons_in_channels_bend_to_constant_curvature_and_compress():
 def test_dense_guides_act_as_a_channel():
     tension = TendonMap(ARM).tension(np.array([0.0, 0.0, 20.0]))
     for k in (None, 0.75):
-        rod = exact_rod.section(ARM, k)
-        channel = exact_rod.tendon_tip(ARM, rod, tension)
+        rod = shearable_rod.section(ARM, k)
+        channel = shearable_rod.tendon_tip(ARM, rod, tension)
         gaps = [
-            distance(exact_rod.tendon_tip(_with_guides(m), rod, tension), channel) for m in (24, 48)
+            distance(shearable_rod.tendon_tip(_with_guides(m), rod, tension), channel)
+            for m in (24, 48)
         ]
         assert gaps[1] < 1e-3
         assert gaps[0] / gaps[1] == pytest.approx(4, rel=0.05)
@@ -150,7 +149,7 @@ def test_unequal_guides_are_refused():
     shifted = replace(first, guides=(0.05,))
     robot = replace(ARM, tendons=(shifted, *others))
     with pytest.raises(ValueError, match="same guides"):
-        exact_rod.tendon_tip(robot, exact_rod.section(robot, None), np.ones(6))
+        shearable_rod.tendon_tip(robot, shearable_rod.section(robot, None), np.ones(6))
 
 
 # ------------------------------------------------------------- rows
@@ -169,13 +168,13 @@ def test_rows_refuse_unknown_fields():
 
 
 def test_chains_end_pieces_where_tendons_end():
-    assert accuracy.hinge_numbers(CANTILEVER_WEAK, "gauss3") == (6, 12, 24, 48)
-    assert accuracy.hinge_numbers(ARM, "gauss3", quick=True) == (9, 18)
-    assert accuracy.hinge_numbers(ARM, "balanced2", quick=True) == (6, 12)
+    assert run.hinge_numbers(CANTILEVER_WEAK, "gauss3") == (6, 12, 24, 48)
+    assert run.hinge_numbers(ARM, "gauss3", quick=True) == (9, 18)
+    assert run.hinge_numbers(ARM, "balanced2", quick=True) == (6, 12)
 
 
 def test_error_is_the_distance_to_the_truth():
-    row, _ = accuracy.chain_static_row(tip_moment(1e-9), "midpoint", 6)
+    row, _ = run.chain_static_row(tip_moment(1e-9), "midpoint", 6)
     # An unloaded rod is straight in every model: 1e-9 Nm deflects it by 5e-10 m.
     assert row.e_max < 1e-11
 
@@ -185,16 +184,16 @@ def few(request):
     """The benchmark with the models that are compiled fastest, without references of hours."""
     patch = pytest.MonkeyPatch()
     request.addfinalizer(patch.undo)
-    patch.setattr(accuracy, "CONTESTANTS", THREE)
+    patch.setattr(run, "CONTESTANTS", THREE)
     patch.setattr(agreement, "CONTESTANTS", THREE)
-    patch.setattr(accuracy, "TOLERANCES", (1e-3,))
-    patch.setattr(accuracy, "FINE_TOLERANCES", ())
+    patch.setattr(run, "TOLERANCES", (1e-3,))
+    patch.setattr(run, "FINE_TOLERANCES", ())
     return patch
 
 
 @pytest.fixture(scope="module")
 def static(few):
-    return [row for case in static_cases() for row in accuracy._static_rows(case, True, 1)]
+    return [row for case in static_cases() for row in run._static_rows(case, True, 1)]
 
 
 @pytest.fixture(scope="module")
@@ -206,9 +205,9 @@ def motions(few):
     found = []
     for contestant in THREE:
         limit = limits[tension_step.CASE, contestant.physics.name]
-        found += accuracy._beam_rows(tension_step.CASE, contestant, limit, True)
+        found += run._beam_rows(tension_step.CASE, contestant, limit, True)
     truth = limits[tension_step.CASE, BENDING.name]
-    found += accuracy._chain_rows(tension_step.CASE, "balanced2", truth, True)
+    found += run._chain_rows(tension_step.CASE, "balanced2", truth, True)
     return found + agreement.dynamic_rows(tension_step.CASE, limits, True)
 
 
@@ -342,7 +341,7 @@ def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
     note = Row("note", "case", "model", reference="left out")
     rows = [*static, *motions, *numbers, rig, note]
     out = StringIO()
-    Console(file=out, width=100).print(accuracy_tables.tables(rows))
+    Console(file=out, width=100).print(tables.tables(rows))
     text = out.getvalue()
     assert max(map(len, text.splitlines())) <= 100
     for name in ("mujoco_chain/balanced2", "cosserat", "Tension step", "implicitfast", "left out"):

@@ -15,7 +15,7 @@ from softrobot_env.beams.closed_forms.spatial_piece import acceleration, make_ri
 from softrobot_env.beams.exact.analytic import arc_tip
 from softrobot_env.beams.exact.rig_column import column_tip, tensions
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
-from softrobot_env.benchmarks.accuracy import tables as accuracy_tables
+from softrobot_env.benchmarks.accuracy import tables
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED
 from softrobot_env.benchmarks.accuracy.cases.motions import timed_row
 from softrobot_env.benchmarks.accuracy.plots import plot
@@ -249,7 +249,7 @@ def test_rows_are_flat_finite_and_complete(rows):
 
 def test_tables_and_figure_show_the_rows(rows, tmp_path):
     out = StringIO()
-    Console(file=out, width=100).print(accuracy_tables.tables(rows))
+    Console(file=out, width=100).print(tables.tables(rows))
     text = out.getvalue()
     assert max(map(len, text.splitlines())) <= 100
     for word in ("rig_piece", "x real time", "discrete", "ritz_rod", "left out", "[ms]"):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks.stability import tables as stability_tables
+from softrobot_env.benchmarks.stability import tables
 from softrobot_env.benchmarks.stability.plots import plot
 from softrobot_env.benchmarks.stability.rig.cases import DURATION, MOTIONS, PERIOD, Variation
 from softrobot_env.benchmarks.stability.rig.run import ASKED, MAP, RULE, variation_rows, variations
@@ -198,15 +198,15 @@ def test_rows_are_flat_and_finite(rows):
 
 def test_safe_step_ends_before_the_first_failure():
     cells = [SimpleNamespace(timestep=h, stable=ok) for h, ok in ((1, True), (4, True), (2, False))]
-    assert stability_tables.safe_step(cells) == 1
-    assert stability_tables.safe_step(cells[2:]) is None
+    assert tables.safe_step(cells) == 1
+    assert tables.safe_step(cells[2:]) is None
 
 
 def test_tables_and_picture_show_the_rows(rows, tmp_path):
     failed = {"outcome": DIVERGED, "stable": False, "e_max": None, "failure": "gone at t = 1 s"}
     rows = [*rows, replace(next(row for row in rows if row.case == RULE), **failed)]
     out = StringIO()
-    Console(file=out, width=110).print(stability_tables.tables(rows))
+    Console(file=out, width=110).print(tables.tables(rows))
     text = out.getvalue()
     for word in ("largest timestep [ms]", "rule: implicitfast", "no truth", "x 100", "gone at t"):
         assert word in text

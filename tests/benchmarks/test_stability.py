@@ -11,8 +11,7 @@ from rich.console import Console
 
 from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.beams import make_beam
-from softrobot_env.benchmarks.stability import extremes
-from softrobot_env.benchmarks.stability import tables as stability_tables
+from softrobot_env.benchmarks.stability import extremes, tables
 from softrobot_env.benchmarks.stability.map import (
     BOUND,
     Family,
@@ -199,14 +198,14 @@ def test_safe_step_ends_before_the_first_failure():
         return SimpleNamespace(timestep=timestep, stiffness_scale=1.0, stable=stable)
 
     cells = [cell(0.1, True), cell(0.4, True), cell(0.2, True), cell(0.3, False)]
-    in_periods = stability_tables.safe_step(cells, stability_tables.first_period)
+    in_periods = tables.safe_step(cells, tables.first_period)
     assert in_periods == pytest.approx(0.2 * ARM.first_frequency)
-    assert stability_tables.safe_step([cell(0.1, False)]) is None
+    assert tables.safe_step([cell(0.1, False)]) is None
 
 
 def test_tables_and_pictures_show_the_rows(rows, tmp_path):
     out = StringIO()
-    Console(file=out, width=80).print(stability_tables.tables(rows))
+    Console(file=out, width=80).print(tables.tables(rows))
     text = out.getvalue()
     for name in ("implicitfast", "discrete", "Timestep rule", "3/3"):
         assert name in text

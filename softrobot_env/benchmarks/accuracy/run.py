@@ -27,7 +27,6 @@ from softrobot_env.benchmarks.accuracy.cases.frequencies import (
 from softrobot_env.benchmarks.accuracy.cases.motions import chain_settings, timed_row
 from softrobot_env.benchmarks.accuracy.cases.statics import StaticCase, static_cases
 from softrobot_env.benchmarks.accuracy.rig import run as rig
-from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS as RIG_MOTIONS
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
     DURATION,
@@ -71,7 +70,7 @@ _CONVERGED = 1e-8
 _LOAD_STEP = 0.2
 
 #: Motions in which a step of the chain costs the same throughout.
-_EVEN = (tension_step.CASE, *RIG_MOTIONS)
+_EVEN = (tension_step.CASE, *rig.MOTIONS)
 
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
@@ -103,7 +102,6 @@ def _share_step_times(rows: list[Row]) -> None:
     A step costs the same whatever the rule and the timestep, so its best time over all runs with
     as many hinges and the same integrator is the truth; single runs differ by the machine's noise.
     """
-    alike: dict[tuple, list[Row]] = {}
     even = [r.kind == "dynamic" and r.is_chain and r.case in _EVEN for r in rows]
     alike = groups(compress(rows, even), "case", "n", "integrator")
     best = {key: min(row.step_time for row in mine) for key, mine in alike.items()}
@@ -287,9 +285,7 @@ def _chain_rows(case: str, rule: str, truth: Limit, quick: bool) -> list[Row]:
 def _chain_spirals(rule: str, truth: Limit, quick: bool) -> list[Row]:
     numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
     settings = product(
-        numbers[:-1] if quick else numbers,
-        DYNAMIC_INTEGRATORS,
-        SUBSTEPS[:3] if quick else SUBSTEPS,
+        numbers[:-1] if quick else numbers, DYNAMIC_INTEGRATORS, SUBSTEPS[:3] if quick else SUBSTEPS
     )
     motions = (spiral.chain_motion(rule, n, k, integrator) for n, integrator, k in settings)
     repeats = 5 if quick else 20

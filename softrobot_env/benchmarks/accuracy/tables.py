@@ -58,10 +58,7 @@ def tables(rows: list[Row]) -> Group:
     parts = [
         _pivot("Static tip error in mm", static, _SHORT, lambda row: 1e3 * row.e_mean),
         _pivot(
-            "Error of frequencies and twist in %",
-            numbers,
-            _SHORT,
-            lambda row: 100 * row.e_relative,
+            "Error of frequencies and twist in %", numbers, _SHORT, lambda row: 100 * row.e_relative
         ),
         *_motions(rows, _MOTIONS, (Column("physics"),), ()),
         _static_agreement(rows),
@@ -74,10 +71,7 @@ def tables(rows: list[Row]) -> Group:
 
 
 def _pivot(
-    title: str,
-    rows: list[Row],
-    names: dict[str, str],
-    error: Callable[[Row], float],
+    title: str, rows: list[Row], names: dict[str, str], error: Callable[[Row], float]
 ) -> Table:
     """A line per model and resolution, a column per case with its short name; misses in red."""
     cases = list(dict.fromkeys(row.case for row in rows))

@@ -34,13 +34,7 @@ from softrobot_env.benchmarks.stability.runs import (
     rule_choice,
     steps_for,
 )
-from softrobot_env.benchmarks.stability.verdicts import (
-    WRONG,
-    Row,
-    Verdict,
-    judge,
-    judge_errors,
-)
+from softrobot_env.benchmarks.stability.verdicts import WRONG, Row, Verdict, judge, judge_errors
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
@@ -174,7 +168,7 @@ def tension_limit() -> Case:
 
     All three at once would swing the arm beyond the curvature 1 / outer radius, where the inner
     side folds. A St. Venant-Kirchhoff continuum (ANCF) has no equilibrium at this tension: its
-    fibres soften under compression (`continuum_arc` finds none from about 75 N on).
+    fibres soften under compression (`beams.exact.continuum_arc` finds none from about 75 N on).
     """
     limit = ARM.tendons[-2].tension_limit
     tension = np.array([0.0] * (len(ARM.tendons) - 2) + [limit, 0.0])

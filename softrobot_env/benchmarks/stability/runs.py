@@ -304,12 +304,7 @@ def chain_reference(system: ChainSystem, duration: float, sample: float, most: f
     count = ceil(sample / most)
     traces = [
         system.run(
-            Plan(
-                "implicitfast",
-                sample / (count * k),
-                round(duration / sample) * count * k,
-                sample,
-            )
+            Plan("implicitfast", sample / (count * k), round(duration / sample) * count * k, sample)
         )
         for k in (1, 2, 4)
     ]

@@ -6,13 +6,7 @@ from typing import Any, Self
 import numpy as np
 
 from softrobot_env.benchmarks.records import Record
-from softrobot_env.benchmarks.stability.runs import (
-    DIVERGED,
-    NOT_CONVERGED,
-    Plan,
-    Reference,
-    Trace,
-)
+from softrobot_env.benchmarks.stability.runs import DIVERGED, NOT_CONVERGED, Plan, Reference, Trace
 
 #: How a run can end, besides `DIVERGED` and `NOT_CONVERGED`. A wrong run stays finite, but its tip
 #: leaves the error bound. One without truth ended, but refined runs differ too much to judge it by

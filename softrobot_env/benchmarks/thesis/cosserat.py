@@ -45,30 +45,20 @@ def influence_rows() -> list[Row]:
                 rod = build("cosserat", CANTILEVER_WEAK, n, weighting=kind, moments=moments)
                 found[moments, n, kind] = y = deflection(rod)
                 audit = values.WEIGHTINGS[n][kind - 1] if moments == "printed" else None
-                x = ("weighting", kind)
-                rows.append(
-                    make_row("2.6", moments, "cosserat", n, "tip_deflection_m", y, x, audit=audit)
-                )
-    for moments, audit in zip(
-        ("printed", "conservative"),
-        (values.SPREAD_PRINTED, values.SPREAD_CONSERVATIVE),
-        strict=True,
-    ):
+                curve, x = ("2.6", moments, "cosserat", n), ("weighting", kind)
+                rows.append(make_row(*curve, "tip_deflection_m", y, x, audit=audit))
+    spreads = {"printed": values.SPREAD_PRINTED, "conservative": values.SPREAD_CONSERVATIVE}
+    for moments, audit in spreads.items():
         for n, expected in audit.items():
             all_ = [found[moments, n, kind] for kind in WEIGHTINGS]
             thesis = values.SPREAD_THESIS[n] if moments == "printed" else None
-            row = make_row(
-                "2.6", moments, "cosserat", n, "spread_m", max(all_) - min(all_), thesis=thesis,
-                audit=expected,
-            )  # fmt: skip
-            rows.append(row)
+            quantity, known = ("spread_m", max(all_) - min(all_)), {"thesis": thesis}
+            rows.append(make_row("2.6", moments, "cosserat", n, *quantity, **known, audit=expected))
     for kind, expected in values.REFINEMENT.items():
         change = found["printed", 3, kind] - found["printed", 5, kind]
-        row = make_row(
-            "2.6", f"printed, xi_{kind}", "cosserat", None, "change_from_3_to_5_pieces_m", change,
-            thesis=values.REFINEMENT_THESIS, audit=expected,
-        )  # fmt: skip
-        rows.append(row)
+        curve = "2.6", f"printed, xi_{kind}", "cosserat", None
+        known = {"thesis": values.REFINEMENT_THESIS, "audit": expected}
+        rows.append(make_row(*curve, "change_from_3_to_5_pieces_m", change, **known))
     return rows
 
 
@@ -84,26 +74,14 @@ def drift_rows(duration: float) -> list[Row]:
         for solver, projected in ((BDF, False), (Radau, False), (Radau, True)):
             case = f"{solver.__name__}, {_PROJECTED if projected else _FREE}, {tolerances[0]:g}"
             times, drifts = _drift(solver, tolerances, projected, duration)
+            curve = "2.4", case, "cosserat", _PIECES
             for start in np.arange(0, duration - _BIN / 2, _BIN):
                 inside = (times > start) & (times <= start + _BIN)
                 if inside.any():
-                    x = ("time_s", start + _BIN)
-                    worst = drifts[inside].max()
-                    rows.append(
-                        make_row("2.4", case, "cosserat", _PIECES, "norm_violation", worst, x)
-                    )
-            rows.append(
-                make_row(
-                    "2.4",
-                    case,
-                    "cosserat",
-                    _PIECES,
-                    "largest_norm_violation",
-                    drifts.max(),
-                    thesis=thesis if projected else None,
-                    note="before projecting" if projected else None,
-                )
-            )
+                    worst, x = drifts[inside].max(), ("time_s", start + _BIN)
+                    rows.append(make_row(*curve, "norm_violation", worst, x))
+            known = {"thesis": thesis, "note": "before projecting"} if projected else {}
+            rows.append(make_row(*curve, "largest_norm_violation", drifts.max(), **known))
     return rows
 
 

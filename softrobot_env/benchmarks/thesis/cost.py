@@ -137,25 +137,11 @@ def _statement_rows(number: dict[tuple[str, int], float], totals: list[Row]) -> 
     sizes = sorted({n for _, n in number})
     more = [n for n in sizes if number["pcc", n] > number["ancf", n]]
     note = None if more else f"never up to {sizes[-1]} pieces"
+    known = {"thesis": values.REALTIME_ANCF, "note": f"out of up to {sizes[-1]} pieces"}
+    most = "most_pieces_in_real_time", max(fast, default=0)
+    fewest = "fewest_pieces_with_more_than_ancf", min(more, default=None)
+    crossing = {"thesis": values.PCC_NEEDS_MORE + 1, "note": note}
     return [
-        make_row(
-            "2.18",
-            "product",
-            "ancf",
-            None,
-            "most_pieces_in_real_time",
-            max(fast, default=0),
-            thesis=values.REALTIME_ANCF,
-            note=f"out of up to {sizes[-1]} pieces",
-        ),
-        make_row(
-            "2.17",
-            "evaluations",
-            "pcc",
-            None,
-            "fewest_pieces_with_more_than_ancf",
-            min(more, default=None),
-            thesis=values.PCC_NEEDS_MORE + 1,
-            note=note,
-        ),
+        make_row("2.18", "product", "ancf", None, *most, **known),
+        make_row("2.17", "evaluations", "pcc", None, *fewest, **crossing),
     ]

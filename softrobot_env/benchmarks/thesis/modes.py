@@ -23,6 +23,8 @@ _FREQUENCY = "frequency_Hz"
 #: Number of pieces of the thesis' statements on Fig. 2.13.
 _FINEST = 14
 
+_BOUND = "the thesis gives an upper bound"
+_REAL = "shear and rotary inertia, which Euler-Bernoulli leaves out, are real (audit)"
 _PRINTED_FACTOR = (
     "the factor 4 of (2.44) instead of 1/4 makes rotary accelerations 16 times too large and "
     "torsional frequencies 4 times too high; it may be why the thesis' rod does not converge"
@@ -49,16 +51,14 @@ def bending_rows(pieces: tuple[int, ...]) -> list[Row]:
 
 
 def _theory_rows(name: str, robot: RobotParams) -> list[Row]:
+    beam = robot.length, robot.bending_stiffness, robot.mass_per_length
     found = {
-        "euler_bernoulli": euler_bernoulli_frequency(
-            robot.length, robot.bending_stiffness, robot.mass_per_length
-        ),
+        "euler_bernoulli": euler_bernoulli_frequency(*beam),
         "timoshenko": bending_frequency(robot, SHEAR_COEFFICIENT),
     }
+    audit = values.FREQUENCY_THEORY
     return [
-        make_row(
-            "2.13", name, model, None, _FREQUENCY, y, audit=values.FREQUENCY_THEORY[name, model]
-        )
+        make_row("2.13", name, model, None, _FREQUENCY, y, audit=audit[name, model])
         for model, y in found.items()
     ]
 
@@ -69,35 +69,14 @@ def _statement_rows(name: str, rows: list[Row]) -> list[Row]:
     theory = mine["euler_bernoulli", None]
     finest = {model: mine[model, _FINEST] for model in MODELS}
     spread = (max(finest.values()) - min(finest.values())) / min(finest.values())
-    note = "shear and rotary inertia, which Euler-Bernoulli leaves out, are real (audit)"
-    out = [
-        make_row(
-            "2.13",
-            name,
-            "all",
-            _FINEST,
-            "spread_of_models",
-            spread,
-            thesis=values.MODEL_SPREAD,
-            audit=0.008 if name == "weak" else None,
-            note="the thesis gives an upper bound",
-        )
-    ]
+    known = {"audit": 0.008 if name == "weak" else None, "note": _BOUND}
+    known |= {"thesis": values.MODEL_SPREAD}
+    out = [make_row("2.13", name, "all", _FINEST, "spread_of_models", spread, **known)]
     for model, found in finest.items():
         audit = values.THEORY_DISTANCE_AUDIT.get((name, model))
-        out.append(
-            make_row(
-                "2.13",
-                name,
-                model,
-                _FINEST,
-                "relative_to_euler_bernoulli",
-                found / theory - 1,
-                thesis=values.THEORY_DISTANCE,
-                audit=audit,
-                note=f"the thesis gives an upper bound; {note}",
-            )
-        )
+        known = {"thesis": values.THEORY_DISTANCE, "audit": audit, "note": f"{_BOUND}; {_REAL}"}
+        quantity = "relative_to_euler_bernoulli", found / theory - 1
+        out.append(make_row("2.13", name, model, _FINEST, *quantity, **known))
     return out
 
 
@@ -117,16 +96,6 @@ def torsional_rows(pieces: tuple[int, ...]) -> list[Row]:
                 rows.append(make_row("2.15", case, model, n, _FREQUENCY, found, audit=known))
     rod = {r.n: r.y for r in rows if (r.case, r.model) == ("nu = 0", "cosserat")}
     finest = max(rod)
-    rows.append(
-        make_row(
-            "2.15",
-            "nu = 0, printed (2.44)",
-            "cosserat",
-            finest,
-            _FREQUENCY,
-            4 * rod[finest],
-            audit=values.TORSION_FREQUENCY_PRINTED,
-            note=_PRINTED_FACTOR,
-        )
-    )
-    return rows
+    known = {"audit": values.TORSION_FREQUENCY_PRINTED, "note": _PRINTED_FACTOR}
+    curve = "2.15", "nu = 0, printed (2.44)", "cosserat", finest
+    return [*rows, make_row(*curve, _FREQUENCY, 4 * rod[finest], **known)]

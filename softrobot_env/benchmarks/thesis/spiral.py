@@ -10,13 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.model import BeamModel, IntegrationError, Motion
-from softrobot_env.benchmarks.accuracy.cases.spiral import (
-    DURATION,
-    PERIOD,
-    ROBOT,
-    force,
-    loads,
-)
+from softrobot_env.benchmarks.accuracy.cases.spiral import DURATION, PERIOD, ROBOT, force, loads
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.cost import METHODS, TOLERANCE
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row, build, make_row
@@ -143,18 +137,10 @@ def time_rows(model: str, pieces: tuple[int, ...]) -> list[Row]:
         rows.append(make_row("2.19", method, model, n, "computation_time_s", time))
     if model == "ancf":
         fast = [r.n for r in rows if r.y < DURATION]
-        rows.append(
-            make_row(
-                "2.19",
-                method,
-                model,
-                None,
-                "most_pieces_in_real_time",
-                max(fast, default=0),
-                thesis=values.REALTIME_ANCF_SPIRAL,
-                note=f"out of up to {pieces[-1]} pieces",
-            )
-        )
+        most = "most_pieces_in_real_time", max(fast, default=0)
+        known = {"thesis": values.REALTIME_ANCF_SPIRAL}
+        known |= {"note": f"out of up to {pieces[-1]} pieces"}
+        rows.append(make_row("2.19", method, model, None, *most, **known))
     return rows
 
 

@@ -34,6 +34,8 @@ MOMENT = 0.01
 _TIP = "tip_deflection_m"
 _CURVE_POINTS = 41
 _CURVE_PIECES = 5
+_MOMENT = "the printed moment of 0.1 N m does not give the printed angle"
+_LAST = "as in the thesis: the angle of the last section, half a piece before the tip"
 _LOCKING = "Poisson locking: the sections can only deform uniformly"
 
 
@@ -103,32 +105,13 @@ def _threshold_rows(rows: list[Row]) -> list[Row]:
         }
         enough = [n for n in errors if all(errors[k] < 0.05 for k in errors if k >= n)]
         thesis = values.PIECES_FOR_5_PERCENT[model]
-        out.append(
-            make_row(
-                "2.11",
-                "weak",
-                model,
-                None,
-                "pieces_for_5_percent",
-                min(enough),
-                thesis=thesis,
-                audit=thesis,
-            )
-        )
+        printed = {"thesis": thesis, "audit": thesis}
+        name = "pieces_for_5_percent"
+        out.append(make_row("2.11", "weak", model, None, name, min(enough), **printed))
     error = found["stiff", "pcc", 1] / found["stiff", "euler_bernoulli", None] - 1
-    out.append(
-        make_row(
-            "2.11",
-            "stiff",
-            "pcc",
-            1,
-            "relative_to_euler_bernoulli",
-            error,
-            thesis=-0.005,
-            audit=values.ONE_PIECE_ERROR,
-        )
-    )
-    return out
+    printed = {"thesis": -0.005, "audit": values.ONE_PIECE_ERROR}
+    name = "relative_to_euler_bernoulli"
+    return [*out, make_row("2.11", "stiff", "pcc", 1, name, error, **printed)]
 
 
 def centreline_rows() -> list[Row]:
@@ -137,11 +120,9 @@ def centreline_rows() -> list[Row]:
     for model in MODELS:
         beam = build(model, CANTILEVER_WEAK, _CURVE_PIECES)
         stations = np.linspace(0, beam.robot.length, _CURVE_POINTS)
-        for point in beam.positions(beam.equilibrium(), stations):
-            x = ("along_m", point[2])
-            rows.append(
-                make_row("2.12", "weak", model, _CURVE_PIECES, "deflection_m", -point[0], x)
-            )
+        for y, _, along in beam.positions(beam.equilibrium(), stations):
+            curve = "2.12", "weak", model, _CURVE_PIECES
+            rows.append(make_row(*curve, "deflection_m", -y, ("along_m", along)))
     return rows
 
 
@@ -150,17 +131,11 @@ def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
     robot = weightless(CANTILEVER_WEAK)
     load = Load("twist", robot.length, moment=(0.0, 0.0, MOMENT))
     exact = torsion_angle(robot, MOMENT)
+    tenfold, thesis = torsion_angle(robot, 10 * MOMENT), {"thesis": values.TWIST}
+    printed = thesis | {"audit": values.TWIST_AS_PRINTED, "note": _MOMENT}
     rows = [
-        _twist_row("0.01 N m", "analytic", None, exact, thesis=values.TWIST, audit=values.TWIST),
-        _twist_row(
-            "0.1 N m",
-            "analytic",
-            None,
-            torsion_angle(robot, 10 * MOMENT),
-            thesis=values.TWIST,
-            audit=values.TWIST_AS_PRINTED,
-            note="the printed moment of 0.1 N m does not give the printed angle",
-        ),
+        _twist_row("0.01 N m", "analytic", None, exact, **thesis, audit=values.TWIST),
+        _twist_row("0.1 N m", "analytic", None, tenfold, **printed),
     ]
     for model in MODELS:
         for n in pieces:
@@ -169,11 +144,8 @@ def torsion_rows(pieces: tuple[int, ...]) -> list[Row]:
             rows.append(_twist_row("tip", model, n, tip_twist(beam, q), audit=exact))
             if isinstance(beam, CosseratRod):
                 angle = 2 * np.arctan2(q[-1], q[-4])
-                expected = exact * (1 - 1 / (2 * n))
-                note = (
-                    "as in the thesis: the angle of the last section, half a piece before the tip"
-                )
-                rows.append(_twist_row("last section", model, n, angle, audit=expected, note=note))
+                known = {"audit": exact * (1 - 1 / (2 * n)), "note": _LAST}
+                rows.append(_twist_row("last section", model, n, angle, **known))
     return rows
 
 

@@ -5,12 +5,7 @@ import numpy as np
 from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
 from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion
-from softrobot_env.benchmarks.accuracy.rows import (
-    DURATION,
-    Limit,
-    distance,
-    zero_timestep,
-)
+from softrobot_env.benchmarks.accuracy.rows import DURATION, Limit, distance, zero_timestep
 from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap

@@ -9,12 +9,7 @@ from softrobot_env.beams.exact.rig_column import tensions
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion, ChainMotion
-from softrobot_env.benchmarks.accuracy.rig.cases import (
-    MOTIONS,
-    PERIOD,
-    ROBOT,
-    sample_times,
-)
+from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, PERIOD, ROBOT, sample_times
 from softrobot_env.benchmarks.accuracy.rig.models import PIECE, chain_scene, end_axis, piece_output
 from softrobot_env.benchmarks.accuracy.rows import (
     DURATION,

@@ -18,13 +18,7 @@ from softrobot_env.benchmarks.accuracy.rig.motions import (
     chain_motion,
     subpieces_motion,
 )
-from softrobot_env.benchmarks.accuracy.rows import (
-    BENDING,
-    Limit,
-    Row,
-    agreement_row,
-    distance,
-)
+from softrobot_env.benchmarks.accuracy.rows import BENDING, Limit, Row, agreement_row, distance
 from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.scene.quadrature import RULES
 

@@ -91,12 +91,7 @@ def _refinement(rig: Variation, system: ChainSystem) -> tuple[str, float]:
 
 
 def run(
-    rig: Variation,
-    system: ChainSystem,
-    truth: Truth,
-    integrator: str,
-    timestep: float,
-    case: str,
+    rig: Variation, system: ChainSystem, truth: Truth, integrator: str, timestep: float, case: str
 ) -> RigRow:
     """One run, of at most `MOST_STEPS` steps, judged by its tip and its tensions."""
     plan = Plan(integrator, timestep, steps_for(DURATION, timestep, 1, MOST_STEPS), PERIOD)

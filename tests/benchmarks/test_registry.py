@@ -1,0 +1,35 @@
+"""Every benchmark can be loaded, and its records say what of them is written."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from softrobot_env.benchmarks.records import Record, drawn, groups, row_of, select
+from softrobot_env.benchmarks.registry import BENCHMARKS
+
+
+@pytest.mark.parametrize("name", BENCHMARKS)
+def test_every_benchmark_loads(name):
+    benchmark = BENCHMARKS.find(name)()
+    assert callable(benchmark.run)
+    assert callable(benchmark.tables)
+    assert benchmark.plot is None or callable(benchmark.plot)
+
+
+@dataclass(frozen=True)
+class Run(Record):
+    case: str
+    error: float | None = None
+    trace: np.ndarray | None = drawn()
+
+
+def test_a_record_writes_all_but_what_is_drawn():
+    assert row_of(Run("a", None, np.zeros(3))) == {"case": "a", "error": None}
+    assert row_of({"case": "a", "trace": np.zeros(3)}) == {"case": "a"}
+
+
+def test_records_are_selected_and_grouped_by_their_fields():
+    runs = [Run("b", 1.0), Run("a", 1.0), Run("b", 2.0)]
+    assert select(runs, case="b", error=2.0) == [runs[2]]
+    assert groups(runs, "case") == {("b",): [runs[0], runs[2]], ("a",): [runs[1]]}
