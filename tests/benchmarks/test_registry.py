@@ -21,7 +21,7 @@ def test_every_benchmark_loads(name):
 class Run(Record):
     case: str
     error: float | None = None
-    trace: np.ndarray | None = drawn()
+    trace: np.ndarray | None = drawn()  # noqa: RUF009
 
 
 def test_a_record_writes_all_but_what_is_drawn():
