@@ -1,6 +1,10 @@
-"""A benchmark as named jobs that are run one after the other."""
+"""A benchmark as named jobs, run one after the other or in processes of their own."""
 
-from collections.abc import Callable, Sequence
+import os
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import contextmanager
+from multiprocessing import get_context
 from typing import Any
 
 Row = dict[str, Any]
@@ -28,3 +32,48 @@ def run_jobs(
     if progress is not None:
         progress("done", len(jobs), len(jobs))
     return rows
+
+
+#: Description for the progress bar, and how it is done, by something that can be pickled.
+Task = tuple[str, Callable[[], Any]]
+
+#: Libraries that read them take one thread per process: small matrices gain nothing from more.
+_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
+
+
+def run_in_processes(
+    tasks: Sequence[Task], progress: Progress | None = None, processes: int | None = None
+) -> list[Any]:
+    """What tasks return, in their order; the first error of one is raised.
+
+    Args:
+        tasks: Begun in this order, each in a process with one thread.
+        progress: Called with (description, done, total) after each, or None.
+        processes: Tasks at a time; one per core unless given.
+    """
+    with _one_thread_each():
+        pool = ProcessPoolExecutor(processes or os.cpu_count(), mp_context=get_context("spawn"))
+        try:
+            running = {pool.submit(work): label for label, work in tasks}
+            for done, future in enumerate(as_completed(running), start=1):
+                future.result()
+                if progress is not None:
+                    progress(running[future], done, len(running))
+            return [future.result() for future in running]
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    """Let processes that are started meanwhile use one thread for linear algebra."""
+    before = {name: os.environ.get(name) for name in _THREADS}
+    os.environ.update(dict.fromkeys(_THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
