@@ -7,17 +7,18 @@ from contextlib import contextmanager
 from multiprocessing import get_context
 from typing import Any
 
-Row = dict[str, Any]
-#: Description for the progress bar, and what makes the rows.
-Job = tuple[str, Callable[[], list[Row]]]
+from softrobot_env.benchmarks.records import Record
+
+#: Description for the progress bar, and what makes the records.
+Job = tuple[str, Callable[[], list[Record]]]
 #: Called with description, jobs done and number of jobs.
 Progress = Callable[[str, int, int], None]
 
 
 def run_jobs(
-    jobs: Sequence[Job], progress: Progress | None, rows: list[Row] | None = None
-) -> list[Row]:
-    """Run jobs and collect their rows.
+    jobs: Sequence[Job], progress: Progress | None, rows: list[Record] | None = None
+) -> list[Record]:
+    """Run jobs and collect their records.
 
     Args:
         jobs: The jobs.
