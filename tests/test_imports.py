@@ -39,7 +39,8 @@ ALLOWED = {
     **dict.fromkeys(MIDDLE, FOUNDATION),
     "control": FOUNDATION | {"beams", "learned"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware"},
-    "evaluation": FOUNDATION,
+    # Its runner makes environment and policy of a case, for every command, benchmark and training.
+    "evaluation": FOUNDATION | {"beams", "control", "envs"},
     "rendering": FOUNDATION | {"evaluation"},
     "cli": EVERYTHING,
     "commands": EVERYTHING,  # one module per command of the cli

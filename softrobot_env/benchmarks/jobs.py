@@ -1,19 +1,22 @@
-"""A benchmark as named jobs that are run one after the other."""
+"""A benchmark as named jobs, run one after the other or in processes of their own."""
 
 from collections.abc import Callable, Sequence
+from concurrent.futures import as_completed
 from typing import Any
 
-Row = dict[str, Any]
-#: Description for the progress bar, and what makes the rows.
-Job = tuple[str, Callable[[], list[Row]]]
+from softrobot_env.benchmarks.records import Record
+from softrobot_env.processes import worker_processes
+
+#: Description for the progress bar, and what makes the records.
+Job = tuple[str, Callable[[], list[Record]]]
 #: Called with description, jobs done and number of jobs.
 Progress = Callable[[str, int, int], None]
 
 
 def run_jobs(
-    jobs: Sequence[Job], progress: Progress | None, rows: list[Row] | None = None
-) -> list[Row]:
-    """Run jobs and collect their rows.
+    jobs: Sequence[Job], progress: Progress | None, rows: list[Record] | None = None
+) -> list[Record]:
+    """Run jobs and collect their records.
 
     Args:
         jobs: The jobs.
@@ -28,3 +31,26 @@ def run_jobs(
     if progress is not None:
         progress("done", len(jobs), len(jobs))
     return rows
+
+
+#: Description for the progress bar, and how it is done, by something that can be pickled.
+Task = tuple[str, Callable[[], Any]]
+
+
+def run_in_processes(
+    tasks: Sequence[Task], progress: Progress | None = None, processes: int | None = None
+) -> list[Any]:
+    """What tasks return, in their order; the first error of one is raised.
+
+    Args:
+        tasks: Begun in this order, each in a process with one thread.
+        progress: Called with (description, done, total) after each, or None.
+        processes: Tasks at a time; one per core unless given.
+    """
+    with worker_processes(processes) as pool:
+        running = {pool.submit(work): label for label, work in tasks}
+        for done, future in enumerate(as_completed(running), start=1):
+            future.result()
+            if progress is not None:
+                progress(running[future], done, len(running))
+        return [future.result() for future in running]

@@ -1,6 +1,6 @@
 """Records of benchmarks: typed rows that know what of them is written to report.json."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
@@ -25,13 +25,6 @@ AnyRecord = TypeVar("AnyRecord")
 def drawn(default: Any = None) -> Any:
     """A field of a record for pictures alone, such as arrays over time."""
     return field(default=default, metadata=_DRAWN, repr=False)
-
-
-def row_of(record: Record | Mapping[str, Any]) -> dict[str, Any]:
-    """What report.json has of a record; of a mapping all but "trace", which is drawn."""
-    if isinstance(record, Record):
-        return record.row()
-    return {name: value for name, value in record.items() if name != "trace"}
 
 
 def select(records: Iterable[AnyRecord], **values: Any) -> list[AnyRecord]:

@@ -3,20 +3,19 @@
 A benchmark is a folder with the modules `run`, `tables` and `plots` or `figures`. `run` returns a
 list of records (`benchmarks.records`): frozen dataclasses derived from `Record`, whose `row()` is
 what report.json has of them, less the fields declared with `drawn()`. Tables and pictures are made
-of the same records. A mapping is taken for a record too; it is written without its entry "trace".
+of the same records.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rich.console import Group
 
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.registries import Registry, load
 
-Records = Sequence[Record | dict[str, Any]]
+Records = Sequence[Record]
 
 
 @dataclass(frozen=True)

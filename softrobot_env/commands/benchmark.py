@@ -6,7 +6,6 @@ from io import StringIO
 from rich.console import Console, Group
 from rich.progress import Progress
 
-from softrobot_env.benchmarks.records import row_of
 from softrobot_env.benchmarks.registry import BENCHMARKS
 from softrobot_env.commands.arguments import add_out
 from softrobot_env.evaluation.report import write_json
@@ -36,7 +35,7 @@ def run(args: argparse.Namespace) -> int:
             progress.update(bar, description=description, completed=done, total=total)
 
         records = benchmark.run(args.quick, show)
-    write_json(out / "report.json", [row_of(record) for record in records], args.command_line)
+    write_json(out / "report.json", [record.row() for record in records], args.command_line)
     tables = benchmark.tables(records)
     console.print(tables)
     (out / "report.md").write_text(_markdown(args.what, tables, args.command_line), "utf-8")

@@ -1,6 +1,7 @@
 """`softrobot render`: a video of a policy on a task."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
@@ -14,10 +15,11 @@ from softrobot_env.commands.arguments import (
     positive,
     size,
 )
-from softrobot_env.commands.setups.case import Case, Setup, case_label, setup_of
+from softrobot_env.commands.setups.base import Setup, setup_of
 from softrobot_env.commands.setups.choice import make_setups
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
+from softrobot_env.evaluation.runner import Case
 
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
   softrobot render --task triangle --policy hybrid --option period=1 --out triangle.gif"""
@@ -56,15 +58,15 @@ def run(args: argparse.Namespace) -> int:
         other.check([case] if other is setup else [])
     width, height = args.size
     env = setup.environment(case, render_mode="rgb_array", width=width, height=height)
-    console, label = Console(), case_label(case, setup)
+    console = Console()
     with Progress(console=console, transient=True) as progress:
-        bar = progress.add_task(label, total=1.0)
+        bar = progress.add_task(case.label, total=1.0)
         frames = record(
             env,
-            setup.policy(case, env.control_period),
+            case.make_policy(env.control_period),
             fps=args.fps,
-            title=label,
-            options={} if args.duration is None else {"duration": args.duration},
+            title=case.label,
+            options=case.reset_options,
             progress=lambda share: progress.update(bar, completed=share),
         )
         count = write_video(args.out, frames, fps=args.fps)
@@ -86,4 +88,5 @@ def _case(args: argparse.Namespace, setup: Setup) -> Case:
             f"policy {policy!r} is not for the task {args.task}; choose from "
             f"{', '.join(setup.policies)}"
         )
-    return Case(task, policy, twin=setup.twins()[0])
+    case = Case(task, policy, twin=setup.twins()[0])
+    return replace(setup.complete(case), duration=args.duration)

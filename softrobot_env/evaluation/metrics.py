@@ -57,7 +57,7 @@ def tracking_metrics(rollout: Rollout) -> TrackingMetrics:
 class ApproachedMetrics:
     """Error of the tip after the approach to the path, in [m]: what Tabs. 5.2 and 5.3 count.
 
-    None where a trajectory has no approach, or the record ends with it.
+    None where a trajectory has no approach, the record ends with it, or the episode failed.
     """
 
     e_mean_tracking: float | None
@@ -67,7 +67,7 @@ class ApproachedMetrics:
 def approached_metrics(rollout: Rollout, trajectory: Trajectory) -> ApproachedMetrics:
     """Mean and maximum of the tip error after the `approach` [s] of a trajectory."""
     error = rollout.error[rollout.time > getattr(trajectory, "approach", np.inf)]
-    if len(error) == 0:
+    if rollout.failure is not None or len(error) == 0:
         return ApproachedMetrics(None, None)
     return ApproachedMetrics(float(error.mean()), float(error.max()))
 

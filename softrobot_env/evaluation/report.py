@@ -1,28 +1,19 @@
-"""Flat rows, and their three forms: report.json, report.md and a terminal table."""
+"""The three forms of flat rows: report.json, report.md and a terminal table."""
 
 import json
 import math
 import platform
-from dataclasses import asdict, fields
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rich import box
 from rich.table import Table
 
 from softrobot_env.evaluation.labels import learnt_elsewhere, robot_heading, robot_label, task_label
-from softrobot_env.evaluation.metrics import (
-    StepMetrics,
-    TrackingMetrics,
-    step_metrics,
-    tracking_metrics,
-)
-from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.evaluation.thesis_rows import thesis_rows
-from softrobot_env.tasks import Task
+from softrobot_env.evaluation.thesis import thesis_rows
 
+#: A row as report.json has it, see `rows.columns`.
 Row = dict[str, Any]
 
 _PACKAGES = ("softrobot_env", "mujoco", "gymnasium", "numpy", "scipy")
@@ -34,7 +25,7 @@ _TRACKING_HIDES = ("e_rms", "e_final")
 
 _BOUND = "The thesis gives a steady-state error of 0.01 % as an upper bound."
 _TRACKING = "Tracking errors are those after the approach, as in Tabs. 5.2 and 5.3 of the thesis."
-_LEARNT = "What policies have learnt of the rig is of {}; other rigs differ from it."
+_IDENTIFIED = "The identified parameters of the rig are of {}; other rigs differ from it."
 
 #: Column -> (heading, factor from SI, digits) of the tables people read.
 _COLUMNS = {
@@ -52,43 +43,6 @@ _COLUMNS = {
     "policy_time_p99": ("p99 us", 1e6, 1),
     "realtime_factor": ("times real", 1.0, 0),
 }
-
-
-def make_row(
-    rollout: Rollout, task: Task, policy: str, plant: str, variation: dict[str, float]
-) -> Row:
-    """One row of `evaluate`; after a failure every metric of the motion is None."""
-    failed = rollout.failure is not None
-    tracking = _metrics(TrackingMetrics, None if failed else tracking_metrics(rollout))
-    step, step_width = None, task.step_width
-    if step_width is not None and not failed:
-        step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
-    return {
-        "task": task.name,
-        "step_width": step_width,
-        "policy": policy,
-        "robot": task.robot.name,
-        "plant": plant,
-        "source": rollout.source,
-        "variation": dict(variation),
-        **tracking,
-        **_metrics(StepMetrics, step),
-        "policy_time_median": float(np.median(rollout.policy_time)),
-        "policy_time_p99": float(np.percentile(rollout.policy_time, 99)),
-        "realtime_factor": float(rollout.time[-1] / rollout.wall_time),
-        "remarks": _remarks(rollout.policy_status),
-        "failure": rollout.failure,
-    }
-
-
-def _remarks(status: np.ndarray) -> dict[str, float]:
-    """Share of the decisions in which the policy had each reason not to do what it wanted."""
-    reasons, counts = np.unique(status, return_counts=True)
-    return {str(r): float(c / len(status)) for r, c in zip(reasons, counts, strict=True) if r}
-
-
-def _metrics(kind: type, values: TrackingMetrics | StepMetrics | None) -> Row:
-    return {f.name: None for f in fields(kind)} if values is None else asdict(values)
 
 
 def write_json(path: Path, rows: list[Row], command: str) -> None:
@@ -170,7 +124,7 @@ def _policy_label(row: Row) -> str:
     return f"{row['policy']} FAILED" if row["failure"] else row["policy"]
 
 
-def remarks(rows: list[Row]) -> list[str]:
+def status_lines(rows: list[Row]) -> list[str]:
     """One sentence per episode in which the policy could not do what it wanted."""
     out = []
     for row in rows:
@@ -194,14 +148,14 @@ def notes(rows: list[Row]) -> list[str]:
     """What has to be known to read the rows of the rig."""
     approached = any(row.get("e_mean_tracking") is not None for row in rows)
     foreign = dict.fromkeys(row["learnt"] for row in rows if learnt_elsewhere(row))
-    return [_TRACKING] * approached + [_LEARNT.format(rig) for rig in foreign]
+    return [_TRACKING] * approached + [_IDENTIFIED.format(rig) for rig in foreign]
 
 
 def markdown(rows: list[Row], command: str) -> str:
     """The rows as Markdown, one table per task, the thesis' figures below ours."""
     parts = ["# Evaluation", f"Command: `{command}`"]
     for label, group in _by_task(rows):
-        parts += [f"## {label}", _markdown_table(group), *failures(group), *remarks(group)]
+        parts += [f"## {label}", _markdown_table(group), *failures(group), *status_lines(group)]
     parts += [_BOUND] if any(row["step_width"] is not None for row in rows) else []
     parts += notes(rows)
     return "\n\n".join(parts) + "\n"

@@ -1,6 +1,6 @@
 """The record of one episode, in the same form for simulation and hardware."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +46,17 @@ class Rollout:
     def error(self) -> np.ndarray:
         """Distance (T,) [m] between tip and reference, (6.34)."""
         return np.linalg.norm(self.tip - self.reference, axis=1)
+
+    def part(self, instants: slice) -> "Rollout":
+        """The record at some of its instants, with all of the policy's decisions."""
+        arrays = {k: v for k, v in vars(self).items() if isinstance(v, np.ndarray)}
+        kept = {k: v[instants] for k, v in arrays.items() if not k.startswith("policy_")}
+        return replace(self, **kept)
+
+    def thinned(self, period: float) -> "Rollout":
+        """The record at instants about `period` [s] apart."""
+        apart = float(self.time[1] - self.time[0]) if len(self.time) > 1 else period
+        return self.part(slice(None, None, max(1, round(period / apart))))
 
     def save(self, path: str | Path) -> None:
         """Write the record as a compressed npz file."""

@@ -105,9 +105,10 @@ class _Table:
         return {name: column[: self._count].copy() for name, column in self._columns.items()}
 
 
-def warm_up(env: "gymnasium.Env", policy: Policy) -> None:
+def warm_up(env: "gymnasium.Env", policy: Policy, options: dict[str, Any] | None = None) -> None:
     """Run one step, so that no policy time includes what happens on a first call only."""
-    for _ in play(env, policy, options={"duration": env.unwrapped.control_period}):
+    one_step = {"duration": env.unwrapped.control_period}
+    for _ in play(env, policy, options=(options or {}) | one_step):
         pass
 
 

@@ -5,7 +5,11 @@ Tabs. 6.2 to 6.5 and the text of secs. 6.6.2 and 6.6.3. The plant there is the P
 pieces. "<0.01 %" is kept as its bound. Tabs. 5.2 and 5.3 are of the real test rig.
 """
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from softrobot_env.evaluation.labels import REAL
 
 
 @dataclass(frozen=True)
@@ -34,40 +38,21 @@ CONTROLLERS = {"qs_nn": "quasi-static", "lqi": "LQI", "mpc": "MPC"}
 POLICY_TIME = {"quasi-static": 5.4e-6, "LQI": 11.2e-6, "MPC": 49.7e-3}
 
 
-def _steps(
-    width: float, rows: dict[str, tuple[float, float, float, float]]
-) -> tuple[ThesisFigure, ...]:
-    return tuple(
-        ThesisFigure("step", name, width, None, rise, settling, overshoot, steady)
-        for name, (rise, settling, overshoot, steady) in rows.items()
-    )
-
+#: Step width [m] and controller -> rise and settling time [s], overshoot and steady-state error.
+_STEPS = {
+    (0.05, "quasi-static"): (0.2373, 7.65, 0.4746, 0.0485),
+    (0.05, "LQI"): (0.0902, 0.88, 0.4636, 1e-4),
+    (0.05, "MPC"): (0.0862, 0.49, 0.3149, 1e-4),
+    (0.1, "quasi-static"): (0.2192, 9.81, 0.5021, 0.0512),
+    (0.1, "LQI"): (0.0860, 1.83, 0.4541, 1e-4),
+    (0.1, "MPC"): (0.0859, 1.49, 0.2724, 1e-4),
+    (0.2, "quasi-static"): (0.2489, 14.10, 0.5371, 0.0210),
+    (0.2, "LQI"): (0.0786, 1.61, 0.5484, 1e-4),
+    (0.2, "MPC"): (0.0666, 1.37, 0.2051, 1e-4),
+}
 
 FIGURES = (
-    *_steps(
-        0.05,
-        {
-            "quasi-static": (0.2373, 7.65, 0.4746, 0.0485),
-            "LQI": (0.0902, 0.88, 0.4636, 1e-4),
-            "MPC": (0.0862, 0.49, 0.3149, 1e-4),
-        },
-    ),
-    *_steps(
-        0.1,
-        {
-            "quasi-static": (0.2192, 9.81, 0.5021, 0.0512),
-            "LQI": (0.0860, 1.83, 0.4541, 1e-4),
-            "MPC": (0.0859, 1.49, 0.2724, 1e-4),
-        },
-    ),
-    *_steps(
-        0.2,
-        {
-            "quasi-static": (0.2489, 14.10, 0.5371, 0.0210),
-            "LQI": (0.0786, 1.61, 0.5484, 1e-4),
-            "MPC": (0.0666, 1.37, 0.2051, 1e-4),
-        },
-    ),
+    *(ThesisFigure("step", name, width, None, *found) for (width, name), found in _STEPS.items()),
     ThesisFigure("swing", "quasi-static", e_max=27.3e-3),
     ThesisFigure("swing", "LQI", e_max=6.13e-3, e_motion=1e-3),
     ThesisFigure("swing", "MPC", e_max=11.77e-3),
@@ -94,57 +79,28 @@ ROBUSTNESS = {
     "MPC": {0.5: "fails", 0.75: "z too small", 1.25: "z too large", 1.5: "z too large"},
 }
 
-#: Smallest and largest figure of an independent recomputation with corrected equations (audit), by
-#: task, step width [m] and controller; names and units are those of `ThesisFigure`. A steady-state
-#: error of 1e-4 is an upper bound.
+#: Step width [m] and controller -> ranges of rise and settling time [s] and of the overshoot, and
+#: of the steady-state error where it was told, by an independent recomputation with corrected
+#: equations (audit).
+_AUDIT_STEPS = {
+    (0.05, "quasi-static"): ((0.24, 0.24), (5.6, 12.0), (0.61, 0.69), (0.001, 0.016)),
+    (0.05, "LQI"): ((0.080, 0.096), (0.69, 0.76), (0.31, 0.35), (1e-4, 1e-4)),
+    (0.05, "MPC"): ((0.09, 0.09), (0.85, 0.85), (0.28, 0.28), (1e-4, 1e-4)),
+    (0.1, "quasi-static"): ((0.24, 0.24), (5.2, 14.0), (0.59, 0.67)),
+    (0.1, "LQI"): ((0.081, 0.081), (0.68, 0.68), (0.30, 0.30)),
+    (0.1, "MPC"): ((0.09, 0.09), (1.02, 1.02), (0.29, 0.29)),
+    (0.2, "quasi-static"): ((0.24, 0.24), (5.0, 20.0), (0.52, 0.63)),
+    (0.2, "LQI"): ((0.082, 0.082), (0.65, 0.65), (0.27, 0.27)),
+    (0.2, "MPC"): ((0.09, 0.09), (1.01, 1.01), (0.29, 0.29)),
+}
+_STEP_METRICS = ("rise_time", "settling_time", "overshoot", "steady_state_error")
+
+#: Smallest and largest figure of the audit, by task, step width [m] and controller; names and units
+#: are those of `ThesisFigure`. A steady-state error of 1e-4 is an upper bound.
 AUDIT: dict[tuple[str, float | None, str], dict[str, tuple[float, float]]] = {
-    ("step", 0.05, "quasi-static"): {
-        "rise_time": (0.24, 0.24),
-        "settling_time": (5.6, 12.0),
-        "overshoot": (0.61, 0.69),
-        "steady_state_error": (0.001, 0.016),
-    },
-    ("step", 0.05, "LQI"): {
-        "rise_time": (0.080, 0.096),
-        "settling_time": (0.69, 0.76),
-        "overshoot": (0.31, 0.35),
-        "steady_state_error": (1e-4, 1e-4),
-    },
-    ("step", 0.05, "MPC"): {
-        "rise_time": (0.09, 0.09),
-        "settling_time": (0.85, 0.85),
-        "overshoot": (0.28, 0.28),
-        "steady_state_error": (1e-4, 1e-4),
-    },
-    ("step", 0.1, "quasi-static"): {
-        "rise_time": (0.24, 0.24),
-        "settling_time": (5.2, 14.0),
-        "overshoot": (0.59, 0.67),
-    },
-    ("step", 0.1, "LQI"): {
-        "rise_time": (0.081, 0.081),
-        "settling_time": (0.68, 0.68),
-        "overshoot": (0.30, 0.30),
-    },
-    ("step", 0.1, "MPC"): {
-        "rise_time": (0.09, 0.09),
-        "settling_time": (1.02, 1.02),
-        "overshoot": (0.29, 0.29),
-    },
-    ("step", 0.2, "quasi-static"): {
-        "rise_time": (0.24, 0.24),
-        "settling_time": (5.0, 20.0),
-        "overshoot": (0.52, 0.63),
-    },
-    ("step", 0.2, "LQI"): {
-        "rise_time": (0.082, 0.082),
-        "settling_time": (0.65, 0.65),
-        "overshoot": (0.27, 0.27),
-    },
-    ("step", 0.2, "MPC"): {
-        "rise_time": (0.09, 0.09),
-        "settling_time": (1.01, 1.01),
-        "overshoot": (0.29, 0.29),
+    **{
+        ("step", *case): dict(zip(_STEP_METRICS, ranges, strict=False))
+        for case, ranges in _AUDIT_STEPS.items()
     },
     ("swing", None, "quasi-static"): {"e_max": (14e-3, 18e-3), "e_motion": (5e-3, 5e-3)},
     ("swing", None, "LQI"): {"e_max": (5.9e-3, 6.7e-3), "e_motion": (0.3e-3, 0.4e-3)},
@@ -153,3 +109,35 @@ AUDIT: dict[tuple[str, float | None, str], dict[str, tuple[float, float]]] = {
     ("lshape", None, "LQI"): {"e_max": (1.9e-3, 2.1e-3)},
     ("lshape", None, "MPC"): {"e_max": (2.6e-3, 2.6e-3)},
 }
+
+
+def thesis_rows(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What the thesis reports of the task that a row is about."""
+    same = [f for f in FIGURES if (f.task, f.step_width) == (row["task"], row["step_width"])]
+    return [*map(_arm_row, same), *_rig_rows(row)]
+
+
+def _arm_row(figure: ThesisFigure) -> dict[str, Any]:
+    return {
+        **asdict(figure),
+        "policy": f"{figure.controller} (thesis, PCC plant)",
+        "policy_time_median": POLICY_TIME[figure.controller],
+        "variation": {},
+        "failure": None,
+    }
+
+
+def _rig_rows(row: Mapping[str, Any]) -> list[dict[str, Any]]:
+    return [
+        {
+            "task": row["task"],
+            "policy": f"{policy} (thesis)",
+            "plant": REAL,
+            "variation": {},
+            "failure": None,
+            "e_mean_tracking": mean,
+            "e_max_tracking": largest,
+        }
+        for (policy, period), (mean, largest) in TRIANGLE.items()
+        if (row["task"], row.get("period")) == ("triangle", period)
+    ]

@@ -1,81 +1,176 @@
-"""Curves of recorded episodes over time, for robots of any kind."""
+"""Curves of recorded episodes, in the manner of thesis Figs. 5.10 to 5.13 and 6.14 to 6.22."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.figures import REFERENCE, add_legend, new_figure, style_of
+from softrobot_env.rendering.figures import COLOURS, REFERENCE, add_legend, style_of
+from softrobot_env.robots import RobotParams, centerline
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 #: Samples of an episode to show.
 Shown = Callable[[Rollout], slice]
 
+#: Numbers over the instants (T,) of an episode, or (T, k).
+Values = Callable[[Rollout], np.ndarray]
+
 _AXES = "xyz"
 
-#: Lower end [mm] of the error axis.
-_SMALLEST_ERROR = 1e-2
+#: Lower end [mm] of an axis of errors.
+_SMALLEST_ERROR = 1e-3
+
+#: For more curves than colours, without the dashes of the reference.
+_LINES = ("-", "-.", ":")
 
 
-def tip_curves(rollouts: dict[str, Rollout], axes: str, shown: Shown, title: str) -> "Figure":
-    """Two coordinates of the tip, "xz" for instance, with their reference, and the error."""
-    figure, grid = new_figure(3, 1, (7.0, 7.0))
-    panels = grid[:, 0]
-    longest = max(rollouts.values(), key=lambda r: r.time[-1])
-    indices = [_AXES.index(name) for name in axes]
-    part = shown(longest)
-    for panel, index in zip(panels, indices, strict=False):
-        wanted = 1e3 * longest.reference[part, index]
-        panel.plot(longest.time[part], wanted, **REFERENCE)
-    for label, rollout, line in styles(rollouts):
-        part = shown(rollout)
-        series = (*(rollout.tip[:, index] for index in indices), rollout.error)
-        for panel, values in zip(panels, series, strict=True):
-            panel.plot(rollout.time[part], 1e3 * values[part], **line, label=label)
-    names = (*(f"tip {name} in mm" for name in axes), "error in mm")
-    for panel, name in zip(panels, names, strict=True):
-        panel.set_ylabel(name)
-    panels[-1].set_yscale("log")
-    panels[-1].set_ylim(bottom=_SMALLEST_ERROR)
-    return _finish(figure, panels, title)
+@dataclass(frozen=True)
+class Curve:
+    """An episode to draw.
+
+    Attributes:
+        name: For the legend.
+        rollout: The episode.
+        line: Matplotlib's keywords of its lines.
+    """
+
+    name: str
+    rollout: Rollout
+    line: Mapping[str, Any]
+
+    @property
+    def label(self) -> str:
+        """The name, with a failure."""
+        time = self.rollout.time
+        return f"{self.name} (failed at {time[-1]:.2f} s)" if self.rollout.failure else self.name
 
 
-def stacked_curves(
-    rollouts: dict[str, Rollout],
-    values: Callable[[Rollout], np.ndarray],
-    names: list[str],
-    shown: Shown,
-    title: str,
-) -> "Figure":
-    """The columns of `values` (samples, k), one below the other, with their k names."""
-    figure, grid = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
-    panels = grid[:, 0]
-    for label, rollout, line in styles(rollouts):
-        part = shown(rollout)
-        for panel, column in zip(panels, values(rollout).T, strict=True):
-            panel.plot(rollout.time[part], column[part], **line, label=label)
-    for panel, name in zip(panels, names, strict=True):
-        panel.set_ylabel(name)
-    return _finish(figure, panels, title)
+def policy_curves(rollouts: Mapping[str, Rollout]) -> list[Curve]:
+    """Episodes by the policy, each in its own colour of all figures."""
+    return [Curve(name, r, style_of(name).curve) for name, r in rollouts.items()]
 
 
-def styles(rollouts: dict[str, Rollout]) -> list[tuple[str, Rollout, dict[str, Any]]]:
-    """(label, episode, keywords of its lines); a failure is told in the label."""
-    return [
-        (
-            f"{label} (failed at {r.time[-1]:.2f} s)" if r.failure else label,
-            r,
-            style_of(label).curve,
-        )
-        for label, r in rollouts.items()
-    ]
+def varied_curves(rollouts: Mapping[str, Rollout]) -> list[Curve]:
+    """Episodes of one policy by what was varied."""
+    lines = [{"color": c, "linestyle": line} for line in _LINES for c in COLOURS]
+    pairs = zip(rollouts.items(), cycle(lines), strict=False)
+    return [Curve(name, r, line) for (name, r), line in pairs]
 
 
-def _finish(figure: "Figure", panels: np.ndarray, title: str) -> "Figure":
-    panels[-1].set_xlabel("time in s")
-    add_legend(figure, panels[0])
-    figure.suptitle(title)
+def everything(rollout: Rollout) -> slice:
+    """All samples."""
+    return slice(len(rollout.time))
+
+
+def until(end: float) -> Shown:
+    """Samples up to a time [s]."""
+    return lambda rollout: slice(int(np.searchsorted(rollout.time, end, "right")))
+
+
+def longest(curves: Sequence[Curve]) -> Rollout:
+    """The episode that has all of the reference, where others failed."""
+    return max((curve.rollout for curve in curves), key=lambda r: r.time[-1])
+
+
+def draw(axis: "Axes", curves: Sequence[Curve], values: Values, shown: Shown = everything) -> None:
+    """Numbers over time."""
+    for curve in curves:
+        part = shown(curve.rollout)
+        line = {"linewidth": 1.2} | dict(curve.line)
+        axis.plot(curve.rollout.time[part], values(curve.rollout)[part], **line, label=curve.label)
+
+
+def draw_tip(
+    axes: Sequence["Axes"], curves: Sequence[Curve], plane: str = "xz", shown: Shown = everything
+) -> None:
+    """Two coordinates of the tip with their reference, and the error if there is a third axis.
+
+    Args:
+        axes: Two or three.
+        curves: The episodes.
+        plane: The coordinates, such as "xz".
+        shown: Which samples.
+    """
+    whole = longest(curves)
+    part = shown(whole)
+    for axis, name in zip(axes, plane, strict=False):
+        index = _AXES.index(name)
+        axis.plot(whole.time[part], 1e3 * whole.reference[part, index], **REFERENCE)
+        draw(axis, curves, lambda rollout, k=index: 1e3 * rollout.tip[:, k], shown)
+        axis.set_ylabel(f"tip {name} [mm]")
+    for axis in axes[2:]:
+        draw(axis, curves, lambda rollout: 1e3 * rollout.error, shown)
+        axis.set(yscale="log", ylabel="error [mm]")
+        axis.set_ylim(bottom=max(_SMALLEST_ERROR, axis.get_ylim()[0]))
+    axes[-1].set_xlabel("time [s]")
+
+
+def draw_stacked(
+    axes: Sequence["Axes"],
+    curves: Sequence[Curve],
+    values: Values,
+    names: Sequence[str],
+    shown: Shown = everything,
+) -> None:
+    """The columns of `values` (T, k), with their k names, on k axes below one another."""
+    for index, (axis, name) in enumerate(zip(axes, names, strict=True)):
+        draw(axis, curves, lambda rollout, k=index: values(rollout)[:, k], shown)
+        axis.set_ylabel(name)
+    axes[-1].set_xlabel("time [s]")
+
+
+def draw_path(
+    axis: "Axes",
+    curves: Sequence[Curve],
+    reference: np.ndarray | None,
+    plane: str = "xz",
+    shown: Shown = everything,
+    **reference_line: Any,
+) -> None:
+    """Path of the tip in a plane with equal axes, and that of the reference (n, 3) [m] if given."""
+    for curve in curves:
+        tip = _in_plane(curve.rollout.tip[shown(curve.rollout)], plane)
+        axis.plot(*tip, **({"linewidth": 1.1} | dict(curve.line)), label=curve.label)
+    if reference is not None:
+        axis.plot(*_in_plane(reference, plane), **(REFERENCE | reference_line))
+    axis.set(aspect="equal", xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]")
+
+
+def draw_shapes(axis: "Axes", curves: Sequence[Curve], robot: RobotParams) -> None:
+    """Shape of a planar robot at the end of each episode."""
+    for curve, width in zip(curves, _widths(len(curves)), strict=True):
+        shape = _in_plane(centerline(robot, curve.rollout.curvature[-1]), "xz")
+        line = dict(curve.line) | {"linestyle": "-", "linewidth": width, "solid_capstyle": "butt"}
+        axis.plot(*shape, **line, label=curve.label)
+
+
+def draw_curvatures(axis: "Axes", curves: Sequence[Curve], robot: RobotParams) -> None:
+    """Curvature along a planar robot at the end of each episode."""
+    for curve, width in zip(curves, _widths(len(curves)), strict=True):
+        values = curve.rollout.curvature[-1]
+        edges = np.linspace(0, 1e3 * robot.length, len(values) + 1)
+        axis.stairs(values, edges, baseline=None, **dict(curve.line) | {"linewidth": width})
+    axis.set(xlabel="arc length from the base [mm]", ylabel="curvature [1/m]")
+
+
+def _widths(count: int) -> list[float]:
+    """Later lines are thinner, so that equal ones show beneath one another."""
+    return [1.5 + min(1.5, 9 / count) * (count - 1 - order) for order in range(count)]
+
+
+def _in_plane(points: np.ndarray, plane: str) -> np.ndarray:
+    """Two coordinates (2, n) [mm] of points (n, 3) [m]."""
+    return 1e3 * points[:, [_AXES.index(name) for name in plane]].T
+
+
+def finish(figure: "Figure", axis: "Axes", title: str) -> "Figure":
+    """Title, and a legend of what one axis shows below all axes."""
+    figure.suptitle(title, fontsize=11)
+    add_legend(figure, axis)
     return figure

@@ -1,15 +1,23 @@
-"""Plots of recorded episodes, in the manner of thesis Figs. 6.14 to 6.22."""
+"""Pictures of the recorded episodes of one task."""
 
+from collections.abc import Sequence
 from functools import partial
+from math import ceil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.curves import stacked_curves, styles, tip_curves
-from softrobot_env.rendering.figures import REFERENCE, add_legend, new_figure, save
-from softrobot_env.robots import centerline
+from softrobot_env.rendering.curves import (
+    Curve,
+    draw_path,
+    draw_shapes,
+    draw_stacked,
+    draw_tip,
+    finish,
+)
+from softrobot_env.rendering.figures import add_legend, new_figure, save
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import Task
 
@@ -19,58 +27,119 @@ if TYPE_CHECKING:
 #: A step response is shown for this long [s]; later it only decays.
 _STEP_WINDOW = 6.0
 
+#: Panels side by side in the view from above, and the side [in] of one.
+_COLUMNS, _SIDE = 4, 2.6
 
-def plot_task(rollouts: dict[str, Rollout], task: Task, out: Path, stem: str) -> list[Path]:
+
+def plot_task(
+    curves: Sequence[Curve], task: Task | Task, title: str, out: Path, stem: str
+) -> list[Path]:
     """Write three pictures of episodes on the same task.
 
     Args:
-        rollouts: Episodes by the label to show.
+        curves: The episodes.
         task: Their task.
+        title: Task and robot for people.
         out: Folder to write to.
         stem: Start of the file names.
 
     Returns:
-        Paths of `<stem>_tip.png` (tip and error over time), `<stem>_inputs.png` (reduced tendon
-        inputs over time) and `<stem>_shapes.png` (path of the tip and final shapes).
+        Paths of `<stem>_tip.png` (tip and error over time) and, of a planar robot,
+        `<stem>_inputs.png` (reduced tendon inputs over time) and `<stem>_shapes.png` (path of the
+        tip and final shapes); of a spatial one `<stem>_lengths.png` (lengths that the servos pulled
+        in over time) and `<stem>_path.png` (path of the tip from above). Where the trajectory has
+        an approach, they begin after it.
     """
-    shown = partial(_shown, task)
-    tendon_map = TendonMap(task.robot)
-    figures = {
-        "tip": tip_curves(rollouts, "xz", shown, task.label),
-        "inputs": stacked_curves(
-            rollouts,
-            lambda rollout: tendon_map.reduced(rollout.tendon_tension),
-            [f"pair {i} in N" for i in range(1, tendon_map.n_inputs + 1)],
-            shown,
-            f"{task.label}: tendon tension (positive: upper tendon)",
-        ),
-        "shapes": _plot_shapes(rollouts, task),
-    }
+    draw = _rig_figures if isinstance(task, Task) else _arm_figures
+    figures = draw(curves, task, title)
     return [save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
 
 
-def _shown(task: Task, rollout: Rollout) -> slice:
-    """Samples to show over time."""
-    if task.step_width is None:
-        return slice(None)
-    return slice(0, int(np.searchsorted(rollout.time, _STEP_WINDOW)))
+def _arm_figures(curves: Sequence[Curve], task: Task, title: str) -> dict[str, "Figure"]:
+    pairs = TendonMap(task.robot)
+    names = [f"pair {i} [N]" for i in range(1, pairs.n_inputs + 1)]
+    return {
+        "tip": _tip(curves, task, "xz", title),
+        "inputs": _stacked(
+            curves,
+            lambda rollout: pairs.reduced(rollout.tendon_tension),
+            names,
+            task,
+            f"{title}: tendon tension (positive: upper tendon)",
+        ),
+        "shapes": _shapes(curves, task, title),
+    }
 
 
-def _plot_shapes(rollouts: dict[str, Rollout], task: Task) -> "Figure":
+def _rig_figures(curves: Sequence[Curve], task: Task, title: str) -> dict[str, "Figure"]:
+    names = [f"tendon {i} [mm]" for i in range(1, len(task.robot.tendons) + 1)]
+    return {
+        "tip": _tip(curves, task, "xy", title),
+        "lengths": _stacked(
+            curves,
+            lambda rollout: 1e3 * rollout.tendon_length,
+            names,
+            task,
+            f"{title}: length pulled in by the servos",
+        ),
+        "path": _paths(curves, task, title),
+    }
+
+
+def _shown(task: Task | Task, rollout: Rollout) -> slice:
+    """Samples to show: those after the approach, and the beginning of a step response."""
+    begin = int(np.searchsorted(rollout.time, getattr(task.trajectory, "approach", 0.0)))
+    if getattr(task, "step_width", None) is None:
+        return slice(begin, None)
+    return slice(begin, int(np.searchsorted(rollout.time, _STEP_WINDOW)))
+
+
+def _tip(curves: Sequence[Curve], task: Task | Task, plane: str, title: str) -> "Figure":
+    figure, axes = new_figure(3, 1, (7.0, 7.0))
+    draw_tip(axes[:, 0], curves, plane, partial(_shown, task))
+    return finish(figure, axes[0, 0], title)
+
+
+def _stacked(
+    curves: Sequence[Curve], values: object, names: list[str], task: Task | Task, title: str
+) -> "Figure":
+    figure, axes = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
+    draw_stacked(axes[:, 0], curves, values, names, partial(_shown, task))
+    return finish(figure, axes[0, 0], title)
+
+
+def _shapes(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
+    """Final shapes, and thin paths of the tips beneath them."""
     figure, ((axis,),) = new_figure(1, 1, (6.0, 5.0))
+    draw_shapes(axis, curves, task.robot)
+    entries = axis.get_legend_handles_labels()[0]
+    thin = [Curve(c.name, c.rollout, {**c.line, "linewidth": 0.8, "alpha": 0.7}) for c in curves]
+    draw_path(axis, thin, task.trajectory.path())
+    figure.suptitle(f"{title}: path of the tip and final shape", fontsize=11)
+    add_legend(figure, [*entries, axis.lines[-1]])
+    return figure
+
+
+def _paths(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
+    """One panel for each episode: laps would cover those of other policies."""
+    columns = min(_COLUMNS, len(curves))
+    rows = ceil(len(curves) / columns)
+    size = (1.0 + _SIDE * columns, 1.2 + _SIDE * rows)
+    figure, axes = new_figure(rows, columns, size, share=True)
+    figure.get_layout_engine().set(h_pad=0.1)  # inches, between ticks and titles
     reference = task.trajectory.path()
-    axis.plot(1e3 * reference[:, 0], 1e3 * reference[:, 2], **REFERENCE)
-    drawn = styles(rollouts)
-    for order, (label, rollout, line) in enumerate(drawn):
-        tip = 1e3 * rollout.tip
-        axis.plot(tip[:, 0], tip[:, 2], **line, linewidth=0.8, alpha=0.7)
-        shape = 1e3 * centerline(task.robot, rollout.curvature[-1])
-        # Later lines are thinner, so that equal shapes show beneath one another.
-        width = 2 + min(1.8, 9 / len(drawn)) * (len(drawn) - 1 - order)
-        axis.plot(shape[:, 0], shape[:, 2], **line, linewidth=width, label=label)
-    axis.set_aspect("equal")
-    axis.set_xlabel("x in mm")
-    axis.set_ylabel("z in mm")
-    add_legend(figure, axis)
-    figure.suptitle(f"{task.label}: path of the tip and final shape")
+    if getattr(task.trajectory, "approach", 0.0):
+        reference = reference[1:]  # the first point is the start of the approach
+    jumps = getattr(task.trajectory, "jumps", False)
+    style = {"linestyle": "none", "marker": "+"} if jumps else {}
+    for axis, curve in zip(axes.flat, curves, strict=False):
+        draw_path(axis, [curve], reference, "xy", partial(_shown, task), **style)
+        axis.set(xlabel="", ylabel="")
+        axis.set_title(curve.label, fontsize="medium")
+        axis.tick_params(labelbottom=True)  # also above an empty place
+    for axis in axes.flat[len(curves) :]:
+        axis.set_visible(False)
+    figure.supxlabel("x [mm]", fontsize="medium")
+    figure.supylabel("y [mm]", fontsize="medium")
+    figure.suptitle(f"{title}: path of the tip from above, reference in black", fontsize=11)
     return figure

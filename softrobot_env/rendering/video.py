@@ -1,6 +1,7 @@
 """Videos of episodes: frames with a caption, written as mp4 or gif."""
 
 from collections.abc import Callable, Iterable, Iterator
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -51,7 +52,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> i
     path.parent.mkdir(parents=True, exist_ok=True)
     count = 0
     with imageio.get_writer(path, **_writer_options(suffix, fps)) as writer:
-        for frame in _chain(first, iterator):
+        for frame in chain([first], iterator):
             writer.append_data(_even(frame) if suffix == ".mp4" else frame)
             count += 1
     return count
@@ -81,11 +82,6 @@ def _import_imageio() -> "ModuleType":
 
 def _missing(package: str) -> str:
     return f"videos need {package}: pip install softrobot_env[viz]"
-
-
-def _chain(first: np.ndarray, rest: Iterator[np.ndarray]) -> Iterator[np.ndarray]:
-    yield first
-    yield from rest
 
 
 def _even(frame: np.ndarray) -> np.ndarray:

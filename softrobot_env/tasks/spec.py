@@ -86,10 +86,14 @@ class Task:
                 f"{self.duration!r}"
             )
 
+    def option(self, name: str) -> float | None:
+        """Value of an option, None where the task has none of this name."""
+        return dict(self.options).get(name)
+
     @property
     def step_width(self) -> float | None:
         """[m] of the step task, None for the others."""
-        return dict(self.options).get("step_width")
+        return self.option("step_width")
 
     @property
     def label(self) -> str:

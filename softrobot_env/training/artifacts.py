@@ -10,7 +10,7 @@ import torch
 from softrobot_env.learned.network import Network, Scaling, describe
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM
-from softrobot_env.training.closed_loop_check import trial
+from softrobot_env.training.closed_loop_check import check
 
 _START = "imitation.npz"
 
@@ -78,16 +78,16 @@ def save_curve(curve: list[dict[str, float]], path: Path) -> Path:
 def figures(
     network: Network, variations: tuple[dict[str, float], ...] = ({},)
 ) -> list[tuple[str, str]]:
-    """Closed-loop figures for people, with robots and disturbances as `trial` takes them."""
+    """Closed-loop figures for people, with robots and disturbances as `check` takes them."""
     out = [("parameters", str(len(network.parameters)))]
-    for name, row in trial(network, variations).items():
-        text = f"max {row['max_mm']:.2f} mm, mean {row['mean_mm']:.2f} mm"
-        if "overshoot_percent" in row:
-            text = f"overshoot {_text(row['overshoot_percent'])} %, "
-            text += f"settling {_text(row['settling_s'])} s"
-        out.append((name, row["failure"] or text))
+    for name, row in check(network, variations).items():
+        text = f"max {row.max_mm:.2f} mm, mean {row.mean_mm:.2f} mm"
+        if row.step_width is not None:
+            text = f"overshoot {_text(row.overshoot_percent)} %, "
+            text += f"settling {_text(row.settling_s)} s"
+        out.append((name, row.failure or text))
     return out
 
 
-def _text(value: float | str | None) -> str:
+def _text(value: float | None) -> str:
     return "-" if value is None else f"{value:.3g}"

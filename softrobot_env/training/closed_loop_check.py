@@ -1,29 +1,56 @@
 """Closed-loop figures of a network on the three tasks."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from softrobot_env.control.arm import neural
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics
-from softrobot_env.evaluation.run import run_episode
-from softrobot_env.interfaces import Policy
+from softrobot_env.evaluation.runner import Case, Outcome, run
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM
+from softrobot_env.tasks import Task, make_task
 
-#: Tasks and step widths [m] of a trial.
-CASES = (("swing", None), ("lshape", None), ("step", 0.05), ("step", 0.1), ("step", 0.2))
-
-Rows = dict[str, dict[str, float | str | None]]
+#: Tasks and step widths [m] of a check.
+TASKS = (("swing", None), ("lshape", None), ("step", 0.05), ("step", 0.1), ("step", 0.2))
 
 
-def trial(
+@dataclass(frozen=True)
+class CheckRow:
+    """An episode of a check.
+
+    Attributes:
+        max_mm, mean_mm: Error [mm] of the tip, up to a failure.
+        reward: Mean over the steps.
+        failure: What went wrong, or None.
+        step_width: [m] of a step, None for other tasks.
+        overshoot_percent, settling_s, steady_percent: Of a step, see `StepMetrics`.
+    """
+
+    max_mm: float
+    mean_mm: float
+    reward: float
+    failure: str | None
+    step_width: float | None
+    overshoot_percent: float | None = None
+    settling_s: float | None = None
+    steady_percent: float | None = None
+
+
+#: By the label of the episode, for instance "step 50 mm, youngs_modulus 0.5".
+Rows = dict[str, CheckRow]
+
+
+def check(
     network: Network,
-    variations: tuple[dict[str, float], ...] = ({},),
+    variations: Sequence[dict[str, float]] = ({},),
     duration: float | None = None,
     reward: TrackingReward | None = None,
 ) -> Rows:
-    """Largest and mean error [mm], and of steps overshoot [%] and settling time [s], by case.
+    """Figures of a network, one episode for each task and variation.
 
     Args:
         network: To run.
@@ -31,49 +58,35 @@ def trial(
         duration: [s] of the episodes, the tasks' own unless given.
         reward: Whose mean is told; the environments' default unless given.
     """
-    policy = neural.NeuralPolicy(ARM, neural.PERIOD, network)
-    return trial_of(policy, variations, duration, reward)
-
-
-def trial_of(
-    policy: Policy,
-    variations: tuple[dict[str, float], ...],
-    duration: float | None = None,
-    reward: TrackingReward | None = None,
-) -> Rows:
-    """As `trial`, of any policy at the network's control period."""
-    rows = {}
-    for task, width in CASES:
+    policy, rows = neural.NeuralPolicy(ARM, neural.PERIOD, network), {}
+    for name, width in TASKS:
+        task = make_task(name, width)
         env = TrackingEnv(task, control_period=neural.PERIOD, preview=neural.PREVIEW, reward=reward)
         for vary in variations:
-            options: dict[str, object] = {"vary": vary}
-            if width is not None:
-                options["step_width"] = width
-            if duration is not None:
-                options["duration"] = duration
-            rows[_label(task, width, vary)] = _row(env, policy, options)
+            case = Case(task, "network", variation=vary, duration=duration)
+            rows[_label(task, vary)] = _row(run(case, env, policy))
     return rows
 
 
-def _label(task: str, width: float | None, vary: dict[str, float]) -> str:
-    """For instance "step 50 mm, youngs_modulus 0.5"."""
-    label = task if width is None else f"{task} {1e3 * width:g} mm"
-    return ", ".join([label, *(f"{name} {value:g}" for name, value in vary.items())])
+def _label(task: Task, vary: dict[str, float]) -> str:
+    return ", ".join([task.label, *(f"{name} {value:g}" for name, value in vary.items())])
 
 
-def _row(env: TrackingEnv, policy: Policy, options: dict) -> dict[str, float | str | None]:
-    record = run_episode(env, policy, 0, options)
-    row = {
-        "max_mm": 1e3 * float(record.error.max()),
-        "mean_mm": 1e3 * float(record.error.mean()),
-        "reward": float(np.mean(record.reward[1:])),
-        "failure": record.failure,
-    }
-    if "step_width" in options:
-        found = step_metrics(record.time, record.tip, record.reference[-1])
-        row |= {
+def _row(outcome: Outcome) -> CheckRow:
+    rollout, width = outcome.rollout, outcome.case.task.step_width
+    step = {}
+    if width is not None:
+        found = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+        step = {
             "overshoot_percent": None if found.overshoot is None else 100 * found.overshoot,
             "settling_s": found.settling_time,
             "steady_percent": 100 * found.steady_state_error,
         }
-    return row
+    return CheckRow(
+        max_mm=1e3 * float(rollout.error.max()),
+        mean_mm=1e3 * float(rollout.error.mean()),
+        reward=float(np.mean(rollout.reward[1:])),
+        failure=rollout.failure,
+        step_width=width,
+        **step,
+    )

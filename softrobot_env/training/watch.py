@@ -11,7 +11,7 @@ from stable_baselines3.common.callbacks import BaseCallback
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
-from softrobot_env.training.closed_loop_check import trial
+from softrobot_env.training.closed_loop_check import check
 from softrobot_env.training.learners import actor_of
 from softrobot_env.training.rl_config import RLConfig
 
@@ -83,11 +83,11 @@ class Watch(BaseCallback):
         """Try the present network."""
         config = self._config
         network = actor_of(self.model, config)
-        rows = trial(network, config.trials, config.trial_duration, SCORE)
-        failures = sum(row["failure"] is not None for row in rows.values())
-        mean = float(np.mean([row["reward"] for row in rows.values()]))
+        rows = check(network, config.trials, config.trial_duration, SCORE)
+        failures = sum(row.failure is not None for row in rows.values())
+        mean = float(np.mean([row.reward for row in rows.values()]))
         mean -= _PENALTY * failures / len(rows)
-        largest = max(row["max_mm"] for name, row in rows.items() if not name.startswith("step"))
+        largest = max(row.max_mm for row in rows.values() if row.step_width is None)
         point = {"reward": mean, "max_mm": largest, "failures": failures}
         self.curve.append({"steps": self.num_timesteps, **point})
         for name, value in point.items():

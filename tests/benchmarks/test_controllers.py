@@ -1,6 +1,7 @@
 """The controller benchmark: its metrics, ratios, goals, tables and figures; a small run."""
 
 import json
+from dataclasses import replace
 from io import StringIO
 
 import numpy as np
@@ -10,14 +11,23 @@ from rich.console import Console
 from softrobot_env.benchmarks.controllers import goals as controllers_goals
 from softrobot_env.benchmarks.controllers import run as controllers
 from softrobot_env.benchmarks.controllers import tables as controllers_tables
-from softrobot_env.benchmarks.controllers.cases import TASKS, Case, extra_metrics, policies
-from softrobot_env.benchmarks.controllers.cells import number, span, with_unit
+from softrobot_env.benchmarks.controllers.cases import TASKS, make_case, motion_errors
 from softrobot_env.benchmarks.controllers.plots import plot
-from softrobot_env.benchmarks.controllers.rows import E, select, with_ratios
+from softrobot_env.benchmarks.controllers.rows import (
+    ControllerRow,
+    E,
+    GoalRow,
+    episodes,
+    with_ratios,
+)
+from softrobot_env.benchmarks.episodes import EpisodeRecord, of_kind, policies, record_of
+from softrobot_env.benchmarks.records import select
 from softrobot_env.cli import main
 from softrobot_env.control.registry import POLICIES
 from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.runner import Outcome
 from softrobot_env.evaluation.thesis import AUDIT, CONTROLLERS, FIGURES
+from softrobot_env.rendering.quantities import number, span, with_unit
 
 #: Metrics of a made-up episode, all goals met.
 GOOD = {
@@ -36,10 +46,9 @@ GOOD = {
 
 
 def make_row(setting="mujoco", policy="lqi", task="swing", width=None, variation=None, **changes):
-    failure = changes.get("failure")
-    metrics = dict.fromkeys(GOOD) if failure else GOOD
+    metrics = dict.fromkeys(GOOD) if changes.get("failure") else GOOD
     plant = "pcc" if setting == "thesis" else changes.pop("plant", "mujoco")
-    return {
+    fields = {
         "setting": setting,
         "plant": plant,
         "policy": policy,
@@ -47,29 +56,33 @@ def make_row(setting="mujoco", policy="lqi", task="swing", width=None, variation
         "step_width": width,
         "variation": variation or {},
         "feedback": "output" if setting == "output" else "state",
+        "robot": "arm",
+        "source": "sim",
         "decision_period": 0.001,
         "policy_time_median": 1e-6,
         "policy_time_p99": 2e-6,
+        "realtime_factor": 100.0,
+        "remarks": {},
         "failure": None,
-        **metrics,
-        **changes,
     }
+    return ControllerRow(**{**fields, **metrics, **changes})
 
 
-def make_trace(pieces=6):
+def make_trace(failure=None):
     time = np.linspace(0.0, 15.0, 31)
     point = np.stack([np.sin(time), 0 * time, np.cos(time)], axis=1)
-    trace = {"time": time, "reference": point, "tip": 1.01 * point, "error": 0.01 + 0 * time}
-    return trace | {"inputs": point, "curvature": np.ones(pieces)}
+    record = make_rollout(0.01 + 0 * time, time, failure)
+    return replace(record, reference=point, tip=1.01 * point, curvature=np.ones((31, 6)))
 
 
-def fake_run(case):
+def fake_run(setting, case):
     fields = {"plant": case.plant}
     if case.plant == "pcc":
         fields["trace"] = make_trace()
     if case.policy == "lq_adaptive":  # the best
         fields["e_rms"] = GOOD["e_rms"] / 2
-    return make_row(case.setting, case.policy, case.task, case.step_width, case.variation, **fields)
+    task = case.task
+    return make_row(setting, case.policy, task.name, task.step_width, case.variation, **fields)
 
 
 @pytest.fixture
@@ -90,7 +103,7 @@ def make_rollout(error, time, failure=None):
     count = len(time)
     tip = np.zeros((count, 3))
     tip[:, 0] = error
-    tension = np.tile([3.0, 0.0, 5.0], (count, 1))
+    tension = np.tile([3.0, 0.0, 5.0] * 2, (count, 1))
     return Rollout(
         time=time,
         reference=np.zeros((count, 3)),
@@ -112,17 +125,24 @@ def test_error_during_the_motion_leaves_the_kinks_out():
     error = np.full(len(time), 2e-3)
     error[(time <= 0.5) | (time >= 10)] = 9e-3
     error[time == 3.0] = 1e-3
-    metrics = extra_metrics(make_rollout(error, time), "swing")
-    assert metrics == {"e_motion": 2e-3, "e_motion_least": 1e-3, "tension_max": 5.0}
+    assert motion_errors(make_rollout(error, time), "swing") == (1e-3, 2e-3)
     error[(time >= 5) & (time <= 6)] = 7e-3  # the corner of the L-shape
     error[(time > 0.5) & (time <= 1)] = 8e-3
-    assert extra_metrics(make_rollout(error, time), "lshape")["e_motion"] == 2e-3
-    assert extra_metrics(make_rollout(error, time), "step")["e_motion"] is None
+    assert motion_errors(make_rollout(error, time), "lshape")[1] == 2e-3
+    assert motion_errors(make_rollout(error, time), "step") == (None, None)
 
 
 def test_failed_episodes_have_no_metrics():
     rollout = make_rollout(np.zeros(3), np.arange(3.0), failure="left the workspace")
-    assert set(extra_metrics(rollout, "swing").values()) == {None}
+    assert motion_errors(rollout, "swing") == (None, None)
+    outcome = Outcome(make_case("mujoco", "lqi", "swing"), rollout, 0.001)
+    assert record_of(outcome, EpisodeRecord).tension_max is None
+
+
+def test_the_largest_tension_is_that_of_any_tendon():
+    rollout = make_rollout(np.zeros(3), np.arange(3.0))
+    outcome = Outcome(make_case("mujoco", "lqi", "swing"), rollout, 0.001)
+    assert record_of(outcome, EpisodeRecord).tension_max == 5.0
 
 
 def test_ratios_are_to_the_same_case_with_the_nominal_robot():
@@ -134,46 +154,46 @@ def test_ratios_are_to_the_same_case_with_the_nominal_robot():
         make_row("robustness", "qs_nn", variation={E: 0.5}),
     ]
     nominal, _, varied, failed, alone = with_ratios(rows)
-    assert "e_max_ratio" not in nominal
-    assert varied["e_max_ratio"] == pytest.approx(1.5)
-    assert varied["e_rms_ratio"] == pytest.approx(4.0)
-    assert failed["e_max_ratio"] is None
-    assert alone["e_max_ratio"] is None
+    assert "e_max_ratio" not in nominal.row()
+    assert varied.e_max_ratio == pytest.approx(1.5)
+    assert varied.e_rms_ratio == pytest.approx(4.0)
+    assert failed.e_max_ratio is None
+    assert alone.e_max_ratio is None
 
 
 def test_a_full_run_covers_every_setting(full):
-    episodes = select(full)
-    assert {row["setting"] for row in episodes} == set(controllers.SETTINGS)
-    assert list(dict.fromkeys(row["policy"] for row in episodes)) == policies()
+    found = episodes(full)
+    assert {row.setting for row in found} == set(controllers.SETTINGS)
+    assert list(dict.fromkeys(row.policy for row in found)) == policies()
     assert policies()[:3] == list(CONTROLLERS)
     assert set(policies()) == set(POLICIES) - {"hold"}
     for setting in ("thesis", "mujoco"):
-        assert len(select(full, setting=setting)) == len(TASKS) * len(policies())
-    output = {row["policy"] for row in select(full, setting="output")}
+        assert len(select(episodes(full), setting=setting)) == len(TASKS) * len(policies())
+    output = {row.policy for row in select(episodes(full), setting="output")}
     assert {"lqi", "lq_adaptive"} <= output
     assert not output & {"qs_nn", "feedforward"}
     for task, width in TASKS:
-        found = select(full, setting="robustness", plant="mujoco", task=task, step_width=width)
-        factors = [row["variation"].get(E) for row in found if row["policy"] == "lqi"]
+        varied = select(found, setting="robustness", plant="mujoco", task=task, step_width=width)
+        factors = [row.variation.get(E) for row in varied if row.policy == "lqi"]
         assert set(factors) - {None} == set(controllers.MODULI)
-    others = [row["variation"] for row in episodes if E not in row["variation"]]
+    others = [row.variation for row in found if E not in row.variation]
     assert {"damping_time": 2.0} in others
     assert {"density": 0.6} in others
 
 
 def test_a_quick_run_is_a_part_of_the_full_one(monkeypatch, full):
     quick = controllers.run(quick=True)
-    assert len(select(quick)) < len(select(full)) / 4
+    assert len(episodes(quick)) < len(episodes(full)) / 4
     kept = ("setting", "plant", "policy", "task", "step_width", "variation")
-    known = [[row[name] for name in kept] for row in select(full)]
-    assert all([row[name] for name in kept] in known for row in select(quick))
+    known = [[getattr(row, name) for name in kept] for row in episodes(full)]
+    assert all([getattr(row, name) for name in kept] in known for row in episodes(quick))
 
 
 def test_good_rows_meet_all_goals(full):
-    goals = [row for row in full if "goal" in row]
+    goals = of_kind(full, GoalRow)
     assert goals
-    assert all(row["met"] for row in goals)
-    assert {row["setting"] for row in goals} == set(controllers.SETTINGS)
+    assert all(row.met for row in goals)
+    assert {row.setting for row in goals} == set(controllers.SETTINGS)
 
 
 @pytest.mark.parametrize(
@@ -190,9 +210,9 @@ def test_good_rows_meet_all_goals(full):
 def test_bad_rows_miss_their_goal(fields, goal):
     rows = [make_row(), make_row(**fields)] if fields["task"] != "swing" else [make_row(**fields)]
     goals = controllers_goals.rows(rows)
-    missed = [row["goal"] for row in goals if not row["met"]]
+    missed = [row.goal for row in goals if not row.met]
     assert any(name.startswith(goal) for name in missed)
-    assert len({row["goal"] for row in goals}) > len(set(missed))
+    assert len({row.goal for row in goals}) > len(set(missed))
 
 
 def test_the_best_policy_has_the_least_rms_error_on_mujoco():
@@ -213,16 +233,16 @@ def test_goals_on_another_modulus(e_max, failure, met):
     rows = [make_row(), make_row("robustness", variation={E: 1.5}, **changes)]
     rows.append(make_row("robustness", variation={"density": 1.5}, e_max=1.0))  # does not count
     goals = controllers_goals.rows(with_ratios(rows))
-    growth = [row for row in goals if row["metric"] == "e_max_ratio"]
-    assert [row["met"] for row in growth] == [bool(met)]
-    failed = [row for row in goals if row["metric"] == "failures"]
-    assert [row["value"] for row in failed] == [int(failure is not None)]
+    growth = [row for row in goals if row.metric == "e_max_ratio"]
+    assert [row.met for row in growth] == [bool(met)]
+    failed = [row for row in goals if row.metric == "failures"]
+    assert [row.value for row in failed] == [int(failure is not None)]
 
 
 def test_policy_times_are_goals_of_the_thesis_controllers():
     step = {"task": "step", "width": 0.05}
     rows = [make_row(policy=name, policy_time_median=6e-6, **step) for name in CONTROLLERS]
-    met = {row["policy"]: row["met"] for row in controllers_goals.rows(rows)}
+    met = {row.policy: row.met for row in controllers_goals.rows(rows)}
     assert met == {"qs_nn": False, "lqi": True, "mpc": True}
 
 
@@ -236,14 +256,18 @@ def test_tables_show_the_thesis_and_every_policy(full):
 
 def test_tables_bear_failures_and_gaps(full):
     assert shown([]) == ""
-    for rows in (full[:1], select(full, setting="output"), select(full, setting="robustness")):
+    for rows in (
+        full[:1],
+        select(episodes(full), setting="output"),
+        select(episodes(full), setting="robustness"),
+    ):
         shown(rows)
-    broken = [row | dict.fromkeys(GOOD) | {"failure": "diverged"} for row in select(full)]
+    broken = [replace(row, **dict.fromkeys(GOOD), failure="diverged") for row in episodes(full)]
     broken = with_ratios(broken)
     text = shown(broken + controllers_goals.rows(broken))
     assert "failed" in text
     assert "diverged" in text
-    never = [row | {"settling_time": None, "overshoot": None} for row in select(full)]
+    never = [replace(row, settling_time=None, overshoot=None) for row in episodes(full)]
     text = shown(never + controllers_goals.rows(never))
     assert "never" in text
     assert "NO" in text
@@ -273,7 +297,7 @@ def test_figures_are_drawn_of_what_there_is(full, tmp_path):
 def test_figures_bear_failures(tmp_path):
     rows = [
         make_row("thesis", "mpc", trace=make_trace()),
-        make_row("thesis", "lqi", trace=make_trace(), failure="diverged"),
+        make_row("thesis", "lqi", trace=make_trace("diverged"), failure="diverged"),
     ]
     plot(rows, tmp_path / "controllers.png")
     assert (tmp_path / "fig_6_15.png").exists()
@@ -306,5 +330,7 @@ def test_command_measures_and_writes(monkeypatch, tmp_path):
 
 
 def test_label_of_a_case():
-    case = Case("robustness", "pcc", "lqi", "step", 0.05, {E: 0.5})
-    assert case.label == "robustness, pcc, lqi, step 50 mm, E x 0.5"
+    case = make_case("pcc", "lqi", "step", 0.05, {E: 0.5})
+    assert controllers.job_label("robustness", case) == (
+        "robustness, pcc, step 50 mm, lqi, E x 0.5"
+    )

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks.controllers.rows import select
 from softrobot_env.benchmarks.generalization import run as generalization
 from softrobot_env.benchmarks.generalization import tables as generalization_tables
 from softrobot_env.benchmarks.generalization.cases import (
@@ -18,36 +17,55 @@ from softrobot_env.benchmarks.generalization.cases import (
     SEEDS,
     SPEEDS,
     TASKS,
-    Case,
+    Row,
     cases,
+    disturbed,
     policies,
     run_case,
+    unseen,
     variation_name,
 )
 from softrobot_env.benchmarks.generalization.plots import plot
+from softrobot_env.benchmarks.records import select
 from softrobot_env.cli import main
 from softrobot_env.control.registry import POLICIES, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.tasks import UNSEEN_TASKS
+from softrobot_env.evaluation.runner import Case
+from softrobot_env.tasks import UNSEEN_TASKS, make_task
 
-METRICS = ("e_max", "e_rms", "e_mean", "e_final", "settling_time", "overshoot", "tension_max")
+METRICS = (
+    "e_max", "e_rms", "e_mean", "e_final", "rise_time", "settling_time", "overshoot",
+    "steady_state_error", "tension_max",
+)  # fmt: skip
 
 
-def make_row(case, failure=None, **changes):
+def part_of(case):
+    return "unseen" if case.task.speed else "disturbed"
+
+
+def make_row(case, failure=None):
     """A made-up episode, 10 mm off for the first seed, 11 mm for the second and so on."""
-    metrics = dict.fromkeys(METRICS, None if failure else 0.01 + 0.001 * (case.path_seed or 0))
-    return {
-        "part": case.part,
-        "task": case.task,
-        "policy": case.policy,
-        "speed": case.speed,
-        "path_seed": case.path_seed,
-        "step_width": case.step_width,
-        "variation": case.variation,
-        "failure": failure,
-        **metrics,
-        **({} if failure else changes),
-    }
+    task = case.task
+    value = None if failure else 0.01 + 0.001 * (task.seed or 0)
+    return Row(
+        part=part_of(case),
+        task=task.name,
+        policy=case.policy,
+        robot="arm",
+        plant="mujoco",
+        source="sim",
+        speed=task.speed,
+        path_seed=task.seed,
+        step_width=task.step_width,
+        variation=case.variation,
+        policy_time_median=1e-6,
+        policy_time_p99=1e-6,
+        realtime_factor=1.0,
+        decision_period=0.01,
+        remarks={},
+        failure=failure,
+        **dict.fromkeys(METRICS, value),
+    )
 
 
 def fake_run(wanted, progress=None):
@@ -73,7 +91,7 @@ def table(text, title):
 def test_a_full_run_covers_every_case():
     every = list(cases())
     assert len(set(map(str, every))) == len(every)
-    assert {case.part for case in every} == set(PARTS)
+    assert {part_of(case) for case in every} == set(PARTS)
     assert set(policies()) == set(POLICIES) - {"hold"}
     assert set(SPEEDS) == set(UNSEEN_TASKS)
     runs = sum(len(speeds) * (len(SEEDS) if t == "random" else 1) for t, speeds in SPEEDS.items())
@@ -86,7 +104,7 @@ def test_a_quick_run_is_a_part_of_the_full_one():
     quick = list(cases(quick=True))
     assert len(quick) < len(list(cases())) / 5
     assert set(map(str, quick)) <= set(map(str, cases()))
-    assert {case.part for case in quick} == set(PARTS)
+    assert {part_of(case) for case in quick} == set(PARTS)
 
 
 @pytest.mark.parametrize("policy", ["lqi", "mpc_preview", "imitation"])  # 1, 5 and 10 ms
@@ -105,10 +123,10 @@ def test_policies_left_out_are_those_not_installed(monkeypatch):
 
 
 SMALL = [
-    Case("unseen", "imitation", "circle", speed=0.4),
-    Case("unseen", "feedforward", "random", speed=0.4, path_seed=3),
-    Case("disturbed", "imitation", "step", step_width=0.05, variation={"delay": 0.02}),
-    Case("disturbed", "imitation", "step", step_width=0.05),
+    unseen("imitation", "circle", 0.4),
+    unseen("feedforward", "random", 0.4, 3),
+    disturbed("imitation", "step", 0.05, {"delay": 0.02}),
+    disturbed("imitation", "step", 0.05, NOMINAL),
 ]
 
 
@@ -118,20 +136,22 @@ def test_a_small_run_in_processes_is_that_in_this_one():
     assert [count for _, *count in told] == [[i, len(SMALL)] for i in range(1, len(SMALL) + 1)]
     assert sorted(label for label, *_ in told) == sorted(case.label for case in SMALL)
     for case, row in zip(SMALL, rows, strict=True):
-        for name in ("part", "policy", "task", "speed", "path_seed", "step_width", "variation"):
-            assert row[name] == getattr(case, name)
-        assert row["failure"] is None
-        assert row["policy_time_median"] > 0
+        task = case.task
+        told = (row.task, row.speed, row.path_seed, row.step_width)
+        assert told == (task.name, task.speed, task.seed, task.step_width)
+        assert (row.part, row.policy, row.variation) == (part_of(case), case.policy, case.variation)
+        assert row.failure is None
+        assert row.policy_time_median > 0
     here = run_case(SMALL[0])
-    assert [here[name] for name in METRICS] == [rows[0][name] for name in METRICS]
+    assert [getattr(here, name) for name in METRICS] == [getattr(rows[0], name) for name in METRICS]
     # A delay of a fifth of the rise time matters.
-    assert rows[2]["overshoot"] > 2 * rows[3]["overshoot"]
-    json.dumps(rows, allow_nan=False)
+    assert rows[2].overshoot > 2 * rows[3].overshoot
+    json.dumps([row.row() for row in rows], allow_nan=False)
 
 
 def test_an_error_in_a_process_is_raised():
-    with pytest.raises(ValueError, match="unknown task"):
-        generalization.run_cases([Case("unseen", "hold", "spiral")], processes=1)
+    with pytest.raises(ValueError, match="unknown policy"):
+        generalization.run_cases([Case(make_task("swing"), "pid")], processes=1)
 
 
 def test_tables_have_a_line_per_policy_and_fit_a_report():
@@ -158,7 +178,9 @@ def test_failed_runs_are_named():
         ("swing", None, None, {"delay": 0.02}),
     ]
     for i, case in enumerate(wanted):
-        if (case.task, case.speed, case.path_seed, case.variation) in lost and case.policy == "mpc":
+        task = case.task
+        told = (task.name, task.speed, task.seed, case.variation)
+        if told in lost and case.policy == "mpc":
             rows[i] = make_row(case, failure="piece 3 folded")
     text = shown(rows)
     assert table(text, "Unseen references: largest error")[-1] == f"mpc{' 10.0' * 3} failed" + (

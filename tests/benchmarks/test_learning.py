@@ -9,25 +9,26 @@ pytest.importorskip("daqp")
 from softrobot_env.benchmarks.learning import cases as learning_cases
 from softrobot_env.benchmarks.learning.cases import CASES, CHAINS, load_run, run_chain
 from softrobot_env.benchmarks.learning.plots import plot
+from softrobot_env.benchmarks.learning.run import Row
 from softrobot_env.benchmarks.learning.tables import tables
 
 
 def row(policy, seed, swing, settling=0.2):
     curve = [{"steps": s, "reward": seed + s / 10, "max_mm": 10.0, "failures": 0} for s in (0, 5)]
-    return {
-        "policy": policy,
-        "seed": seed,
-        "minutes": 3.0,
-        "curve": curve if policy != "imitation" else [],
-        "swing_max": swing,
-        "lshape_max": 2e-3,
-        "overshoot": 0.05,
-        "settling_time": settling,
-        "worst_modulus": 4e-3,
-        "worst": 9e-3,
-        "failures": 0,
-        "trials": 45,
-    }
+    return Row(
+        policy=policy,
+        seed=seed,
+        minutes=3.0,
+        curve=curve if policy != "imitation" else [],
+        swing_max=swing,
+        lshape_max=2e-3,
+        overshoot=0.05,
+        settling_time=settling,
+        worst_modulus=4e-3,
+        worst=9e-3,
+        failures=0,
+        trials=45,
+    )
 
 
 def test_what_starts_from_a_network_comes_after_it():

@@ -1,6 +1,7 @@
 """The rig's benchmark: episodes, goals, tables and figures."""
 
 import json
+from dataclasses import replace
 from io import StringIO
 from types import SimpleNamespace
 
@@ -8,16 +9,20 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from softrobot_env.benchmarks.episodes import of_kind
+from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.rig import run as rig
-from softrobot_env.benchmarks.rig.cases import FAST, SLOW, Case, run_case
+from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow, cases, run_case
 from softrobot_env.benchmarks.rig.forces import force_rows
-from softrobot_env.benchmarks.rig.goals import middle, rows
+from softrobot_env.benchmarks.rig.goals import GoalRow, middle, rows
 from softrobot_env.benchmarks.rig.plots import plot
 from softrobot_env.benchmarks.rig.tables import tables
 from softrobot_env.benchmarks.rig_networks import run as rig_networks
+from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.commands.benchmark import BENCHMARKS
 from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.thesis import TRIANGLE
 from softrobot_env.robots import RIG
 
@@ -34,22 +39,38 @@ ERRORS = {
 
 
 def made_up(twins=(None, 0, 1, 2)):
-    trace_time = np.linspace(0, 7, 50)
     found = []
     for twin in twins:
         for column, period in enumerate((SLOW, FAST)):
             for policy in RIG_POLICIES:
                 error = 1e-3 * (ERRORS[policy][column] + (twin or 0))
-                row = {"twin": twin, "period": period, "policy": policy, "failure": None}
-                row |= {"e_mean": error, "e_max": 2 * error, "limited": 0.0}
-                row |= {"policy_time_median": 5e-5, "policy_time_p99": 1e-4}
-                row |= {"policy_time_max": 2e-4, "computing_factor": 400.0, "realtime_factor": 50.0}
-                if twin == 0:
-                    tip = 0.1 * np.column_stack([np.cos(trace_time), np.sin(trace_time)])
-                    row["trace"] = {"time": trace_time, "reference": tip, "tip": tip + error}
-                    row["trace"] |= {"error": np.full(50, error), "lengths": np.ones((50, 3))}
+                row = LapsRow(
+                    twin=twin,
+                    period=period,
+                    policy=policy,
+                    e_mean=error,
+                    e_max=2 * error,
+                    failure=None,
+                    limited=0.0,
+                    policy_time_median=5e-5,
+                    policy_time_p99=1e-4,
+                    policy_time_max=2e-4,
+                    computing_factor=400.0,
+                    realtime_factor=50.0,
+                    trace=made_up_laps(error) if twin == 0 else None,
+                )
                 found.append(row)
     return found
+
+
+def made_up_laps(error):
+    """An episode that is this far off [m] in x."""
+    time, three = np.linspace(0, 7, 50), np.ones((50, 3))
+    circle = 0.1 * np.column_stack([np.cos(time), np.sin(time), 0 * time])
+    return Rollout(
+        time, circle, circle + np.array([error, 0, 0]), three, three, three, three[:, :0], time,
+        policy_time=time[1:], policy_status=np.full(49, ""), wall_time=1.0,
+    )  # fmt: skip
 
 
 def shown(found):
@@ -59,7 +80,7 @@ def shown(found):
 
 
 def goal(found, text, policy=""):
-    return next(r for r in rows(found) if r["goal"].startswith(text) and r["policy"] == policy)
+    return next(r for r in rows(found) if r.goal.startswith(text) and r.policy == policy)
 
 
 def test_every_policy_is_run_on_every_rig():
@@ -72,50 +93,51 @@ def test_every_policy_is_run_on_every_rig():
 
 
 def test_an_episode_starts_to_count_after_the_approach():
-    row = run_case(Case(0, FAST, "rig_nn"), IdentifiedParameters.load(RIG), traced=True)
-    trace = row["trace"]
-    assert trace["time"][0] == 0 and trace["time"][-1] == pytest.approx(7 - 0.02)
-    np.testing.assert_allclose(trace["reference"][0], [0.0875, 0.0], atol=1e-3)
-    distance = np.linalg.norm(trace["tip"] - trace["reference"], axis=1)
-    assert row["e_mean"] == pytest.approx(distance.mean())
-    assert row["e_max"] == pytest.approx(distance.max())
-    assert 0 < row["policy_time_median"] <= row["policy_time_p99"] <= row["policy_time_max"]
-    assert row["computing_factor"] > row["realtime_factor"] > 1
-    json.dumps({k: v for k, v in row.items() if k != "trace"}, allow_nan=False)
+    (case,) = (c for c in cases(0) if (c.policy, c.task.option("period")) == ("rig_nn", FAST))
+    row = run_case(replace(case, identified=IdentifiedParameters.load(RIG)), traced=True)
+    trace = row.trace
+    assert trace.time[0] == 0 and trace.time[-1] == pytest.approx(7 - 0.02)
+    np.testing.assert_allclose(trace.reference[0], [0.0875, 0.0, 0.0], atol=1e-3)
+    distance = np.linalg.norm((trace.tip - trace.reference)[:, :2], axis=1)
+    assert row.e_mean == pytest.approx(distance.mean())
+    assert row.e_max == pytest.approx(distance.max())
+    assert 0 < row.policy_time_median <= row.policy_time_p99 <= row.policy_time_max
+    assert row.computing_factor > row.realtime_factor > 1
+    json.dumps(row.row(), allow_nan=False)
 
 
 def test_goals_are_on_the_medians_of_the_twins():
     found = made_up()
-    assert middle([r for r in found if r["twin"] is not None], "e_mean", "hybrid", SLOW) == 2e-3
-    assert goal(found, "T = 5 s, mean error", "hybrid")["met"]  # 2 mm
-    assert goal(found, "T = 1 s, mean error", "hybrid")["met"]  # 8 mm
-    assert not goal(made_up((2, 3, 4)), "T = 1 s, mean error", "hybrid")["met"]  # 10 mm
-    assert goal(found, "T = 1 s, mean error, beyond", "hybrid_calibrated")["value"] == 2e-3
-    assert goal(found, "T = 5 s: hybrid before network")["met"]
-    assert goal(found, "T = 1 s: hybrid before model")["met"]
+    assert middle([r for r in found if r.twin is not None], "e_mean", "hybrid", SLOW) == 2e-3
+    assert goal(found, "T = 5 s, mean error", "hybrid").met  # 2 mm
+    assert goal(found, "T = 1 s, mean error", "hybrid").met  # 8 mm
+    assert not goal(made_up((2, 3, 4)), "T = 1 s, mean error", "hybrid").met  # 10 mm
+    assert goal(found, "T = 1 s, mean error, beyond", "hybrid_calibrated").value == 2e-3
+    assert goal(found, "T = 5 s: hybrid before network").met
+    assert goal(found, "T = 1 s: hybrid before model").met
 
 
 def test_another_ranking_and_slow_computing_miss_the_goals():
-    found = made_up()
-    for row in found:
-        if row["policy"] == "rig_nn" and row["period"] == FAST:
-            row |= {"e_mean": 0.015, "computing_factor": 2.0}
-            row |= {"policy_time_p99": 0.03}
-        elif row["policy"] == "rig_nn":
-            row |= {"computing_factor": 3.0, "policy_time_p99": 0.025}
-    assert goal(found, "T = 5 s: hybrid before network")["met"]
-    assert not goal(found, "T = 1 s: hybrid before model")["met"]
-    assert not goal(found, "inputs", "rig_nn")["met"] and goal(found, "inputs", "hybrid")["met"]
-    assert not goal(found, "99 %", "rig_nn")["met"] and goal(found, "99 %", "hybrid")["met"]
+    slow = {"computing_factor": 3.0, "policy_time_p99": 0.025}
+    fast = {"e_mean": 0.015, "computing_factor": 2.0, "policy_time_p99": 0.03}
+    found = [
+        replace(row, **(fast if row.period == FAST else slow)) if row.policy == "rig_nn" else row
+        for row in made_up()
+    ]
+    assert goal(found, "T = 5 s: hybrid before network").met
+    assert not goal(found, "T = 1 s: hybrid before model").met
+    assert not goal(found, "inputs", "rig_nn").met and goal(found, "inputs", "hybrid").met
+    assert not goal(found, "99 %", "rig_nn").met and goal(found, "99 %", "hybrid").met
 
 
 def test_a_failed_episode_misses_its_goals_and_is_told():
-    found = made_up()
-    for row in found:
-        if (row["twin"], row["policy"], row["period"]) == (1, "hybrid", FAST):
-            row |= {"e_mean": None, "e_max": None, "failure": "left the workspace"}
+    lost = {"e_mean": None, "e_max": None, "failure": "left the workspace"}
+    found = [
+        replace(row, **lost) if (row.twin, row.policy, row.period) == (1, "hybrid", FAST) else row
+        for row in made_up()
+    ]
     missed = goal(found, "T = 1 s, mean error", "hybrid")
-    assert missed["value"] is None and not missed["met"]
+    assert missed.value is None and not missed.met
     lines = shown([*found, *rows(found)])
     assert "twin 1, hybrid: left the workspace" in lines
     assert any(line.startswith("hybrid 8.6 / 18.4 7.0 / 14.0 failed") for line in lines)
@@ -142,19 +164,20 @@ def test_figures_are_drawn(tmp_path):
 def test_a_quick_run_takes_what_is_shipped(monkeypatch):
     ran = []
 
-    def run_one(case, learnt, traced):
+    def run_one(case, traced):
         ran.append(case)
-        assert isinstance(learnt, IdentifiedParameters) and traced
-        return next(
-            r for r in made_up((0,)) if (r["policy"], r["period"]) == (case.policy, case.period)
-        )
+        assert isinstance(case.identified, IdentifiedParameters) and traced
+        (row,) = select(made_up((0,)), policy=case.policy, period=case.task.option("period"))
+        return row
 
     monkeypatch.setattr(rig, "run_case", run_one)
     monkeypatch.setattr(rig, "record", None)
     found = rig.run(quick=True)
-    assert {(c.policy, c.period) for c in ran} == {(p, t) for p in RIG_POLICIES for t in (1, 5)}
+    assert {(c.policy, c.task.option("period")) for c in ran} == {
+        (p, t) for p in RIG_POLICIES for t in (1, 5)
+    }
     assert {c.twin for c in ran} == {0}
-    assert any(row.get("figure") == "5.14a" for row in found) and "goal" in found[-1]
+    assert select(of_kind(found, ForceRow), figure="5.14a") and isinstance(found[-1], GoalRow)
 
 
 def test_every_twin_has_what_was_learnt_of_it(monkeypatch):
@@ -169,13 +192,13 @@ def test_every_twin_has_what_was_learnt_of_it(monkeypatch):
     monkeypatch.setattr(rig, "IdentifiedParameters", shipped)
     monkeypatch.setattr(rig, "record", lambda twin: twin.seed)
     monkeypatch.setattr(rig, "identify", identify)
-    monkeypatch.setattr(rig, "run_case", lambda case, learnt, traced: ran.append((case, learnt)))
+    monkeypatch.setattr(rig, "run_case", lambda case, traced: ran.append(case))
     for twin in (None, *rig.TWINS):
         for _, work in rig._jobs(twin, shipped=False):
             work()
     assert taught == [(None, 0), *((twin, twin) for twin in rig.TWINS)]
     assert len(ran) == 2 * len(RIG_POLICIES) * (1 + len(rig.TWINS))
-    assert all(learnt == ("learnt of", case.twin, case.twin or 0) for case, learnt in ran)
+    assert all(case.identified == ("learnt of", case.twin, case.twin or 0) for case in ran)
 
 
 def test_networks_are_studied_on_a_twin(monkeypatch):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.rig_networks import friction as rig_networks_friction
 from softrobot_env.benchmarks.rig_networks import run as rig_networks
 from softrobot_env.benchmarks.rig_networks.cases import (
@@ -17,12 +18,15 @@ from softrobot_env.benchmarks.rig_networks.cases import (
     SAMPLES,
     TRAININGS,
     Case,
+    CellRow,
     cases,
     run_case,
     train,
 )
+from softrobot_env.benchmarks.rig_networks.friction import FrictionRow
 from softrobot_env.benchmarks.rig_networks.plots import plot
-from softrobot_env.benchmarks.rig_networks.tables import select, tables
+from softrobot_env.benchmarks.rig_networks.run import InferenceRow
+from softrobot_env.benchmarks.rig_networks.tables import tables
 from softrobot_env.identification.recording import collect, disk_points, split
 from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.robots import RIG
@@ -42,32 +46,36 @@ def parts():
 def make_row(case):
     """A made-up cell, whose error in mm is its number of layers (and samples)."""
     error = 1e-3 * (case.layers + (case.samples or 0))
-    return {
-        "study": case.study,
-        "direction": case.direction,
-        "layers": case.layers,
-        "neurons": case.neurons,
-        "samples": case.samples or 648,
-        "trainings": case.trainings,
-        "e_rms": error,
-        "e_rms_least": error / 2,
-        "e_rms_largest": 2 * error,
-        "e_max": 5 * error,
-        "e_rms_validation": error,
-        "iterations": 20,
-        "training_time": 0.25,
-    }
+    return CellRow(
+        study=case.study,
+        direction=case.direction,
+        layers=case.layers,
+        neurons=case.neurons,
+        samples=case.samples or 648,
+        trainings=case.trainings,
+        e_rms=error,
+        e_rms_least=error / 2,
+        e_rms_largest=2 * error,
+        e_max=5 * error,
+        e_rms_validation=error,
+        iterations=20,
+        training_time=0.25,
+    )
 
 
 def made_up_friction():
     case = Case("friction", "forward", 2, 10, 150, 3)
-    told = ({"friction": f, "total": total} for total in (26.0, None) for f in (0.0, 0.05))
-    return [make_row(replace(case, direction=d)) | t for t in told for d in ("forward", "inverse")]
+    return [
+        FrictionRow(**vars(make_row(replace(case, direction=d))), friction=f, total=total)
+        for total in (26.0, None)
+        for f in (0.0, 0.05)
+        for d in ("forward", "inverse")
+    ]
 
 
 def made_up(quick):
     times = [
-        {"study": "inference", "direction": d, "variant": v, "time": 1.5e-6}
+        InferenceRow(d, v, 1.5e-6)
         for d in ("forward", "inverse")
         for v in ("compiled", "plain", "batch")
     ]
@@ -108,9 +116,9 @@ def test_a_cell_is_the_median_of_its_trainings(data, parts):
         worst.append(off.max())
     assert len(set(errors)) == 3
     expected = [np.median(errors), min(errors), max(errors), np.median(worst)]
-    told = [row[name] for name in ("e_rms", "e_rms_least", "e_rms_largest", "e_max")]
+    told = [getattr(row, name) for name in ("e_rms", "e_rms_least", "e_rms_largest", "e_max")]
     np.testing.assert_allclose(told, expected)
-    assert row["samples"] == 30 and row["training_time"] > 0
+    assert row.samples == 30 and row.training_time > 0
 
 
 def test_more_samples_than_there_are_is_an_error(data, parts):
@@ -130,7 +138,7 @@ def test_processes_find_what_one_finds(data, parts):
     assert {label for label, *_ in told} == {case.label for case in wanted}
     assert os.environ.get("OPENBLAS_NUM_THREADS") == threads
     for case, row in zip(wanted, rows, strict=True):
-        here = run_case(case, data, parts)
+        row, here = row.row(), run_case(case, data, parts).row()
         same = [name for name in here if name != "training_time"]
         assert [row[name] for name in same if name[:2] != "e_"] == [
             here[name] for name in same if name[:2] != "e_"
@@ -155,24 +163,24 @@ def test_a_run_measures_trains_and_times(monkeypatch):
     monkeypatch.setattr(rig_networks, "cases", lambda quick: small)
     rows = rig_networks.run(measure, quick=True, processes=1)
     assert seen == [215]
-    assert [row["study"] for row in rows] == ["size", "samples"] + 6 * ["inference"]
-    assert rows[0]["samples"] == 151
-    times = {(row["direction"], row["variant"]): row["time"] for row in rows[2:]}
+    assert [row.study for row in rows] == ["size", "samples"] + 6 * ["inference"]
+    assert rows[0].samples == 151
+    times = {(row.direction, row.variant): row.time for row in rows[2:]}
     assert len(times) == 6 and all(0 < time < 1e-3 for time in times.values())
-    json.dumps(rows, allow_nan=False)
+    json.dumps([row.row() for row in rows], allow_nan=False)
 
 
 def test_friction_sets_the_errors(monkeypatch):
     """0.3 N err by several times what 0.05 N do, and without any there is the camera's noise."""
     monkeypatch.setattr(rig_networks_friction, "FRICTIONS", (0.0, 0.3))
     rows = rig_networks_friction.friction_rows(disk_points(215), 1, lambda *args: None, 1)
-    assert [row["friction"] for row in rows] == 2 * [0.0, 0.0, 0.3, 0.3]
-    assert [row["total"] for row in rows] == 4 * [26] + 4 * [None]
-    assert {(row["study"], row["samples"]) for row in rows} == {("friction", 150)}
+    assert [row.friction for row in rows] == 2 * [0.0, 0.0, 0.3, 0.3]
+    assert [row.total for row in rows] == 4 * [26] + 4 * [None]
+    assert {(row.study, row.samples) for row in rows} == {("friction", 150)}
     for direction in ("forward", "inverse"):
-        free, rubbing = (row["e_rms"] for row in select(rows, direction=direction, total=26))
+        free, rubbing = (row.e_rms for row in select(rows, direction=direction, total=26))
         assert rubbing > 2.5 * free
-    json.dumps(rows, allow_nan=False)
+    json.dumps([row.row() for row in rows], allow_nan=False)
 
 
 @pytest.mark.parametrize("quick", [True, False])

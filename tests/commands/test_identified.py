@@ -48,7 +48,7 @@ def test_other_rigs_than_the_one_of_the_file_are_noted(learnt, tmp_path, capsys)
     more = ["--policies", "rig_nn", "--twin", "3", "0", "--learnt", learnt]
     rows, text = evaluated(tmp_path / "out", *more)
     assert [(row["twin"], row["learnt"]) for row in rows] == [(3, "twin 3"), (0, "twin 3")]
-    note = "What policies have learnt of the rig is of twin 3; other rigs differ from it."
+    note = "The identified parameters of the rig are of twin 3; other rigs differ from it."
     assert text.count(note) == 1
     assert " ".join(capsys.readouterr().out.split()).count(note) == 1
 

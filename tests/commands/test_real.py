@@ -14,9 +14,9 @@ from softrobot_env.commands.robot import soak
 from softrobot_env.commands.robot.soak import answer_times
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import real as real_setup
-from softrobot_env.commands.setups.case import Case
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import VIRTUAL
+from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.recording import read_recording
 from softrobot_env.hardware.robot_file.model import rig_file
 from softrobot_env.tasks import make_task
@@ -79,7 +79,7 @@ def ended(monkeypatch):
 
 def virtual_env(task):
     setup = real_setup.RealSetup(Namespace(env=VIRTUAL, record=None, twin=[3]))
-    return setup.environment(Case(task, {}, "hybrid", twin=3))
+    return setup.environment(Case(task, "hybrid", twin=3))
 
 
 def test_a_virtual_robot_ends_even_if_it_cannot_be_ramped_down(ended, monkeypatch):

@@ -6,6 +6,7 @@ import pytest
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import report
+from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.scene.timestep import TimestepWarning
@@ -38,7 +39,8 @@ def failed():
 
 
 def row(rollout, task, **changes):
-    return report.make_row(rollout, make_task(task), "feedforward", "mujoco", {}) | changes
+    values = EpisodeRow.of(rollout, make_task(task), "feedforward", "mujoco", {})
+    return vars(values) | changes
 
 
 def test_record_of_an_episode(rollout):

@@ -10,7 +10,9 @@ from softrobot_env.evaluation import report
 from softrobot_env.evaluation.labels import learnt_label, option_columns, rig_label, task_label
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.rig_plots import plot_rig_task
+from softrobot_env.evaluation.rows import EpisodeRow
+from softrobot_env.rendering.curves import policy_curves
+from softrobot_env.rendering.plots import plot_task
 from softrobot_env.tasks import make_task
 
 TASK = make_task("triangle", period=1.0)
@@ -72,7 +74,7 @@ def test_labels_tell_which_rig_it_was(task, plant, twin, label):
 
 
 def row(rollout, **changes):
-    values = report.make_row(rollout, TASK, "hybrid", "mujoco", {})
+    values = vars(EpisodeRow.of(rollout, TASK, "hybrid", "mujoco", {}))
     return values | {"period": 1.0, "twin": 0} | changes
 
 
@@ -102,7 +104,7 @@ def test_one_rig_stands_in_the_title_and_several_in_a_column():
 )
 def test_reports_say_of_which_other_rig_policies_have_learnt(plant, driven, learnt, other):
     values = row(record(TASK, 9.0), plant=plant, twin=driven, learnt=learnt)
-    said = [f"What policies have learnt of the rig is of {learnt}; other rigs differ from it."]
+    said = [f"The identified parameters of the rig are of {learnt}; other rigs differ from it."]
     assert report.notes([values, values]) == said * other
 
 
@@ -125,7 +127,7 @@ def drawn(monkeypatch):
 
 
 def test_plots_begin_after_the_approach(drawn, tmp_path):
-    plot_rig_task({"hybrid": record(TASK, 14.0)}, TASK, "title", tmp_path, "a")
+    plot_task(policy_curves({"hybrid": record(TASK, 14.0)}), TASK, "title", tmp_path, "a")
     assert set(drawn) == {"a_tip.png", "a_lengths.png", "a_path.png"}
     for name in ("a_tip.png", "a_lengths.png"):
         for axis in drawn[name].axes:
@@ -136,7 +138,7 @@ def test_plots_begin_after_the_approach(drawn, tmp_path):
 
 def test_every_episode_has_a_view_from_above_with_equal_axes(drawn, tmp_path):
     rollouts = {f"policy {k}": record(TASK, 14.0) for k in range(5)}
-    plot_rig_task(rollouts, TASK, "title", tmp_path, "a")
+    plot_task(policy_curves(rollouts), TASK, "title", tmp_path, "a")
     shown = [axis for axis in drawn["a_path.png"].axes if axis.get_visible()]
     assert [axis.get_title() for axis in shown] == list(rollouts)
     assert all(axis.get_aspect() == 1.0 for axis in shown)
@@ -148,13 +150,13 @@ def test_every_episode_has_a_view_from_above_with_equal_axes(drawn, tmp_path):
 
 def test_set_points_are_drawn_as_points(drawn, tmp_path):
     task = make_task("reach")
-    plot_rig_task({"hybrid": record(task, 14.0)}, task, "title", tmp_path, "a")
+    plot_task(policy_curves({"hybrid": record(task, 14.0)}), task, "title", tmp_path, "a")
     points = drawn["a_path.png"].axes[0].lines[1]
     assert points.get_linestyle() == "None" and len(points.get_xdata()) == 10
 
 
 def test_an_episode_that_failed_in_the_approach_is_still_named(drawn, tmp_path):
     rollouts = {"good": record(TASK, 14.0), "bad": record(TASK, 9.0, failure="diverged")}
-    plot_rig_task(rollouts, replace(TASK, duration=14.0), "title", tmp_path, "a")
+    plot_task(policy_curves(rollouts), replace(TASK, duration=14.0), "title", tmp_path, "a")
     labels = [text.get_text() for text in drawn["a_tip.png"].legends[0].get_texts()]
     assert "bad (failed at 9.00 s)" in labels

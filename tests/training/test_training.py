@@ -22,10 +22,9 @@ from softrobot_env.learned.network import Network  # noqa: E402
 from softrobot_env.paths import models_dir  # noqa: E402
 from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
-from softrobot_env.training import artifacts as shipping  # noqa: E402
-from softrobot_env.training import references  # noqa: E402
+from softrobot_env.training import artifacts, references  # noqa: E402
 from softrobot_env.training.artifacts import as_network, new_layers, put_network  # noqa: E402
-from softrobot_env.training.closed_loop_check import trial  # noqa: E402
+from softrobot_env.training.closed_loop_check import check  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
 from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
 from softrobot_env.training.rl import begin, make_training_env, train  # noqa: E402
@@ -234,12 +233,12 @@ def test_fine_tuning_starts_from_the_network_and_keeps_the_best(algorithm):
     start = start.with_parameters(0 * start.parameters)
     config = replace(TINY, algorithm=algorithm)
     network, curve = train(config, 0, quiet, start)
-    rows = trial(network, config.trials, config.trial_duration, SCORE).values()
-    assert np.mean([row["reward"] for row in rows]) == pytest.approx(
+    rows = check(network, config.trials, config.trial_duration, SCORE).values()
+    assert np.mean([row.reward for row in rows]) == pytest.approx(
         max(point["reward"] for point in curve)
     )
-    rows = trial(start, config.trials, config.trial_duration, SCORE).values()
-    assert np.mean([row["reward"] for row in rows]) == pytest.approx(curve[0]["reward"])
+    rows = check(start, config.trials, config.trial_duration, SCORE).values()
+    assert np.mean([row.reward for row in rows]) == pytest.approx(curve[0]["reward"])
 
 
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
@@ -383,7 +382,7 @@ def test_the_command_knows_what_the_training_knows():
 
 def test_the_command_trains_and_goes_on(tmp_path, capsys):
     start = as_network(new_layers(neural.feature_count(ARM), (128, 128), 3))
-    shipping.save(start.with_parameters(0 * start.parameters), tmp_path / "start.npz", 0)
+    artifacts.save(start.with_parameters(0 * start.parameters), tmp_path / "start.npz", 0)
     common = ["train", "--algo", "ppo", "--out", str(tmp_path), "--task", "step"]
     common += ["--start", str(tmp_path / "start.npz"), "--checkpoint", str(tmp_path / "kept")]
     common += ["--set", "envs_per_task=1", "--set", "rollout=4"]
@@ -421,18 +420,18 @@ def test_shipped_network_is_small_and_says_what_it_is():
     assert path.stat().st_size < 1e6
     network, about = Network.load(path)
     assert network.sizes[0] == neural.feature_count(ARM) and str(about["robot"]) == "arm"
-    assert len(shipping.load_start(path).parameters) == len(network.parameters)
+    assert len(artifacts.load_start(path).parameters) == len(network.parameters)
 
 
 def test_shipped_network_meets_its_figures():
     network, _ = Network.load(models_dir() / "imitation.npz")
-    rows = trial(network)
-    assert not any(row["failure"] for row in rows.values())
-    assert rows["swing"]["max_mm"] < 1.5
-    assert rows["lshape"]["max_mm"] < 1
+    rows = check(network)
+    assert not any(row.failure for row in rows.values())
+    assert rows["swing"].max_mm < 1.5
+    assert rows["lshape"].max_mm < 1
     for width in (50, 100, 200):
-        assert rows[f"step {width} mm"]["overshoot_percent"] < 6
-        assert rows[f"step {width} mm"]["settling_s"] < 0.3
+        assert rows[f"step {width} mm"].overshoot_percent < 6
+        assert rows[f"step {width} mm"].settling_s < 0.3
 
 
 NETWORKS = [name for name, spec in POLICIES.items() if ":NeuralPolicy" in spec.make]
@@ -444,27 +443,27 @@ def test_shipped_networks_cope_with_another_modulus(name, factor):
     """No failure, and errors far below those of the quasi-static controller (530 and 240 mm)."""
     most = 60 if name == "sac_randomized" else 40  # its L-shape is poor on any robot, see its card
     network, _ = Network.load(models_dir() / f"{name}.npz")
-    rows = trial(network, ({"youngs_modulus": factor},), duration=5.0)
-    assert not any(row["failure"] for row in rows.values())
-    assert rows[f"swing, youngs_modulus {factor:g}"]["max_mm"] < most
-    assert rows[f"lshape, youngs_modulus {factor:g}"]["max_mm"] < most
+    rows = check(network, ({"youngs_modulus": factor},), duration=5.0)
+    assert not any(row.failure for row in rows.values())
+    assert rows[f"swing, youngs_modulus {factor:g}"].max_mm < most
+    assert rows[f"lshape, youngs_modulus {factor:g}"].max_mm < most
 
 
 def test_randomized_network_copes_with_delay_and_noise():
     """Where the same network without disturbances in its training is off by 78 and 22 mm."""
     network, _ = Network.load(models_dir() / "ppo_randomized.npz")
-    rows = trial(network, ({"delay": 0.01}, {"sensor_noise": 1.0}))
+    rows = check(network, ({"delay": 0.01}, {"sensor_noise": 1.0}))
     for name, row in rows.items():
         if not name.startswith("step"):
-            assert row["max_mm"] < 5
+            assert row.max_mm < 5
 
 
 def test_reinforcement_learning_alone_meets_its_goals():
     """Of the best network without a teacher, on the nominal arm."""
     network, _ = Network.load(models_dir() / "ppo.npz")
-    rows = trial(network)
-    assert rows["swing"]["max_mm"] < 6 and rows["lshape"]["max_mm"] < 2
-    assert rows["step 50 mm"]["overshoot_percent"] < 20
+    rows = check(network)
+    assert rows["swing"].max_mm < 6 and rows["lshape"].max_mm < 2
+    assert rows["step 50 mm"].overshoot_percent < 20
 
 
 def test_another_robot_or_file_is_refused(tmp_path):

@@ -3,8 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from softrobot_env.benchmarks.controllers.cases import Row
-from softrobot_env.benchmarks.controllers.rows import E, one, select
+from softrobot_env.benchmarks.controllers.rows import ControllerRow, E, GoalRow, VariedRow
+from softrobot_env.benchmarks.episodes import of_kind, one
+from softrobot_env.benchmarks.records import select
 
 #: Settings in which the accuracy of the best policy is judged.
 JUDGED = ("mujoco", "thesis", "output")
@@ -60,61 +61,55 @@ _GROWTH = (
 _ERRORS = {"e_max": "largest error", "e_rms": "rms error"}
 
 
-def rows(found: list[Row]) -> list[Row]:
-    """Goals and what rows of the benchmark say about them.
-
-    Returns:
-        Rows with goal, policy, setting, metric (its unit is that of rows), value, limit and met;
-        value is None where an episode failed or never settled. Goals on episodes that were not
-        run are left out.
-    """
+def rows(found: list[ControllerRow]) -> list[GoalRow]:
+    """Goals and what episodes say about them; those on episodes that were not run are left out."""
     best = best_policy(found)
     out = [] if best is None else [*_accuracy(found, best), *_robustness(found, best)]
     return [*out, *_policy_times(found)]
 
 
-def best_policy(found: list[Row]) -> str | None:
+def best_policy(found: list[ControllerRow]) -> str | None:
     """The policy with the least rms error on MuJoCo's swing; None if there is none."""
     swings = select(found, setting="mujoco", task="swing", failure=None)
-    return min(swings, key=lambda row: row["e_rms"])["policy"] if swings else None
+    return min(swings, key=lambda row: row.e_rms).policy if swings else None
 
 
-def _accuracy(found: list[Row], best: str) -> Iterator[Row]:
+def _accuracy(found: list[ControllerRow], best: str) -> Iterator[GoalRow]:
     for goal in GOALS:
         for setting in JUDGED:
             fields = {"setting": setting, "policy": best, "task": goal.task}
             mine = [one(found, **fields, step_width=width) for width in goal.widths]
-            values = [row[goal.metric] for row in mine if row is not None]
+            values = [getattr(row, goal.metric) for row in mine if row is not None]
             if values:
-                fields = {"goal": goal.text, "metric": goal.metric, "limit": goal.limit}
-                yield _row(best, setting, _worst(values), strict=goal.strict, **fields)
+                yield _row(
+                    goal.text, best, setting, goal.metric, _worst(values), goal.limit, goal.strict
+                )
 
 
-def _robustness(found: list[Row], best: str) -> Iterator[Row]:
+def _robustness(found: list[ControllerRow], best: str) -> Iterator[GoalRow]:
     mujoco = select(found, plant="mujoco", policy=best, feedback="state")
-    varied = [row for row in mujoco if list(row["variation"]) == [E]]
+    varied = [row for row in of_kind(mujoco, VariedRow) if list(row.variation) == [E]]
     for task, width, metrics in _GROWTH:
         mine = select(varied, task=task, step_width=width)
         label = task if width is None else f"step of {1e3 * width:g} mm"
         for metric in metrics if mine else ():
             text = f"{label}, {_ERRORS[metric]} over nominal, worst E"
-            worst = _worst([row[f"{metric}_ratio"] for row in mine])
-            fields = {"goal": text, "metric": f"{metric}_ratio", "limit": _RATIO}
-            yield _row(best, "robustness", worst, **fields)
+            ratio = f"{metric}_ratio"
+            worst = _worst([getattr(row, ratio) for row in mine])
+            yield _row(text, best, "robustness", ratio, worst, _RATIO)
     if varied:
-        failed = sum(row["failure"] is not None for row in varied)
-        fields = {"goal": "failed episodes with another E", "metric": "failures", "limit": 0}
-        yield _row(best, "robustness", failed, **fields)
+        failed = sum(row.failure is not None for row in varied)
+        text = "failed episodes with another E"
+        yield _row(text, best, "robustness", "failures", failed, 0)
 
 
-def _policy_times(found: list[Row]) -> Iterator[Row]:
+def _policy_times(found: list[ControllerRow]) -> Iterator[GoalRow]:
     for policy, limit in _POLICY_TIMES.items():
         for setting in ("mujoco", "thesis"):
             row = one(found, setting=setting, policy=policy, task="step", step_width=0.05)
             if row is not None:
-                metric = "policy_time_median"
-                fields = {"goal": f"policy time of {policy}", "metric": metric, "limit": limit}
-                yield _row(policy, setting, row[metric], **fields)
+                text, time = f"policy time of {policy}", row.policy_time_median
+                yield _row(text, policy, setting, "policy_time_median", time, limit)
 
 
 def _worst(values: list[float | None]) -> float | None:
@@ -123,14 +118,13 @@ def _worst(values: list[float | None]) -> float | None:
 
 
 def _row(
+    text: str,
     policy: str,
     setting: str,
-    value: float | None,
-    goal: str,
     metric: str,
+    value: float | None,
     limit: float,
     strict: bool = False,
-) -> Row:
+) -> GoalRow:
     met = value is not None and (value < limit if strict else value <= limit)
-    row = {"goal": goal, "policy": policy, "setting": setting, "metric": metric}
-    return row | {"value": value, "limit": limit, "met": met}
+    return GoalRow(text, policy, setting, metric, value, limit, met)

@@ -4,24 +4,41 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softrobot_env.benchmarks.controllers.cases import PCC, Row
-from softrobot_env.benchmarks.controllers.cost_plot import error_against_time
-from softrobot_env.benchmarks.controllers.curves import (
-    COLOURS,
-    MODULI,
-    OTHER,
+from softrobot_env.benchmarks.controllers.cases import PCC
+from softrobot_env.benchmarks.controllers.rows import ControllerRow, Row, episodes, moduli
+from softrobot_env.benchmarks.episodes import names, one
+from softrobot_env.benchmarks.records import select
+from softrobot_env.evaluation.labels import variation_label
+from softrobot_env.evaluation.thesis import CONTROLLERS, FIGURES, POLICY_TIME
+from softrobot_env.rendering.curves import (
     Curve,
-    draw_arms,
     draw_curvatures,
-    draw_inputs,
     draw_path,
+    draw_shapes,
+    draw_stacked,
     draw_tip,
     finish,
-    new_figure,
+    longest,
+    policy_curves,
+    until,
 )
-from softrobot_env.benchmarks.controllers.rows import moduli, names, one, select
-from softrobot_env.evaluation.labels import variation_label
-from softrobot_env.evaluation.thesis import CONTROLLERS
+from softrobot_env.rendering.figures import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    SKY,
+    THESIS,
+    VERMILLION,
+    add_legend,
+    entry,
+    new_figure,
+    save,
+    style_axes,
+    style_of,
+)
+from softrobot_env.robots import ARM
+from softrobot_env.robots.actuation import TendonMap
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,8 +55,16 @@ _VARIED = {
     "mpc_preview": "robustness_mpc_preview",
 }
 
+#: Colours of factors on Young's modulus: warm where the robot is softer than known.
+_MODULI = {0.5: VERMILLION, 0.75: ORANGE, 1.0: GREEN, 1.25: SKY, 1.5: BLUE}
+
 #: [s] of a step response that is shown from near, and as a whole.
 _STEP_WINDOWS = (1.0, 5.0)
+
+#: Setting -> (label, whether markers are filled).
+_SETTINGS = {"mujoco": ("MuJoCo", True), "thesis": ("PCC plant", False)}
+
+_ERRORS = {"e_rms": "rms error on the swing [mm]", "e_max": "largest error on the swing [mm]"}
 
 
 def plot(rows: list[Row], path: Path | str) -> None:
@@ -49,93 +74,115 @@ def plot(rows: list[Row], path: Path | str) -> None:
         rows: Rows of `benchmarks.controllers.run`.
         path: A file in the folder of the figures, which have names of their own (`fig_6_14.png`).
     """
-    for name, draw in _figures(rows):
-        figure = draw()
-        if figure is not None:
-            figure.savefig(Path(path).with_name(f"{name}.png"), dpi=130)
+    found = episodes(rows)
+    for name, draw, curves, title in _figures(found):
+        if curves:
+            save(draw(curves, title), Path(path).with_name(f"{name}.png"))
+    swings = [row for row in select(found, task="swing", failure=None) if row.setting in _SETTINGS]
+    if swings:
+        save(_error_against_time(swings), Path(path).with_name("error_against_time.png"))
 
 
-def _figures(rows: list[Row]) -> Iterator[tuple[str, Callable[[], "Figure | None"]]]:
-    step = _compared(rows, "step", 0.05)
-    yield "fig_6_14", lambda: _step(step)
+def _figures(
+    rows: list[ControllerRow],
+) -> Iterator[tuple[str, Callable[[list[Curve], str], "Figure"], list[Curve], str]]:
+    """File name, what draws it, episodes and title of each figure of curves."""
     swing, lshape = (_compared(rows, task) for task in ("swing", "lshape"))
-    yield "fig_6_15", lambda: _tracking(swing, "Fig. 6.15  swing, PCC plant")
-    yield "fig_6_16", lambda: _inputs(swing, "Fig. 6.16  swing, PCC plant")
-    yield "fig_6_17", lambda: _arms(swing, "Fig. 6.17  the arm at the end of the swing, PCC plant")
-    yield "fig_6_18", lambda: _plane(lshape, "Fig. 6.18  L-shape, PCC plant")
-    yield "fig_6_19", lambda: _inputs(lshape, "Fig. 6.19  L-shape, PCC plant")
+    step = _compared(rows, "step", 0.05)
+    yield "fig_6_14", _step, step, "Fig. 6.14  step of 50 mm, PCC plant"
+    yield "fig_6_15", _tracking, swing, "Fig. 6.15  swing, PCC plant"
+    yield "fig_6_16", _inputs, swing, "Fig. 6.16  swing, PCC plant"
+    yield "fig_6_17", _arms, swing, "Fig. 6.17  the arm at the end of the swing, PCC plant"
+    yield "fig_6_18", _plane, lshape, "Fig. 6.18  L-shape, PCC plant"
+    yield "fig_6_19", _inputs, lshape, "Fig. 6.19  L-shape, PCC plant"
     for policy, name in _VARIED.items():
         curves = _varied(rows, policy)
         number = name.removeprefix("fig_").replace("_", ".")
         title = f"Fig. {number}" if policy in CONTROLLERS else "As Figs. 6.20 to 6.22"
         text = f"{title}  swing of {policy} with another Young's modulus, PCC plant"
-        yield name, lambda c=curves, t=text: _tracking(c, t) if len(c) > 1 else None
-    yield "error_against_time", lambda: error_against_time(rows)
+        yield name, _tracking, curves if len(curves) > 1 else [], text
 
 
-def _compared(rows: list[Row], task: str, width: float | None = None) -> list[Curve]:
+def _compared(rows: list[ControllerRow], task: str, width: float | None = None) -> list[Curve]:
     mine = select(rows, setting="thesis", task=task, step_width=width)
-    shown = [name for name in names(mine) if name in _COMPARED]
-    return [_curve(one(mine, policy=name), name, COLOURS.get(name, OTHER)) for name in shown]
+    return policy_curves({row.policy: row.trace for row in mine if row.policy in _COMPARED})
 
 
-def _varied(rows: list[Row], policy: str) -> list[Curve]:
+def _varied(rows: list[ControllerRow], policy: str) -> list[Curve]:
     mine = select(rows, plant=PCC, task="swing", policy=policy, feedback="state")
     found = {factor: one(mine, modulus=factor) for factor in moduli(mine)}
     return [
-        _curve(row, variation_label(row) or "nominal E", MODULI.get(factor, OTHER))
+        Curve(variation_label(row.row()) or "nominal E", row.trace, {"color": _MODULI[factor]})
         for factor, row in found.items()
         if row is not None
     ]
 
 
-def _curve(row: Row, label: str, colour: str) -> Curve:
-    failed = f" (failed at {row['trace']['time'][-1]:.2f} s)" if row["failure"] else ""
-    return Curve(label + failed, colour, row["trace"])
-
-
-def _step(curves: list[Curve]) -> "Figure | None":
-    if not curves:
-        return None
+def _step(curves: list[Curve], title: str) -> "Figure":
     figure, axes = new_figure(2, 2, (10, 6))
     for column, end in enumerate(_STEP_WINDOWS):
-        draw_tip(axes[:, column], curves, end)
-    return finish(figure, axes, "Fig. 6.14  step of 50 mm, PCC plant")
+        draw_tip(axes[:, column], curves, shown=until(end))
+    return finish(figure, axes[0, 0], title)
 
 
-def _tracking(curves: list[Curve], title: str) -> "Figure | None":
-    if not curves:
-        return None
+def _tracking(curves: list[Curve], title: str) -> "Figure":
     figure, axes = new_figure(3, 1, (8, 8))
     draw_tip(axes[:, 0], curves)
-    return finish(figure, axes, title)
+    return finish(figure, axes[0, 0], title)
 
 
-def _inputs(curves: list[Curve], title: str) -> "Figure | None":
-    if not curves:
-        return None
-    figure, axes = new_figure(curves[0].trace["inputs"].shape[1], 1, (8, 7.5))
-    draw_inputs(axes[:, 0], curves)
-    return finish(figure, axes, f"{title}: tendon force (positive: upper tendon)")
+def _inputs(curves: list[Curve], title: str) -> "Figure":
+    pairs = TendonMap(ARM)
+    figure, axes = new_figure(pairs.n_inputs, 1, (8, 7.5))
+    labels = [f"$u_{pair + 1}$ [N]" for pair in range(pairs.n_inputs)]
+    draw_stacked(axes[:, 0], curves, lambda r: pairs.reduced(r.tendon_tension), labels)
+    return finish(figure, axes[0, 0], f"{title}: tendon force (positive: upper tendon)")
 
 
-def _arms(curves: list[Curve], title: str) -> "Figure | None":
-    if not curves:
-        return None
-    figure, axes = new_figure(1, 2, (12, 4.6))
-    draw_arms(axes[0, 0], curves)
-    draw_curvatures(axes[0, 1], curves)
-    return finish(figure, axes, title)
+def _arms(curves: list[Curve], title: str) -> "Figure":
+    figure, ((left, right),) = new_figure(1, 2, (12, 4.6))
+    draw_shapes(left, curves, ARM)
+    draw_path(left, [], longest(curves).reference)
+    draw_curvatures(right, curves, ARM)
+    return finish(figure, left, title)
 
 
-def _plane(curves: list[Curve], title: str) -> "Figure | None":
+def _plane(curves: list[Curve], title: str) -> "Figure":
     """Tip and error over time on the left, the path in the plane on the right."""
-    if not curves:
-        return None
     figure, axes = new_figure(3, 2, (12, 8))
     draw_tip(axes[:, 0], curves)
     grid = axes[0, 1].get_gridspec()
     for axis in axes[:, 1]:
         axis.remove()
-    draw_path(figure.add_subplot(grid[:, 1]), curves)
-    return finish(figure, axes[:, :1], title)
+    path = figure.add_subplot(grid[:, 1])
+    style_axes(path)
+    draw_path(path, curves, longest(curves).reference)
+    return finish(figure, axes[0, 0], title)
+
+
+def _error_against_time(rows: list[ControllerRow]) -> "Figure":
+    """Rms and largest error over the median policy time; the thesis gives the largest only."""
+    figure, ((left, right),) = new_figure(1, 2, (11, 4.8))
+    for axis, (metric, text) in zip((left, right), _ERRORS.items(), strict=True):
+        for row in rows:
+            place = 1e6 * row.policy_time_median, 1e3 * getattr(row, metric)
+            axis.plot(*place, **_marker(style_of(row.policy).colour, _SETTINGS[row.setting][1]))
+        axis.set(xscale="log", yscale="log", ylabel=text)
+        axis.set_xlabel("policy time per decision, median [µs]")
+    of_controller = {controller: policy for policy, controller in CONTROLLERS.items()}
+    for figure_ in select(FIGURES, task="swing"):
+        colour = style_of(of_controller[figure_.controller]).colour
+        place = 1e6 * POLICY_TIME[figure_.controller], 1e3 * figure_.e_max
+        right.plot(*place, **THESIS | {"color": colour, "markeredgecolor": "black"})
+    colours = {name: style_of(name).colour for name in names(rows)}
+    told = [entry(name, **_marker(colour, True)) for name, colour in colours.items()]
+    told += [entry(label, **_marker(GREY, filled)) for label, filled in _SETTINGS.values()]
+    label = "thesis (colour: its controller)"
+    add_legend(figure, [*told, entry(**THESIS | {"label": label, "color": GREY})])
+    return figure
+
+
+def _marker(colour: str, filled: bool) -> dict[str, str | float]:
+    face = colour if filled else "white"
+    style = {"marker": "o", "linestyle": "none", "markersize": 7}
+    return {"color": colour, "markerfacecolor": face, **style}

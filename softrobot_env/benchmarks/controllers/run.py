@@ -3,18 +3,18 @@
 from collections.abc import Iterator, Sequence
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.benchmarks.controllers import goals as controllers_goals
+from softrobot_env.benchmarks.controllers import goals
 from softrobot_env.benchmarks.controllers.cases import (
     PCC,
     TASKS,
-    Case,
-    Row,
+    make_case,
     measures_rates,
-    policies,
     run_case,
 )
-from softrobot_env.benchmarks.controllers.rows import E, with_ratios
+from softrobot_env.benchmarks.controllers.rows import E, Row, with_ratios
+from softrobot_env.benchmarks.episodes import policies
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
+from softrobot_env.evaluation.runner import Case
 
 #: The thesis' plant; MuJoCo's chain; the same without measured rates; other parameters.
 SETTINGS = ("thesis", "mujoco", "output", "robustness")
@@ -45,52 +45,48 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         progress: Called with (description, done, total), or None.
 
     Returns:
-        Rows of `evaluation.report.make_row` with setting (one of `SETTINGS`), feedback,
-        decision_period [s], e_motion, e_motion_least [m] and tension_max [N] (see
-        `controllers_cases.extra_metrics`), e_max_ratio and e_rms_ratio to the nominal robot where
-        the robot is varied, and, on the thesis' plant, a trace for the figures. Goals come last,
-        see `controllers_goals.rows`.
+        Rows of episodes, then goals.
     """
-    found = run_jobs([_job(case) for case in _cases(quick)], progress)
+    found = run_jobs([_job(setting, case) for setting, case in _cases(quick)], progress)
     found = with_ratios(found)
-    return [*found, *controllers_goals.rows(found)]
+    return [*found, *goals.rows(found)]
 
 
-def _job(case: Case) -> Job:
-    return case.label, lambda: [run_case(case)]
+def job_label(setting: str, case: Case) -> str:
+    """For the progress bar."""
+    return f"{setting}, {case.plant}, {case.label}"
 
 
-def _cases(quick: bool) -> Iterator[Case]:
-    names = policies()
-    rates = [name for name in names if measures_rates(name)]
+def _job(setting: str, case: Case) -> Job:
+    return job_label(setting, case), lambda: [run_case(setting, case)]
+
+
+def _cases(quick: bool) -> Iterator[tuple[str, Case]]:
+    """Setting and case of every episode."""
+    every = policies()
+    rates = [name for name in every if measures_rates(name)]
     tasks = _QUICK_TASKS if quick else TASKS
-    yield from _nominal("thesis", PCC, names, tasks)
-    yield from _nominal("mujoco", MUJOCO, names, tasks)
-    yield from _nominal("output", MUJOCO, rates, tasks[:1] if quick else tasks)
-    yield from _robustness(quick, names, tasks)
+    yield from _of_policies("thesis", PCC, every, tasks)
+    yield from _of_policies("mujoco", MUJOCO, every, tasks)
+    yield from _of_policies("output", MUJOCO, rates, tasks[:1] if quick else tasks)
+    for factor in QUICK_MODULI if quick else MODULI:
+        if not quick:
+            yield from _of_policies("robustness", PCC, every, [_SWING], {E: factor})
+        varied = [_SWING] if quick else tasks
+        yield from _of_policies("robustness", MUJOCO, every, varied, {E: factor})
+    for variation in () if quick else _VARIATIONS:
+        chosen = [name for name in _VARIED if name in every]
+        yield from _of_policies("robustness", MUJOCO, chosen, [_SWING], variation)
 
 
-def _nominal(
-    setting: str, plant: str, names: Sequence[str], tasks: Sequence[_Task]
-) -> Iterator[Case]:
+def _of_policies(
+    setting: str,
+    plant: str,
+    names: Sequence[str],
+    tasks: Sequence[_Task],
+    variation: dict[str, float] | None = None,
+) -> Iterator[tuple[str, Case]]:
     feedback = "output" if setting == "output" else "state"
     for task, width in tasks:
         for name in names:
-            yield Case(setting, plant, name, task, width, feedback=feedback)
-
-
-def _robustness(quick: bool, names: Sequence[str], tasks: Sequence[_Task]) -> Iterator[Case]:
-    for factor in QUICK_MODULI if quick else MODULI:
-        if not quick:
-            yield from _varied(PCC, names, [_SWING], {E: factor})
-        yield from _varied(MUJOCO, names, [_SWING] if quick else tasks, {E: factor})
-    for variation in () if quick else _VARIATIONS:
-        yield from _varied(MUJOCO, [n for n in _VARIED if n in names], [_SWING], variation)
-
-
-def _varied(
-    plant: str, names: Sequence[str], tasks: Sequence[_Task], variation: dict[str, float]
-) -> Iterator[Case]:
-    for task, width in tasks:
-        for name in names:
-            yield Case("robustness", plant, name, task, width, variation)
+            yield setting, make_case(plant, name, task, width, variation, feedback)

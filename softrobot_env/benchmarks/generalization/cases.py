@@ -1,19 +1,15 @@
 """Episodes of the generalization benchmark, and their rows."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass
 
-from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.benchmarks.controllers.cases import policies as known_policies
-from softrobot_env.control.registry import installed_policies, make_policy, policy_environment
-from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
+from softrobot_env.benchmarks.episodes import policies as known_policies
+from softrobot_env.control.registry import installed_policies
 from softrobot_env.evaluation.labels import variation_label
-from softrobot_env.evaluation.report import make_row
-from softrobot_env.evaluation.run import run_episode, warm_up
-from softrobot_env.tasks import Task, make_task
+from softrobot_env.evaluation.runner import Case, run
+from softrobot_env.tasks import make_task
 
-Row = dict[str, Any]
 Variation = dict[str, float]
 
 #: Paths that no policy has met; the thesis' tasks on robots that no policy knows.
@@ -64,36 +60,21 @@ _QUICK_VARIATIONS: dict[str, tuple[Variation, ...]] = {
 }
 
 
-@dataclass(frozen=True)
-class Case:
-    """One episode to run.
+@dataclass(frozen=True, kw_only=True)
+class Row(EpisodeRecord):
+    """An episode.
 
     Attributes:
         part: One of `PARTS`.
-        policy: Name of the policy.
-        task: Name of the task.
-        speed: [m/s] of an unseen task.
+        speed: [m/s], the largest of an unseen reference.
         path_seed: Of a random path.
-        step_width: [m] of a step.
-        variation: Of robot, drives and sensors, see the reset option `vary`.
+        seed: Of the episode.
     """
 
     part: str
-    policy: str
-    task: str
-    speed: float | None = None
-    path_seed: int | None = None
-    step_width: float | None = None
-    variation: Variation = field(default_factory=dict)
-
-    @property
-    def label(self) -> str:
-        """For the progress bar."""
-        return f"{self.policy}, {self.make_task().label}, {variation_name(self.variation)}"
-
-    def make_task(self) -> Task:
-        """The task."""
-        return make_task(self.task, self.step_width, speed=self.speed, seed=self.path_seed)
+    speed: float | None
+    path_seed: int | None
+    seed: int = 0
 
 
 def variation_name(variation: Variation) -> str:
@@ -112,14 +93,11 @@ def cases(quick: bool = False) -> Iterator[Case]:
     for task, speeds in SPEEDS.items():
         for speed in (_QUICK_SPEED,) if quick else speeds:
             for seed in _seeds(task, quick):
-                yield from (Case("unseen", name, task, speed, seed) for name in names)
+                yield from (unseen(name, task, speed, seed) for name in names)
     every = (NOMINAL, *PARAMETERS, *DISTURBANCES)
     for task, width in TASKS:
         for variation in _QUICK_VARIATIONS.get(task, ()) if quick else every:
-            yield from (
-                Case("disturbed", name, task, step_width=width, variation=variation)
-                for name in names
-            )
+            yield from (disturbed(name, task, width, variation) for name in names)
 
 
 def _seeds(task: str, quick: bool) -> Sequence[int | None]:
@@ -128,18 +106,22 @@ def _seeds(task: str, quick: bool) -> Sequence[int | None]:
     return _QUICK_SEEDS if quick else SEEDS
 
 
+def unseen(policy: str, task: str, speed: float, path_seed: int | None = None) -> Case:
+    """An episode on a path that no policy has met, with its largest speed [m/s]."""
+    options = {"speed": speed} | ({} if path_seed is None else {"seed": path_seed})
+    return Case(make_task(task, **options), policy)
+
+
+def disturbed(policy: str, task: str, width: float | None, variation: Variation) -> Case:
+    """An episode on a robot that no policy knows; a step has a width [m]."""
+    made = make_task(task, width)
+    if width is None:
+        return Case(made, policy, variation=variation)
+    return Case(made, policy, variation, duration=STEP_DURATION)
+
+
 def run_case(case: Case) -> Row:
-    """Run an episode; see `generalization.run` for the row."""
-    task = case.make_task()
-    env = TrackingEnv(task, observe="all", **policy_environment(case.policy))
-    policy = make_policy(case.policy, task.robot, env.control_period)
-    warm_up(env, policy)
-    options: dict[str, object] = {"vary": case.variation}
-    if case.step_width is not None:
-        options["duration"] = STEP_DURATION
-    rollout = run_episode(env, policy, seed=0, options=options)
-    row = make_row(rollout, task, case.policy, MUJOCO, case.variation)
-    row |= {"part": case.part, "speed": case.speed, "path_seed": case.path_seed, "seed": 0}
-    row["decision_period"] = policy.hold * env.control_period
-    failed = rollout.failure is not None
-    return row | {"tension_max": None if failed else float(rollout.tendon_tension.max())}
+    """Run an episode."""
+    task = case.task
+    part = "disturbed" if task.speed is None else "unseen"
+    return record_of(run(case), Row, part=part, speed=task.speed, path_seed=task.seed)

@@ -1,31 +1,20 @@
 """Error against speed on unseen references, and a map of errors on disturbed robots."""
 
-from itertools import cycle
 from pathlib import Path
 from statistics import median
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.benchmarks.controllers.curves import COLOURS, OTHER, finish, new_figure
-from softrobot_env.benchmarks.controllers.rows import names, one, select
+from softrobot_env.benchmarks.episodes import names, one
 from softrobot_env.benchmarks.generalization.cases import SPEEDS, TASKS, Row, variation_name
+from softrobot_env.benchmarks.records import select
+from softrobot_env.rendering.curves import finish
+from softrobot_env.rendering.figures import new_figure, save, style_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-#: Colours of policies that have none in the figures of the thesis' controllers.
-_COLOURS = COLOURS | {
-    "imitation": "#000000",
-    "ppo": "#E41A1C",
-    "sac": "#8C564B",
-    "ppo_randomized": "#FF9896",
-    "sac_randomized": "#C49C94",
-}
-
-#: Markers, one per policy in the order of their first rows.
-_MARKERS = "osD^v<>PX*hp"
 
 _TITLES = {
     "circle": "circle, radius 40 mm",
@@ -55,9 +44,9 @@ def plot(rows: list[Row], path: Path | str) -> None:
     path = Path(path)
     unseen, disturbed = select(rows, part="unseen"), select(rows, part="disturbed")
     if unseen:
-        _speeds(unseen).savefig(path, dpi=130)
+        save(_speeds(unseen), path)
     if disturbed:
-        _map(disturbed).savefig(path.with_name(f"{path.stem}_disturbed.png"), dpi=130)
+        save(_map(disturbed), path.with_name(f"{path.stem}_disturbed.png"))
 
 
 # ---------------------------------------------------------------- error against speed
@@ -69,39 +58,41 @@ def _speeds(rows: list[Row]) -> "Figure":
         for axis, task in zip(row_of_axes, SPEEDS, strict=True):
             _scale(axis, SPEEDS[task], row_of_axes[0])
         for axis, task in zip(row_of_axes, SPEEDS, strict=True):
-            for policy, marker in zip(names(rows), cycle(_MARKERS), strict=False):
-                _draw_policy(axis, select(rows, task=task, policy=policy), metric, marker)
+            for policy in names(rows):
+                _draw_policy(axis, select(rows, task=task, policy=policy), metric)
         row_of_axes[0].set_ylabel(text)
     for axis, task in zip(axes[0], SPEEDS, strict=True):
         axis.set_title(_TITLES[task], fontsize=10)
     for axis in axes[-1]:
         axis.set_xlabel("largest speed of the reference [m/s]")
-    return finish(figure, axes, "References that no policy has met; crosses at the top: failed")
+    return finish(
+        figure, axes[0, 0], "References that no policy has met; crosses at the top: failed"
+    )
 
 
-def _draw_policy(axis: "Axes", rows: list[Row], metric: str, marker: str) -> None:
+def _draw_policy(axis: "Axes", rows: list[Row], metric: str) -> None:
     """Median over the seeds at each speed, with a bar to the worst; a cross where any failed."""
     if not rows:
         return
-    policy = rows[0]["policy"]
-    colour = _COLOURS.get(policy, OTHER)
-    speeds = sorted({row["speed"] for row in rows})
+    policy = rows[0].policy
+    style = style_of(policy)
+    speeds = sorted({row.speed for row in rows})
     values = [_values(rows, speed, metric) for speed in speeds]
     middle = np.array([median(v) if v else np.nan for v in values])
     worst = np.array([max(v, default=np.nan) for v in values])
     bars = [np.zeros(len(speeds)), worst - middle]
-    style = {"color": colour, "marker": marker, "markersize": 5, "capsize": 2}
-    axis.errorbar(speeds, middle, bars, linewidth=1.2, elinewidth=0.7, label=policy, **style)
+    line = {"markersize": 5, "capsize": 2, "linewidth": 1.2, "elinewidth": 0.7}
+    axis.errorbar(speeds, middle, bars, label=policy, **(style.curve | style.points), **line)
     for speed in (s for s, v in zip(speeds, values, strict=True) if not v):
-        axis.plot(speed, 0.99, "x", color=colour, transform=axis.get_xaxis_transform())
+        axis.plot(speed, 0.99, "x", color=style.colour, transform=axis.get_xaxis_transform())
 
 
 def _values(rows: list[Row], speed: float, metric: str) -> list[float]:
     """Errors [mm] at a speed; none if any run failed."""
     mine = select(rows, speed=speed)
-    if any(row["failure"] is not None for row in mine):
+    if any(row.failure is not None for row in mine):
         return []
-    return [1e3 * row[metric] for row in mine]
+    return [1e3 * getattr(row, metric) for row in mine]
 
 
 def _scale(axis: "Axes", speeds: tuple[float, ...], first: "Axes") -> None:
@@ -128,7 +119,7 @@ def _map(rows: list[Row]) -> "Figure":
 
 def _variations(rows: list[Row]) -> list[dict[str, float]]:
     """Those that occur, in the order of their first rows."""
-    return list({variation_name(row["variation"]): row["variation"] for row in rows}.values())
+    return list({variation_name(row.variation): row.variation for row in rows}.values())
 
 
 def _draw_panel(axis: "Axes", rows: list[Row], task: str) -> None:
@@ -155,14 +146,14 @@ def _draw_panel(axis: "Axes", rows: list[Row], task: str) -> None:
 
 
 def _number(row: Row | None, metric: str, factor: float) -> float:
-    value = None if row is None else row[metric]
+    value = None if row is None else getattr(row, metric)
     return np.nan if value is None else factor * value
 
 
 def _write(axis: "Axes", place: tuple[int, int], row: Row | None, value: float, dark: bool) -> None:
     """The number in a cell, or what there is in its place."""
     if np.isnan(value):
-        text = "-" if row is None or row["failure"] is None else "failed"
+        text = "-" if row is None or row.failure is None else "failed"
         style = {"color": "black" if text == "-" else "#A50026"}
     else:
         text, style = f"{value:.{_digits(value)}f}", {"color": "white" if dark else "black"}

@@ -7,8 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.benchmarks.controllers.cells import cell, new_table, number
-from softrobot_env.benchmarks.controllers.rows import names, select
+from softrobot_env.benchmarks.episodes import names
 from softrobot_env.benchmarks.generalization.cases import (
     DISTURBANCES,
     NOMINAL,
@@ -19,6 +18,10 @@ from softrobot_env.benchmarks.generalization.cases import (
     Variation,
     variation_name,
 )
+from softrobot_env.benchmarks.records import select
+from softrobot_env.evaluation.labels import task_label
+from softrobot_env.rendering.quantities import cell, number
+from softrobot_env.rendering.tables import Column, make_table, new_table
 
 _ERRORS = {"e_max": "largest error in mm", "e_rms": "rms error in mm"}
 _STEP = {"overshoot": "overshoot in %", "settling_time": "settling time in s"}
@@ -69,7 +72,7 @@ def _disturbed_tables(rows: list[Row]) -> Iterator[Table]:
         for metric, text in metrics.items():
             for group, (nominal, *varied) in _GROUPS.items():
                 columns = {_heading(v): {"variation": v} for v in (nominal, *varied)}
-                if any(row["variation"] in varied for row in mine):
+                if any(row.variation in varied for row in mine):
                     yield _table(f"{title} on {group}: {text}", mine, columns, metric)
 
 
@@ -98,23 +101,18 @@ def _cell(rows: Sequence[Row], metric: str) -> str:
     """A value, or median and worst of several seeds; how many failed if any did."""
     if len(rows) <= 1:
         return cell(rows[0] if rows else None, metric)
-    failed = sum(row["failure"] is not None for row in rows)
+    failed = sum(row.failure is not None for row in rows)
     if failed:
         return f"{failed} of {len(rows)} failed"
-    values = [row[metric] for row in rows]
+    values = [getattr(row, metric) for row in rows]
     return f"{number(median(values), metric)} / {number(max(values), metric)}"
 
 
 def _failures(rows: list[Row]) -> Table:
-    out = new_table("Failed", ("policy", "task", "variation", "failure"), ())
-    for row in select(rows):
-        if row["failure"] is not None:
-            out.add_row(row["policy"], _task(row), variation_name(row["variation"]), row["failure"])
-    return out
-
-
-def _task(row: Row) -> str:
-    parts = [row["task"]]
-    parts += [] if row["path_seed"] is None else [str(row["path_seed"])]
-    parts += [] if row["speed"] is None else [f"{row['speed']:g} m/s"]
-    return " ".join(parts)
+    columns = (
+        Column("policy"),
+        Column("task", lambda row: task_label(row.row())),
+        Column("variation", lambda row: variation_name(row.variation)),
+        Column("failure"),
+    )
+    return make_table("Failed", columns, (row for row in rows if row.failure is not None))

@@ -50,7 +50,7 @@ class Case:
         )
 
 
-#: Name of the artefact or curve -> training.
+#: Name of the artifact or curve -> training.
 CASES = {
     "ppo": Case("ppo", warm=False, disturbed=False),
     "sac": Case("sac", warm=False, disturbed=False),
@@ -75,7 +75,7 @@ class Run:
     Attributes:
         name, seed: Key in `CASES` (or `IMITATION`), and seed.
         network: What came out.
-        curve: Trials during the training, none of an imitation.
+        curve: Closed-loop checks during the training, none of an imitation.
         minutes: That it took.
     """
 

@@ -4,49 +4,38 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Row
+from softrobot_env.benchmarks.learning.run import Row
+from softrobot_env.benchmarks.records import groups
+from softrobot_env.rendering.curves import finish
+from softrobot_env.rendering.figures import new_figure, save, style_of
 
-_COLOURS = {
-    "ppo": "#1f77b4",
-    "ppo_randomized": "#17becf",
-    "sac": "#d62728",
-    "sac_randomized": "#ff7f0e",
-    "ppo_tuned": "#7f7f7f",
+_LABELS = {
+    "reward": "mean reward of the checks",
+    "max_mm": "largest error on swing and L-shape [mm]",
 }
 
 
 def plot(rows: list[Row], path: Path | str) -> None:
-    """Draw the trials over environment steps: median of the seeds, and all that lies between."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, 2, figsize=(11, 4.2), layout="constrained")
-    for name in dict.fromkeys(row["policy"] for row in rows if row["curve"]):
-        curves = [row["curve"] for row in rows if row["policy"] == name]
-        for axis, entry in zip(axes, ("reward", "max_mm"), strict=True):
-            steps, values = _common(curves, entry)
-            steps = steps / 1e6
-            colour = _COLOURS.get(name, "black")
-            axis.plot(steps, np.median(values, axis=0), color=colour, label=name)
-            axis.fill_between(
-                steps, values.min(axis=0), values.max(axis=0), color=colour, alpha=0.2, lw=0
-            )
-    axes[0].set_ylabel("mean reward of the trials")
-    axes[1].set_ylabel("largest error on swing and L-shape [mm]")
+    """Draw the checks over environment steps: median of the seeds, and all that lies between."""
+    figure, (axes,) = new_figure(1, 2, (11, 4.2))
+    learned = groups((row for row in rows if row.curve), "policy")
+    for axis, (entry, label) in zip(axes, _LABELS.items(), strict=True):
+        for (name,), mine in learned.items():
+            steps, values = _common([row.curve for row in mine], entry)
+            style = style_of(name)
+            line = {**style.curve, "marker": ".", "label": name}
+            axis.plot(steps / 1e6, np.median(values, axis=0), **line)
+            least, most = values.min(axis=0), values.max(axis=0)
+            axis.fill_between(steps / 1e6, least, most, color=style.colour, alpha=0.2, lw=0)
+        axis.set(xlabel="environment steps [million]", ylabel=label)
+        axis.locator_params(axis="x", nbins=5)
     axes[1].set_yscale("log")
-    for axis in axes:
-        axis.set_xlabel("environment steps [million]")
-        axis.grid(alpha=0.3)
-    axes[0].legend(fontsize=8)
-    figure.suptitle("Trials of the mean action during training: median and range of the seeds")
-    figure.savefig(path, dpi=130)
-    pyplot.close(figure)
+    title = "Closed-loop checks of the mean action during training: median and range of the seeds"
+    save(finish(figure, axes[0], title), path)
 
 
 def _common(curves: list[list[dict[str, float]]], entry: str) -> tuple[np.ndarray, np.ndarray]:
-    """Steps (k,) of the trials of all seeds, and values (seeds, k)."""
+    """Steps (k,) of the checks of all seeds, and values (seeds, k)."""
     count = min(len(curve) for curve in curves)
     steps = np.array([point["steps"] for point in curves[0][:count]])
     return steps, np.array([[point[entry] for point in curve[:count]] for curve in curves])

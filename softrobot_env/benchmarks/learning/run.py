@@ -1,9 +1,11 @@
 """Learning curves and figures of trained policies over several seeds."""
 
-from concurrent.futures import as_completed
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
-from softrobot_env.benchmarks.jobs import Progress, Row
+from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.learning.cases import (
     CASES,
     CHAINS,
@@ -12,8 +14,8 @@ from softrobot_env.benchmarks.learning.cases import (
     load_run,
     run_chain,
 )
-from softrobot_env.processes import worker_processes
-from softrobot_env.training.closed_loop_check import trial
+from softrobot_env.benchmarks.records import Record
+from softrobot_env.training.closed_loop_check import check
 from softrobot_env.training.rl_config import DISTURBED
 
 SEEDS = (0, 1, 2)
@@ -23,6 +25,35 @@ FOLDER = Path("out") / "learning"
 
 #: Processes that train at the same time, each on one core.
 _PROCESSES = 2
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """A training and closed-loop checks of its network; lengths in [m].
+
+    Attributes:
+        policy, seed: What was trained.
+        minutes: That it took.
+        curve: Closed-loop checks during the training, see `watch.Point`.
+        swing_max, lshape_max: Largest error on the nominal robot.
+        overshoot, settling_time: [1] and [s] of a step of 50 mm; None where it has none.
+        worst_modulus: Largest error on swing and L-shape with another Young's modulus.
+        worst: The same with all other robots and disturbances as well.
+        failures, trials: Numbers of failed episodes and of all.
+    """
+
+    policy: str
+    seed: int
+    minutes: float
+    curve: list[dict[str, Any]]
+    swing_max: float
+    lshape_max: float
+    overshoot: float | None
+    settling_time: float | None
+    worst_modulus: float
+    worst: float
+    failures: int
+    trials: int
 
 
 def run(quick: bool, progress: Progress | None = None) -> list[Row]:
@@ -35,46 +66,34 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     seeds, folder = (SEEDS[:1], FOLDER / "quick") if quick else (SEEDS, FOLDER)
     show = progress or (lambda text, done, total: None)
     jobs = [(chain, seed) for seed in seeds for chain in CHAINS]
-    with worker_processes(_PROCESSES) as pool:
-        waiting = [pool.submit(run_chain, *job, folder, quick) for job in jobs]
-        show("training", 0, len(jobs))
-        for done, future in enumerate(as_completed(waiting)):
-            future.result()
-            show("training", done + 1, len(jobs))
+    show("training", 0, len(jobs))
+    tasks = [("training", partial(run_chain, *job, folder, quick)) for job in jobs]
+    run_in_processes(tasks, show, _PROCESSES)
     rows = []
     names = (IMITATION, *CASES)
     for k, name in enumerate(names):
-        show(f"trials of {name}", k, len(names))
+        show(f"closed-loop checks of {name}", k, len(names))
         rows += [_row(load_run(name, seed, folder), quick) for seed in seeds]
     return rows
 
 
 def _row(run: Run, quick: bool) -> Row:
     """Figures of a network, on the nominal robot and on others."""
-    rows = trial(run.network, ({},) if quick else DISTURBED, 0.2 if quick else None)
-    nominal = {name: row for name, row in rows.items() if "," not in name}
-    tracking = [row["max_mm"] for name, row in rows.items() if not name.startswith("step")]
-    moduli = [
-        row["max_mm"]
-        for name, row in rows.items()
-        if "," not in name or "youngs_modulus" in name
-        if not name.startswith("step")
-    ]
-    return {
-        "policy": run.name,
-        "seed": run.seed,
-        "minutes": run.minutes,
-        "curve": run.curve,
-        "swing_max": 1e-3 * nominal["swing"]["max_mm"],
-        "lshape_max": 1e-3 * nominal["lshape"]["max_mm"],
-        "overshoot": _share(nominal["step 50 mm"]["overshoot_percent"]),
-        "settling_time": nominal["step 50 mm"]["settling_s"],
-        "worst_modulus": 1e-3 * max(moduli),
-        "worst": 1e-3 * max(tracking),
-        "failures": sum(row["failure"] is not None for row in rows.values()),
-        "trials": len(rows),
-    }
-
-
-def _share(percent: float | None) -> float | None:
-    return None if percent is None else percent / 100
+    rows = check(run.network, ({},) if quick else DISTURBED, 0.2 if quick else None)
+    tracking = {name: row.max_mm for name, row in rows.items() if row.step_width is None}
+    moduli = [e for name, e in tracking.items() if "," not in name or "youngs_modulus" in name]
+    step = rows["step 50 mm"]
+    return Row(
+        policy=run.name,
+        seed=run.seed,
+        minutes=run.minutes,
+        curve=run.curve,
+        swing_max=1e-3 * tracking["swing"],
+        lshape_max=1e-3 * tracking["lshape"],
+        overshoot=None if step.overshoot_percent is None else step.overshoot_percent / 100,
+        settling_time=step.settling_s,
+        worst_modulus=1e-3 * max(moduli),
+        worst=1e-3 * max(tracking.values()),
+        failures=sum(row.failure is not None for row in rows.values()),
+        trials=len(rows),
+    )

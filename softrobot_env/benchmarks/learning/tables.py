@@ -1,14 +1,14 @@
 """Tables of `benchmarks.learning`: median, least and largest of the seeds."""
 
-from collections.abc import Callable
 from statistics import median
 
 from rich.console import Group
-from rich.table import Table
 
-from softrobot_env.benchmarks.jobs import Row
+from softrobot_env.benchmarks.learning.run import Row
+from softrobot_env.benchmarks.records import groups
+from softrobot_env.rendering.tables import PlainTable, pivot_table
 
-#: Tables: title, and heading -> entry of a row, and factor to the unit of the heading.
+#: Tables: title, and heading -> field of a row, and factor to the unit of the heading.
 _TABLES: dict[str, dict[str, tuple[str, float]]] = {
     "nominal robot": {
         "swing max mm": ("swing_max", 1e3),
@@ -26,41 +26,42 @@ _TABLES: dict[str, dict[str, tuple[str, float]]] = {
 
 
 def tables(rows: list[Row]) -> Group:
-    """One row per training."""
-    seeds = len({row["seed"] for row in rows})
-    parts = [_table(rows, columns, f"{title}: {seeds} seeds") for title, columns in _TABLES.items()]
+    """One line per training."""
+    trainings = {name: mine for (name,), mine in groups(rows, "policy").items()}
+    seeds = len({row.seed for row in rows})
+    parts = [_table(trainings, columns, title, seeds) for title, columns in _TABLES.items()]
     return Group(*parts, _notes(rows))
 
 
-def _table(rows: list[Row], columns: dict[str, tuple[str, float]], title: str) -> Table:
-    table = Table("training", *columns, title=f"{title}, median (least to largest)")
-    for name in dict.fromkeys(row["policy"] for row in rows):
-        mine = [row for row in rows if row["policy"] == name]
-        table.add_row(name, *(_cell(mine, *column) for column in columns.values()))
-    return table
+def _table(
+    trainings: dict[str, list[Row]],
+    columns: dict[str, tuple[str, float]],
+    title: str,
+    seeds: int,
+) -> PlainTable:
+    title = f"{title}: {seeds} seeds, median (least to largest)"
+    return pivot_table(title, "training", trainings, columns, lambda rows, what: _cell(rows, *what))
 
 
-def _cell(rows: list[Row], entry: str, factor: float) -> str:
-    values = [factor * row[entry] for row in rows if row[entry] is not None]
+def _cell(rows: list[Row], name: str, factor: float) -> str:
+    found = [getattr(row, name) for row in rows]
+    values = [factor * value for value in found if value is not None]
     if not values:
         return "-"
     missing = "" if len(values) == len(rows) else f", {len(rows) - len(values)} never"
-    text = _digits(max(values))
+    form = ".0f" if max(values) >= 100 else ".3g"
     if len(values) == 1:
-        return text(values[0]) + missing
-    return f"{text(median(values))} ({text(min(values))} to {text(max(values))}{missing})"
-
-
-def _digits(largest: float) -> Callable[[float], str]:
-    return lambda value: f"{value:.0f}" if largest >= 100 else f"{value:.3g}"
+        return format(values[0], form) + missing
+    middle, least, most = (format(f(values), form) for f in (median, min, max))
+    return f"{middle} ({least} to {most}{missing})"
 
 
 def _notes(rows: list[Row]) -> str:
     return (
-        f"Trials: swing, L-shape and steps of 50, 100 and 200 mm, {rows[0]['trials']} in all: "
-        "nominal, Young's modulus x 0.5 and 1.5, and (disturbed) density x 0.6, damping x 0.5, "
-        "tension gain 0.9, friction 0.5 N, delay 10 ms, sensor noise 1 as well. The best network "
-        "of a training was chosen by the first kinds of trials, of a randomised one by all. Failed "
-        "trials count up to their failure. Minutes on one core, two trainings at a time; a warm "
-        "training comes after its imitation."
+        f"Closed-loop checks: swing, L-shape and steps of 50, 100 and 200 mm, {rows[0].trials} in "
+        "all: nominal, Young's modulus x 0.5 and 1.5, and (disturbed) density x 0.6, damping x "
+        "0.5, tension gain 0.9, friction 0.5 N, delay 10 ms, sensor noise 1 as well. The best "
+        "network of a training was chosen by the first kinds of checks, of a randomised one by "
+        "all. Failed checks count up to their failure. Minutes on one core, two trainings at a "
+        "time; a warm training comes after its imitation."
     )

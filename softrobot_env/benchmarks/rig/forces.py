@@ -12,7 +12,6 @@ RADIUS = 0.09
 SLOWEST, FASTEST = 0.015, 63.0
 
 _INSTANTS = 60  # per lap
-_OMEGA = "omega_rad_s"
 #: Angular velocity [1/s] of the least force in the thesis, and of the balance of stiffness and
 #: centripetal moment with its printed parameters (audit).
 _THESIS, _AUDIT = 2.8, 8.6
@@ -67,23 +66,16 @@ def force_rows(robot: RobotParams = RIG, count: int = 61) -> list[Row]:
         robot: The rig.
         count: Number of angular velocities, in geometric sequence.
     """
-    servo, case = ServoConstraints(robot), f"circle of {1e3 * RADIUS:g} mm"
+    servo, what = ServoConstraints(robot), (f"circle of {1e3 * RADIUS:g} mm", "pcc", 1)
     rows = []
     for omega in np.geomspace(SLOWEST, FASTEST, count):
         force, phase = effective_force(servo, RADIUS, omega)
-        x = (_OMEGA, omega)
-        rows.append(make_row("5.14a", case, "pcc", 1, "effective_force_N", force, x).row())
-        rows.append(make_row("5.14b", case, "pcc", 1, "phase_rad", phase, x).row())
-    least = make_row(
-        "5.14a",
-        case,
-        "pcc",
-        1,
-        "omega_of_least_force_rad_s",
-        least_force(servo),
-        thesis=_THESIS,
-        note="damping puts it below the balance; 2.8 does not follow from the printed parameters",
-    )
-    name = "omega_of_balance_rad_s"
-    even = make_row("5.14b", case, "pcc", 1, name, balance(servo), audit=_AUDIT)
-    return [*rows, least.row(), even.row()]
+        x = ("omega_rad_s", omega)
+        rows.append(make_row("5.14a", *what, "effective_force_N", force, x))
+        rows.append(make_row("5.14b", *what, "phase_rad", phase, x))
+    note = "damping puts it below the balance; 2.8 does not follow from the printed parameters"
+    least, name = least_force(servo), "omega_of_least_force_rad_s"
+    rows.append(make_row("5.14a", *what, name, least, thesis=_THESIS, note=note))
+    even, name = balance(servo), "omega_of_balance_rad_s"
+    rows.append(make_row("5.14b", *what, name, even, audit=_AUDIT))
+    return rows

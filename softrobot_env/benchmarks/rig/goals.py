@@ -1,10 +1,12 @@
 """Goals for the rig's controllers, and whether a run of the benchmark met them."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from statistics import median
 
-from softrobot_env.benchmarks.jobs import Row
-from softrobot_env.benchmarks.rig.cases import FAST, SLOW
+from softrobot_env.benchmarks.episodes import names
+from softrobot_env.benchmarks.records import Record, select
+from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow
 from softrobot_env.evaluation.thesis import TRIANGLE
 
 #: The thesis' controller, and that with the model in several pieces, which a real rig is.
@@ -19,24 +21,40 @@ _STEP = 0.020  # s, the control period
 _NAMES = ("e_mean", "e_max")
 
 
-def rows(found: list[Row]) -> list[Row]:
-    """Goals and what rows of the benchmark say about them, medians over the twins.
+@dataclass(frozen=True)
+class GoalRow(Record):
+    """A goal, and what was found.
 
-    Returns:
-        Rows with goal, policy, unit ("mm", "ms", "x" or "") to show, value, limit and met; value is
-        None where an episode failed.
+    Attributes:
+        goal: For people.
+        policy: That is judged; "" where it is a ranking.
+        unit: "mm", "ms", "x" or "", to show.
+        value: In SI units; None where an episode failed.
+        limit: The least or largest allowed.
+        met: Whether it was met.
     """
-    twins = [row for row in found if row.get("twin") is not None]
+
+    goal: str
+    policy: str
+    unit: str
+    value: float | None
+    limit: float
+    met: bool
+
+
+def rows(found: list[LapsRow]) -> list[GoalRow]:
+    """Goals and what episodes say about them, medians over the twins."""
+    twins = [row for row in found if row.twin is not None]
     return [*_accuracy(twins), *_ranking(twins), *_speed(twins)] if twins else []
 
 
-def middle(rows: list[Row], name: str, policy: str, period: float) -> float | None:
+def middle(rows: list[LapsRow], name: str, policy: str, period: float) -> float | None:
     """Median of a value over the rigs; None if one of them failed, or none was run."""
-    values = [row[name] for row in rows if (row["policy"], row["period"]) == (policy, period)]
+    values = [getattr(row, name) for row in select(rows, policy=policy, period=period)]
     return None if not values or None in values else median(values)
 
 
-def _accuracy(twins: list[Row]) -> Iterator[Row]:
+def _accuracy(twins: list[LapsRow]) -> Iterator[GoalRow]:
     for policy in _HYBRIDS:
         for period in (SLOW, FAST):
             for name, limit in zip(_NAMES, TRIANGLE["hybrid", period], strict=True):
@@ -46,7 +64,7 @@ def _accuracy(twins: list[Row]) -> Iterator[Row]:
     yield _at_most(text, _BEST, "mm", middle(twins, "e_mean", _BEST, FAST), _BEYOND)
 
 
-def _ranking(twins: list[Row]) -> Iterator[Row]:
+def _ranking(twins: list[LapsRow]) -> Iterator[GoalRow]:
     """By mean errors; a value of 1 says that it is the thesis'."""
     network, model, hybrid = "rig_nn", "inverse_dynamics", "hybrid"
     slow, fast = (
@@ -62,24 +80,19 @@ def _ranking(twins: list[Row]) -> Iterator[Row]:
         yield _true(text, None not in values and values == sorted(values))
 
 
-def _speed(twins: list[Row]) -> Iterator[Row]:
-    for policy in dict.fromkeys(row["policy"] for row in twins):
-        mine = [row for row in twins if row["policy"] == policy]
-        factor = median(row["computing_factor"] for row in mine)
-        goal = _goal("inputs, times real time", policy, "x", factor, _SPEED)
-        yield goal | {"met": factor >= _SPEED}
-        longest = median(row["policy_time_p99"] for row in mine)
+def _speed(twins: list[LapsRow]) -> Iterator[GoalRow]:
+    for policy in names(twins):
+        mine = select(twins, policy=policy)
+        factor = median(row.computing_factor for row in mine)
+        text = "inputs, times real time"
+        yield GoalRow(text, policy, "x", factor, _SPEED, factor >= _SPEED)
+        longest = median(row.policy_time_p99 for row in mine)
         yield _at_most("99 % of the decisions", policy, "ms", longest, _STEP)
 
 
-def _goal(text: str, policy: str, unit: str, value: float | None, limit: float) -> Row:
-    return {"goal": text, "policy": policy, "unit": unit, "value": value, "limit": limit}
+def _at_most(text: str, policy: str, unit: str, value: float | None, limit: float) -> GoalRow:
+    return GoalRow(text, policy, unit, value, limit, value is not None and value <= limit)
 
 
-def _at_most(text: str, policy: str, unit: str, value: float | None, limit: float) -> Row:
-    goal = _goal(text, policy, unit, value, limit)
-    return goal | {"met": value is not None and value <= limit}
-
-
-def _true(text: str, met: bool) -> Row:
-    return _goal(text, "", "", float(met), 1.0) | {"met": met}
+def _true(text: str, met: bool) -> GoalRow:
+    return GoalRow(text, "", "", float(met), 1.0, met)

@@ -5,24 +5,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.benchmarks.controllers.curves import new_figure
-from softrobot_env.benchmarks.jobs import Row
-from softrobot_env.benchmarks.rig.cases import FAST, SLOW
-from softrobot_env.benchmarks.rig.tables import episodes
+from softrobot_env.benchmarks.episodes import of_kind, one
+from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow
+from softrobot_env.benchmarks.rig.run import Row
+from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.rendering.curves import draw, draw_path, finish, longest, policy_curves
+from softrobot_env.rendering.figures import REFERENCE, new_figure, save, style_of
+from softrobot_env.robots import LENGTH_SCALE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-#: One colour per policy in every figure.
-_COLOURS = {
-    "rig_nn": "#D55E00",
-    "inverse_dynamics": "#0072B2",
-    "inverse_dynamics_ahead": "#56B4E9",
-    "hybrid": "#009E73",
-    "hybrid_ahead": "#E69F00",
-    "hybrid_flexible": "#CC79A7",
-    "hybrid_calibrated": "#882255",
-}
+    from matplotlib.figure import Figure
 
 #: Name of the figure -> title, period and policies of its paths.
 _PATHS = {
@@ -32,8 +27,6 @@ _PATHS = {
     "beyond": ("Beyond the thesis", FAST, ("hybrid", "hybrid_flexible", "hybrid_calibrated")),
 }
 
-_REFERENCE = {"color": "black", "linestyle": (0, (4, 2)), "linewidth": 0.9, "zorder": 5}
-
 
 def plot(rows: list[Row], path: Path | str) -> None:
     """Draw as PNG what there are rows for.
@@ -42,88 +35,73 @@ def plot(rows: list[Row], path: Path | str) -> None:
         rows: Rows of `benchmarks.rig.run`.
         path: A file in the folder of the figures, which have names of their own (`fig_5_10.png`).
     """
-    traces = {(r["policy"], r["period"]): r["trace"] for r in episodes(rows) if "trace" in r}
+    laps = [row for row in of_kind(rows, LapsRow) if row.trace is not None]
+    traces = {(row.policy, row.period): row.trace for row in laps}
     path = Path(path)
     for name, (title, period, policies) in _PATHS.items():
         mine = {p: traces[p, period] for p in policies if (p, period) in traces}
         if mine:
-            _draw_tracking(mine, f"{title}  triangle, T = {period:g} s", path.with_stem(name))
+            text = f"{title}  triangle, T = {period:g} s"
+            save(_tracking(mine, text), path.with_stem(name))
     pair = [traces.get((name, FAST)) for name in ("rig_nn", "hybrid")]
     if None not in pair:
-        _draw_parts(*pair, path.with_stem("fig_5_13"))
-    forces = [row for row in rows if row.get("figure", "").startswith("5.14")]
+        save(_parts(*pair), path.with_stem("fig_5_13"))
+    forces = of_kind(rows, ForceRow)
     if forces:
-        _draw_forces(forces, path.with_stem("fig_5_14"))
+        save(_forces(forces), path.with_stem("fig_5_14"))
 
 
-def _draw_tracking(traces: dict[str, dict], title: str, path: Path) -> None:
+def _tracking(traces: dict[str, Rollout], title: str) -> "Figure":
     """Paths on the left, errors over time on the right."""
-    figure, axes = new_figure(1, 2, (10.5, 4.8))
-    left, right = axes[0]
-    one = next(iter(traces.values()))
-    lap = (
-        one["time"] <= one["time"][-1] * 2 / 7
-    )  # the first; the dashes of several laps would fill each other
-    for name, trace in traces.items():
-        line = {"color": _COLOURS[name], "linewidth": 1.1, "label": name}
-        left.plot(*(1e3 * trace["tip"]).T, **line)
-        right.plot(trace["time"], 1e3 * trace["error"], **line)
-    left.plot(*(1e3 * one["reference"][lap]).T, **_REFERENCE, label="reference")
-    left.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]")
+    figure, ((left, right),) = new_figure(1, 2, (10.5, 4.8))
+    curves = policy_curves(traces)
+    whole = longest(curves)
+    # Two of the seven laps; the dashes of several would fill each other.
+    draw_path(left, curves, whole.reference[whole.time <= whole.time[-1] * 2 / 7], "xy")
+    draw(right, curves, lambda rollout: 1e3 * rollout.error)
     right.set(xlabel="time after the approach [s]", ylabel="error [mm]")
     right.set_ylim(bottom=0)
-    _finish(figure, left, title, path)
+    return finish(figure, left, title)
 
 
-def _draw_parts(network: dict, hybrid: dict, path: Path) -> None:
+def _parts(network: Rollout, hybrid: Rollout) -> "Figure":
     """Both parts of the first tendon's length: what the hybrid adds is the dynamic one."""
-    figure, axes = new_figure(1, 1, (9.0, 4.2))
-    axis = axes[0, 0]
-    quasi_static, both = (1e3 * trace["lengths"][:, 0] for trace in (network, hybrid))
+    figure, ((axis,),) = new_figure(1, 1, (9.0, 4.2))
+    quasi_static, both = (1e3 * LENGTH_SCALE * r.action[:, 0] for r in (network, hybrid))
     curves = (
-        ("quasi-static part: network", quasi_static, _COLOURS["rig_nn"]),
-        ("dynamic part: inverse dynamics", both - quasi_static, _COLOURS["inverse_dynamics"]),
-        ("hybrid", both, _COLOURS["hybrid"]),
+        ("quasi-static part: network", quasi_static, "rig_nn"),
+        ("dynamic part: inverse dynamics", both - quasi_static, "inverse_dynamics"),
+        ("hybrid", both, "hybrid"),
     )
-    for label, values, colour in curves:
-        axis.plot(network["time"], values, color=colour, linewidth=1.2, label=label)
+    for label, values, policy in curves:
+        axis.plot(network.time, values, **style_of(policy).curve, linewidth=1.2, label=label)
     axis.set(xlabel="time after the approach [s]", ylabel="$s_1$ [mm]")
-    _finish(figure, axis, f"Fig. 5.13  length of tendon 1, triangle, T = {FAST:g} s", path)
+    return finish(figure, axis, f"Fig. 5.13  length of tendon 1, triangle, T = {FAST:g} s")
 
 
-def _draw_forces(rows: list[Row], path: Path) -> None:
+def _forces(rows: list[ForceRow]) -> "Figure":
     """Effective tendon force and its phase over the angular velocity."""
-    figure, axes = new_figure(2, 1, (7.5, 5.6))
-    for axis, name in zip(axes[:, 0], ("effective_force_N", "phase_rad"), strict=True):
-        mine = [row for row in rows if row["y_name"] == name]
-        x, y = (np.array([row[key] for row in mine]) for key in ("x", "y"))
-        axis.plot(
-            x, np.degrees(y) if name == "phase_rad" else y, color=_COLOURS["inverse_dynamics"]
-        )
-        axis.set_xscale("log")
-    for row in rows:
-        if row["y_name"] == "omega_of_least_force_rad_s":
-            _mark(axes[0, 0], row["y"], "least force")
-        if row["y_name"] == "omega_of_balance_rad_s":
-            _mark(axes[1, 0], row["y"], "stiffness and inertia in balance")
-    axes[0, 0].set(yscale="log", ylabel="effective force [N]")
-    axes[1, 0].set(xlabel="angular velocity [rad/s]", ylabel="ahead of the output [deg]")
-    axes[1, 0].set_yticks([0, 45, 90, 135, 180])
-    for axis in axes[:, 0]:
-        axis.legend(fontsize=9, frameon=False)
+    figure, ((top,), (bottom,)) = new_figure(2, 1, (7.5, 5.6))
+    _over_omega(top, select(rows, y_name="effective_force_N"), 1.0)
+    _over_omega(bottom, select(rows, y_name="phase_rad"), 180 / np.pi)
+    _mark(top, rows, "omega_of_least_force_rad_s", "least force")
+    _mark(bottom, rows, "omega_of_balance_rad_s", "stiffness and inertia in balance")
+    top.set(yscale="log", ylabel="effective force [N]")
+    bottom.set(xlabel="angular velocity [rad/s]", ylabel="ahead of the output [deg]")
+    bottom.set_yticks([0, 45, 90, 135, 180])
     figure.suptitle("Fig. 5.14  circle of 90 mm", fontsize=11)
-    figure.savefig(path, dpi=130)
+    return figure
 
 
-def _mark(axis: "Axes", x: float, what: str) -> None:
-    axis.axvline(x, color="0.4", linewidth=0.9, ls=(0, (4, 2)), label=f"{what}: {x:.2g} rad/s")
+def _over_omega(axis: "Axes", rows: list[ForceRow], factor: float) -> None:
+    points = [(row.x, factor * row.y) for row in rows]
+    axis.plot(*zip(*points, strict=True), **style_of("inverse_dynamics").curve)
+    axis.set_xscale("log")
 
 
-def _finish(figure: object, axis: "Axes", title: str, path: Path) -> None:
-    """Title, legend below the axes, file."""
-    handles, labels = axis.get_legend_handles_labels()
-    figure.suptitle(title, fontsize=11)
-    figure.legend(
-        handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9
-    )
-    figure.savefig(path, dpi=130)
+def _mark(axis: "Axes", rows: list[ForceRow], name: str, what: str) -> None:
+    row = one(rows, y_name=name)
+    if row is not None:
+        label = f"{what}: {row.y:.2g} rad/s"
+        axis.axvline(row.y, **REFERENCE | {"color": "0.4", "label": label})
+        axis.legend(fontsize=9, frameon=False)

@@ -1,63 +1,48 @@
 """Tables of `benchmarks.rig`."""
 
+from collections.abc import Callable
 from statistics import median
 
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.benchmarks.controllers.cells import new_table, verdict
-from softrobot_env.benchmarks.jobs import Row
-from softrobot_env.benchmarks.rig.cases import FAST, SLOW, rig_name
-from softrobot_env.benchmarks.rig.goals import middle
+from softrobot_env.benchmarks.episodes import names, of_kind
+from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow, rig_name
+from softrobot_env.benchmarks.rig.goals import GoalRow, middle
+from softrobot_env.benchmarks.rig.run import Row
+from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.evaluation.thesis import TRIANGLE
+from softrobot_env.rendering.tables import Column, make_table, new_table, verdict
 
 _NUMBERS = {SLOW: "5.2", FAST: "5.3"}
-_TIMES = (
-    "policy_time_median",
-    "policy_time_p99",
-    "policy_time_max",
-    "computing_factor",
-    "realtime_factor",
-    "limited",
-)
 _FACTORS = {"mm": 1e3, "ms": 1e3}
-
-
-def episodes(rows: list[Row]) -> list[Row]:
-    """Rows of episodes."""
-    return [row for row in rows if "period" in row]
-
-
-def policies(rows: list[Row]) -> list[str]:
-    """Names in the order of their first rows."""
-    return list(dict.fromkeys(row["policy"] for row in episodes(rows)))
 
 
 def tables(rows: list[Row]) -> Group:
     """Tabs. 5.2 and 5.3 beside the thesis', times, Fig. 5.14 in numbers, and goals."""
-    mine = episodes(rows)
-    parts = [*(_errors(mine, period) for period in _NUMBERS), _times(mine)]
-    parts += [_forces(rows), _goals(rows)]
-    failed = [row for row in mine if row["failure"] is not None]
-    lines = [f"{rig_name(r['twin'])}, {r['policy']}: {r['failure']}" for r in failed]
+    laps = of_kind(rows, LapsRow)
+    parts = [*(_errors(laps, period) for period in _NUMBERS), _times(laps)]
+    parts += [_forces(of_kind(rows, ForceRow)), _goals(of_kind(rows, GoalRow))]
+    failed = [row for row in laps if row.failure is not None]
+    lines = [f"{rig_name(row.twin)}, {row.policy}: {row.failure}" for row in failed]
     return Group(*(part for part in parts if part.row_count), *map(Text, lines))
 
 
-def _errors(rows: list[Row], period: float) -> Table:
-    rows = [row for row in rows if row["period"] == period]
-    twins = [row for row in rows if row["twin"] is not None]
-    ideal = [row for row in rows if row["twin"] is None]
-    count = len({row["twin"] for row in twins})
+def _errors(rows: list[LapsRow], period: float) -> Table:
+    rows = select(rows, period=period)
+    ideal, twins = select(rows, twin=None), [row for row in rows if row.twin is not None]
+    count = len({row.twin for row in twins})
     title = (
         f"Tab. {_NUMBERS[period]}: triangle, T = {period:g} s, mean / largest error in mm\n"
         f"after the approach; twins: median of {count} (range)"
     )
     heads = ("thesis", "no errors", "twins, mean", "twins, largest")
     out = new_table(title, ("policy",), heads)
-    for policy in policies(rows):
+    for policy in names(rows):
         pair = [middle(ideal, name, policy, period) for name in ("e_mean", "e_max")]
-        own = [row for row in twins if row["policy"] == policy]
+        own = select(twins, policy=policy)
         spreads = (_spread(own, name) for name in ("e_mean", "e_max"))
         out.add_row(policy, _both(TRIANGLE.get((policy, period))), _both(pair), *spreads)
     return out
@@ -69,57 +54,51 @@ def _both(pair: tuple[float, float] | list[float | None] | None) -> str:
     return " / ".join(f"{1e3 * value:.1f}" for value in pair)
 
 
-def _spread(rows: list[Row], name: str) -> str:
-    values = [row[name] for row in rows]
+def _spread(rows: list[LapsRow], name: str) -> str:
+    values = [getattr(row, name) for row in rows]
     if not values or None in values:
         return "failed" if values else "-"
-    least, most = min(values), max(values)
-    centre = middle(rows, name, rows[0]["policy"], rows[0]["period"])
-    return f"{1e3 * centre:.1f} ({1e3 * least:.1f}-{1e3 * most:.1f})"
+    centre, least, most = (1e3 * f(values) for f in (median, min, max))
+    return f"{centre:.1f} ({least:.1f}-{most:.1f})"
 
 
-def _times(rows: list[Row]) -> Table:
+def _times(rows: list[LapsRow]) -> Table:
     title = (
         "Computing: time per decision, inputs alone and simulation in times real time;\n"
         "medians over the episodes, largest and share of limited decisions over all"
     )
-    heads = ("us", "99 % us", "max us", "inputs", "simulation", "limited %")
-    out = new_table(title, ("policy",), heads)
-    for policy in policies(rows):
-        own = [row for row in rows if row["policy"] == policy]
-        middle_, most = (
-            {name: f(row[name] for row in own) for name in own[0] if name in _TIMES}
-            for f in (median, max)
-        )
-        out.add_row(
-            policy,
-            f"{1e6 * middle_['policy_time_median']:.0f}",
-            f"{1e6 * middle_['policy_time_p99']:.0f}",
-            f"{1e6 * most['policy_time_max']:.0f}",
-            f"{middle_['computing_factor']:.0f}",
-            f"{middle_['realtime_factor']:.0f}",
-            f"{100 * most['limited']:.1f}",
-        )
-    return out
+
+    def over(join: Callable[[list[float]], float], name: str) -> Callable[[str], float]:
+        return lambda policy: join([getattr(row, name) for row in select(rows, policy=policy)])
+
+    columns = (
+        Column("policy", lambda policy: policy),
+        Column("us", over(median, "policy_time_median"), ".0f", "us"),
+        Column("99 % us", over(median, "policy_time_p99"), ".0f", "us"),
+        Column("max us", over(max, "policy_time_max"), ".0f", "us"),
+        Column("inputs", over(median, "computing_factor"), ".0f"),
+        Column("simulation", over(median, "realtime_factor"), ".0f"),
+        Column("limited %", over(max, "limited"), ".1f", "%"),
+    )
+    return make_table(title, columns, names(rows))
 
 
-def _forces(rows: list[Row]) -> Table:
+def _forces(rows: list[ForceRow]) -> Table:
+    columns = (
+        Column("what", lambda row: row.y_name.removesuffix("_rad_s").replace("_", " ")),
+        Column("found", "y", ".3g"),
+        Column("thesis", form="g"),
+        Column("audit", form="g"),
+    )
     title = "Fig. 5.14: circle of 90 mm, angular velocity in rad/s"
-    out = new_table(title, ("what",), ("found", "thesis", "audit"))
-    for row in rows:
-        if row.get("figure") and row["x"] is None:
-            printed = (row[name] for name in ("thesis", "audit"))
-            what = row["y_name"].removesuffix("_rad_s").replace("_", " ")
-            out.add_row(what, f"{row['y']:.3g}", *("-" if p is None else f"{p:g}" for p in printed))
-    return out
+    return make_table(title, columns, select(rows, x=None))
 
 
-def _goals(rows: list[Row]) -> Table:
+def _goals(rows: list[GoalRow]) -> Table:
     out = new_table("Goals", ("goal", "policy"), ("found", "limit", "met"))
     for row in rows:
-        if "goal" in row:
-            shown = (_with_unit(row[name], row["unit"]) for name in ("value", "limit"))
-            out.add_row(row["goal"], row["policy"], *shown, verdict(row["met"]))
+        shown = (_with_unit(value, row.unit) for value in (row.value, row.limit))
+        out.add_row(row.goal, row.policy, *shown, verdict(row.met))
     return out
 
 

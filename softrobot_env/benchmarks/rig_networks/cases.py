@@ -1,13 +1,13 @@
 """Cells of the studies of the rig's quasi-static networks: what is trained, and its row."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import median
 from time import perf_counter
 
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Row
+from softrobot_env.benchmarks.records import Record
 from softrobot_env.identification import networks as rig_networks
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, VALIDATION
 from softrobot_env.identification.recording import RigData, Split
@@ -52,6 +52,26 @@ class Case:
         return f"{self.direction} {what}" + (f", {self.samples} samples" if self.samples else "")
 
 
+@dataclass(frozen=True)
+class CellRow(Case, Record):
+    """What the trainings of a case have found.
+
+    Attributes:
+        samples: In the training set, also where it is all of them.
+        e_rms, e_rms_least, e_rms_largest, e_max: [m], on the test set; medians but the two.
+        e_rms_validation: [m], on the validation set, median.
+        iterations, training_time: Of a training, medians; [1] and [s].
+    """
+
+    e_rms: float
+    e_rms_least: float
+    e_rms_largest: float
+    e_max: float
+    e_rms_validation: float
+    iterations: float
+    training_time: float
+
+
 def cases(quick: bool = False) -> Iterator[Case]:
     """All cells; fewer with `quick`."""
     trainings = QUICK_TRAININGS if quick else TRAININGS
@@ -63,14 +83,8 @@ def cases(quick: bool = False) -> Iterator[Case]:
             yield Case("samples", direction, len(HIDDEN), HIDDEN[0], samples, trainings)
 
 
-def run_case(case: Case, data: RigData, parts: Split) -> Row:
-    """Train the networks of a cell.
-
-    Returns:
-        Fields of the case, with the true number of samples; e_rms, e_rms_least, e_rms_largest and
-        e_max [m] on the test set, e_rms_validation [m] on that set,
-        iterations and training_time [s]. Medians of the trainings unless named otherwise.
-    """
+def run_case(case: Case, data: RigData, parts: Split) -> CellRow:
+    """Train the networks of a cell."""
     every = rig_networks.direction_of(data, case.direction)
     validation, test = every.take(parts.validation), every.take(parts.test)
     fits, times = [], []
@@ -79,21 +93,17 @@ def run_case(case: Case, data: RigData, parts: Split) -> Row:
         fits.append(train(case, data, parts, seed))
         times.append(perf_counter() - began)
     errors = [rig_networks.rms(fit.network, test) for fit in fits]
-    return {
-        "study": case.study,
-        "direction": case.direction,
-        "layers": case.layers,
-        "neurons": case.neurons,
-        "samples": case.samples or len(parts.training),
-        "trainings": case.trainings,
-        "e_rms": median(errors),
-        "e_rms_least": min(errors),
-        "e_rms_largest": max(errors),
-        "e_max": median(float(rig_networks.distances(f.network, test).max()) for f in fits),
-        "e_rms_validation": median(rig_networks.rms(f.network, validation) for f in fits),
-        "iterations": median(fit.iterations for fit in fits),
-        "training_time": median(times),
-    }
+    counted = replace(case, samples=case.samples or len(parts.training))
+    return CellRow(
+        **vars(counted),
+        e_rms=median(errors),
+        e_rms_least=min(errors),
+        e_rms_largest=max(errors),
+        e_max=median(float(rig_networks.distances(f.network, test).max()) for f in fits),
+        e_rms_validation=median(rig_networks.rms(f.network, validation) for f in fits),
+        iterations=median(fit.iterations for fit in fits),
+        training_time=median(times),
+    )
 
 
 def train(case: Case, data: RigData, parts: Split, seed: int) -> Fit:

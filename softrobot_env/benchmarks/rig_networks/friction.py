@@ -4,14 +4,14 @@ On the stand-in of `training.rig_statics`: one piece, no servos, and of a camera
 noise. It is visited without dither, so that of all errors of a rig friction alone is varied.
 """
 
+from dataclasses import dataclass
 from functools import partial
 from itertools import product
 
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress, Row
-from softrobot_env.benchmarks.rig_networks.cases import Case, run_case
-from softrobot_env.benchmarks.rig_networks.pool import run_tasks
+from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.benchmarks.rig_networks.cases import Case, CellRow, run_case
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING
 from softrobot_env.identification.recording import collect, split
@@ -28,9 +28,22 @@ TOTALS = (TOTAL, None)
 _SEED = 0
 
 
+@dataclass(frozen=True)
+class FrictionRow(CellRow):
+    """Trainings with the data of one stand-in.
+
+    Attributes:
+        friction: [N] of each tendon.
+        total: [N], one of `TOTALS`.
+    """
+
+    friction: float
+    total: float | None
+
+
 def friction_rows(
     points: np.ndarray, trainings: int, progress: Progress, processes: int | None = None
-) -> list[Row]:
+) -> list[FrictionRow]:
     """Train the networks that are used with data of stand-ins that differ in their friction.
 
     Args:
@@ -38,25 +51,23 @@ def friction_rows(
         trainings: Per network, of which the median counts.
         progress: Called with (description, done, total).
         processes: Visits at a time; one per core unless given.
-
-    Returns:
-        Rows of `rig_networks_cases.run_case` of study "friction", with friction [N] and total [N],
-        one of `TOTALS`.
     """
     tasks = [
         (f"friction {friction:g} N", partial(_rows, points, trainings, friction, total))
         for total, friction in product(TOTALS, FRICTIONS)
     ]
-    return [row for rows in run_tasks(tasks, progress, processes) for row in rows]
+    return [row for rows in run_in_processes(tasks, progress, processes) for row in rows]
 
 
-def _rows(points: np.ndarray, trainings: int, friction: float, total: float | None) -> list[Row]:
+def _rows(
+    points: np.ndarray, trainings: int, friction: float, total: float | None
+) -> list[FrictionRow]:
     """Rows of both directions, of one visit."""
     rig = RigStatics(friction=friction, seed=_SEED)
     data = collect(RIG, rig, np.random.default_rng(_SEED), points, total)
     parts = split(len(points), np.random.default_rng(_SEED))
-    told = {"friction": friction, "total": total}
-    return [run_case(_case(direction, trainings), data, parts) | told for direction in DIRECTIONS]
+    cells = [run_case(_case(direction, trainings), data, parts) for direction in DIRECTIONS]
+    return [FrictionRow(**vars(cell), friction=friction, total=total) for cell in cells]
 
 
 def _case(direction: str, trainings: int) -> Case:

@@ -3,16 +3,16 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softrobot_env.benchmarks.controllers.curves import new_figure
-from softrobot_env.benchmarks.jobs import Row
-from softrobot_env.benchmarks.rig_networks.tables import THESIS, select
+from softrobot_env.benchmarks.episodes import of_kind
+from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.benchmarks.rig_networks.cases import CellRow
+from softrobot_env.benchmarks.rig_networks.run import Row
+from softrobot_env.benchmarks.rig_networks.tables import THESIS
 from softrobot_env.identification.networks import TRAINING
+from softrobot_env.rendering.figures import BLUE, COLOURS, REFERENCE, new_figure, plain_ticks, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-#: By the number of layers.
-_COLOURS = ("#D55E00", "#0072B2", "#009E73", "#CC79A7", "#E69F00")
 
 _TITLES = {"forward": "tip position, s \u2192 z", "inverse": "tendon lengths, z \u2192 s"}
 
@@ -25,53 +25,47 @@ _MARK = {"color": "black", "linestyle": "none", "markersize": 8, "zorder": 5}
 
 def plot(rows: list[Row], path: Path | str) -> None:
     """Draw a PNG: a line of panels per direction, error over neurons and over samples."""
-    from matplotlib.ticker import LogFormatter
+    from matplotlib.ticker import LogLocator
 
-    trained = [row for row in rows if row["study"] in ("size", "samples")]
-    directions = list(dict.fromkeys(row["direction"] for row in trained))
+    cells = [row for row in of_kind(rows, CellRow) if row.study in ("size", "samples")]
+    directions = groups(cells, "direction")
     figure, axes = new_figure(len(directions), 2, (10.5, 0.6 + 3.7 * len(directions)))
-    for (left, right), direction in zip(axes, directions, strict=True):
-        mine = select(trained, direction=direction)
+    for (left, right), ((direction,), mine) in zip(axes, directions.items(), strict=True):
         _draw_sizes(left, select(mine, study="size"))
         _draw_samples(right, select(mine, study="samples"), direction)
-        left.axhline(1e3 * THESIS[direction], color="black", lw=0.8, ls=(0, (4, 2)))
+        left.axhline(1e3 * THESIS[direction], **REFERENCE | {"label": None})
         left.set_ylabel(f"rms error [mm]\n{_TITLES[direction]}")
         for axis in (left, right):
             axis.set(xscale="log", yscale="log")
-            axis.xaxis.set_major_formatter("{x:g}")
-            axis.yaxis.set_major_formatter("{x:g}")
-            for numbers in (axis.xaxis, axis.yaxis):  # only where there are few others
-                numbers.set_minor_formatter(LogFormatter())
+            for numbers in (axis.xaxis, axis.yaxis):
+                numbers.set_major_locator(LogLocator(subs=(1, 2, 5)))
+            plain_ticks(axis)
             axis.legend(fontsize=8, frameon=False)
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")
     figure.suptitle("Quasi-static networks of the rig on the test set; dashed: thesis", fontsize=11)
-    figure.savefig(path, dpi=130)
+    save(figure, path)
 
 
-def _draw_sizes(axis: "Axes", rows: list[Row]) -> None:
+def _draw_sizes(axis: "Axes", cells: list[CellRow]) -> None:
     """Medians, a curve per number of layers."""
-    for layers in sorted({row["layers"] for row in rows}):
-        mine = sorted(select(rows, layers=layers), key=lambda row: row["neurons"])
-        axis.plot(
-            [row["neurons"] for row in mine],
-            [1e3 * row["e_rms"] for row in mine],
-            "o-",
-            color=_COLOURS[(layers - 1) % len(_COLOURS)],
-            markersize=4,
-            linewidth=1.2,
-            label=f"{layers} layer{'s' if layers > 1 else ''}",
-        )
+    line = {"markersize": 4, "linewidth": 1.2}
+    for (layers,), mine in sorted(groups(cells, "layers").items()):
+        mine = sorted(mine, key=lambda row: row.neurons)
+        x, y = [row.neurons for row in mine], [1e3 * row.e_rms for row in mine]
+        label, colour = f"{layers} layer{'s' * (layers > 1)}", COLOURS[layers % len(COLOURS)]
+        axis.plot(x, y, "o-", color=colour, label=label, **line)
 
 
-def _draw_samples(axis: "Axes", rows: list[Row], direction: str) -> None:
+def _draw_samples(axis: "Axes", cells: list[CellRow], direction: str) -> None:
     """Median and range of the trainings, with what the thesis tells."""
-    rows = sorted(rows, key=lambda row: row["samples"])
-    x = [row["samples"] for row in rows]
+    cells = sorted(cells, key=lambda row: row.samples)
+    x = [row.samples for row in cells]
     least, middle, largest = (
-        [1e3 * row[name] for row in rows] for name in ("e_rms_least", "e_rms", "e_rms_largest")
+        [1e3 * getattr(row, name) for row in cells]
+        for name in ("e_rms_least", "e_rms", "e_rms_largest")
     )
-    axis.fill_between(x, least, largest, color=_COLOURS[1], alpha=0.2, lw=0)
-    axis.plot(x, middle, "o-", color=_COLOURS[1], markersize=4, lw=1.2, label="median and range")
+    axis.fill_between(x, least, largest, color=BLUE, alpha=0.2, lw=0)
+    axis.plot(x, middle, "o-", color=BLUE, markersize=4, lw=1.2, label="median and range")
     marks = ((TRAINING, THESIS[direction]), _TOLD[direction])
     axis.plot(*zip(*((n, 1e3 * e) for n, e in marks), strict=True), "x", **_MARK, label="thesis")

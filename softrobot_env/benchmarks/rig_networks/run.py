@@ -4,21 +4,23 @@ And, on a stand-in, what friction of the tendons costs them.
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress, Row
+from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.benchmarks.records import Record
 from softrobot_env.benchmarks.rig_networks.cases import (
     QUICK_TRAININGS,
     TRAININGS,
     Case,
+    CellRow,
     cases,
     run_case,
     train,
 )
 from softrobot_env.benchmarks.rig_networks.friction import friction_rows
-from softrobot_env.benchmarks.rig_networks.pool import run_tasks
 from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, direction_of
@@ -49,6 +51,26 @@ _SEED = 0
 _PASSES, _REPEATS, _QUICK_REPEATS = 20, 200, 20
 
 
+@dataclass(frozen=True)
+class InferenceRow(Record):
+    """Computing time of a network.
+
+    Attributes:
+        direction: One of `DIRECTIONS`.
+        variant: "compiled", "plain" or "batch", which is compiled, all samples in one call.
+        time: [s] per sample.
+        study: "inference".
+    """
+
+    direction: str
+    variant: str
+    time: float
+    study: str = "inference"
+
+
+Row = CellRow | InferenceRow
+
+
 def run_on_twin(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     """`run` with the data of a twin, as its controllers get them, then `friction_rows`.
 
@@ -76,8 +98,7 @@ def run(
         processes: Trainings at a time; one per core unless given.
 
     Returns:
-        Rows of `rig_networks_cases.run_case`, then rows of study "inference": direction, variant
-        ("compiled", "plain", "batch": compiled, all samples in one call) and time [s] per sample.
+        Rows of the trainings, then those of the times.
     """
     show, points = progress or _quiet, _points(quick)
     show("visiting the points", 0, 1)
@@ -101,15 +122,15 @@ def run_cases(
     parts: Split,
     progress: Progress,
     processes: int | None = None,
-) -> list[Row]:
+) -> list[CellRow]:
     """Rows of cells in their order, trained in `processes` processes."""
     longest_first = sorted(wanted, key=lambda case: -case.layers * case.neurons)
     tasks = [(case.label, partial(run_case, case, data, parts)) for case in longest_first]
-    found = dict(zip(longest_first, run_tasks(tasks, progress, processes), strict=True))
+    found = dict(zip(longest_first, run_in_processes(tasks, progress, processes), strict=True))
     return [found[case] for case in wanted]
 
 
-def inference_rows(data: RigData, parts: Split, repeats: int) -> list[Row]:
+def inference_rows(data: RigData, parts: Split, repeats: int) -> list[InferenceRow]:
     """Time per sample of the networks on the test set, the best of `repeats`."""
     rows = []
     for direction in DIRECTIONS:
@@ -123,9 +144,7 @@ def inference_rows(data: RigData, parts: Split, repeats: int) -> list[Row]:
             ("batch", lambda f=compiled.batch, samples=inputs: f(samples)),
         ):
             time, _ = best_of(lambda act=action: [act() for _ in range(_PASSES)], repeats)
-            seconds = time / (_PASSES * len(inputs))
-            row = {"study": "inference", "direction": direction, "variant": variant}
-            rows.append(row | {"time": seconds})
+            rows.append(InferenceRow(direction, variant, time / (_PASSES * len(inputs))))
     return rows
 
 

@@ -3,9 +3,13 @@
 from rich.console import Group
 from rich.table import Table
 
-from softrobot_env.benchmarks.controllers.cells import new_table
-from softrobot_env.benchmarks.jobs import Row
+from softrobot_env.benchmarks.episodes import of_kind
+from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.benchmarks.rig_networks.cases import CellRow
+from softrobot_env.benchmarks.rig_networks.friction import FrictionRow
+from softrobot_env.benchmarks.rig_networks.run import InferenceRow, Row
 from softrobot_env.identification.networks import TRAINING
+from softrobot_env.rendering.tables import Column, make_table, new_table, pivot_table
 
 #: Direction -> rms error [m], and computing times [s], in the thesis, secs. 3.2.4 and 5.1.2.
 THESIS = {"forward": 0.77e-3, "inverse": 0.11e-3}
@@ -18,86 +22,92 @@ _THESIS_TIMES = {
 _WHAT = {"forward": "s -> z", "inverse": "z -> s"}
 
 
-def select(rows: list[Row], **fields: object) -> list[Row]:
-    """Rows with given values of some fields."""
-    return [row for row in rows if all(row.get(k) == v for k, v in fields.items())]
-
-
 def tables(rows: list[Row]) -> Group:
     """Errors by size, samples and friction, figures of the network that is used, its times."""
-    directions = list(dict.fromkeys(row["direction"] for row in rows))
-    sizes = [_sizes(select(rows, study="size", direction=d), d) for d in directions]
-    found = [_samples(rows, directions), _used(rows, directions), _friction(rows, directions)]
-    parts = [*sizes, *found, _times(rows)]
+    cells = of_kind(rows, CellRow)
+    parts = [
+        *(_sizes(mine, direction) for (direction,), mine in _by_direction(cells, "size")),
+        _samples(select(cells, study="samples")),
+        _used(select(cells, study="samples", samples=TRAINING)),
+        _friction(of_kind(rows, FrictionRow)),
+        _times(of_kind(rows, InferenceRow)),
+    ]
     return Group(*(part for part in parts if part.row_count))
+
+
+def _by_direction(cells: list[CellRow], study: str) -> list[tuple[tuple, list[CellRow]]]:
+    return list(groups(select(cells, study=study), "direction").items())
 
 
 def _millimetres(value: float) -> str:
     return f"{1e3 * value:.3f}"
 
 
-def _sizes(rows: list[Row], direction: str) -> Table:
-    layers = sorted({row["layers"] for row in rows})
-    title = f"{direction}, {_WHAT[direction]}: rms error in mm on the test set, median"
-    heads = [f"{n} layer{'s' if n > 1 else ''}" for n in layers]
-    out = new_table(title, ("neurons per layer",), heads)
-    for neurons in sorted({row["neurons"] for row in rows}):
-        found = [select(rows, layers=n, neurons=neurons) for n in layers]
-        cells = [_millimetres(mine[0]["e_rms"]) if mine else "-" for mine in found]
-        out.add_row(str(neurons), *cells)
-    return out
+def _sizes(cells: list[CellRow], direction: str) -> Table:
+    found = groups(cells, "neurons", "layers")
 
+    def cell(neurons: int, layers: int) -> str:
+        mine = found.get((neurons, layers))
+        return _millimetres(mine[0].e_rms) if mine else "-"
 
-def _samples(rows: list[Row], directions: list[str]) -> Table:
-    rows = select(rows, study="samples")
-    title = "Samples in the training set: rms error in mm on the test set, median (range)"
-    out = new_table(title, ("samples",), directions)
-    for samples in sorted({row["samples"] for row in rows}):
-        found = [select(rows, direction=d, samples=samples) for d in directions]
-        out.add_row(str(samples), *(_spread(mine[0]) if mine else "-" for mine in found))
-    return out
-
-
-def _spread(row: Row) -> str:
-    middle, least, largest = (
-        _millimetres(row[name]) for name in ("e_rms", "e_rms_least", "e_rms_largest")
+    return pivot_table(
+        f"{direction}, {_WHAT[direction]}: rms error in mm on the test set, median",
+        "neurons per layer",
+        {str(n): n for n in sorted({row.neurons for row in cells})},
+        {f"{n} layer{'s' * (n > 1)}": n for n in sorted({row.layers for row in cells})},
+        cell,
     )
+
+
+def _samples(cells: list[CellRow]) -> Table:
+    found = groups(cells, "samples", "direction")
+    return pivot_table(
+        "Samples in the training set: rms error in mm on the test set, median (range)",
+        "samples",
+        {str(n): n for n in sorted({row.samples for row in cells})},
+        list(dict.fromkeys(row.direction for row in cells)),
+        lambda samples, direction: _spread(found.get((samples, direction), [])),
+    )
+
+
+def _spread(rows: list[CellRow]) -> str:
+    if not rows:
+        return "-"
+    values = (rows[0].e_rms, rows[0].e_rms_least, rows[0].e_rms_largest)
+    middle, least, largest = map(_millimetres, values)
     return f"{middle} ({least} to {largest})"
 
 
-def _used(rows: list[Row], directions: list[str]) -> Table:
-    heads = ("rms mm", "thesis mm", "max mm", "steps", "training s")
-    out = new_table(f"Networks of {TRAINING} samples, medians", ("network",), heads)
-    for direction in directions:
-        for row in select(rows, study="samples", direction=direction, samples=TRAINING):
-            out.add_row(
-                f"{direction}, {_WHAT[direction]}",
-                _millimetres(row["e_rms"]),
-                f"{1e3 * THESIS[direction]:.2f}",
-                f"{1e3 * row['e_max']:.2f}",
-                f"{row['iterations']:g}",
-                f"{row['training_time']:.2f}",
-            )
-    return out
+def _used(cells: list[CellRow]) -> Table:
+    columns = (
+        Column("network", lambda row: f"{row.direction}, {_WHAT[row.direction]}"),
+        Column("rms mm", "e_rms", ".3f", "mm"),
+        Column("thesis mm", lambda row: THESIS[row.direction], ".2f", "mm"),
+        Column("max mm", "e_max", ".2f", "mm"),
+        Column("steps", "iterations", "g"),
+        Column("training s", "training_time", ".2f"),
+    )
+    return make_table(f"Networks of {TRAINING} samples, medians", columns, cells)
 
 
-def _friction(rows: list[Row], directions: list[str]) -> Table:
-    rows = select(rows, study="friction")
+def _friction(rows: list[FrictionRow]) -> Table:
+    directions = list(dict.fromkeys(row.direction for row in rows))
     title = "Stand-in without dither: rms error in mm on the test set, median (range)"
     out = new_table(title, ("friction N", "sum of tensions"), directions)
-    for total, friction in dict.fromkeys((row["total"], row["friction"]) for row in rows):
-        mine = [select(rows, total=total, friction=friction, direction=d) for d in directions]
+    for (total, friction), mine in groups(rows, "total", "friction").items():
         shown = "least" if total is None else f"{total:g} N"
-        out.add_row(f"{friction:g}", shown, *(_spread(found[0]) for found in mine))
+        spreads = (_spread(select(mine, direction=direction)) for direction in directions)
+        out.add_row(f"{friction:g}", shown, *spreads)
     if rows:
         out.add_row("thesis", "", *(f"{1e3 * THESIS[d]:.2f}" for d in directions))
     return out
 
 
-def _times(rows: list[Row]) -> Table:
-    out = new_table("Computing time per sample", ("network", "how"), ("us", "thesis us"))
-    for row in select(rows, study="inference"):
-        thesis = _THESIS_TIMES.get((row["direction"], row["variant"]))
-        shown = "-" if thesis is None else f"{1e6 * thesis:.1f}"
-        out.add_row(row["direction"], row["variant"], f"{1e6 * row['time']:.2f}", shown)
-    return out
+def _times(rows: list[InferenceRow]) -> Table:
+    columns = (
+        Column("network", "direction"),
+        Column("how", "variant"),
+        Column("us", "time", ".2f", "us"),
+        Column("thesis us", lambda r: _THESIS_TIMES.get((r.direction, r.variant)), ".1f", "us"),
+    )
+    return make_table("Computing time per sample", columns, rows)

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 
 from softrobot_env.commands.arguments import expand_all
 from softrobot_env.commands.evaluate.arguments import given_options
-from softrobot_env.commands.setups.case import Case, Setup, setup_of
+from softrobot_env.commands.setups.base import Setup, setup_of
 from softrobot_env.commands.task_options import check_used, combinations, merge
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES, installed_policies
 from softrobot_env.envs.disturbances import NEUTRAL
+from softrobot_env.evaluation.runner import Case
 from softrobot_env.tasks import STEP_WIDTHS, TASKS, make_task
 
 
@@ -51,7 +52,7 @@ def _of_task(
         task = make_task(name, **options)
         for policy in policies:
             for twin, variation in conditions:
-                yield Case(task, policy, variation, twin)
+                yield setup.complete(Case(task, policy, variation, twin))
 
 
 def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:

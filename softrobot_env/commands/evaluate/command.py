@@ -8,11 +8,10 @@ from rich.progress import Progress
 
 from softrobot_env.commands.evaluate.arguments import add_arguments as add_arguments
 from softrobot_env.commands.evaluate.cases import left_out, make_cases
-from softrobot_env.commands.evaluate.results import Outcome, make_outcome, plot, save_rollouts
-from softrobot_env.commands.setups.case import Case, Setup, case_label, setup_of
+from softrobot_env.commands.evaluate.results import Result, plot, save_rollouts
+from softrobot_env.commands.setups.base import Setup, setup_of
 from softrobot_env.commands.setups.choice import make_setups
-from softrobot_env.evaluation import report
-from softrobot_env.evaluation.run import run_episode, warm_up
+from softrobot_env.evaluation import report, runner
 from softrobot_env.hardware.errors import RobotError
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
@@ -30,49 +29,43 @@ def run(args: argparse.Namespace) -> int:
     missing = left_out(args, cases)
     if missing:
         console.print(f'Left out {", ".join(missing)}: pip install "softrobot_env\\[mpc]"')
-    outcomes = _run_cases(cases, setups, console)
-    _write(outcomes, args, console)
-    return int(len(outcomes) < len(cases) or any(o.row["failure"] for o in outcomes))
+    results = _run_cases(cases, setups, console)
+    _write(results, args, console)
+    return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
 
-def _run_cases(cases: list[Case], setups: tuple[Setup, ...], console: Console) -> list[Outcome]:
-    """Outcomes; those so far if a real robot does not go on."""
-    outcomes = []
+def _run_cases(
+    cases: list[runner.Case], setups: tuple[Setup, ...], console: Console
+) -> list[Result]:
+    """Results; those so far if a real robot does not go on."""
+    results = []
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("evaluate", total=len(cases))
         for case in cases:
-            setup = setup_of(case.task.name, setups)
-            progress.update(bar, description=case_label(case, setup))
+            progress.update(bar, description=case.label)
             try:
-                outcomes.append(_run_case(case, setup))
+                with closing(setup_of(case.task.name, setups).environment(case)) as env:
+                    results.append(Result(runner.run(case, env)))
             except RobotError as error:
-                console.print(f"Ended before {case_label(case, setup)}: {error}")
+                console.print(f"Ended before {case.label}: {error}")
                 break
             progress.advance(bar)
-    return outcomes
+    return results
 
 
-def _run_case(case: Case, setup: Setup) -> Outcome:
-    with closing(setup.environment(case)) as env:
-        policy = setup.policy(case, env.control_period)
-        warm_up(env, policy)
-        rollout = run_episode(env, policy, seed=0, options=setup.reset_options(case))
-    return make_outcome(case, rollout, setup)
-
-
-def _write(outcomes: list[Outcome], args: argparse.Namespace, console: Console) -> None:
+def _write(results: list[Result], args: argparse.Namespace, console: Console) -> None:
     """Reports, records and plots; the table first, so that it is there without matplotlib."""
-    rows = [outcome.row for outcome in outcomes]
+    rows = [result.columns for result in results]
     report.write_json(args.out / "report.json", rows, args.command_line)
     text = report.markdown(rows, args.command_line)
     (args.out / "report.md").write_text(text, encoding="utf-8")
     if args.save_rollouts:
-        save_rollouts(outcomes, args.out)
+        save_rollouts(results, args.out)
     for table in report.tables(rows):
         console.print(table)
     for note in report.notes(rows):
         console.print(note)
     console.print(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
-        plot(outcomes, args.out)
+        plot(results, args.out)
         console.print(f"Wrote plots to {args.out}")

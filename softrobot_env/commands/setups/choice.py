@@ -3,7 +3,7 @@
 import argparse
 
 from softrobot_env.commands.setups.arm import ArmSetup
-from softrobot_env.commands.setups.case import Setup
+from softrobot_env.commands.setups.base import Setup
 from softrobot_env.commands.setups.rig import RigSetup
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 

@@ -9,10 +9,10 @@ from typing import Any
 
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
-from softrobot_env.commands.setups.case import Case
 from softrobot_env.commands.setups.rig import RigSetup
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
+from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.recording import RecordingTransport
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.transport import SerialTransport, Transport

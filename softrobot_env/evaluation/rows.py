@@ -1,0 +1,125 @@
+"""Typed rows of episodes, as reports have them."""
+
+from dataclasses import asdict, dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+
+from softrobot_env.evaluation.metrics import (
+    StepMetrics,
+    TrackingMetrics,
+    step_metrics,
+    tracking_metrics,
+)
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.tasks import Task
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeRow:
+    """What every report says of an episode; after a failure all metrics of the motion are None.
+
+    Attributes:
+        task, policy, robot, plant, source: Names.
+        step_width: [m] of a step, None for other tasks.
+        variation: What differed from the nominal arm.
+        e_mean, e_max, e_rms, e_final: [m], see `TrackingMetrics`.
+        rise_time, settling_time, overshoot, steady_state_error: See `StepMetrics`; None where the
+            task is no step.
+        policy_time_median, policy_time_p99: [s] per decision.
+        realtime_factor: Duration of the motion over that of the whole simulation [1].
+        remarks: Share of the decisions with each status that was not to do what was wanted.
+        failure: What went wrong, or None.
+    """
+
+    task: str
+    step_width: float | None
+    policy: str
+    robot: str
+    plant: str
+    source: str
+    variation: dict[str, float]
+    e_mean: float | None
+    e_max: float | None
+    e_rms: float | None
+    e_final: float | None
+    rise_time: float | None
+    settling_time: float | None
+    overshoot: float | None
+    steady_state_error: float | None
+    policy_time_median: float
+    policy_time_p99: float
+    realtime_factor: float
+    remarks: dict[str, float]
+    failure: str | None
+
+    @classmethod
+    def of(
+        cls,
+        rollout: Rollout,
+        task: Task,
+        policy: str,
+        plant: str,
+        variation: dict[str, float],
+        **own: Any,
+    ) -> Self:
+        """The row of a record; `own` are the fields that a subclass adds."""
+        good = rollout.failure is None
+        width = task.step_width
+        step = None
+        if good and width is not None:
+            step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+        return cls(
+            task=task.name,
+            step_width=width,
+            policy=policy,
+            robot=task.robot.name,
+            plant=plant,
+            source=rollout.source,
+            variation=dict(variation),
+            **_metrics(TrackingMetrics, tracking_metrics(rollout) if good else None),
+            **_metrics(StepMetrics, step),
+            policy_time_median=float(np.median(rollout.policy_time)),
+            policy_time_p99=float(np.percentile(rollout.policy_time, 99)),
+            realtime_factor=float(rollout.time[-1] / rollout.wall_time),
+            remarks=_shares(rollout.policy_status),
+            failure=rollout.failure,
+            **own,
+        )
+
+
+def _metrics(kind: type, values: TrackingMetrics | StepMetrics | None) -> dict[str, Any]:
+    return {f.name: None for f in fields(kind)} if values is None else asdict(values)
+
+
+def _shares(status: np.ndarray) -> dict[str, float]:
+    """Share of the decisions with each status other than none."""
+    reasons, counts = np.unique(status, return_counts=True)
+    return {str(r): float(c / len(status)) for r, c in zip(reasons, counts, strict=True) if r}
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluatedRow(EpisodeRow):
+    """A row of `softrobot evaluate`.
+
+    Attributes:
+        options: Columns of the task's options, see `labels.option_columns`.
+        twin: Seed of the rig's twin; None for other rigs, and for the arm.
+        e_mean_tracking, e_max_tracking: [m], see `ApproachedMetrics`.
+        feedback: What the policy measured; None where it measures nothing.
+        learnt: The rig of which the policy's identified parameters are, for people, or None.
+    """
+
+    options: dict[str, float | None]
+    twin: int | None
+    e_mean_tracking: float | None
+    e_max_tracking: float | None
+    feedback: str | None
+    learnt: str | None
+
+    def columns(self) -> dict[str, Any]:
+        """What report.json has: a column for each option as well."""
+        flat = {}
+        for name, value in vars(self).items():
+            flat |= value if name == "options" else {name: value}
+        return flat

@@ -1,0 +1,144 @@
+"""The one way from a case to an episode with record and row."""
+
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from softrobot_env.beams.registry import MUJOCO, BeamPlant
+from softrobot_env.control.registry import (
+    FEEDBACKS,
+    RIG_POLICIES,
+    make_policy,
+    policy_environment,
+)
+from softrobot_env.envs.rig import RigEnv
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.labels import (
+    option_columns,
+    rig_label,
+    task_label,
+    variation_label,
+)
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.rows import EpisodeRow
+from softrobot_env.evaluation.run import run_episode, warm_up
+from softrobot_env.interfaces import Policy
+from softrobot_env.robots.twin import twin_or_ideal
+from softrobot_env.tasks import Task
+
+if TYPE_CHECKING:
+    import gymnasium
+
+    from softrobot_env.control.rig.identified import IdentifiedParameters
+
+Row = TypeVar("Row", bound=EpisodeRow)
+
+_SEED = 0  # of every episode
+
+
+@dataclass(frozen=True)
+class Case:
+    """One episode to run.
+
+    Attributes:
+        task: The task.
+        policy: Name of the policy.
+        variation: What differs from the nominal arm, see the reset option `vary`.
+        twin: Seed of the rig's twin; None for an ideal rig, and for the arm.
+        plant: What moves, as reports say it: one of `beams.registry.PLANTS`, or what is behind a
+            serial line.
+        feedback: What the policy measures, one of `control.registry.FEEDBACKS`; None for the rig,
+            whose policies measure nothing.
+        duration: [s] of the episode, the task's own unless given.
+        scene: Keyword arguments of the environment beyond those that the policy needs.
+        identified: Identified parameters of a rig, for policies that act on them; those of twin 0,
+            which come with the package, unless given.
+    """
+
+    task: Task
+    policy: str
+    variation: Mapping[str, float] = field(default_factory=dict)
+    twin: int | None = None
+    plant: str = MUJOCO
+    feedback: str | None = None
+    duration: float | None = None
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    identified: "IdentifiedParameters | None" = None
+
+    @property
+    def columns(self) -> dict[str, Any]:
+        """What a row of a report says of task and rig."""
+        told = {"task": self.task.name, **option_columns(dict(self.task.options))}
+        return told | {"plant": self.plant, "twin": self.twin}
+
+    @property
+    def label(self) -> str:
+        """Task, rig, policy and variation for people."""
+        varied = variation_label({"variation": self.variation})
+        parts = (task_label(self.columns), rig_label(self.columns), self.policy, varied)
+        return ", ".join(filter(None, parts))
+
+    @property
+    def reset_options(self) -> dict[str, Any]:
+        """Options of the environment's `reset`."""
+        options = {"vary": dict(self.variation)} if self.variation else {}
+        return options if self.duration is None else options | {"duration": self.duration}
+
+    def environment(self, **drawing: Any) -> "gymnasium.Env":
+        """The simulation of this case with all observables; `drawing` is how to render."""
+        options = policy_environment(self.policy) | dict(self.scene) | drawing
+        if self.task.axes == "xy":
+            return RigEnv(self.task, twin=twin_or_ideal(self.twin), observe="all", **options)
+        plant = {} if self.plant == MUJOCO else {"plant": BeamPlant(self.plant)}
+        return TrackingEnv(self.task, observe="all", **(plant | options))
+
+    def make_policy(self, control_period: float) -> Policy:
+        """The policy, which decides every `control_period` [s]."""
+        known = self.identified if acts_on_identified(self.policy) else None
+        options = {} if known is None else {"learnt": known}
+        feedback = self.feedback or FEEDBACKS[0]
+        return make_policy(self.policy, self.task.robot, control_period, feedback, **options)
+
+
+def acts_on_identified(policy: str) -> bool:
+    """Whether a policy acts on identified parameters of a rig."""
+    return policy in RIG_POLICIES and RIG_POLICIES[policy].takes("learnt")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """An episode that was run.
+
+    Attributes:
+        case: What was run.
+        rollout: The record.
+        decision_period: [s] between decisions of the policy.
+    """
+
+    case: Case
+    rollout: Rollout
+    decision_period: float
+
+    def row(self, kind: type[Row] = EpisodeRow, **own: Any) -> Row:
+        """The episode as a row of some kind; `own` are the fields that this kind adds."""
+        case = self.case
+        return kind.of(self.rollout, case.task, case.policy, case.plant, case.variation, **own)
+
+
+def run(case: Case, env: "gymnasium.Env | None" = None, policy: Policy | None = None) -> Outcome:
+    """Run an episode, after a step that loads and compiles what is needed.
+
+    Args:
+        case: The episode.
+        env: Environment to run it in, which stays open; the simulation of the case unless given.
+        policy: The policy; that of the case unless given.
+    """
+    if env is None:
+        with closing(case.environment()) as made:
+            return run(case, made, policy)
+    if policy is None:
+        policy = case.make_policy(env.control_period)
+    warm_up(env, policy, case.reset_options)
+    rollout = run_episode(env, policy, _SEED, case.reset_options)
+    return Outcome(case, rollout, getattr(policy, "hold", 1) * env.control_period)
