@@ -31,9 +31,7 @@ _STEP_WINDOW = 6.0
 _COLUMNS, _SIDE = 4, 2.6
 
 
-def plot_task(
-    curves: Sequence[Curve], task: Task | Task, title: str, out: Path, stem: str
-) -> list[Path]:
+def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: str) -> list[Path]:
     """Write three pictures of episodes on the same task.
 
     Args:
@@ -50,7 +48,7 @@ def plot_task(
         in over time) and `<stem>_path.png` (path of the tip from above). Where the trajectory has
         an approach, they begin after it.
     """
-    draw = _rig_figures if isinstance(task, Task) else _arm_figures
+    draw = _rig_figures if task.axes == "xy" else _arm_figures
     figures = draw(curves, task, title)
     return [save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
 
@@ -86,7 +84,7 @@ def _rig_figures(curves: Sequence[Curve], task: Task, title: str) -> dict[str, "
     }
 
 
-def _shown(task: Task | Task, rollout: Rollout) -> slice:
+def _shown(task: Task, rollout: Rollout) -> slice:
     """Samples to show: those after the approach, and the beginning of a step response."""
     begin = int(np.searchsorted(rollout.time, getattr(task.trajectory, "approach", 0.0)))
     if getattr(task, "step_width", None) is None:
@@ -94,14 +92,14 @@ def _shown(task: Task | Task, rollout: Rollout) -> slice:
     return slice(begin, int(np.searchsorted(rollout.time, _STEP_WINDOW)))
 
 
-def _tip(curves: Sequence[Curve], task: Task | Task, plane: str, title: str) -> "Figure":
+def _tip(curves: Sequence[Curve], task: Task, plane: str, title: str) -> "Figure":
     figure, axes = new_figure(3, 1, (7.0, 7.0))
     draw_tip(axes[:, 0], curves, plane, partial(_shown, task))
     return finish(figure, axes[0, 0], title)
 
 
 def _stacked(
-    curves: Sequence[Curve], values: object, names: list[str], task: Task | Task, title: str
+    curves: Sequence[Curve], values: object, names: list[str], task: Task, title: str
 ) -> "Figure":
     figure, axes = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
     draw_stacked(axes[:, 0], curves, values, names, partial(_shown, task))

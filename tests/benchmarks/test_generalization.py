@@ -40,13 +40,13 @@ METRICS = (
 
 
 def part_of(case):
-    return "unseen" if case.task.speed else "disturbed"
+    return "unseen" if case.task.option("speed") else "disturbed"
 
 
 def make_row(case, failure=None):
     """A made-up episode, 10 mm off for the first seed, 11 mm for the second and so on."""
     task = case.task
-    value = None if failure else 0.01 + 0.001 * (task.seed or 0)
+    value = None if failure else 0.01 + 0.001 * (task.option("seed") or 0)
     return Row(
         part=part_of(case),
         task=task.name,
@@ -54,8 +54,8 @@ def make_row(case, failure=None):
         robot="arm",
         plant="mujoco",
         source="sim",
-        speed=task.speed,
-        path_seed=task.seed,
+        speed=task.option("speed"),
+        path_seed=task.option("seed"),
         step_width=task.step_width,
         variation=case.variation,
         policy_time_median=1e-6,
@@ -138,7 +138,7 @@ def test_a_small_run_in_processes_is_that_in_this_one():
     for case, row in zip(SMALL, rows, strict=True):
         task = case.task
         told = (row.task, row.speed, row.path_seed, row.step_width)
-        assert told == (task.name, task.speed, task.seed, task.step_width)
+        assert told == (task.name, task.option("speed"), task.option("seed"), task.step_width)
         assert (row.part, row.policy, row.variation) == (part_of(case), case.policy, case.variation)
         assert row.failure is None
         assert row.policy_time_median > 0
@@ -179,7 +179,7 @@ def test_failed_runs_are_named():
     ]
     for i, case in enumerate(wanted):
         task = case.task
-        told = (task.name, task.speed, task.seed, case.variation)
+        told = (task.name, task.option("speed"), task.option("seed"), case.variation)
         if told in lost and case.policy == "mpc":
             rows[i] = make_row(case, failure="piece 3 folded")
     text = shown(rows)

@@ -297,7 +297,7 @@ def test_the_stiffness_found_survives_a_bad_sample():
 def test_a_jump_that_the_preview_shows_is_met_in_the_middle():
     """Half of it before, half after, as an optimum has it."""
     task = make_task("step")
-    late = replace(task, trajectory=LateStep(A3, B3), duration=1.5, step_width=None)
+    late = replace(task, trajectory=LateStep(A3, B3), duration=1.5)
     rollouts = {
         name: run_episode(
             TrackingEnv(late, observe="all", **policy_environment(name)),

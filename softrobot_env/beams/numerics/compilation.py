@@ -9,7 +9,7 @@ from typing import Any
 
 import numba
 from numba.core import types
-from numba.core.caching import FunctionCache
+from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.experimental import structref
 from numba.extending import overload
 
@@ -37,21 +37,54 @@ def _part(function: Callable) -> Path:
     return _ROOT / own.relative_to(_ROOT).parts[0]
 
 
+class _KernelFiles(IndexDataCacheFile):
+    """Files of one kernel, each named by the sources and the types that it was compiled for.
+
+    Numba numbers them in an index, which processes that compile at the same time overwrite for each
+    other: a kernel would then be loaded for types that it does not take.
+    """
+
+    def __init__(self, files: IndexDataCacheFile, sources: str) -> None:
+        self._cache_path = files._cache_path
+        self._base = files._index_name.removesuffix(".nbi")
+        self._of = sha256(f"{files._version} {sources}".encode()).hexdigest()[:12]
+
+    def _name(self, key: Any) -> str:
+        return f"{self._base}.{self._of}.{sha256(repr(key).encode()).hexdigest()[:20]}.nbc"
+
+    def load(self, key: Any) -> Any:
+        """What was stored under a key, None if nothing was."""
+        try:
+            return self._load_data(self._name(key))
+        except OSError:
+            return None
+
+    def save(self, key: Any, data: Any) -> None:
+        """Store something; what other sources gave is removed."""
+        for old in Path(self._cache_path).glob(f"{self._base}.*"):
+            if not old.name.startswith(f"{self._base}.{self._of}."):
+                old.unlink(missing_ok=True)
+        self._save_data(self._name(key), data)
+
+    def flush(self) -> None:
+        """Forget everything."""
+        for old in Path(self._cache_path).glob(f"{self._base}.*"):
+            old.unlink(missing_ok=True)
+
+
 class _KernelCache(FunctionCache):
     """Numba's cache, made safe for kernels that call each other and take foreign models.
 
     Numba watches the file of the function alone: here every kernel depends on all sources of the
     beams and of its own part of the package, so that an edit of any of them recompiles. And a
     kernel compiled for a model that is defined elsewhere, in a script for instance, is not
-    stored: nobody else could read the index.
+    stored: another script may mean something else by the same name.
     """
 
     def __init__(self, function: Callable, everywhere: bool) -> None:
         super().__init__(function)
         places = (_ROOT,) if everywhere else (_ROOT / "beams", _part(function))
-        digest = _digest(places)
-        # Numba compares the version before it unpickles the rest, whose classes may be gone.
-        self._cache_file._version = f"{self._cache_file._version} {digest}"
+        self._cache_file = _KernelFiles(self._cache_file, _digest(places))
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel if all types of its arguments belong to this package."""

@@ -123,5 +123,7 @@ def disturbed(policy: str, task: str, width: float | None, variation: Variation)
 def run_case(case: Case) -> Row:
     """Run an episode."""
     task = case.task
-    part = "disturbed" if task.speed is None else "unseen"
-    return record_of(run(case), Row, part=part, speed=task.speed, path_seed=task.seed)
+    part = "disturbed" if task.option("speed") is None else "unseen"
+    return record_of(
+        run(case), Row, part=part, speed=task.option("speed"), path_seed=task.option("seed")
+    )

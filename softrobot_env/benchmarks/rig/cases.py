@@ -9,7 +9,7 @@ from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case, run
-from softrobot_env.tasks.rig import make_task
+from softrobot_env.tasks import make_task
 
 #: Periods [s] of a lap, Tabs. 5.2 and 5.3.
 SLOW, FAST = 5.0, 1.0
