@@ -12,8 +12,7 @@ from softrobot_env.benchmarks.rig.forces import force_rows
 from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.identification.parameters import identify
-from softrobot_env.identification.recording import record
+from softrobot_env.identification.parameters import identify, record
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import twin_or_ideal
 
