@@ -21,8 +21,8 @@ SERVO, TENDONS = ServoConstraints(RIG), ThreeTendons(RIG)
 
 def nominal_statics(place):
     """Lengths (3,) [m] that hold the nominal rig's output at (2,) [m]."""
-    found = SERVO.step(place, np.zeros(2), np.zeros(2))
-    return TENDONS.pulled(TENDONS.with_total(found.reduced, TOTAL), SERVO.curvature(found.y))
+    y, _, _, reduced, _ = SERVO.motion(place[None], *np.zeros((2, 1, 2)))[:, 0]
+    return TENDONS.pulled(TENDONS.with_total(reduced, TOTAL), SERVO.curvature(y))
 
 
 KNOWN = SimpleNamespace(statics=nominal_statics)
