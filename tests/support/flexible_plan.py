@@ -5,8 +5,9 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.model import State
-from softrobot_env.control.rig.servo_dae import output_matrix
+from softrobot_env.control.rig.servo_dae import output_matrix, place_output
 from softrobot_env.control.rig.servo_flexible import STABILISATION
+from softrobot_env.robots.three_tendons import mean_curvature
 
 _LEAD = 4  # steps in which errors of the first one, by the implicit Euler method, fade
 
@@ -49,9 +50,23 @@ def plan(servo, trajectory, times, substeps=1, stabilisation=STABILISATION):
     wanted = past[_LEAD::substeps]
     q, v = (np.array([getattr(one, name)[2] for one in wanted]) for name in ("q", "v"))
     reduced = np.array([one.reduced for one in wanted])
-    tension, pulled = servo.inputs(q, reduced)
-    dynamic = pulled - servo.inputs(*servo.hold(z[_LEAD::substeps]))[1]
+    tension, pulled = inputs(servo, q, reduced)
+    dynamic = pulled - inputs(servo, *servo.hold(z[_LEAD::substeps]))[1]
     return Plan(times, q, v, reduced, tension, pulled, dynamic)
+
+
+def inputs(servo, q, reduced):
+    """Tensions and lengths pulled in (..., 3) for q (..., n) and reduced inputs (..., 2)."""
+    tension = servo.tendons.tension(reduced)
+    return tension, servo.tendons.pulled(tension, mean_curvature(q))
+
+
+def output(servo, q):
+    """Place (k, 2) [m] of the output beside the axis for curvatures (k, n) [1/m]."""
+    out = np.empty((len(q), 2))
+    for curvature, place in zip(np.ascontiguousarray(q), out, strict=True):
+        place_output(servo.data, curvature, place)
+    return out
 
 
 def internal_poles(servo, q, reduced):

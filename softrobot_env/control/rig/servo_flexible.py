@@ -20,10 +20,9 @@ from softrobot_env.control.rig.servo_dae import (
     FlexibleRig,
     advance,
     hold,
-    place_output,
 )
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import ThreeTendons, mean_curvature
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 _STATIC_STEP = 0.01  # m, of the output when its statics are followed
 #: Rate [1/s] at which an error of the output decays (Baumgarte): without it z drifts.
@@ -91,13 +90,6 @@ class FlexibleServoConstraints:
                 inputs=np.tile(moment, (self.model.pieces, 1)),
             )
         )
-
-    def output(self, q: np.ndarray) -> np.ndarray:
-        """Place (k, 2) [m] of the output beside the axis for curvatures (k, n) [1/m]."""
-        out = np.empty((len(q), 2))
-        for curvature, place in zip(np.ascontiguousarray(q, dtype=float), out, strict=True):
-            place_output(self.data, curvature, place)
-        return out
 
     def statics(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Curvatures (n,) [1/m] and reduced input (2,) [N] that hold the output at (2,) [m].
@@ -168,11 +160,6 @@ class FlexibleServoConstraints:
         if not advance(self.data, period, stabilisation, first, z, dz, q, v, reduced):
             raise _failure(steps * period, z)
         return Progress(q, v, reduced, steps)
-
-    def inputs(self, q: np.ndarray, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions and lengths pulled in (..., 3) for q (..., n) and reduced inputs (..., 2)."""
-        tension = self.tendons.tension(reduced)
-        return tension, self.tendons.pulled(tension, mean_curvature(q))
 
 
 def _check_ends(robot: RobotParams) -> None:

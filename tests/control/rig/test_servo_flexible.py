@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.flexible_plan import internal_poles, plan
+from support.flexible_plan import inputs, internal_poles, output, plan
 
 from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.beams.pcc import PCC
@@ -56,7 +56,7 @@ def test_stabilisation_keeps_the_output_on_its_trajectory(one):
     """Without it, the errors of the velocity's integration stay."""
     kept, free = (plan(one, FAST, TIMES, 2, stabilisation=gain) for gain in (50.0, 0.0))
     gaps = [
-        np.abs(one.output(p.q[-1:]) - FAST.position(TIMES[-1:])[:, :2]).max() for p in (kept, free)
+        np.abs(output(one, p.q[-1:]) - FAST.position(TIMES[-1:])[:, :2]).max() for p in (kept, free)
     ]
     assert gaps[0] < 0.05 * gaps[1]
 
@@ -74,7 +74,7 @@ def test_motion_and_inputs_of_three_pieces_balance(three):
     wider = np.array([three.model.residual(*x) for x in series])
     assert np.abs(missing).max() < 0.05 * moments
     assert np.abs(wider).max() / np.abs(missing).max() == pytest.approx(4, rel=0.3)
-    gap = three.output(found.q) - FAST.position(TIMES)[:, :2]
+    gap = output(three, found.q) - FAST.position(TIMES)[:, :2]
     assert np.abs(gap).max() < 1e-5
 
 
@@ -84,13 +84,13 @@ def test_output_is_that_of_the_head(three):
     q = np.zeros((2, 6))
     q[1, 1::2] = angle / RIG.length
     x = RIG.length / angle * (1 - np.cos(angle)) + RIG.head.output * np.sin(angle)
-    np.testing.assert_allclose(three.output(q), [[0, 0], [0, x]], atol=1e-15)
+    np.testing.assert_allclose(output(three, q), [[0, 0], [0, x]], atol=1e-15)
 
 
 def test_statics_hold_the_model(three):
     for z in ([0.0, 0.0], [0.09, 0.0], [-0.06, 0.1]):
         q, reduced = three.statics(np.array(z))
-        np.testing.assert_allclose(three.output(q[None])[0], z, atol=1e-13)
+        np.testing.assert_allclose(output(three, q[None])[0], z, atol=1e-13)
         held_by = three.model.equilibrium(three.tendons.tension(reduced), load_step=0.1)
         np.testing.assert_allclose(held_by, q, atol=1e-7)
 
@@ -110,7 +110,7 @@ def test_steps_are_those_of_the_plan(three):
     for k in range(1, 160):
         position, velocity = (f(TIMES[k : k + 1])[0] for f in (FAST.position, FAST.velocity))
         progress = three.step(progress, 1 / RATE, position, velocity)
-    tension, pulled = three.inputs(progress.q[2], progress.reduced)
+    tension, pulled = inputs(three, progress.q[2], progress.reduced)
     np.testing.assert_allclose(progress.reduced, found.reduced[-1], atol=1e-9)
     np.testing.assert_allclose(tension, found.tension[-1], atol=1e-9)
     np.testing.assert_allclose(pulled, found.pulled[-1], atol=1e-9)
@@ -146,7 +146,7 @@ def test_internal_poles_are_zeros_of_the_transfer_matrix(three):
     space = three.model.linearize(three.model.start()._replace(q=q), three.tendons.tension(reduced))
     step = 1e-6
     outputs = [
-        (three.output((q + e)[None]) - three.output((q - e)[None]))[0] / (2 * step)
+        (output(three, (q + e)[None]) - output(three, (q - e)[None]))[0] / (2 * step)
         for e in step * np.eye(6)
     ]
     c = np.hstack([np.array(outputs).T, np.zeros((2, 6))])
@@ -192,7 +192,7 @@ def test_more_pieces_pay_on_a_finer_rig(three):
         found = model.simulate(
             FAST.end_time, held(pulled[:-1], 1 / RATE), samples=TIMES, tolerance=1e-5
         )
-        gap = plant.output(found.q) - FAST.position(TIMES)[:, :2]
+        gap = output(plant, found.q) - FAST.position(TIMES)[:, :2]
         largest.append(np.linalg.norm(gap, axis=1).max())
     assert largest[0] > 3 * largest[1]
     assert largest[2] < 2e-4
