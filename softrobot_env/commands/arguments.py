@@ -128,10 +128,13 @@ def twin(text: str) -> int | None:
     """Seed of a twin, None for an ideal rig."""
     if text == _NO_TWIN:
         return None
+    return seed(text, f"a seed, a whole number of zero or more, or {_NO_TWIN}")
+
+
+def seed(text: str, what: str = "a whole number of zero or more") -> int:
+    """A whole number, zero or more."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a seed, a whole number of zero or more, or {_NO_TWIN}"
-        )
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
     return int(text)
 
 

@@ -13,7 +13,7 @@ from rich.progress import Progress
 from rich.table import Table
 
 from softrobot_env.commands import train_rl
-from softrobot_env.commands.arguments import add_out
+from softrobot_env.commands.arguments import add_out, seed
 from softrobot_env.interfaces import Show
 from softrobot_env.paths import models_dir
 from softrobot_env.registries import load
@@ -142,23 +142,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what", nargs="?", choices=list(TRAINERS), help="an artefact; or give --algo"
     )
-    parser.add_argument("--seed", type=_seed, default=0, help="of the randomness; default: 0")
+    parser.add_argument("--seed", type=seed, default=0, help="of the randomness; default: 0")
     parser.add_argument(
         "--twin",
-        type=_seed,
+        type=seed,
         metavar="SEED",
         help=f"of the twin that {_OF_A_TWIN} is of; default: 0. Others than 0 go to a file with "
         "the seed in its name, for `softrobot evaluate --learnt`",
     )
     add_out(parser, str(models_dir()), ", where policies look")
     train_rl.add_arguments(parser)
-
-
-def _seed(text: str) -> int:
-    """A whole number, zero or more."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of zero or more")
-    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:

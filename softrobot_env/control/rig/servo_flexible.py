@@ -76,7 +76,13 @@ class FlexibleServoConstraints:
         """
         if robot.head is None:
             raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
-        _check_ends(robot)
+        ends = [tendon.end for tendon in robot.tendons]
+        # So each piece bends under the moment of all tendons.
+        if not np.allclose(ends, robot.length, rtol=1e-12, atol=0):
+            raise ValueError(
+                f"robot {robot.name!r}: tendons must end at its tip, at {robot.length} m, got ends "
+                f"{', '.join(f'{end:g}' for end in ends)} m"
+            )
         self.robot, self.tendons = robot, ThreeTendons(robot)
         self.model = PCC(robot, pieces, axes="spatial", inertia=inertia)
         # Each piece of length l bends under the whole moment, lever * F_red.
@@ -158,21 +164,11 @@ class FlexibleServoConstraints:
         q, v, reduced = progress.q.copy(), progress.v.copy(), progress.reduced.copy()
         first, steps = progress.steps == 0, progress.steps + 1
         if not advance(self.data, period, stabilisation, first, z, dz, q, v, reduced):
-            raise _failure(steps * period, z)
+            time = steps * period
+            raise InversionError(
+                f"Newton's iteration failed at t = {time:.4g} s, with the output at "
+                f"{1e3 * np.hypot(*z):.1f} mm from the axis; take smaller steps or a reference in "
+                "reach",
+                time,
+            )
         return Progress(q, v, reduced, steps)
-
-
-def _check_ends(robot: RobotParams) -> None:
-    """Raise ValueError unless each piece bends under the moment of all tendons."""
-    ends = [tendon.end for tendon in robot.tendons]
-    if not np.allclose(ends, robot.length, rtol=1e-12, atol=0):
-        raise ValueError(
-            f"robot {robot.name!r}: tendons must end at its tip, at {robot.length} m, got ends "
-            f"{', '.join(f'{end:g}' for end in ends)} m"
-        )
-
-
-def _failure(time: float, z: np.ndarray) -> InversionError:
-    place = f"with the output at {1e3 * np.hypot(*z):.1f} mm from the axis"
-    advice = "take smaller steps or a reference in reach"
-    return InversionError(f"Newton's iteration failed at t = {time:.4g} s, {place}; {advice}", time)

@@ -1,7 +1,7 @@
 """Tip tracking with the real test rig over a serial line; the contract of `RigEnv`."""
 
 from collections.abc import Callable
-from math import nan
+from math import dist, nan
 from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar
@@ -14,7 +14,7 @@ from softrobot_env.envs.options import action_values
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.setting import TENSION, RealSetting, check_limits
 from softrobot_env.envs.real.step_clock import StepClock
-from softrobot_env.envs.real.tip_filter import StaleError, TipFilter
+from softrobot_env.envs.real.tip_filter import StaleError, TipFilter, reference_at
 from softrobot_env.envs.reference import TOP, ReferenceTable
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
@@ -256,7 +256,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
     def _error(self, now: float) -> float:
         """Distance [m] of the newest measurement to the reference of its own time."""
         age = (now - self._tip.time) / self.control_period
-        return self._tip.error(self._reference.position, self._index - age)
+        return dist(self._tip.position, reference_at(self._reference.position, self._index - age))
 
     def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
         reading = self._session.driver.reading
