@@ -109,7 +109,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--speeds",
-        type=_speeds,
+        type=lambda text: [positive(part) for part in text.split(",")],
         metavar="V1,V2",
         help=f"as --option speed=...; of {', '.join(UNSEEN_TASKS)} the largest of the reference, "
         "default: 0.1",
@@ -142,11 +142,6 @@ def _add_real(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--record", type=Path, metavar="DIR", help="record the serial line of every episode"
     )
-
-
-def _speeds(text: str) -> list[float]:
-    """`0.05,0.1` as numbers."""
-    return [positive(part) for part in text.split(",")]
 
 
 @dataclass(frozen=True)

@@ -28,7 +28,6 @@ ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 #: Arguments that only robots over a serial line have.
 SERIAL = ("robot_file", "port", "record")
 
-
 #: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
 STEP_DURATION = 25.0
 

@@ -17,16 +17,11 @@ Given = dict[str, list[float]]
 def combinations(task: str, given: Given) -> list[Options]:
     """Options of a task in every combination of the values given for them."""
     own = defaults(EVERY_TASK[task])
-    values = [
-        dict.fromkeys(_in_kind(value, default) for value in given.get(option, [default]))
-        for option, default in own.items()
-    ]
+    values = []
+    for option, default in own.items():
+        kind = float if isinstance(default, float) else lambda seed: seed  # seeds stay whole
+        values.append(dict.fromkeys(map(kind, given.get(option, [default]))))
     return [dict(zip(own, chosen, strict=True)) for chosen in itertools.product(*values)]
-
-
-def _in_kind(value: float, default: float) -> float:
-    """A number as the task wants it; seeds stay whole."""
-    return float(value) if isinstance(default, float) else value
 
 
 def check_used(given: Given, tasks: list[str]) -> None:

@@ -231,7 +231,8 @@ def _add_joint(
     else:
         axis = _turned(HINGE_AXES[kind], azimuth)
         joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-        joint.springref = weight * _precurvature(kind, robot, azimuth)
+        along, across = seen_from_hinges(robot.precurvature, azimuth)
+        joint.springref = weight * {"hinge": along, "side": across, "twist": 0.0}[kind]
     stiffness = _beam_stiffness(kind, robot) / weight
     joint.stiffness[0] = stiffness
     joint.damping[0] = robot.damping_time * stiffness
@@ -243,12 +244,6 @@ def _turned(axis: tuple[float, float, float], azimuth: float) -> tuple[float, fl
         return axis
     x, y, z = axis
     return x * cos(azimuth) - y * sin(azimuth), x * sin(azimuth) + y * cos(azimuth), z
-
-
-def _precurvature(kind: str, robot: RobotParams, azimuth: float) -> float:
-    """Curvature [1/m] of the unloaded robot about a hinge."""
-    along, across = seen_from_hinges(robot.precurvature, azimuth)
-    return {"hinge": along, "side": across, "twist": 0.0}[kind]
 
 
 def _beam_stiffness(kind: str, robot: RobotParams) -> float:
