@@ -4,8 +4,7 @@ import argparse
 import shlex
 import sys
 
-from softrobot_env.commands import benchmark, export, inspect, render, train
-from softrobot_env.commands.evaluate import command as evaluate
+from softrobot_env.commands import benchmark, evaluate, export, inspect, render, train
 from softrobot_env.commands.robot import command as robot
 from softrobot_env.commands.subcommands import Command, add_commands
 from softrobot_env.registries import Registry

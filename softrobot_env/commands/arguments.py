@@ -1,7 +1,7 @@
 """Arguments that several commands share."""
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from math import inf, isfinite, nan
 from pathlib import Path
 
@@ -60,18 +60,15 @@ def plant_options(args: argparse.Namespace, policy: str) -> dict[str, object]:
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
     """
-    return policy_environment(policy) | _given_options(args)
-
-
-def _given_options(args: argparse.Namespace) -> dict[str, object]:
     if args.plant == MUJOCO:
-        return scene_options(args)
+        return policy_environment(policy) | scene_options(args)
     given = {"rule": args.rule != _RULE, "timestep": args.timestep, "integrator": args.integrator}
     foreign = [f"--{name}" for name, value in given.items() if value]
     if foreign:
         raise ValueError(f"{', '.join(foreign)}: only with --plant {MUJOCO}")
     period = {} if args.control_period is None else {"control_period": args.control_period}
-    return {"plant": BeamPlant(args.plant, args.pieces), **period}
+    plant = BeamPlant(args.plant, args.pieces)
+    return policy_environment(policy) | {"plant": plant, **period}
 
 
 def add_feedback(parser: argparse.ArgumentParser) -> None:
@@ -131,10 +128,13 @@ def twin(text: str) -> int | None:
     """Seed of a twin, None for an ideal rig."""
     if text == _NO_TWIN:
         return None
+    return seed(text, f"a seed, a whole number of zero or more, or {_NO_TWIN}")
+
+
+def seed(text: str, what: str = "a whole number of zero or more") -> int:
+    """A whole number, zero or more."""
     if not text.isdecimal():
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not a seed, a whole number of zero or more, or {_NO_TWIN}"
-        )
+        raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
     return int(text)
 
 
@@ -150,12 +150,18 @@ def _number(text: str, allowed: Callable[[float], bool], what: str) -> float:
 
 def variation(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of a variation and its values."""
+    name, values = named_values(text, NEUTRAL)
+    return name, [_varied(name, value) for value in values]
+
+
+def named_values(text: str, known: Iterable[str]) -> tuple[str, list[str]]:
+    """`name=1,2,3` as one of the known names and its values."""
     name, _, values = text.partition("=")
-    if name not in NEUTRAL or not values:
+    if name not in known or not values:
         raise argparse.ArgumentTypeError(
-            f"{text!r} is not NAME=V1,V2,... with NAME out of {', '.join(NEUTRAL)}"
+            f"{text!r} is not NAME=V1,V2,... with NAME out of {', '.join(known)}"
         )
-    return name, [_varied(name, value) for value in values.split(",")]
+    return name, values.split(",")
 
 
 def _varied(name: str, text: str) -> float:

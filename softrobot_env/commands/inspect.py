@@ -10,7 +10,7 @@ from rich.table import Table
 
 from softrobot_env.benchmarks.timing import step_cost
 from softrobot_env.commands.arguments import add_scene, add_twin, scene_options
-from softrobot_env.commands.setups.rig import RigSetup
+from softrobot_env.commands.setups import RigSetup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.rig import RigEnv

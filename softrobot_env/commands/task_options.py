@@ -4,7 +4,7 @@ import argparse
 import itertools
 from math import isfinite
 
-from softrobot_env.commands.arguments import positive
+from softrobot_env.commands.arguments import named_values, positive
 from softrobot_env.tasks import EVERY_TASK, WITH_OPTION, Task, defaults, make_task
 
 #: Options of a task by name.
@@ -17,16 +17,11 @@ Given = dict[str, list[float]]
 def combinations(task: str, given: Given) -> list[Options]:
     """Options of a task in every combination of the values given for them."""
     own = defaults(EVERY_TASK[task])
-    values = [
-        dict.fromkeys(_in_kind(value, default) for value in given.get(option, [default]))
-        for option, default in own.items()
-    ]
+    values = []
+    for option, default in own.items():
+        kind = float if isinstance(default, float) else lambda seed: seed  # seeds stay whole
+        values.append(dict.fromkeys(map(kind, given.get(option, [default]))))
     return [dict(zip(own, chosen, strict=True)) for chosen in itertools.product(*values)]
-
-
-def _in_kind(value: float, default: float) -> float:
-    """A number as the task wants it; seeds stay whole."""
-    return float(value) if isinstance(default, float) else value
 
 
 def check_used(given: Given, tasks: list[str]) -> None:
@@ -42,12 +37,8 @@ def check_used(given: Given, tasks: list[str]) -> None:
 
 def option(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of an option of tasks and its values."""
-    name, _, values = text.partition("=")
-    if name not in WITH_OPTION or not values:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not NAME=V1,V2,... with NAME out of {', '.join(WITH_OPTION)}"
-        )
-    return name, [_number(value) for value in values.split(",")]
+    name, values = named_values(text, WITH_OPTION)
+    return name, [_number(value) for value in values]
 
 
 def _number(text: str) -> float:

@@ -7,21 +7,16 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
 from softrobot_env.commands import train_rl
-from softrobot_env.commands.arguments import add_out
+from softrobot_env.commands.arguments import add_out, seed
 from softrobot_env.interfaces import Show
 from softrobot_env.paths import models_dir
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from softrobot_env.beams.closed_forms.planar_arm import PlanarArm
+from softrobot_env.registries import load
 
 EXAMPLE = """softrobot train --algo ppo --randomize
   softrobot train rig_nn --twin 3 --out out"""
@@ -77,30 +72,15 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
     ]
 
 
-def _train_lqi(seed: int, path: Path, show: Show) -> Figures:
-    """Gain table of the LQI controller for the arm (thesis sec. 6.4); nothing in it is random."""
-    from softrobot_env.control.arm import lqi
-
-    return _gain_table(lqi.design, path, show)
-
-
-def _train_lq_preview(seed: int, path: Path, show: Show) -> Figures:
-    """Gain table of LQ tracking with preview for the arm; nothing in it is random."""
-    from softrobot_env.control.arm import lq_preview
-
-    return _gain_table(lq_preview.preview_design, path, show)
-
-
-def _gain_table(
-    design: "Callable[[PlanarArm, np.ndarray], np.ndarray]", path: Path, show: Show
-) -> Figures:
+def _train_gains(design: str, seed: int, path: Path, show: Show) -> Figures:
+    """Gain table of a law for the arm (thesis sec. 6.4), by its design; nothing in it is random."""
     from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
     from softrobot_env.control.arm.operating_points import build_gains, save_gains
     from softrobot_env.robots import ARM
 
     gains = build_gains(
         ARM,
-        partial(design, make_planar_arm(ARM)),
+        partial(load(design), make_planar_arm(ARM)),
         lambda done, total: show("operating points", done, total),
     )
     save_gains(path, ARM, gains)
@@ -144,8 +124,11 @@ def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
 #: Artefact (the name of its policy) -> how to make it.
 TRAINERS = {
     "qs_nn": Trainer("qs_nn.npz", _train_qs_nn),
-    "lqi": Trainer("lqi.npz", _train_lqi),
-    "lq_preview": Trainer("lq_preview.npz", _train_lq_preview),
+    "lqi": Trainer("lqi.npz", partial(_train_gains, "softrobot_env.control.arm.lqi:design")),
+    "lq_preview": Trainer(
+        "lq_preview.npz",
+        partial(_train_gains, "softrobot_env.control.arm.lq_preview:preview_design"),
+    ),
     "rig_nn": Trainer("rig_nn.npz", _train_rig_nn),
     "imitation": Trainer("imitation.npz", _train_imitation, ("torch", "daqp")),
 }
@@ -159,23 +142,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "what", nargs="?", choices=list(TRAINERS), help="an artefact; or give --algo"
     )
-    parser.add_argument("--seed", type=_seed, default=0, help="of the randomness; default: 0")
+    parser.add_argument("--seed", type=seed, default=0, help="of the randomness; default: 0")
     parser.add_argument(
         "--twin",
-        type=_seed,
+        type=seed,
         metavar="SEED",
         help=f"of the twin that {_OF_A_TWIN} is of; default: 0. Others than 0 go to a file with "
         "the seed in its name, for `softrobot evaluate --learnt`",
     )
     add_out(parser, str(models_dir()), ", where policies look")
     train_rl.add_arguments(parser)
-
-
-def _seed(text: str) -> int:
-    """A whole number, zero or more."""
-    if not text.isdecimal():
-        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of zero or more")
-    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -199,8 +199,9 @@ class Driver:
         reading = None
         try:
             reading = self.wait_for(self.command(length), due)
-        except UnansweredError:
-            self._check_alive()
+        except UnansweredError as error:
+            if not self._is_alive():
+                raise LinkError(f"the robot has said nothing for {_FRESH:g} s") from error
         self._exchange.pause(due)
         return reading
 
@@ -262,10 +263,6 @@ class Driver:
     def _learn_fault(self, session: Session, end: float) -> None:
         """Wait for the report of a fault that is known only by its kind, or until `end` [s]."""
         self._exchange.wait(lambda: session.fault is None or session.fault_told, end)
-
-    def _check_alive(self) -> None:
-        if not self._is_alive():
-            raise LinkError(f"the robot has said nothing for {_FRESH:g} s")
 
     def _is_alive(self) -> bool:
         return self.reading is not None and self._clock() - self.reading.time < _FRESH

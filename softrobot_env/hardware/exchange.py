@@ -91,10 +91,12 @@ class Exchange:
             LinkError: It has not happened in time.
             RobotError: What went wrong while listening, or while making the frame.
         """
-        session, reason = self._session, None
+        session, reason, name = self._session, None, kind.__name__.upper()
         while not self.wait(done, self._clock()):
             if self._clock() >= end:
-                raise _unanswered(kind, reason)
+                if reason is None:
+                    raise LinkError(f"the robot has not answered {name} in time")
+                raise RefusedError(name, reason)
             with self.held():
                 data = make()
             self.write(data)
@@ -104,7 +106,7 @@ class Exchange:
             if reason in _PASSING:
                 self.wait(done, retry)
             elif reason is not None and not done():
-                raise RefusedError(_named(kind), reason)
+                raise RefusedError(name, reason)
 
     def pause(self, end: float) -> None:
         """Wait until `end` [s], or until this is closed."""
@@ -161,13 +163,3 @@ def identify(transport: Transport, timeout: float = 2.0) -> DeviceInfo:
                 if isinstance(message, HelloAck) and message.nonce == hello.nonce:
                     return introduced(message)
     raise LinkError(f"no robot has answered within {timeout:g} s")
-
-
-def _unanswered(kind: type[Message], reason: int | None) -> Exception:
-    if reason is None:
-        return LinkError(f"the robot has not answered {_named(kind)} in time")
-    return RefusedError(_named(kind), reason)
-
-
-def _named(kind: type[Message]) -> str:
-    return kind.__name__.upper()

@@ -99,8 +99,11 @@ def damping_of(outputs: np.ndarray, believed: RobotParams) -> tuple[float, float
     wanted = rates_of_decay(outputs)
 
     def off(parameters: np.ndarray) -> np.ndarray:
-        rig = nominal_twin(_damped(believed, *parameters))
-        return rates_of_decay(visit_decays(rig, count=len(outputs))) / wanted - 1
+        damping, friction = parameters
+        rubbing = tuple(replace(tendon, friction=friction) for tendon in believed.tendons)
+        rig = replace(believed, damping_time=damping * believed.damping_time, tendons=rubbing)
+        decays = visit_decays(nominal_twin(rig), count=len(outputs))
+        return rates_of_decay(decays) / wanted - 1
 
     found = least_squares(
         off,
@@ -117,8 +120,3 @@ def damping_of(outputs: np.ndarray, believed: RobotParams) -> tuple[float, float
             f"of friction in each tendon decays at {wanted.round(2).tolist()} 1/s"
         )
     return float(found.x[0]), float(found.x[1])
-
-
-def _damped(robot: RobotParams, damping: float, friction: float) -> RobotParams:
-    tendons = tuple(replace(tendon, friction=friction) for tendon in robot.tendons)
-    return replace(robot, damping_time=damping * robot.damping_time, tendons=tendons)

@@ -13,8 +13,8 @@ HIDDEN = (10, 10)
 #: Samples to train, and to stop the training with.
 TRAINING, VALIDATION = 150, 32
 
-#: Name -> data of a network.
-DIRECTIONS = {"forward": lambda data: data.forward, "inverse": lambda data: data.inverse}
+#: Networks s -> z and z -> s.
+DIRECTIONS = ("forward", "inverse")
 
 
 def direction_of(data: RigData, name: str) -> Dataset:
@@ -25,7 +25,9 @@ def direction_of(data: RigData, name: str) -> Dataset:
     """
     if name not in DIRECTIONS:
         raise ValueError(f"unknown direction {name!r}; choose from {', '.join(DIRECTIONS)}")
-    return DIRECTIONS[name](data)
+    if name == "forward":
+        return Dataset(data.lengths, data.measured)
+    return Dataset(data.measured, data.lengths)
 
 
 def fit(

@@ -19,7 +19,6 @@ import numpy as np
 
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.envs.rig import RigEnv
-from softrobot_env.learned.network import Dataset
 from softrobot_env.processes import worker_processes
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.twin import Twin
@@ -59,16 +58,6 @@ class RigData:
     lengths: np.ndarray
     nominal: np.ndarray
     measured: np.ndarray
-
-    @property
-    def forward(self) -> Dataset:
-        """For a network s -> z."""
-        return Dataset(self.lengths, self.measured)
-
-    @property
-    def inverse(self) -> Dataset:
-        """For a network z -> s."""
-        return Dataset(self.measured, self.lengths)
 
 
 @dataclass(frozen=True)

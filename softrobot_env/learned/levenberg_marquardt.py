@@ -8,7 +8,7 @@ products of two small Gram matrices, and J^T v is one backpropagation of v.
 """
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
@@ -50,29 +50,17 @@ def descend(
     return None
 
 
-def check_data(network: Network, inputs: np.ndarray, outputs: np.ndarray) -> None:
-    """Raise ValueError unless the data are finite and of shapes that fit the network."""
-    wanted = [(len(inputs), network.sizes[0]), (len(inputs), network.sizes[-1])]
-    if [inputs.shape, outputs.shape] != wanted:
-        raise ValueError(
-            f"training data must have shapes {wanted[0]} and {wanted[1]}, got {inputs.shape} and "
-            f"{outputs.shape}"
-        )
-    if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(outputs))):
-        raise ValueError("training data must be finite")
-
-
-class Linearization(Protocol):
+class Linearization(NamedTuple):
     """The errors near some parameters.
 
     Attributes:
         slope: J^T e (n,).
+        step: From a damping to (J^T J + damping I)^-1 J^T e (n,); LinAlgError if that matrix is not
+            definite.
     """
 
     slope: np.ndarray
-
-    def step(self, damping: float) -> np.ndarray:
-        """(J^T J + damping I)^-1 J^T e (n,); LinAlgError if that matrix is not definite."""
+    step: Callable[[float], np.ndarray]
 
 
 class LeastSquares:
@@ -83,8 +71,15 @@ class LeastSquares:
     """
 
     def __init__(self, network: Network, inputs: np.ndarray, outputs: np.ndarray) -> None:
-        """Raise ValueError for data that `check_data` refuses."""
-        check_data(network, inputs, outputs)
+        """Raise ValueError unless the data are finite and of shapes that fit the network."""
+        wanted = [(len(inputs), network.sizes[0]), (len(inputs), network.sizes[-1])]
+        if [inputs.shape, outputs.shape] != wanted:
+            raise ValueError(
+                f"training data must have shapes {wanted[0]} and {wanted[1]}, got {inputs.shape} "
+                f"and {outputs.shape}"
+            )
+        if not (np.all(np.isfinite(inputs)) and np.all(np.isfinite(outputs))):
+            raise ValueError("training data must be finite")
         self._network = network
         self._inputs = network.inputs.scale(inputs)
         self._outputs = network.outputs.scale(outputs)
@@ -111,40 +106,24 @@ class LeastSquares:
     def linearize(self, parameters: np.ndarray) -> Linearization:
         """The errors near parameters (n,), in whichever form has the smaller matrix."""
         if len(parameters) <= self.errors:
-            return _Primal(*self.gauss_newton(parameters))
+            slope, square = self.gauss_newton(parameters)
+            return Linearization(
+                slope, lambda damping: cho_solve(cho_factor(_damped(square, damping)), slope)
+            )
         return self.linearize_dual(parameters)
 
     def linearize_dual(self, parameters: np.ndarray) -> Linearization:
         """As `linearize`, by the matrix J J^T (k n_out, k n_out)."""
         network = self._network.with_parameters(parameters)
-        return _Dual(network, self._inputs, self._outputs)
+        values = network.activations(self._inputs)
+        error, square = values[-1] - self._outputs, gram(network, values)
 
+        def step(damping: float) -> np.ndarray:
+            factor = cho_factor(_damped(square, damping), overwrite_a=True)
+            weight = cho_solve(factor, error.ravel())
+            return backpropagate(network, values, weight.reshape(error.shape))
 
-class _Primal:
-    """By J^T J."""
-
-    def __init__(self, slope: np.ndarray, square: np.ndarray) -> None:
-        self.slope = slope
-        self._square = square
-
-    def step(self, damping: float) -> np.ndarray:
-        return cho_solve(cho_factor(_damped(self._square, damping)), self.slope)
-
-
-class _Dual:
-    """By J J^T."""
-
-    def __init__(self, network: Network, inputs: np.ndarray, outputs: np.ndarray) -> None:
-        self._network = network
-        self._values = network.activations(inputs)
-        self._error = self._values[-1] - outputs
-        self._gram = gram(network, self._values)
-        self.slope = backpropagate(network, self._values, self._error)
-
-    def step(self, damping: float) -> np.ndarray:
-        factor = cho_factor(_damped(self._gram, damping), overwrite_a=True)
-        weight = cho_solve(factor, self._error.ravel())
-        return backpropagate(self._network, self._values, weight.reshape(self._error.shape))
+        return Linearization(backpropagate(network, values, error), step)
 
 
 def _damped(matrix: np.ndarray, damping: float) -> np.ndarray:

@@ -4,9 +4,19 @@ The names here are what other parts import; `robots.twin`, `robots.actuation` an
 `robots.three_tendons` hold the rest.
 """
 
-from softrobot_env.robots.arm import ARM
-from softrobot_env.robots.cantilevers import CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.loads import Load
+from softrobot_env.robots.named import (
+    ARM,
+    CANTILEVER_STIFF,
+    CANTILEVER_WEAK,
+    EQUIVALENT,
+    EQUIVALENT_RIG,
+    LENGTH_SCALE,
+    RIG,
+    ROBOTS,
+    SERVO_SPEED,
+    WORKSPACE,
+)
 from softrobot_env.robots.parameters import (
     MAY_VANISH,
     NEUTRAL,
@@ -17,15 +27,6 @@ from softrobot_env.robots.parameters import (
     as_number,
     centerline,
     check_number,
-)
-from softrobot_env.robots.registry import ROBOTS
-from softrobot_env.robots.rig import (
-    EQUIVALENT,
-    EQUIVALENT_RIG,
-    LENGTH_SCALE,
-    RIG,
-    SERVO_SPEED,
-    WORKSPACE,
 )
 
 __all__ = [

@@ -62,9 +62,10 @@ class ThreeTendons:
         tension = self.with_total(reduced, total)
         missing = np.max(self.pretension - tension)
         if missing > 1e-12 * max(1.0, abs(total)):
+            needed = np.max(self.tension(reduced).sum(axis=-1))
             raise ValueError(
                 f"a sum of {total:g} N leaves a tendon {missing:.3g} N below its pretension; "
-                f"give at least {self.least_total(reduced):.6g} N"
+                f"give at least {needed:.6g} N"
             )
         return tension
 
@@ -76,10 +77,6 @@ class ThreeTendons:
         least = np.asarray(reduced) @ self.spread.T
         shift = (total - least.sum(axis=-1)) / self.null.sum()
         return least + shift[..., None] * self.null
-
-    def least_total(self, reduced: np.ndarray) -> float:
-        """Smallest constant sum of tensions [N] for reduced inputs (..., 2) [N]."""
-        return float(np.max(self.tension(reduced).sum(axis=-1)))
 
     def pulled(self, tension: np.ndarray, curvature: np.ndarray) -> np.ndarray:
         """Lengths pulled in (..., 3) [m]: s = s_geo + (F - F_pre) / c, audit of (5.35).

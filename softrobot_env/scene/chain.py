@@ -18,7 +18,6 @@ all directions; its hinges' axes are turned to the directions of the principal s
 A head is a body of its own, fixed to the last link, and carries the tip site at its output point.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 from math import cos, sin
 
@@ -193,7 +192,7 @@ def add_chain(
         origin = stations[index + 1] - stations[index]
         body = bodies[-1].add_body(name=f"link{index}", pos=[0, 0, origin])
         _set_inertia(body, robot, stations[index + 2] - stations[index + 1])
-        for kind in _in_order(kinds, index):
+        for kind in reversed(kinds) if index % 2 else kinds:  # see the module
             _add_joint(body, f"{kind}{index}", kind, robot, weight, azimuth)
         bodies.append(body)
     chain = Chain(spec, layout, robot.length, tuple(bodies), kinds, azimuth)
@@ -210,11 +209,6 @@ def _add_tip(chain: Chain, head: Head | None) -> None:
         body.explicitinertial = True
         height = head.output
     body.add_site(name=TIP_SITE, pos=[0, 0, height], size=[1e-3, 0, 0])
-
-
-def _in_order(kinds: tuple[str, ...], index: int) -> Iterable[str]:
-    """The hinges of a station from the base to the tip; see the module."""
-    return reversed(kinds) if index % 2 else kinds
 
 
 def _set_inertia(body: mujoco.MjsBody, robot: RobotParams, length: float) -> None:
@@ -237,7 +231,8 @@ def _add_joint(
     else:
         axis = _turned(HINGE_AXES[kind], azimuth)
         joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-        joint.springref = weight * _precurvature(kind, robot, azimuth)
+        along, across = seen_from_hinges(robot.precurvature, azimuth)
+        joint.springref = weight * {"hinge": along, "side": across, "twist": 0.0}[kind]
     stiffness = _beam_stiffness(kind, robot) / weight
     joint.stiffness[0] = stiffness
     joint.damping[0] = robot.damping_time * stiffness
@@ -249,12 +244,6 @@ def _turned(axis: tuple[float, float, float], azimuth: float) -> tuple[float, fl
         return axis
     x, y, z = axis
     return x * cos(azimuth) - y * sin(azimuth), x * sin(azimuth) + y * cos(azimuth), z
-
-
-def _precurvature(kind: str, robot: RobotParams, azimuth: float) -> float:
-    """Curvature [1/m] of the unloaded robot about a hinge."""
-    along, across = seen_from_hinges(robot.precurvature, azimuth)
-    return {"hinge": along, "side": across, "twist": 0.0}[kind]
 
 
 def _beam_stiffness(kind: str, robot: RobotParams) -> float:

@@ -72,19 +72,18 @@ def _solve(model: mujoco.MjModel, ctrl: np.ndarray, q: np.ndarray) -> np.ndarray
         force = _force(model, data, q)
         jacobian = _jacobian(model, data, q, force)
         if np.max(np.abs(force)) < 1e-12 * scale:
-            _check_stability(jacobian)
+            # Exact for forces with a potential; follower loads may also cause flutter, which this
+            # misses.
+            if np.max(np.linalg.eigvals(jacobian).real) >= 0:
+                raise EquilibriumError(
+                    "the equilibrium is unstable: the robot would leave it by itself"
+                )
             return q
         turn = np.linalg.solve(jacobian, -force)
         q = _moved(model, q, turn * min(1.0, _LARGEST_TURN / np.max(np.abs(turn))))
     raise EquilibriumError(
         f"no equilibrium after {_ITERATIONS} iterations: {np.max(np.abs(force)):.3g} N m remain"
     )
-
-
-def _check_stability(jacobian: np.ndarray) -> None:
-    # Exact for forces with a potential; follower loads may also cause flutter, which this misses.
-    if np.max(np.linalg.eigvals(jacobian).real) >= 0:
-        raise EquilibriumError("the equilibrium is unstable: the robot would leave it by itself")
 
 
 def _force(model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from softrobot_env.evaluation.metrics import step_metrics
 from softrobot_env.evaluation.runner import Case, Outcome, run
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM
-from softrobot_env.tasks import Task, make_task
+from softrobot_env.tasks import make_task
 
 #: Tasks and step widths [m] of a check.
 TASKS = (("swing", None), ("lshape", None), ("step", 0.05), ("step", 0.1), ("step", 0.2))
@@ -64,12 +64,9 @@ def check(
         env = TrackingEnv(task, control_period=neural.PERIOD, preview=neural.PREVIEW, reward=reward)
         for vary in variations:
             case = Case(task, "network", variation=vary, duration=duration)
-            rows[_label(task, vary)] = _row(run(case, env, policy))
+            label = ", ".join([task.label, *(f"{n} {value:g}" for n, value in vary.items())])
+            rows[label] = _row(run(case, env, policy))
     return rows
-
-
-def _label(task: Task, vary: dict[str, float]) -> str:
-    return ", ".join([task.label, *(f"{name} {value:g}" for name, value in vary.items())])
 
 
 def _row(outcome: Outcome) -> CheckRow:

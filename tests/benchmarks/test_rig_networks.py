@@ -27,6 +27,7 @@ from softrobot_env.benchmarks.rig_networks.friction import FrictionRow
 from softrobot_env.benchmarks.rig_networks.plots import plot
 from softrobot_env.benchmarks.rig_networks.run import InferenceRow
 from softrobot_env.benchmarks.rig_networks.tables import tables
+from softrobot_env.identification.networks import direction_of
 from softrobot_env.identification.recording import collect, disk_points, split
 from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.robots import RIG
@@ -106,7 +107,7 @@ def test_a_full_run_is_that_of_the_thesis():
 def test_a_cell_is_the_median_of_its_trainings(data, parts):
     case = Case("samples", "forward", 1, 4, samples=30, trainings=3)
     row = run_case(case, data, parts)
-    test = data.forward.take(parts.test)
+    test = direction_of(data, "forward").take(parts.test)
     errors, worst = [], []
     for seed in range(3):
         network = train(case, data, parts, seed).network

@@ -5,7 +5,7 @@ import sys
 import pytest
 
 from softrobot_env.cli import COMMANDS, main
-from softrobot_env.commands.evaluate import cases as evaluate_cases
+from softrobot_env.commands import cases as evaluate_cases
 
 
 def test_evaluate_writes_report_and_plots(tmp_path, capsys):

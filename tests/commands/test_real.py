@@ -10,10 +10,10 @@ from support.patience import patient_drivers
 from support.rig_learnt_file import learnt_file
 
 from softrobot_env.cli import main
+from softrobot_env.commands.robot import setup as real_setup
 from softrobot_env.commands.robot import soak
 from softrobot_env.commands.robot.soak import answer_times
 from softrobot_env.commands.robot.virtual import virtual_process
-from softrobot_env.commands.setups import real as real_setup
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import VIRTUAL
 from softrobot_env.evaluation.runner import Case

@@ -3,6 +3,7 @@ import time
 
 import pytest
 from support.hardware_boards import FullDisk, LiveBoard, MemoryTransport
+from support.replay import ReplayTransport
 
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError
@@ -13,7 +14,6 @@ from softrobot_env.hardware.recording import (
     Direction,
     Recording,
     RecordingTransport,
-    ReplayTransport,
     read_recording,
 )
 from softrobot_env.hardware.robot_file.model import rig_file

@@ -122,8 +122,9 @@ def test_every_point_is_visited_once_in_random_order():
     np.testing.assert_allclose(data.lengths, nominal_lengths(RIG, data.nominal), atol=1e-14)
     again = collect(RIG, measure, np.random.default_rng(0), points)
     np.testing.assert_array_equal(again.nominal, data.nominal)
-    assert data.forward.inputs is data.inverse.outputs is data.lengths
-    assert data.forward.outputs is data.inverse.inputs is data.measured
+    forward, inverse = (rig_networks.direction_of(data, name) for name in ("forward", "inverse"))
+    assert forward.inputs is inverse.outputs is data.lengths
+    assert forward.outputs is inverse.inputs is data.measured
 
 
 @pytest.mark.parametrize("bad", [np.zeros((5, 3)), np.full((5, 2), np.nan), np.zeros(5)])

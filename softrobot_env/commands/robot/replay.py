@@ -1,10 +1,10 @@
 """`softrobot robot replay`: what a recorded link carried."""
 
 import argparse
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import fields
 from pathlib import Path
-from typing import NamedTuple
 
 from rich.console import Console
 from rich.table import Table
@@ -32,12 +32,8 @@ _ARROWS = {Direction.TO_ROBOT: "to robot", Direction.FROM_ROBOT: "from robot"}
 _ROUTINE = (Setpoint, Ping, Pong)
 
 
-class Line(NamedTuple):
-    """A message: time [s] from the start, which way, and what."""
-
-    time: float
-    direction: Direction
-    message: Message
+#: A message: time [s] from the start, which way, and what.
+Line = tuple[float, Direction, Message]
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -51,32 +47,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if the recording breaks off in a record."""
     recording = read_recording(args.recording)
-    lines = list(_lines(recording))
+    lines = [
+        (chunk.time - recording.chunks[0].time, chunk.direction, message)
+        for chunk, message, _ in recording.messages()
+    ]
     table = Table(header_style="bold")
     table.add_column("s", justify="right")
     for heading in ("", "message", "what it says"):
         table.add_column(heading)
-    for line in lines if args.all else _news(lines):
-        name = type(line.message).__name__
-        table.add_row(f"{line.time:.3f}", _ARROWS[line.direction], name, _text(line.message))
+    for time, way, message in lines if args.all else _news(lines):
+        table.add_row(f"{time:.3f}", _ARROWS[way], type(message).__name__, _text(message))
     console = Console()
     console.print(table)
     console.print(_summary(recording, lines))
     return int(not recording.complete)
 
 
-def _lines(recording: Recording) -> Iterator[Line]:
-    for chunk, message, _ in recording.messages():
-        yield Line(chunk.time - recording.chunks[0].time, chunk.direction, message)
-
-
 def _news(lines: list[Line]) -> Iterator[Line]:
     """Lines that tell of something new."""
     told = None
     for line in lines:
-        if isinstance(line.message, _ROUTINE):
+        *_, message = line
+        if isinstance(message, _ROUTINE):
             continue
-        tells = _tells(line.message)
+        tells = _tells(message)
         if tells is None or tells != told:
             yield line
         told = tells or told
@@ -107,8 +101,8 @@ def _text(message: Message) -> str:
 
 
 def _summary(recording: Recording, lines: list[Line]) -> str:
-    counts = [sum(line.direction == way for line in lines) for way in Direction]
-    duration = lines[-1].time if lines else 0.0
+    counts = Counter(way for _, way, _ in lines)
+    duration = lines[-1][0] if lines else 0.0
     end = "" if recording.complete else "; the file breaks off in a record"
     return (
         f"{duration:.2f} s, {counts[Direction.TO_ROBOT]} messages to the robot, "

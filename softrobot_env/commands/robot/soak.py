@@ -116,16 +116,12 @@ def _soak(
         for count, moment in enumerate(play(env, policy)):
             last = moment.info
             if count > 0:
-                _add(samples, last)
+                # Kept as `info`, its objects would hold up the steps to come (garbage).
+                for name, column in samples.items():
+                    column.append(nan if last[name] is None else last[name])
             if count % 50 == 0:
                 progress.update(bar, completed=last["time"])
     return _measured(samples, last, env.control_period)
-
-
-def _add(samples: dict[str, array], info: dict[str, Any]) -> None:
-    """Note a step; kept as `info`, its objects would hold up the steps to come (garbage)."""
-    for name, column in samples.items():
-        column.append(nan if info[name] is None else info[name])
 
 
 def _measured(samples: dict[str, array], last: dict[str, Any], period: float) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Quasi-static controller: a network as local inverse of the statics, at 5 Hz (thesis sec. 6.3)."""
 
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -37,21 +36,6 @@ _STATUSES = (
 
 
 _STATES = tuple(Said(status) for status in _STATUSES)
-
-
-class _Folded(NamedTuple):
-    """The network from observations in SI units to an action, as `_decide` takes it.
-
-    Attributes:
-        rows: (n_hidden, n_in + 1 + n_inputs): of each hidden neuron the weights and bias of the
-            raw inputs, and its weights in the action.
-        offset: (n_inputs,) [1], biases of the action.
-        workspace: (n_sectors, 2) [m], see `learned.quasi_static.workspace`, with the margin.
-    """
-
-    rows: np.ndarray
-    offset: np.ndarray
-    workspace: np.ndarray
 
 
 class QuasiStaticNetwork(Controller):
@@ -102,12 +86,8 @@ class QuasiStaticNetwork(Controller):
     def act(self, observation: Observation, state: Said) -> tuple[np.ndarray, Said]:
         """What the network gives, within the tension limit."""
         action = np.empty(self._n_inputs, np.float32)
-        # One by one: a structure costs a call more than all of them.
-        rows, offset, workspace = self._network
         code = _decide(
-            rows,
-            offset,
-            workspace,
+            *self._network,  # a structure costs a call more than one by one
             observation["tip_position"],
             observation["reference_preview"],
             observation["previous_action"],
@@ -116,13 +96,22 @@ class QuasiStaticNetwork(Controller):
         return action, _STATES[code]
 
 
-def _fold(network: Network, input_scale: np.ndarray, workspace: np.ndarray) -> _Folded:
-    """Fold all scaling into the weights."""
+def _fold(
+    network: Network, input_scale: np.ndarray, workspace: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The network from observations in SI units to an action, as `_decide` takes it.
+
+    Returns:
+        rows: (n_hidden, n_in + 1 + n_inputs): of each hidden neuron the weights and bias of the
+            raw inputs, and its weights in the action.
+        offset: (n_inputs,) [1], biases of the action.
+        workspace: (n_sectors, 2) [m], see `learned.quasi_static.workspace`, with the margin.
+    """
     if len(network.weights) != 2:
         raise ValueError(f"qs_nn has one hidden layer, this network {len(network.weights) - 1}")
     (into, threshold), (out, offset) = absorbed(network)
     into[:, 4:] *= input_scale  # of actions, not inputs in N
-    return _Folded(
+    return (
         np.hstack([into, threshold[:, None], (out / input_scale[:, None]).T]),
         offset / input_scale,
         workspace + _MARGIN * np.array([-1.0, 1.0]),

@@ -69,11 +69,6 @@ class MPCSettings:
         return tuple(np.round(np.cumsum(self.steps), 9).tolist())
 
     @property
-    def stages(self) -> int:
-        """Implicit stages per step."""
-        return 1 if GAMMA[self.integrator] == 1 else 2
-
-    @property
     def block(self) -> np.ndarray:
         """(p,) int, input block in force in each step."""
         return np.repeat(np.arange(len(self.moves)), self.moves)
@@ -88,7 +83,8 @@ class MPCSettings:
 
     def no_guess(self, n: int) -> np.ndarray:
         """Accelerations (p, stages, n) of an arm of n pieces at rest."""
-        return np.zeros((len(self.steps), self.stages, n))
+        stages = 1 if GAMMA[self.integrator] == 1 else 2
+        return np.zeros((len(self.steps), stages, n))
 
     def horizon(self) -> Horizon:
         """Reference to grid and weights for the kernels."""

@@ -57,7 +57,7 @@ class Servo(NamedTuple):
 
 
 class Inverse(NamedTuple):
-    """Motion and inputs that put the output on references; arrays (n, ...) or, of one step, (...).
+    """Motion and inputs that put the output on references.
 
     Attributes:
         y, v, a: (n, 2) [rad, rad/s, rad/s2], coordinates of `RigPiece` and their derivatives.
@@ -110,29 +110,19 @@ class ServoConstraints:
             OutOfReachError: A position is out of reach; the message says which.
             ValueError: Other shapes, or values that are not finite.
         """
-        wanted = _references("(n, 2) or (n, 3)", 2, position, velocity, acceleration)
-        return self._inverse(self.motion(*wanted))
-
-    def step(
-        self,
-        position: np.ndarray,
-        velocity: np.ndarray,
-        acceleration: np.ndarray,
-        guess: np.ndarray | None = None,
-    ) -> Inverse:
-        """The inverse at one instant, for real time.
-
-        Args:
-            position, velocity, acceleration: (2,) or (3,) as in `plan`.
-            guess: (2,) [rad], coordinates to start Newton's iteration from, such as the `y` of the
-                step before.
-
-        Raises:
-            OutOfReachError: As `plan`.
-            ValueError: As `plan`.
-        """
-        wanted = _references("(2,) or (3,)", 1, position, velocity, acceleration)
-        return self._inverse(self.motion(*(x[None] for x in wanted), guess)[:, 0])
+        wanted = [np.ascontiguousarray(x, float) for x in (position, velocity, acceleration)]
+        shape = wanted[0].shape
+        if len(shape) != 2 or shape[1] not in (2, 3) or any(x.shape != shape for x in wanted):
+            raise ValueError(
+                "position, velocity and acceleration need one shape, (n, 2) or (n, 3), got "
+                f"{', '.join(str(x.shape) for x in wanted)}"
+            )
+        motion = self.motion(*wanted)
+        y, _, _, reduced, static = motion
+        tension = self.tendons.tension(reduced)
+        pulled = self.tendons.pulled(tension, self.curvature(y))
+        dynamic = (tension - self.tendons.tension(static)) / self.tendons.stiffness
+        return Inverse(*motion, tension, pulled, dynamic)
 
     def curvature(self, y: np.ndarray) -> np.ndarray:
         """Curvatures (..., 2) [1/m] towards x and y of coordinates (..., 2) [rad]."""
@@ -143,7 +133,8 @@ class ServoConstraints:
     ) -> np.ndarray:
         """Of `Inverse` the first five fields alone (5, n, 2); arguments and errors as `plan`.
 
-        Not checked are the arguments' shapes. Also `step`'s guess (2,) [rad], for the first.
+        Not checked are the arguments' shapes. Newton's iteration starts from a guess (2,) [rad] of
+        the first coordinates, as of the step before; each solution is the guess of the next ones.
         """
         motion = np.zeros((5, len(z), 2))
         if guess is not None:
@@ -159,26 +150,6 @@ class ServoConstraints:
             f"{self.robot.name!r}, whose model reaches less than {1e3 * self.reach:.1f} mm",
             done,
         )
-
-    def _inverse(self, motion: np.ndarray) -> Inverse:
-        """With what the tendons do for a motion (5, ..., 2)."""
-        y, _, _, reduced, static = motion
-        tension = self.tendons.tension(reduced)
-        pulled = self.tendons.pulled(tension, self.curvature(y))
-        dynamic = (tension - self.tendons.tension(static)) / self.tendons.stiffness
-        return Inverse(*motion, tension, pulled, dynamic)
-
-
-def _references(shape: str, dimensions: int, *wanted: np.ndarray) -> list[np.ndarray]:
-    """Contiguous copies; ValueError unless all have one shape, of so many dimensions."""
-    wanted = [np.ascontiguousarray(x, dtype=float) for x in wanted]
-    first = wanted[0].shape
-    if len(first) != dimensions or first[-1] not in (2, 3) or any(x.shape != first for x in wanted):
-        raise ValueError(
-            f"position, velocity and acceleration need one shape, {shape}, got "
-            f"{', '.join(str(x.shape) for x in wanted)}"
-        )
-    return wanted
 
 
 @kernel

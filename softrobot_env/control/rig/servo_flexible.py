@@ -1,10 +1,10 @@
 """Inverse dynamics of the spatial rig with any number of pieces: the DAE of the servo constraints.
 
-(5.30) to (5.33) with the audit's corrections, solved forward in time. With more than one piece the
-output does not determine the motion: internal dynamics are left. Forward integration is right
-where they are stable, as they are with the rig's damping up to 130 mm from the axis; with next to
-none, far bends are not minimum phase (`internal_poles` tells). Large steps damp the fast internal
-motions, growing ones as well, and so treat them as quasi-static.
+(5.30) to (5.33) with the audit's corrections, solved forward in time by the two-step BDF method.
+With more than one piece the output does not determine the motion: internal dynamics are left.
+Forward integration is right where they are stable, as they are with the rig's damping up to 130 mm
+from the axis; with next to none, far bends are not minimum phase. Large steps damp the fast
+internal motions, growing ones as well, and so treat them as quasi-static.
 """
 
 from collections.abc import Sequence
@@ -13,50 +13,24 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
-from softrobot_env.beams.model import IntegrationError, State
+from softrobot_env.beams.model import IntegrationError
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.beams.pcc import PCC, Station
 from softrobot_env.control.rig.servo_dae import (
     FlexibleRig,
     advance,
     hold,
-    output_matrix,
-    place_output,
 )
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import ThreeTendons, mean_curvature
-from softrobot_env.tasks.trajectories import Trajectory
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 _STATIC_STEP = 0.01  # m, of the output when its statics are followed
-_LEAD = 4  # steps in which errors of the first one, by the implicit Euler method, fade
 #: Rate [1/s] at which an error of the output decays (Baumgarte): without it z drifts.
 STABILISATION = 50.0
 
 
 class InversionError(IntegrationError):
     """Newton's iteration failed: the output cannot follow, or the step is too large."""
-
-
-class FlexibleInverse(NamedTuple):
-    """Motion and inputs that put the output on a trajectory.
-
-    Attributes:
-        time: (k,) [s].
-        q, v: (k, n), curvatures (beta, gamma) of the pieces [1/m] and their rates.
-        reduced: (k, 2) [N], F_red of `ThreeTendons`.
-        tension: (k, 3) [N], least tensions that respect the pretension.
-        pulled: (k, 3) [m], lengths pulled in.
-        dynamic: (k, 3) [m], what they have more than at rest in the same places: s_dyn of (5.36),
-            for a controller that knows the statics better.
-    """
-
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
-    reduced: np.ndarray
-    tension: np.ndarray
-    pulled: np.ndarray
-    dynamic: np.ndarray
 
 
 class Progress(NamedTuple):
@@ -102,7 +76,13 @@ class FlexibleServoConstraints:
         """
         if robot.head is None:
             raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
-        _check_ends(robot)
+        ends = [tendon.end for tendon in robot.tendons]
+        # So each piece bends under the moment of all tendons.
+        if not np.allclose(ends, robot.length, rtol=1e-12, atol=0):
+            raise ValueError(
+                f"robot {robot.name!r}: tendons must end at its tip, at {robot.length} m, got ends "
+                f"{', '.join(f'{end:g}' for end in ends)} m"
+            )
         self.robot, self.tendons = robot, ThreeTendons(robot)
         self.model = PCC(robot, pieces, axes="spatial", inertia=inertia)
         # Each piece of length l bends under the whole moment, lever * F_red.
@@ -116,13 +96,6 @@ class FlexibleServoConstraints:
                 inputs=np.tile(moment, (self.model.pieces, 1)),
             )
         )
-
-    def output(self, q: np.ndarray) -> np.ndarray:
-        """Place (k, 2) [m] of the output beside the axis for curvatures (k, n) [1/m]."""
-        out = np.empty((len(q), 2))
-        for curvature, place in zip(np.ascontiguousarray(q, dtype=float), out, strict=True):
-            place_output(self.data, curvature, place)
-        return out
 
     def statics(self, position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Curvatures (n,) [1/m] and reduced input (2,) [N] that hold the output at (2,) [m].
@@ -158,76 +131,14 @@ class FlexibleServoConstraints:
             found[k], forces[k] = q, reduced
         return found, forces
 
-    def internal_poles(self, q: np.ndarray, reduced: np.ndarray) -> np.ndarray:
-        """Poles (2 n - 4,) [1/s] of the internal dynamics at rest, slowest first.
-
-        The transmission zeros from the reduced input to the output: the motions that the output
-        does not show, M s^2 + D s + K on the null space of C along the range of B.
-
-        Args:
-            q: (n,) [1/m] in equilibrium.
-            reduced: (2,) [N] that hold it.
-        """
-        space = self.model.linearize(State(q, np.zeros_like(q)), self.tendons.tension(reduced))
-        outputs = np.empty((2, len(q)))
-        output_matrix(self.data, q, outputs)
-        hidden, free = _null_space(outputs), _null_space(self.data.inputs.T)
-        m, d, k = (free.T @ x @ hidden for x in (space.mass, space.damping, space.stiffness))
-        lower = -np.linalg.solve(m, np.hstack([k, d]))
-        poles = np.linalg.eigvals(np.vstack([np.eye(*lower.shape, len(m)), lower]))
-        return poles[np.argsort(np.abs(poles))]
-
-    def plan(
-        self,
-        trajectory: Trajectory,
-        times: np.ndarray,
-        substeps: int = 1,
-        stabilisation: float = STABILISATION,
-    ) -> FlexibleInverse:
-        """The inverse along a trajectory, by the two-step BDF method.
-
-        It begins four steps before the first instant, at rest or with the motion of least curvature
-        rates that has the velocity wanted. Its error is of second order in the step; begun in
-        motion, of first order at first.
-
-        Args:
-            trajectory: Where the output should be; the height is ignored.
-            times: (k,) [s], equally spaced.
-            substeps: Steps from one instant to the next.
-            stabilisation: [1/s], how fast an error of the output decays.
-
-        Raises:
-            InversionError: The iteration failed; the message says when.
-            ValueError: Other times.
-        """
-        times = np.asarray(times, dtype=float)
-        fine = _fine(times, substeps)
-        z, dz = (
-            np.ascontiguousarray(f(fine)[:, :2]) for f in (trajectory.position, trajectory.velocity)
-        )
-        q, v = np.empty((2, len(fine), self.model.n))
-        reduced, past = np.empty((len(fine), 2)), np.zeros((2, 3, self.model.n))
-        past[0, 2], past[1, 2], force = self._begin(z[0], dz[0])
-        for k in range(len(fine)):
-            if k and not advance(
-                self.data, fine[1] - fine[0], stabilisation, k == 1, z[k], dz[k], *past, force
-            ):
-                raise _failure(float(fine[k]), z[k])
-            q[k], v[k], reduced[k] = *past[:, 2], force
-        q, v, reduced = (x[_LEAD::substeps] for x in (q, v, reduced))
-        tension, pulled = self.inputs(q, reduced)
-        dynamic = pulled - self.inputs(*self.hold(z[_LEAD::substeps]))[1]
-        return FlexibleInverse(times, q, v, reduced, tension, pulled, dynamic)
-
     def start(self, position: np.ndarray) -> Progress:
         """Begin step by step, at rest with the output at (2,) or (3,) [m].
 
         Raises:
             InversionError: The output cannot be held there.
         """
-        q, v, reduced = self._begin(np.asarray(position, dtype=float)[:2], np.zeros(2))
         past = np.zeros((2, 3, self.model.n))
-        past[:, 2] = q, v
+        past[0, 2], reduced = self.statics(np.asarray(position, dtype=float)[:2])
         return Progress(*past, reduced, 0)
 
     def step(
@@ -244,55 +155,20 @@ class FlexibleServoConstraints:
             progress: Where the inversion stands; not changed.
             period: Step.
             position, velocity: (2,) or (3,) [m, m/s], where the output should be after it.
-            stabilisation: As in `plan`.
+            stabilisation: [1/s], how fast an error of the output decays.
 
         Raises:
-            InversionError: As `plan`.
+            InversionError: The iteration failed; the message says when.
         """
         z, dz = (np.asarray(x, dtype=float)[:2].copy() for x in (position, velocity))
         q, v, reduced = progress.q.copy(), progress.v.copy(), progress.reduced.copy()
         first, steps = progress.steps == 0, progress.steps + 1
         if not advance(self.data, period, stabilisation, first, z, dz, q, v, reduced):
-            raise _failure(steps * period, z)
+            time = steps * period
+            raise InversionError(
+                f"Newton's iteration failed at t = {time:.4g} s, with the output at "
+                f"{1e3 * np.hypot(*z):.1f} mm from the axis; take smaller steps or a reference in "
+                "reach",
+                time,
+            )
         return Progress(q, v, reduced, steps)
-
-    def _begin(self, z: np.ndarray, dz: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Coordinates and reduced input at rest, and the least rates with the velocity wanted."""
-        q, reduced = self.statics(z)
-        outputs = np.empty((2, self.model.n))
-        output_matrix(self.data, q, outputs)
-        return q, np.linalg.pinv(outputs) @ dz, reduced
-
-    def inputs(self, q: np.ndarray, reduced: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Tensions and lengths pulled in (..., 3) for q (..., n) and reduced inputs (..., 2)."""
-        tension = self.tendons.tension(reduced)
-        return tension, self.tendons.pulled(tension, mean_curvature(q))
-
-
-def _fine(times: np.ndarray, substeps: int) -> np.ndarray:
-    """The instants [s] of all steps, `_LEAD` of them before the first of `times` (k,) [s]."""
-    if len(times) < 2 or not np.allclose(np.linspace(times[0], times[-1], len(times)), times):
-        raise ValueError("times must be two or more equally spaced instants")
-    h = (times[1] - times[0]) / substeps
-    return times[0] + h * np.arange(-_LEAD, (len(times) - 1) * substeps + 1)
-
-
-def _check_ends(robot: RobotParams) -> None:
-    """Raise ValueError unless each piece bends under the moment of all tendons."""
-    ends = [tendon.end for tendon in robot.tendons]
-    if not np.allclose(ends, robot.length, rtol=1e-12, atol=0):
-        raise ValueError(
-            f"robot {robot.name!r}: tendons must end at its tip, at {robot.length} m, got ends "
-            f"{', '.join(f'{end:g}' for end in ends)} m"
-        )
-
-
-def _failure(time: float, z: np.ndarray) -> InversionError:
-    place = f"with the output at {1e3 * np.hypot(*z):.1f} mm from the axis"
-    advice = "take smaller steps or a reference in reach"
-    return InversionError(f"Newton's iteration failed at t = {time:.4g} s, {place}; {advice}", time)
-
-
-def _null_space(matrix: np.ndarray) -> np.ndarray:
-    """Orthonormal basis (n, n - m) of the null space of a matrix (m, n) of full rank."""
-    return np.linalg.svd(matrix)[2][len(matrix) :].T

@@ -37,23 +37,24 @@ class Camera:
         for _ in range(self._delay + 2 * ceil(self._frame)):
             self.see(tip)
 
-    def see(self, tip: np.ndarray) -> None:
-        """Come to the next control instant, with the tip at (2,) [m]."""
+    def see(self, tip: np.ndarray) -> bool:
+        """Come to the next control instant, with the tip at (2,) [m]; whether a picture is new."""
         self._instant += 1
         if self._instant >= self._due:
             self._due += self._frame
-            self._undeveloped.append((self._instant, self._photograph(tip)))
-        if self._undeveloped and self._undeveloped[0][0] <= self._instant - self._delay:
-            self._develop(*self._undeveloped.popleft())
-
-    def _photograph(self, tip: np.ndarray) -> np.ndarray:
-        normal = self._generator.standard_normal(2)
-        return tip + self._noise * np.clip(normal, -FARTHEST, FARTHEST)
-
-    def _develop(self, taken: int, seen: np.ndarray) -> None:
-        passed = (taken - self._taken) * self._period
-        self.velocity = (seen - self.position) / passed
+            normal = np.clip(self._generator.standard_normal(2), -FARTHEST, FARTHEST)
+            self._undeveloped.append((self._instant, tip + self._noise * normal))
+        if not self._undeveloped or self._undeveloped[0][0] > self._instant - self._delay:
+            return False
+        taken, seen = self._undeveloped.popleft()
+        self.velocity = (seen - self.position) / ((taken - self._taken) * self._period)
         self.position, self._taken = seen, taken
+        return True
+
+    @property
+    def age(self) -> float:
+        """How long ago [s] the newest picture at hand was taken."""
+        return (self._instant - self._taken) * self._period
 
 
 class CameraReadout:

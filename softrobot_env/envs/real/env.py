@@ -1,7 +1,7 @@
 """Tip tracking with the real test rig over a serial line; the contract of `RigEnv`."""
 
 from collections.abc import Callable
-from math import nan
+from math import dist, nan
 from pathlib import Path
 from time import monotonic
 from typing import Any, ClassVar
@@ -10,11 +10,11 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Sources, readers
-from softrobot_env.envs.options import action_values
+from softrobot_env.envs.options import action_values, positive
 from softrobot_env.envs.real.session import RealSession, TooLateError
-from softrobot_env.envs.real.setting import TENSION, RealSetting, check_limits
+from softrobot_env.envs.real.setting import TENSION, RealSetting
 from softrobot_env.envs.real.step_clock import StepClock
-from softrobot_env.envs.real.tip_filter import StaleError, TipFilter
+from softrobot_env.envs.real.tip_filter import StaleError, TipFilter, reference_at
 from softrobot_env.envs.reference import TOP, ReferenceTable
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
@@ -115,7 +115,9 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             observe=observe,
             preview=preview,
         )
-        check_limits(max_missed, oldest)
+        if isinstance(max_missed, bool) or not isinstance(max_missed, int) or max_missed < 0:
+            raise ValueError(f"max_missed must be a whole number from 0, got {max_missed!r}")
+        positive("oldest", oldest)
         self.task, self.control_period = setting.task, setting.control_period
         self.observation_space = setting.observation_space
         self.action_space = setting.action_space
@@ -256,7 +258,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
     def _error(self, now: float) -> float:
         """Distance [m] of the newest measurement to the reference of its own time."""
         age = (now - self._tip.time) / self.control_period
-        return self._tip.error(self._reference.position, self._index - age)
+        return dist(self._tip.position, reference_at(self._reference.position, self._index - age))
 
     def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
         reading = self._session.driver.reading

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from threading import Thread, current_thread, main_thread
 from time import monotonic, sleep
-from typing import NamedTuple
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from softrobot_env.hardware.errors import (
     RobotFaultError,
     UnansweredError,
 )
-from softrobot_env.hardware.robot_file.model import RobotFile, Tip
+from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.tip import Sight, TipSource, make_tip_source
 from softrobot_env.hardware.transport import Transport
 
@@ -29,18 +28,6 @@ _POLL = 0.005  # s
 
 class TooLateError(RobotError):
     """The policy missed too many control periods."""
-
-
-class Answer(NamedTuple):
-    """What became of a set-point.
-
-    Attributes:
-        limited: Whether the robot file's range limited it.
-        round_trip: [s] until the robot answered; None if it has not in time.
-    """
-
-    limited: bool
-    round_trip: float | None
 
 
 class _Opened:
@@ -118,7 +105,10 @@ class RealSession:
 
     def _open(self, clear: bool) -> None:
         if self._tip is None:
-            self._opened.tip = _open_tip(self.file.tip)
+            try:
+                self._opened.tip = make_tip_source(self.file.tip.kind, self.file.tip.options)
+            except OSError as error:
+                raise LinkError(f"the tip source does not open: {error}") from error
         self._opened.driver = Driver(self.file, self._line())
         try:
             self.driver.connect()
@@ -149,7 +139,7 @@ class RealSession:
 
     # ------------------------------------------------------------------ in an episode
 
-    def command(self, length: np.ndarray, deadline: float) -> Answer:
+    def command(self, length: np.ndarray, deadline: float) -> tuple[bool, float | None]:
         """Send lengths (n,) [m], as far as the robot file's range allows, and await the answer.
 
         Nothing is sent while the robot is slow to answer what was sent before; measurements that
@@ -158,6 +148,10 @@ class RealSession:
         Args:
             length: (n,) [m].
             deadline: [s] of waiting.
+
+        Returns:
+            Whether the range limited them, and the time [s] until the robot answered; None if it
+            has not in time.
 
         Raises:
             RobotFaultError: The robot has stopped.
@@ -168,7 +162,7 @@ class RealSession:
         if self.driver.fault is not None:
             raise RobotFaultError(self.driver.fault)
         limited = bool(np.any(allowed != length))
-        return Answer(limited, None if answer is None else answer.round_trip)
+        return limited, None if answer is None else answer.round_trip
 
     def sight(self) -> Sight | None:
         """The newest measurement of the tip."""
@@ -194,13 +188,6 @@ class RealSession:
             self.driver.estop()
             while self.driver.fault is None and monotonic() < end:
                 sleep(_POLL)
-
-
-def _open_tip(named: Tip) -> TipSource:
-    try:
-        return make_tip_source(named.kind, named.options)
-    except OSError as error:
-        raise LinkError(f"the tip source does not open: {error}") from error
 
 
 def _abandon(opened: _Opened, owner: int) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES
-from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options, positive
+from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
 from softrobot_env.envs.setting import DEFAULT_RULE, Setting, rig_sizes, rig_task
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file
@@ -76,13 +76,6 @@ def _choose_file(given: str | Path | RobotFile | None, port: str | None, task: T
             f"robot {file.name!r} has {len(file.tendons)} tendons, the task's robot {tendons}"
         )
     return file if port is None else replace(file, port=port)
-
-
-def check_limits(max_missed: int, oldest: float) -> None:
-    """Raise ValueError for a number of missed periods or an age [s] that cannot be meant."""
-    if isinstance(max_missed, bool) or not isinstance(max_missed, int) or max_missed < 0:
-        raise ValueError(f"max_missed must be a whole number from 0, got {max_missed!r}")
-    positive("oldest", oldest)
 
 
 def _check_period(file: RobotFile, control_period: float) -> None:

@@ -62,10 +62,6 @@ class TipFilter:
             self.velocity = (sight.position - self.position) / passed
             self.position, self.time = sight.position, sight.time
 
-    def error(self, points: np.ndarray, step: float) -> float:
-        """Distance [m] to a reference, see `reference_at`."""
-        return dist(self.position, reference_at(points, step))
-
     def _check(self, sight: Sight) -> None:
         if not self._reach.contains(sight.position):
             x, y = 1e3 * sight.position

@@ -1,11 +1,13 @@
 """A twin of the rig as hardware sees it: pulses in, lengths, forces, voltages and pictures out."""
 
+from math import ceil
+
 import numpy as np
 
-from softrobot_env.envs.observations.camera import FARTHEST
+from softrobot_env.envs.observations.camera import Camera
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.envs.simulation.servos import Servos
-from softrobot_env.robots.twin import FRAME, Twin
+from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
 
 #: Optical curvature sensors, one in each bending direction and sense: counts at rest, and counts
@@ -22,7 +24,8 @@ class VirtualRig:
 
     Attributes:
         tick: [s] of an `advance`.
-        time: [s] since the start.
+        picture: Age [s] and tip (2,) [m] of the picture that the last `advance` made available, or
+            None.
         stuck: Numbers of tendons whose servos do not move any more; to be changed by tests.
     """
 
@@ -34,7 +37,8 @@ class VirtualRig:
             tick: [s].
             seed: Of the noise of camera and sensors.
         """
-        self.twin, self.tick, self.time = twin, tick, 0.0
+        self.twin, self.tick = twin, tick
+        self.picture: tuple[float, np.ndarray] | None = None
         self.stuck: set[int] = set()
         plant = MujocoPlant(
             twin.robot, tick, pieces=RIG_PIECES, bending="spatial", actuation="length"
@@ -46,9 +50,8 @@ class VirtualRig:
         posture = plant.equilibrium(start + np.array(twin.servo_offset))
         self._simulation.reset(posture, self._servos.horn)
         self._readout = plant.readout(self._simulation, self._servos)
-        self._rng = np.random.default_rng(seed)
-        self._pictures: list[tuple[float, np.ndarray]] = []
-        self._next_picture = 0.0
+        late, self._rng = ceil(twin.camera_delay / tick - 1e-9), np.random.default_rng([seed, 1])
+        self._camera = Camera(twin.camera_noise, late, tick, seed)
 
     def advance(self, command: np.ndarray | None) -> str | None:
         """Go on for a tick.
@@ -65,24 +68,10 @@ class VirtualRig:
             wanted[channel] = stay[channel]
         horns = self._servos.move(wanted, self._simulation.step_times)
         healthy = self._simulation.advance_through(horns)
-        self.time += self.tick
         outside = self._readout.update()
-        self._photograph()
+        new = self._camera.see(self.tip)
+        self.picture = (self._camera.age, self._camera.position) if new else None
         return self._simulation.failure() if not healthy else outside
-
-    def _photograph(self) -> None:
-        if self.time < self._next_picture:
-            return
-        self._next_picture += FRAME
-        normal = np.clip(self._rng.standard_normal(2), -FARTHEST, FARTHEST)
-        seen = np.array(self._readout.tip) + self.twin.camera_noise * normal
-        self._pictures.append((self.time, seen))
-
-    def developed(self) -> list[tuple[float, np.ndarray]]:
-        """Pictures that have become available: age [s] and tip (2,) [m] each, older first."""
-        due = [p for p in self._pictures if self.time - p[0] >= self.twin.camera_delay]
-        self._pictures = self._pictures[len(due) :]
-        return [(self.time - taken, seen) for taken, seen in due]
 
     @property
     def tip(self) -> np.ndarray:

@@ -38,10 +38,20 @@ def introduced(ack: HelloAck) -> DeviceInfo:
     Raises:
         ProtocolMismatchError: Another protocol, or the same with another table of messages.
     """
-    _check_versions(ack)
+    firmware = f"{ack.firmware >> 8}.{ack.firmware & 255}"
+    if not ack.min_protocol <= PROTOCOL <= ack.max_protocol:
+        raise ProtocolMismatchError(
+            f"firmware {firmware} speaks protocol {ack.min_protocol} to {ack.max_protocol}, "
+            f"this package {PROTOCOL}: {_REMEDY}"
+        )
+    if ack.schema != SCHEMA:
+        raise ProtocolMismatchError(
+            f"firmware {firmware} and this package both speak protocol {PROTOCOL}, but with "
+            f"different tables of messages (schema {ack.schema:08x} and {SCHEMA:08x}): {_REMEDY}"
+        )
     return DeviceInfo(
         boot_id=ack.boot_id,
-        firmware=_version(ack),
+        firmware=firmware,
         protocols=(ack.min_protocol, ack.max_protocol),
         schema=ack.schema,
         tendons=ack.n,
@@ -78,21 +88,3 @@ def told_loss(before: DeviceInfo, now: DeviceInfo) -> str:
         f"the microcontroller started again (cause: {cause}; boot {before.boot_id:08x}, now "
         f"{now.boot_id:08x}): call connect()"
     )
-
-
-def _check_versions(ack: HelloAck) -> None:
-    firmware = f"firmware {_version(ack)}"
-    if not ack.min_protocol <= PROTOCOL <= ack.max_protocol:
-        raise ProtocolMismatchError(
-            f"{firmware} speaks protocol {ack.min_protocol} to {ack.max_protocol}, this package "
-            f"{PROTOCOL}: {_REMEDY}"
-        )
-    if ack.schema != SCHEMA:
-        raise ProtocolMismatchError(
-            f"{firmware} and this package both speak protocol {PROTOCOL}, but with different "
-            f"tables of messages (schema {ack.schema:08x} and {SCHEMA:08x}): {_REMEDY}"
-        )
-
-
-def _version(ack: HelloAck) -> str:
-    return f"{ack.firmware >> 8}.{ack.firmware & 255}"

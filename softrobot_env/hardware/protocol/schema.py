@@ -11,7 +11,8 @@ from softrobot_env.hardware.protocol import framing, messages
 
 def header() -> str:
     """Text of `firmware/core/schema.h`."""
-    parts = [_TOP, _constants(), _enumeration("Type", _types())]
+    types = {kind.__name__: number for number, kind in messages.TYPES.items()}
+    parts = [_TOP, _constants(), _enumeration("Type", types)]
     parts += [_enumeration(kind.__name__, _members(kind)) for kind in messages.ENUMERATIONS]
     parts += [_flags(kind) for kind in messages.FLAGS]
     return "\n".join([*parts, _layouts(), _BOTTOM])
@@ -38,10 +39,6 @@ constexpr uint8_t kModeLength = {messages.MODE_LENGTH};
 constexpr uint8_t kLongestFrame = {framing.LONGEST};  // between its zeros
 constexpr uint32_t kSchema = {messages.SCHEMA:#010x};
 """
-
-
-def _types() -> dict[str, int]:
-    return {kind.__name__: number for number, kind in messages.TYPES.items()}
 
 
 def _members(kind: type[IntEnum] | type[IntFlag]) -> dict[str, int]:

@@ -102,7 +102,8 @@ class Session:
 
     def configure(self) -> bytes:
         """Send calibration and limits."""
-        self._need(Phase.IDENTIFIED)
+        if self.phase < Phase.IDENTIFIED:
+            raise RobotError("needs a robot that is identified: call connect()")
         return self._frame(self._config)
 
     def arm(self, number: int) -> bytes:
@@ -311,10 +312,6 @@ class Session:
         self.link.sent += 1
         self._refusals.pop(message.number, None)
         return encode(message, self._seq)
-
-    def _need(self, phase: Phase) -> None:
-        if self.phase < phase:
-            raise RobotError(f"needs a robot that is {phase.name.lower()}: call connect()")
 
     def _refuse_faults(self) -> None:
         if self.phase == Phase.LOST:

@@ -215,11 +215,11 @@ class RobotFile:
         watched = self.supervision
         return Config(
             n=len(self.tendons),
-            watchdog_ms=self._counts("watchdog"),
-            state_delay_us=self._counts("state_delay"),
-            free_run_ms=self._counts("free_run"),
-            ramp=self._counts("ramp"),
-            arm_window=self._counts("arm_window"),
+            watchdog_ms=_counts(self, "watchdog"),
+            state_delay_us=_counts(self, "state_delay"),
+            free_run_ms=_counts(self, "free_run"),
+            ramp=_counts(self, "ramp"),
+            arm_window=_counts(self, "arm_window"),
             stall_error=_counts(watched, "stall"),
             stall_ms=_counts(watched, "time"),
             adc_mask=sum(1 << channel for channel in set(watched.adc_channels)),
@@ -230,14 +230,11 @@ class RobotFile:
             gain=self._each("gain"),
             minimum=self._each("minimum"),
             maximum=self._each("maximum"),
-            slew=(self._counts("slew"),) * len(self.tendons),
+            slew=(_counts(self, "slew"),) * len(self.tendons),
             rest=self._each("rest"),
             max_force=self._each("max_force"),
             min_force=self._each("min_force"),
         )
-
-    def _counts(self, name: str) -> int:
-        return _counts(self, name)
 
     def _each(self, name: str) -> tuple[int, ...]:
         """A number of every servo, in the order of the board's channels."""

@@ -65,12 +65,11 @@ def _robot(table: Mapping[str, Any]) -> RobotFile:
 def _servos(value: Any) -> tuple[Servo, ...]:
     if not isinstance(value, list) or not all(isinstance(x, Mapping) for x in value):
         raise RobotFileError(f"{_TENDONS} must be tables, each begun with [[{_TENDONS}]]")
-    return tuple(_servo(k, table) for k, table in enumerate(value))
-
-
-def _servo(index: int, table: Mapping[str, Any]) -> Servo:
-    with _told_of(f"tendon {index + 1}"):
-        return _from_table(Servo, table)
+    servos = []
+    for number, table in enumerate(value, 1):
+        with _told_of(f"tendon {number}"):
+            servos.append(_from_table(Servo, table))
+    return tuple(servos)
 
 
 def _supervision(value: Any) -> Supervision:

@@ -23,9 +23,16 @@ _CLOCK = 2**32
 
 
 class Plant(Protocol):
-    """What the microcontroller drives and measures."""
+    """What the microcontroller drives and measures.
+
+    Attributes:
+        tick: [s] of an `advance`.
+        picture: Age [s] and tip (2,) [m] of the camera's picture that is new since the last tick,
+            or None.
+    """
 
     tick: float
+    picture: tuple[float, np.ndarray] | None
 
     @property
     def length(self) -> np.ndarray:
@@ -44,9 +51,6 @@ class Plant(Protocol):
 
     def advance(self, command: np.ndarray | None) -> str | None:
         """Go on for a tick with servos driven to (n,) [m], or without power; what went wrong."""
-
-    def developed(self) -> list[tuple[float, np.ndarray]]:
-        """Pictures that have become available: age [s] and tip (2,) [m] each."""
 
 
 class Pulses(NamedTuple):
@@ -156,9 +160,8 @@ class VirtualRobot:
         command = self._pulses.length(outputs.pulse_us) if outputs.powered else None
         self.failure = self._plant.advance(command)
         self._measured = self._measure()
-        for age, tip in self._plant.developed():
-            if self._show is not None:
-                self._show(age, tip)
+        if self._show is not None and self._plant.picture is not None:
+            self._show(*self._plant.picture)
         if self._watch is not None:
             self._watch(self)
 

@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.flexible_plan import plan
 
 from softrobot_env.control.rig.feedforward import RigFeedforward
 from softrobot_env.control.rig.inverse import TOTAL, Motion, OnePiece, SeveralPieces
@@ -21,8 +22,8 @@ SERVO, TENDONS = ServoConstraints(RIG), ThreeTendons(RIG)
 
 def nominal_statics(place):
     """Lengths (3,) [m] that hold the nominal rig's output at (2,) [m]."""
-    found = SERVO.step(place, np.zeros(2), np.zeros(2))
-    return TENDONS.pulled(TENDONS.with_total(found.reduced, TOTAL), SERVO.curvature(found.y))
+    y, _, _, reduced, _ = SERVO.motion(place[None], *np.zeros((2, 1, 2)))[:, 0]
+    return TENDONS.pulled(TENDONS.with_total(reduced, TOTAL), SERVO.curvature(y))
 
 
 KNOWN = SimpleNamespace(statics=nominal_statics)
@@ -69,8 +70,8 @@ def tensions(reduced):
 
 def test_slack_is_said_exactly_where_a_tension_of_the_plan_is_negative():
     _, wanted = laps(0.6)
-    plan = SERVO.plan(*(np.array(part) for part in zip(*wanted, strict=True)))
-    truth = tensions(plan.reduced).min(axis=1) < 0
+    inverse = SERVO.plan(*(np.array(part) for part in zip(*wanted, strict=True)))
+    truth = tensions(inverse.reduced).min(axis=1) < 0
     assert 0.1 < truth.mean() < 0.3
     for learnt in (None, KNOWN):
         found = statuses(RigFeedforward(RIG, PERIOD, learnt, OnePiece(RIG)), wanted) == SLACK
@@ -81,8 +82,8 @@ def test_slack_is_said_of_several_pieces_as_well():
     """As a plan with small steps has it, but where it is close."""
     times, wanted = laps(0.6)
     run = RoundedTriangle(period=0.6, approach=0.0)
-    plan = FlexibleServoConstraints(RIG, pieces=3).plan(run, times, substeps=8)
-    least = tensions(plan.reduced).min(axis=1)
+    found = plan(FlexibleServoConstraints(RIG, pieces=3), run, times, substeps=8)
+    least = tensions(found.reduced).min(axis=1)
     found = statuses(RigFeedforward(RIG, PERIOD, None, SeveralPieces(RIG, pieces=3)), wanted)
     clear = np.abs(least) > 1.0
     assert clear.mean() > 0.8 and np.sum(least < -1.0) > 20

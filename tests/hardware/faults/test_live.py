@@ -51,6 +51,7 @@ class Servos:
 
     tick = 2e-3
     tension = tip = np.zeros(3)
+    picture = None
 
     def __init__(self):
         self.length, self.alive = np.zeros(3), Event()
@@ -62,9 +63,6 @@ class Servos:
     def advance(self, command):
         self.alive.wait()
         self.length = self.length if command is None else command
-
-    def developed(self):
-        return []
 
 
 @pytest.fixture

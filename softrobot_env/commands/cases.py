@@ -5,9 +5,8 @@ import itertools
 from collections.abc import Iterator
 
 from softrobot_env.commands.arguments import expand_all
-from softrobot_env.commands.evaluate.arguments import given_options
-from softrobot_env.commands.setups.base import Setup, setup_of
-from softrobot_env.commands.task_options import check_used, combinations, merge
+from softrobot_env.commands.setups import Setup, setup_of
+from softrobot_env.commands.task_options import Given, check_used, combinations, merge
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES, installed_policies
 from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.evaluation.runner import Case
@@ -22,7 +21,7 @@ def make_cases(args: argparse.Namespace, setups: tuple[Setup, ...]) -> list[Case
             uses, or a value that a case cannot have; before anything is run.
     """
     tasks = expand_all(args.tasks, list(TASKS))
-    given = given_options(args)
+    given = _given_options(args)
     _check_policies(args.policies, tasks, setups)
     check_used(given, tasks)
     cases = []
@@ -42,7 +41,7 @@ def make_cases(args: argparse.Namespace, setups: tuple[Setup, ...]) -> list[Case
 
 def _of_task(
     name: str,
-    given: dict[str, list[float]],
+    given: Given,
     policies: list[str],
     setup: Setup,
     args: argparse.Namespace,
@@ -83,3 +82,9 @@ def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     varied = merge(given)
     combinations = itertools.product(*varied.values())
     return [{n: v for n, v in zip(varied, c, strict=True) if v != NEUTRAL[n]} for c in combinations]
+
+
+def _given_options(args: argparse.Namespace) -> Given:
+    """Values given for options of tasks, in whatever form."""
+    short = {"step_width": args.step_widths, "speed": args.speeds, "seed": args.path_seeds}
+    return merge([*args.option, *((name, values) for name, values in short.items() if values)])

@@ -1,4 +1,4 @@
-"""The spatial test rig of ch. 3 and 5.
+"""The named robots: the planar arm, the spatial test rig and the cantilevers of the thesis.
 
 "T" marks a value printed in the thesis, "I" one inferred from it by recomputation, "S" an
 assumption of this package.
@@ -7,7 +7,52 @@ assumption of this package.
 from dataclasses import replace
 from math import cos, pi, sin
 
+from softrobot_env.registries import Registry
 from softrobot_env.robots.parameters import Head, RobotParams, Tendon
+
+#: Cantilevers of Tab. 2.1 (T), horizontal under gravity; damping of the spiral runs (T). Poisson
+#: ratio 0 as in every model comparison (I). The thesis varies the number of pieces (S: 6).
+CANTILEVER_WEAK = RobotParams(
+    name="cantilever_weak",
+    length=0.5,
+    outer_radius=0.030,
+    inner_radius=0.0,
+    youngs_modulus=4.12e5,
+    density=1070.0,
+    damping_time=2.5e-3,
+    pieces=6,
+    gravity=(-9.81, 0.0, 0.0),
+)
+CANTILEVER_STIFF = replace(CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040)
+
+
+def _pair(group: int, end: float, radius: float, limit: float) -> tuple[Tendon, Tendon]:
+    """Upper (+x) and lower (-x) tendon of a planar pair."""
+    return (
+        Tendon(f"pair{group + 1}_up", (radius, 0.0), end, group, limit),
+        Tendon(f"pair{group + 1}_low", (-radius, 0.0), end, group, limit),
+    )
+
+
+#: Planar arm of ch. 6, Tab. 6.1. The printed radii are diameters (I: with 25 and 50 mm radii
+#: 20 N could not move the tip by the 200 mm of the step task). Density of ch. 2 and no gravity
+#: (I: buckling upright, rise time). 80 N covers the 55 N of the L-shape's corner (S: the thesis
+#: gives no limit for LQI and MPC).
+ARM = RobotParams(
+    name="arm",
+    length=0.5,
+    outer_radius=0.025,
+    inner_radius=0.0125,
+    youngs_modulus=7.32e5,
+    density=1070.0,
+    damping_time=0.05,
+    pieces=6,
+    tendons=tuple(
+        tendon
+        for group, end in enumerate((0.5 / 3, 1.0 / 3, 0.5))
+        for tendon in _pair(group, end, radius=0.025, limit=80.0)
+    ),
+)
 
 #: Spatial test rig of ch. 3 and 5, upright under gravity. EI, damping and the masses are printed
 #: (Tab. 5.1; audit: damping in N s, inertia in 1e-6 kg m2): 40 g of silicone per 60 mm with the
@@ -60,3 +105,7 @@ LENGTH_SCALE = 0.03
 
 #: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
 SERVO_SPEED = pi / 3 / 0.16 * 0.020
+
+_NAMED = (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG, EQUIVALENT_RIG)
+
+ROBOTS = Registry("robot", {robot.name: robot for robot in _NAMED})

@@ -9,7 +9,7 @@ from typing import Any
 
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
-from softrobot_env.commands.setups.rig import RigSetup
+from softrobot_env.commands.setups import RigSetup
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case
@@ -22,7 +22,7 @@ class RealSetup(RigSetup):
     """A robot over a serial line."""
 
     def __init__(self, args: argparse.Namespace) -> None:
-        """As `evaluate_arguments` has them."""
+        """Arguments of `softrobot evaluate`."""
         super().__init__(args)
         self.plant = args.env
 

@@ -1,0 +1,261 @@
+"""`softrobot evaluate`: policies on tasks, with table, report and plots."""
+
+import argparse
+from contextlib import closing
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+
+from softrobot_env.commands.arguments import (
+    add_feedback,
+    add_learnt,
+    add_out,
+    add_plant,
+    add_twin,
+    names_or_all,
+    positive,
+    variation,
+)
+from softrobot_env.commands.cases import left_out, make_cases
+from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup, make_setups, setup_of
+from softrobot_env.commands.task_options import option
+from softrobot_env.control.registry import POLICIES, RIG_POLICIES
+from softrobot_env.envs.disturbances import NEUTRAL
+from softrobot_env.evaluation import report, runner
+from softrobot_env.evaluation.labels import (
+    learnt_label,
+    option_columns,
+    rig_label,
+    robot_label,
+    task_label,
+)
+from softrobot_env.evaluation.metrics import approached_metrics
+from softrobot_env.evaluation.rows import EvaluatedRow
+from softrobot_env.hardware.errors import RobotError
+from softrobot_env.tasks import ALL_TASKS, EVERY_TASK, RIG_TASKS, TASKS, UNSEEN_TASKS, WITH_OPTION
+
+EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
+  softrobot evaluate --tasks triangle --option period=5,1 --twin 0
+  softrobot evaluate --tasks triangle --twin 3 --learnt out/rig_nn_3.npz
+  softrobot evaluate --tasks triangle --policies hybrid --env virtual"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    _add_cases(parser)
+    _add_options(parser)
+    parser.add_argument("--no-plots", action="store_true", help="skip the plots")
+    parser.add_argument("--save-rollouts", action="store_true", help="also write npz records")
+    add_twin(parser, several=True)
+    add_learnt(parser)
+    parser.add_argument(
+        "--vary",
+        action="append",
+        type=variation,
+        default=[],
+        metavar="NAME=V1,V2",
+        help=f"values of one of {', '.join(NEUTRAL)}: of the arm, in SI units or as factors; "
+        "controllers keep the nominal robot",
+    )
+    _add_real(parser)
+    add_feedback(parser)
+    add_plant(parser)
+    add_out(parser, "out/evaluate")
+
+
+def _add_cases(parser: argparse.ArgumentParser) -> None:
+    """--tasks and --policies."""
+    parser.add_argument(
+        "--tasks",
+        nargs="+",
+        type=names_or_all(list(EVERY_TASK)),
+        default=["all"],
+        metavar="TASK",
+        help=f"of the arm: {', '.join(ALL_TASKS)}; of the test rig: {', '.join(RIG_TASKS)}; "
+        f"default: all, which is {', '.join(TASKS)}. Those of the rig are named explicitly",
+    )
+    parser.add_argument(
+        "--policies",
+        nargs="+",
+        type=names_or_all([*POLICIES, *RIG_POLICIES]),
+        default=["all"],
+        metavar="POLICY",
+        help=f"of the arm: {', '.join(POLICIES)}; of the test rig: {', '.join(RIG_POLICIES)}; "
+        "default: all that fit a task",
+    )
+
+
+def _add_options(parser: argparse.ArgumentParser) -> None:
+    """--option, and short forms of some."""
+    parser.add_argument(
+        "--option",
+        action="append",
+        type=option,
+        default=[],
+        metavar="NAME=V1,V2",
+        help="values of an option of tasks, in SI units: "
+        + "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in WITH_OPTION.items()),
+    )
+    parser.add_argument(
+        "--step-widths",
+        nargs="+",
+        type=positive,
+        metavar="M",
+        help="as --option step_width=...; default: 0.05 0.1 0.2",
+    )
+    parser.add_argument(
+        "--speeds",
+        type=lambda text: [positive(part) for part in text.split(",")],
+        metavar="V1,V2",
+        help=f"as --option speed=...; of {', '.join(UNSEEN_TASKS)} the largest of the reference, "
+        "default: 0.1",
+    )
+    parser.add_argument(
+        "--path-seeds",
+        nargs="+",
+        type=int,
+        metavar="N",
+        help="as --option seed=...; default: 0",
+    )
+
+
+def _add_real(parser: argparse.ArgumentParser) -> None:
+    """--env, and where a real robot is."""
+    parser.add_argument(
+        "--env",
+        choices=ENVIRONMENTS,
+        default=SIMULATED,
+        help="tasks of the rig in simulation, on a virtual robot over a serial line in real time, "
+        f"or on a real one; default: {SIMULATED}",
+    )
+    parser.add_argument(
+        "--robot-file",
+        type=Path,
+        metavar="FILE",
+        help="of a real robot, see `softrobot robot calibrate`; default: the rig's",
+    )
+    parser.add_argument("--port", help="serial port; default: the robot file's")
+    parser.add_argument(
+        "--record", type=Path, metavar="DIR", help="record the serial line of every episode"
+    )
+
+
+@dataclass(frozen=True)
+class Result:
+    """An episode and its row of the report."""
+
+    outcome: runner.Outcome
+
+    @cached_property
+    def row(self) -> EvaluatedRow:
+        """What the report says of it."""
+        case, rollout = self.outcome.case, self.outcome.rollout
+        known = case.identified
+        return self.outcome.row(
+            EvaluatedRow,
+            options=option_columns(dict(case.task.options)),
+            twin=case.twin,
+            feedback=case.feedback,
+            learnt=None if known is None else learnt_label(known.twin),
+            **asdict(approached_metrics(rollout, case.task.trajectory)),
+        )
+
+    @cached_property
+    def columns(self) -> dict[str, Any]:
+        """The row as report.json has it."""
+        return self.row.columns()
+
+    @property
+    def group(self) -> str:
+        """Task, and rig, of the episodes that one plot compares."""
+        return ", ".join(filter(None, (task_label(self.columns), rig_label(self.columns))))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 1 if any episode failed."""
+    console = Console()
+    args.out.mkdir(parents=True, exist_ok=True)
+    setups = make_setups(args)
+    cases = make_cases(args, setups)
+    missing = left_out(args, cases)
+    if missing:
+        console.print(f'Left out {", ".join(missing)}: pip install "softrobot_env\\[mpc]"')
+    results = _run_cases(cases, setups, console)
+    _write(results, args, console)
+    return int(len(results) < len(cases) or any(result.row.failure for result in results))
+
+
+def _run_cases(
+    cases: list[runner.Case], setups: tuple[Setup, ...], console: Console
+) -> list[Result]:
+    """Results; those so far if a real robot does not go on."""
+    results = []
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("evaluate", total=len(cases))
+        for case in cases:
+            progress.update(bar, description=case.label)
+            try:
+                with closing(setup_of(case.task.name, setups).environment(case)) as env:
+                    results.append(Result(runner.run(case, env)))
+            except RobotError as error:
+                console.print(f"Ended before {case.label}: {error}")
+                break
+            progress.advance(bar)
+    return results
+
+
+def _write(results: list[Result], args: argparse.Namespace, console: Console) -> None:
+    """Reports, records and plots; the table first, so that it is there without matplotlib."""
+    rows = [result.columns for result in results]
+    report.write_json(args.out / "report.json", rows, args.command_line)
+    text = report.markdown(rows, args.command_line)
+    (args.out / "report.md").write_text(text, encoding="utf-8")
+    if args.save_rollouts:
+        _save_rollouts(results, args.out)
+    for table in report.tables(rows):
+        console.print(table)
+    for note in report.notes(rows):
+        console.print(note)
+    console.print(f"Wrote {args.out}/report.json, report.md")
+    if not args.no_plots:
+        _plot(results, args.out)
+        console.print(f"Wrote plots to {args.out}")
+
+
+def _save_rollouts(results: list[Result], out: Path) -> None:
+    """Write a record of every episode."""
+    for result in results:
+        result.outcome.rollout.save(out / f"{_file_stem(result)}.npz")
+
+
+def _plot(results: list[Result], out: Path) -> None:
+    """Compare policies on each task, and variations of each policy where there are several."""
+    from softrobot_env.rendering.curves import policy_curves, varied_curves
+    from softrobot_env.rendering.plots import plot_task
+
+    for group in dict.fromkeys(result.group for result in results):
+        same = [result for result in results if result.group == group]
+        task, stem = same[0].outcome.case.task, _in_file_name(group)
+        nominal = {r.row.policy: r.outcome.rollout for r in same if not r.row.variation}
+        if nominal:
+            plot_task(policy_curves(nominal), task, group, out, stem)
+        for policy in dict.fromkeys(r.row.policy for r in same):
+            mine = [r for r in same if r.row.policy == policy]
+            varied = {robot_label(r.columns) or "nominal": r.outcome.rollout for r in mine}
+            if len(varied) > 1:
+                title = f"{group}, {policy}"
+                plot_task(varied_curves(varied), task, title, out, f"{stem}_{policy}_varied")
+
+
+def _file_stem(result: Result) -> str:
+    parts = [result.group, result.row.policy]
+    parts += [f"{name}_{scale:g}" for name, scale in result.row.variation.items()]
+    return _in_file_name("_".join(parts))
+
+
+def _in_file_name(label: str) -> str:
+    return label.replace(",", "").replace(" ", "_").replace("/", "_")

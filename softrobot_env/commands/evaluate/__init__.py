@@ -1,1 +1,0 @@
-"""`softrobot evaluate`."""

@@ -1,1 +1,0 @@
-"""The robots that commands can be given."""
