@@ -5,18 +5,6 @@ The names here are what other parts import; `robots.twin`, `robots.actuation` an
 """
 
 from softrobot_env.robots.loads import Load
-from softrobot_env.robots.named import (
-    ARM,
-    CANTILEVER_STIFF,
-    CANTILEVER_WEAK,
-    EQUIVALENT,
-    EQUIVALENT_RIG,
-    LENGTH_SCALE,
-    RIG,
-    ROBOTS,
-    SERVO_SPEED,
-    WORKSPACE,
-)
 from softrobot_env.robots.parameters import (
     MAY_VANISH,
     NEUTRAL,
@@ -27,6 +15,18 @@ from softrobot_env.robots.parameters import (
     as_number,
     centerline,
     check_number,
+)
+from softrobot_env.robots.registry import (
+    ARM,
+    CANTILEVER_STIFF,
+    CANTILEVER_WEAK,
+    EQUIVALENT,
+    EQUIVALENT_RIG,
+    LENGTH_SCALE,
+    RIG,
+    ROBOTS,
+    SERVO_SPEED,
+    WORKSPACE,
 )
 
 __all__ = [

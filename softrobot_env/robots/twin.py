@@ -23,8 +23,8 @@ from math import inf, pi, radians
 
 import numpy as np
 
-from softrobot_env.robots.named import EQUIVALENT, EQUIVALENT_RIG, RIG, SERVO_SPEED
 from softrobot_env.robots.parameters import RobotParams, Tendon
+from softrobot_env.robots.registry import EQUIVALENT, EQUIVALENT_RIG, RIG, SERVO_SPEED
 
 #: Largest standard deviation [m] of a camera's noise, and largest error [m] of a servo: offset plus
 #: half of the backlash. Observation spaces leave room for them.
