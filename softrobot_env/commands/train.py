@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_out
 from softrobot_env.interfaces import Show
 from softrobot_env.paths import models_dir
+from softrobot_env.rendering.tables import named_values
 
 if TYPE_CHECKING:
     import numpy as np
@@ -208,10 +208,8 @@ def run(args: argparse.Namespace) -> int:
             progress.update(bar, description=f"{name}: {description}", completed=done, total=total)
 
         figures = train(show)
-    table = Table("quantity", "value", title=f"{name}, seed {args.seed}")
-    for quantity, value in [*figures, ("time", f"{perf_counter() - began:.1f} s")]:
-        table.add_row(quantity, value)
-    console.print(table)
+    figures = dict(figures) | {"time": f"{perf_counter() - began:.1f} s"}
+    console.print(named_values(f"{name}, seed {args.seed}", figures))
     console.print(f"Wrote {path}")
     return 0
 

@@ -73,9 +73,9 @@ def _times(rows: list[LapsRow]) -> Table:
 
     columns = (
         Column("policy", lambda policy: policy),
-        Column("us", over(median, "policy_time_median"), ".0f", "us"),
-        Column("99 % us", over(median, "policy_time_p99"), ".0f", "us"),
-        Column("max us", over(max, "policy_time_max"), ".0f", "us"),
+        Column("µs", over(median, "policy_time_median"), ".0f", "µs"),
+        Column("99 % µs", over(median, "policy_time_p99"), ".0f", "µs"),
+        Column("max µs", over(max, "policy_time_max"), ".0f", "µs"),
         Column("inputs", over(median, "computing_factor"), ".0f"),
         Column("simulation", over(median, "realtime_factor"), ".0f"),
         Column("limited %", over(max, "limited"), ".1f", "%"),
