@@ -16,7 +16,7 @@ from softrobot_env.benchmarks.stability.map import (
     beam_jobs,
     chain_jobs,
 )
-from softrobot_env.benchmarks.stability.rig import run as rig
+from softrobot_env.benchmarks.stability.rig import runs as rig
 from softrobot_env.benchmarks.stability.runs import CHAIN
 from softrobot_env.benchmarks.stability.verdicts import Row
 

@@ -6,11 +6,11 @@ from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
 from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion
 from softrobot_env.benchmarks.accuracy.rows import DURATION, Limit, distance, zero_timestep
+from softrobot_env.benchmarks.beams import chain_scene
 from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
-from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.build import Scene
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import equal_input
 
@@ -90,9 +90,7 @@ def _extrapolate(rule: str, n: int, step: float) -> np.ndarray:
 
 
 def _limit_in_time(rule: str, n: int, step: float) -> np.ndarray:
-    return zero_timestep([tip_motion(_scene(rule, n, step / k)) for k in (1, 2, 4)])[0]
-
-
-def _scene(rule: str, n: int, step: float) -> Scene:
-    config = SceneConfig(ARM, pieces=n // 2, rule=rule, timestep=step, integrator="implicitfast")
-    return build_scene(config)
+    scenes = (
+        chain_scene(ARM, rule, n, timestep=step / k, integrator="implicitfast") for k in (1, 2, 4)
+    )
+    return zero_timestep([tip_motion(scene) for scene in scenes])[0]
