@@ -34,34 +34,26 @@ class Benchmark:
     plot: Callable[[Records, Path], None] | None = None
 
 
-def _of(run: str, tables: str, plot: str | None = None) -> Callable[[], Benchmark]:
-    """What loads a benchmark, from paths `folder.module:name` in this package."""
-
-    def find() -> Benchmark:
-        paths = (run, tables) if plot is None else (run, tables, plot)
-        return Benchmark(*(load(f"{__package__}.{path}") for path in paths))
-
-    return find
+def _find(
+    folder: str, run: str = "run:run", plot: str | None = "plots:plot"
+) -> Callable[[], Benchmark]:
+    """What loads a benchmark from its folder; `run` and `plot` are paths `module:name` in it."""
+    paths = (run, "tables:tables", *([] if plot is None else [plot]))
+    return lambda: Benchmark(*(load(f"{__package__}.{folder}.{path}") for path in paths))
 
 
 #: Name -> function that loads the benchmark.
 BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
     "benchmark",
     {
-        "accuracy": _of("accuracy.run:run", "accuracy.tables:tables", "accuracy.plots:plot"),
-        "controllers": _of(
-            "controllers.run:run", "controllers.tables:tables", "controllers.plots:plot"
-        ),
-        "generalization": _of(
-            "generalization.run:run", "generalization.tables:tables", "generalization.plots:plot"
-        ),
-        "learning": _of("learning.run:run", "learning.tables:tables", "learning.plots:plot"),
-        "rig": _of("rig.run:run", "rig.tables:tables", "rig.plots:plot"),
-        "rig_networks": _of(
-            "rig_networks.run:run_on_twin", "rig_networks.tables:tables", "rig_networks.plots:plot"
-        ),
-        "speed": _of("speed.run:run", "speed.tables:tables"),
-        "stability": _of("stability.run:run", "stability.tables:tables", "stability.plots:plot"),
-        "thesis": _of("thesis.run:run", "thesis.tables:tables", "thesis.figures:plot"),
+        "accuracy": _find("accuracy"),
+        "controllers": _find("controllers"),
+        "generalization": _find("generalization"),
+        "learning": _find("learning"),
+        "rig": _find("rig"),
+        "rig_networks": _find("rig_networks", run="run:run_on_twin"),
+        "speed": _find("speed", plot=None),
+        "stability": _find("stability"),
+        "thesis": _find("thesis", plot="figures:plot"),
     },
 )
