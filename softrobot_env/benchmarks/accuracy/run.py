@@ -24,7 +24,7 @@ from softrobot_env.benchmarks.accuracy.cases.frequencies import (
     chain_row,
     scalar_cases,
 )
-from softrobot_env.benchmarks.accuracy.cases.motions import chain_settings, timed_row
+from softrobot_env.benchmarks.accuracy.cases.motions import timed_row
 from softrobot_env.benchmarks.accuracy.cases.statics import StaticCase, static_cases
 from softrobot_env.benchmarks.accuracy.rig import motions as rig_motions
 from softrobot_env.benchmarks.accuracy.rig import statics as rig_statics
@@ -35,7 +35,6 @@ from softrobot_env.benchmarks.accuracy.rows import (
     Limit,
     Physics,
     Row,
-    motion_row,
     static_row,
 )
 from softrobot_env.benchmarks.beams import chain_scene
@@ -43,7 +42,6 @@ from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.records import groups
 from softrobot_env.benchmarks.timing import best_of, step_cost
 from softrobot_env.robots import ARM, RobotParams
-from softrobot_env.scene.build import Scene
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import equilibrium
 
@@ -275,38 +273,13 @@ def _settings(
 
 def _chain_rows(case: str, rule: str, truth: Limit, quick: bool) -> list[Row]:
     if case == spiral.CASE:
-        return _chain_spirals(rule, truth, quick)
+        numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
+        numbers, steps = (numbers[:-1], SUBSTEPS[:3]) if quick else (numbers, SUBSTEPS)
+        make, repeats = spiral.chain_motion, 5 if quick else 20
+    else:
+        numbers, steps = hinge_numbers(ARM, rule, quick), TIMESTEPS
+        make, repeats = tension_step.chain_motion, 2 if quick else 5
     return [
-        dynamic_row(rule, n, timestep, integrator, truth, 2 if quick else 5)
-        for n in hinge_numbers(ARM, rule, quick)
-        for integrator in DYNAMIC_INTEGRATORS
-        for timestep in TIMESTEPS
+        timed_row(case, BENDING, truth, make(rule, n, step, integrator), repeats)
+        for n, integrator, step in product(numbers, DYNAMIC_INTEGRATORS, steps)
     ]
-
-
-def _chain_spirals(rule: str, truth: Limit, quick: bool) -> list[Row]:
-    numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
-    settings = product(
-        numbers[:-1] if quick else numbers, DYNAMIC_INTEGRATORS, SUBSTEPS[:3] if quick else SUBSTEPS
-    )
-    motions = (spiral.chain_motion(rule, n, k, integrator) for n, integrator, k in settings)
-    repeats = 5 if quick else 20
-    return [timed_row(spiral.CASE, BENDING, truth, motion, repeats) for motion in motions]
-
-
-def dynamic_row(
-    rule: str, n: int, timestep: float, integrator: str, truth: Limit, repeats: int = 1
-) -> Row:
-    """Simulate the tension step on a chain and compare it; the time is the best of `repeats`."""
-    scene = chain_scene(ARM, rule, n, timestep=timestep, integrator=integrator)
-    tips = tension_step.tip_motion(scene)
-    wall_time = min(_stepping_time(scene) for _ in range(repeats))
-    case, settings = tension_step.CASE, chain_settings(scene)
-    return motion_row(case, BENDING, truth, settings, tips, wall_time)
-
-
-def _stepping_time(scene: Scene) -> float:
-    """Time [s] of all steps of the tension step, without reading anything out."""
-    simulation = tension_step.start(scene)
-    steps = round(DURATION / scene.timestep.timestep)
-    return best_of(lambda: mujoco.mj_step(scene.model, simulation.data, steps), 1)[0]
