@@ -1,4 +1,4 @@
-"""Beam models by the names that reports have, and what is read from them."""
+"""Beam models and chains by the names that reports have, and what is read from them."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,6 +13,9 @@ from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.quadrature import RULES
 
 
 def make_beam(
@@ -42,6 +45,11 @@ def make_beam(
         return CosseratRod(robot, pieces, loads=loads, **options)
     own = {"dimension": 2 if space == "planar" else 3}
     return ANCF(robot, pieces, loads=loads, **(own | options))
+
+
+def chain_scene(robot: RobotParams, rule: str, n: int, **options: Any) -> Scene:
+    """The MuJoCo chain with n joints of a hinge rule; `options` as those of `SceneConfig`."""
+    return build_scene(SceneConfig(robot, pieces=n // len(RULES[rule]), rule=rule, **options))
 
 
 def weightless(robot: RobotParams) -> RobotParams:

@@ -13,6 +13,10 @@ Job = tuple[str, Callable[[], list[Record]]]
 Progress = Callable[[str, int, int], None]
 
 
+def quiet(description: str, done: int, total: int) -> None:
+    """Progress that nobody wants to see."""
+
+
 def run_jobs(
     jobs: Sequence[Job], progress: Progress | None, rows: list[Record] | None = None
 ) -> list[Record]:
@@ -23,13 +27,11 @@ def run_jobs(
         progress: Told before each job and at the end, or None.
         rows: List to add to, for jobs that read what earlier ones found; a new one unless given.
     """
-    rows = [] if rows is None else rows
+    rows, show = [] if rows is None else rows, progress or quiet
     for done, (description, job) in enumerate(jobs):
-        if progress is not None:
-            progress(description, done, len(jobs))
+        show(description, done, len(jobs))
         rows += job()
-    if progress is not None:
-        progress("done", len(jobs), len(jobs))
+    show("done", len(jobs), len(jobs))
     return rows
 
 
@@ -51,6 +53,5 @@ def run_in_processes(
         running = {pool.submit(work): label for label, work in tasks}
         for done, future in enumerate(as_completed(running), start=1):
             future.result()
-            if progress is not None:
-                progress(running[future], done, len(running))
+            (progress or quiet)(running[future], done, len(running))
         return [future.result() for future in running]

@@ -34,34 +34,59 @@ class Benchmark:
     plot: Callable[[Records, Path], None] | None = None
 
 
-def _of(run: str, tables: str, plot: str | None = None) -> Callable[[], Benchmark]:
-    """What loads a benchmark, from paths `folder.module:name` in this package."""
-
-    def find() -> Benchmark:
-        paths = (run, tables) if plot is None else (run, tables, plot)
-        return Benchmark(*(load(f"{__package__}.{path}") for path in paths))
-
-    return find
+def _found_at(run: str, tables: str, plot: str | None = None) -> Callable[[], Benchmark]:
+    """What loads a benchmark whose functions are at these paths."""
+    paths = (run, tables) if plot is None else (run, tables, plot)
+    return lambda: Benchmark(*map(load, paths))
 
 
 #: Name -> function that loads the benchmark.
 BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
     "benchmark",
     {
-        "accuracy": _of("accuracy.run:run", "accuracy.tables:tables", "accuracy.plots:plot"),
-        "controllers": _of(
-            "controllers.run:run", "controllers.tables:tables", "controllers.plots:plot"
+        "accuracy": _found_at(
+            "softrobot_env.benchmarks.accuracy.run:run",
+            "softrobot_env.benchmarks.accuracy.tables:tables",
+            "softrobot_env.benchmarks.accuracy.plots:plot",
         ),
-        "generalization": _of(
-            "generalization.run:run", "generalization.tables:tables", "generalization.plots:plot"
+        "controllers": _found_at(
+            "softrobot_env.benchmarks.controllers.run:run",
+            "softrobot_env.benchmarks.controllers.tables:tables",
+            "softrobot_env.benchmarks.controllers.plots:plot",
         ),
-        "learning": _of("learning.run:run", "learning.tables:tables", "learning.plots:plot"),
-        "rig": _of("rig.run:run", "rig.tables:tables", "rig.plots:plot"),
-        "rig_networks": _of(
-            "rig_networks.run:run_on_twin", "rig_networks.tables:tables", "rig_networks.plots:plot"
+        "generalization": _found_at(
+            "softrobot_env.benchmarks.generalization.run:run",
+            "softrobot_env.benchmarks.generalization.tables:tables",
+            "softrobot_env.benchmarks.generalization.plots:plot",
         ),
-        "speed": _of("speed.run:run", "speed.tables:tables"),
-        "stability": _of("stability.run:run", "stability.tables:tables", "stability.plots:plot"),
-        "thesis": _of("thesis.run:run", "thesis.tables:tables", "thesis.figures:plot"),
+        "learning": _found_at(
+            "softrobot_env.benchmarks.learning.run:run",
+            "softrobot_env.benchmarks.learning.tables:tables",
+            "softrobot_env.benchmarks.learning.plots:plot",
+        ),
+        "rig": _found_at(
+            "softrobot_env.benchmarks.rig.run:run",
+            "softrobot_env.benchmarks.rig.tables:tables",
+            "softrobot_env.benchmarks.rig.plots:plot",
+        ),
+        "rig_networks": _found_at(
+            "softrobot_env.benchmarks.rig_networks.run:run_on_twin",
+            "softrobot_env.benchmarks.rig_networks.tables:tables",
+            "softrobot_env.benchmarks.rig_networks.plots:plot",
+        ),
+        "speed": _found_at(
+            "softrobot_env.benchmarks.speed.run:run",
+            "softrobot_env.benchmarks.speed.tables:tables",
+        ),
+        "stability": _found_at(
+            "softrobot_env.benchmarks.stability.run:run",
+            "softrobot_env.benchmarks.stability.tables:tables",
+            "softrobot_env.benchmarks.stability.plots:plot",
+        ),
+        "thesis": _found_at(
+            "softrobot_env.benchmarks.thesis.run:run",
+            "softrobot_env.benchmarks.thesis.tables:tables",
+            "softrobot_env.benchmarks.thesis.figures:plot",
+        ),
     },
 )

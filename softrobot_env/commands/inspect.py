@@ -4,7 +4,6 @@ import argparse
 from math import isinf
 
 import mujoco
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -16,6 +15,7 @@ from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.labels import option_columns, task_label
+from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.twin import Twin, twin_or_ideal
 from softrobot_env.scene.build import Scene
@@ -67,7 +67,6 @@ def run(args: argparse.Namespace) -> int:
 def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, str]) -> Table:
     """What every scene has, what else a robot leaves out, and rows of its own."""
     scene, model = env.scene, env.model
-    out = Table(show_header=False, title=f"Task {label}, robot {scene.config.robot.name}")
     left_out = [*(name for name, has in _OPTIONAL.items() if not has(model)), *left_out]
     rows = {
         "DOFs": f"{model.nv} hinges in {scene.layout.pieces} pieces, rule {scene.config.rule}",
@@ -79,9 +78,7 @@ def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, s
         "observation": ", ".join(f"{k} {v.shape[0]}" for k, v in env.observation_space.items()),
         **own,
     }
-    for name, text in rows.items():
-        out.add_row(name, text)
-    return out
+    return named_values(f"Task {label}, robot {scene.config.robot.name}", rows)
 
 
 def _timing(scene: Scene) -> dict[str, str]:
@@ -105,31 +102,21 @@ def _timing(scene: Scene) -> dict[str, str]:
 
 def _tendons(robot: RobotParams) -> Table:
     """One row per tendon, with friction where there is any."""
-    out = Table(
-        header_style="bold",
-        title="Tendons",
-        box=box.SIMPLE_HEAD,
-        padding=(0, 1, 0, 0),
-        pad_edge=False,
-    )
-    rubbing = any(tendon.friction for tendon in robot.tendons)
-    headings = ("name", "offset mm", "end mm", "routing", "pretension\nto limit N", "stiffness")
-    for heading in (*headings, *(["friction\nN"] if rubbing else [])):
-        out.add_column(heading, no_wrap=True)
-    for tendon in robot.tendons:
-        out.add_row(*_tendon_row(tendon), *([f"{tendon.friction:.3g}"] if rubbing else []))
-    return out
+    columns = [
+        Column("name"),
+        Column("offset mm", lambda t: f"({1e3 * t.offset[0]:.3g}, {1e3 * t.offset[1]:.3g})"),
+        Column("end mm", "end", ".1f", "mm"),
+        Column("routing", lambda t: f"{len(t.guides)} guides" if t.guides else "channel"),
+        Column("pretension\nto limit N", lambda t: f"{t.pretension:g} to {t.tension_limit:g}"),
+        Column("stiffness", _axial_stiffness),
+    ]
+    if any(tendon.friction for tendon in robot.tendons):
+        columns.append(Column("friction\nN", "friction", ".3g"))
+    return make_table("Tendons", columns, robot.tendons)
 
 
-def _tendon_row(tendon: Tendon) -> tuple[str, ...]:
-    return (
-        tendon.name,
-        f"({1e3 * tendon.offset[0]:.3g}, {1e3 * tendon.offset[1]:.3g})",
-        f"{1e3 * tendon.end:.1f}",
-        f"{len(tendon.guides)} guides" if tendon.guides else "channel",
-        f"{tendon.pretension:g} to {tendon.tension_limit:g}",
-        "inextensible" if isinf(tendon.stiffness) else f"{tendon.stiffness:g} N/m",
-    )
+def _axial_stiffness(tendon: Tendon) -> str:
+    return "inextensible" if isinf(tendon.stiffness) else f"{tendon.stiffness:g} N/m"
 
 
 def _errors_left_out(twin: Twin) -> list[str]:

@@ -10,13 +10,13 @@ from time import perf_counter
 
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
 
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_out, seed
 from softrobot_env.interfaces import Show
 from softrobot_env.paths import models_dir
 from softrobot_env.registries import load
+from softrobot_env.rendering.tables import named_values
 
 EXAMPLE = """softrobot train --algo ppo --randomize
   softrobot train rig_nn --twin 3 --out out"""
@@ -184,10 +184,8 @@ def run(args: argparse.Namespace) -> int:
             progress.update(bar, description=f"{name}: {description}", completed=done, total=total)
 
         figures = train(show)
-    table = Table("quantity", "value", title=f"{name}, seed {args.seed}")
-    for quantity, value in [*figures, ("time", f"{perf_counter() - began:.1f} s")]:
-        table.add_row(quantity, value)
-    console.print(table)
+    figures = dict(figures) | {"time": f"{perf_counter() - began:.1f} s"}
+    console.print(named_values(f"{name}, seed {args.seed}", figures))
     console.print(f"Wrote {path}")
     return 0
 

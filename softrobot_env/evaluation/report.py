@@ -39,8 +39,8 @@ _COLUMNS = {
     "settling_time": ("settling s", 1.0, 2),
     "overshoot": ("overshoot %", 100.0, 1),
     "steady_state_error": ("steady %", 100.0, 2),
-    "policy_time_median": ("policy us", 1e6, 1),
-    "policy_time_p99": ("p99 us", 1e6, 1),
+    "policy_time_median": ("policy µs", 1e6, 1),
+    "policy_time_p99": ("p99 µs", 1e6, 1),
     "realtime_factor": ("times real", 1.0, 0),
 }
 

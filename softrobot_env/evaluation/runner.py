@@ -6,20 +6,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
-from softrobot_env.control.registry import (
-    FEEDBACKS,
-    RIG_POLICIES,
-    make_policy,
-    policy_environment,
-)
+from softrobot_env.control.registry import FEEDBACKS, RIG_POLICIES, make_policy, policy_environment
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.labels import (
-    option_columns,
-    rig_label,
-    task_label,
-    variation_label,
-)
+from softrobot_env.evaluation.labels import option_columns, rig_label, task_label, variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.run import run_episode, warm_up

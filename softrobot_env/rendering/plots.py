@@ -11,6 +11,7 @@ import numpy as np
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import (
     Curve,
+    Values,
     draw_path,
     draw_shapes,
     draw_stacked,
@@ -48,40 +49,21 @@ def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: 
         in over time) and `<stem>_path.png` (path of the tip from above). Where the trajectory has
         an approach, they begin after it.
     """
-    draw = _rig_figures if task.axes == "xy" else _arm_figures
-    figures = draw(curves, task, title)
+    figures = {"tip": _tip(curves, task, title)}
+    if task.axes == "xy":
+        names = [f"tendon {i} [mm]" for i in range(1, len(task.robot.tendons) + 1)]
+        text = f"{title}: length pulled in by the servos"
+        figures["lengths"] = _stacked(curves, lambda r: 1e3 * r.tendon_length, names, task, text)
+        figures["path"] = _paths(curves, task, title)
+    else:
+        pairs = TendonMap(task.robot)
+        names = [f"pair {i} [N]" for i in range(1, pairs.n_inputs + 1)]
+        text = f"{title}: tendon tension (positive: upper tendon)"
+        figures["inputs"] = _stacked(
+            curves, lambda r: pairs.reduced(r.tendon_tension), names, task, text
+        )
+        figures["shapes"] = _shapes(curves, task, title)
     return [save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
-
-
-def _arm_figures(curves: Sequence[Curve], task: Task, title: str) -> dict[str, "Figure"]:
-    pairs = TendonMap(task.robot)
-    names = [f"pair {i} [N]" for i in range(1, pairs.n_inputs + 1)]
-    return {
-        "tip": _tip(curves, task, "xz", title),
-        "inputs": _stacked(
-            curves,
-            lambda rollout: pairs.reduced(rollout.tendon_tension),
-            names,
-            task,
-            f"{title}: tendon tension (positive: upper tendon)",
-        ),
-        "shapes": _shapes(curves, task, title),
-    }
-
-
-def _rig_figures(curves: Sequence[Curve], task: Task, title: str) -> dict[str, "Figure"]:
-    names = [f"tendon {i} [mm]" for i in range(1, len(task.robot.tendons) + 1)]
-    return {
-        "tip": _tip(curves, task, "xy", title),
-        "lengths": _stacked(
-            curves,
-            lambda rollout: 1e3 * rollout.tendon_length,
-            names,
-            task,
-            f"{title}: length pulled in by the servos",
-        ),
-        "path": _paths(curves, task, title),
-    }
 
 
 def _shown(task: Task, rollout: Rollout) -> slice:
@@ -92,14 +74,15 @@ def _shown(task: Task, rollout: Rollout) -> slice:
     return slice(begin, int(np.searchsorted(rollout.time, _STEP_WINDOW)))
 
 
-def _tip(curves: Sequence[Curve], task: Task, plane: str, title: str) -> "Figure":
+def _tip(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
+    plane = "xy" if task.axes == "xy" else "xz"
     figure, axes = new_figure(3, 1, (7.0, 7.0))
     draw_tip(axes[:, 0], curves, plane, partial(_shown, task))
     return finish(figure, axes[0, 0], title)
 
 
 def _stacked(
-    curves: Sequence[Curve], values: object, names: list[str], task: Task, title: str
+    curves: Sequence[Curve], values: Values, names: list[str], task: Task, title: str
 ) -> "Figure":
     figure, axes = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
     draw_stacked(axes[:, 0], curves, values, names, partial(_shown, task))

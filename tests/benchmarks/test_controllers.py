@@ -280,7 +280,7 @@ def test_numbers_have_the_digits_people_need():
     assert number(3e-5, "steady_state_error") == "<0.01"
     assert number(None, "e_max") == "-"
     assert span((0.24, 0.24), "rise_time") == "240"
-    assert with_unit(5e-3, "policy_time_median") == "5000 us"
+    assert with_unit(5e-3, "policy_time_median") == "5000 µs"
 
 
 def test_figures_are_drawn_of_what_there_is(full, tmp_path):

@@ -19,11 +19,17 @@ from softrobot_env.benchmarks.accuracy import tables
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED
 from softrobot_env.benchmarks.accuracy.cases.motions import timed_row
 from softrobot_env.benchmarks.accuracy.plots import plot
-from softrobot_env.benchmarks.accuracy.rig import motions, run
+from softrobot_env.benchmarks.accuracy.rig import motions
 from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, STATIC, STEP, sample_times
-from softrobot_env.benchmarks.accuracy.rig.models import beam_statics, chain_statics, piece_statics
 from softrobot_env.benchmarks.accuracy.rig.motions import PieceMotion, chain_motion
-from softrobot_env.benchmarks.accuracy.rig.statics import case_rows, converged, truth
+from softrobot_env.benchmarks.accuracy.rig.statics import (
+    beam_statics,
+    case_rows,
+    chain_statics,
+    converged,
+    piece_statics,
+    truth,
+)
 from softrobot_env.benchmarks.accuracy.rows import BENDING, DURATION, Limit, distance
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import TimestepWarning
@@ -233,8 +239,8 @@ def rows(step_truth):
     return [
         *case_rows(case, quick=True),
         timed_row(STEP, BENDING, step_truth, motion),
-        *run.piece_rows(STEP, step_truth, quick=True),
-        *run.notes(),
+        *motions.piece_rows(STEP, step_truth, quick=True),
+        *motions.notes(),
     ]
 
 

@@ -13,12 +13,22 @@ from rich.console import Console
 from softrobot_env.benchmarks.stability import tables
 from softrobot_env.benchmarks.stability.plots import plot
 from softrobot_env.benchmarks.stability.rig.cases import DURATION, MOTIONS, PERIOD, Variation
-from softrobot_env.benchmarks.stability.rig.run import ASKED, MAP, RULE, variation_rows, variations
-from softrobot_env.benchmarks.stability.rig.runs import TRUSTED, Truth, judged, reference, run
+from softrobot_env.benchmarks.stability.rig.runs import (
+    ASKED,
+    MAP,
+    RULE,
+    TRUSTED,
+    judged,
+    reference,
+    run,
+    variation_rows,
+    variations,
+)
 from softrobot_env.benchmarks.stability.runs import (
     DIVERGED,
     ChainSystem,
     Plan,
+    Reference,
     Trace,
     rule_choice,
 )
@@ -127,12 +137,13 @@ def test_divergence_is_named(steel, capfd):
 def test_nothing_is_judged_by_refined_runs_that_differ():
     time = np.linspace(0, 1, 20)
     still = Trace(time, np.zeros((20, 3)), None, None, 0.0, 20, np.zeros((20, 3)))
-    assert judged(still, Truth(still, 0.5 * TRUSTED))[0].outcome == STABLE
+    truth = Reference(still.time, still.tip, 0.5 * TRUSTED, still.tension)
+    assert judged(still, truth)[0].outcome == STABLE
     for uncertainty in (2 * TRUSTED, inf):
-        verdict, error = judged(still, Truth(still, uncertainty))
+        verdict, error = judged(still, replace(truth, uncertainty=uncertainty))
         assert (verdict.outcome, verdict.e_max, error) == (NO_TRUTH, None, None)
     gone = replace(still, outcome=DIVERGED, failure="diverged at t = 1 s")
-    assert judged(gone, Truth(still, inf))[0].outcome == DIVERGED
+    assert judged(gone, replace(truth, uncertainty=inf))[0].outcome == DIVERGED
 
 
 def test_undamped_rig_with_stiff_tendons_has_no_truth():

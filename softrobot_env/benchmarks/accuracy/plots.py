@@ -4,10 +4,10 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.benchmarks.accuracy.cases import pyelastica_rod, spiral, tension_step
+from softrobot_env.benchmarks.accuracy.cases import spiral, tension_step
 from softrobot_env.benchmarks.accuracy.rig.cases import CASES as RIG_CASES
-from softrobot_env.benchmarks.accuracy.rig.cases import CIRCLE, STEP
 from softrobot_env.benchmarks.accuracy.rows import Row, front
+from softrobot_env.benchmarks.accuracy.tables import MOTIONS, NUMBERS, RIG_MOTIONS, STATIC
 from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.rendering.figures import (
@@ -27,29 +27,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-_MOTIONS = {
-    spiral.CASE: "Spiral in 3-D under a turning tip force",
-    tension_step.CASE: "Tension step of the tendon arm",
-    pyelastica_rod.CASE: "Spiral without damping",
-}
-_RIG_MOTIONS = {STEP: "Length step of 10 mm", CIRCLE: "Fast circle"}
 _REAL_TIME = 3000  # ms
 _RUN_TIME = "run time of 3 s of motion [ms]"
 
-_STATIC = {
-    "self_weight_weak": "self-weight, weak",
-    "self_weight_stiff": "self-weight, stiff",
-    "tip_moment_1Nm": "tip moment 1 N m",
-    "tip_force_3N": "tip force 3 N",
-    "tendon_static": "tendon in a channel",
-    "tendon_guided": "tendon through guides",
-}
-_NUMBERS = {
-    "bending_frequency_weak": "1st bending frequency, weak",
-    "bending_frequency_stiff": "1st bending frequency, stiff",
-    "torsion_static": "twist under a moment",
-    "torsion_frequency": "1st torsional frequency",
-}
 _RIG_STATIC = {
     "rig_pull_10mm": "one tendon 10 mm",
     "rig_pull_20mm": "one tendon 20 mm",
@@ -58,7 +38,7 @@ _RIG_STATIC = {
 }
 
 #: Cases whose truth is the same for all hinge rules.
-_RULE_CASES = (*_STATIC,)[:5]
+_RULE_CASES = (*STATIC,)[:5]
 
 #: Chains shown by hinge rule; gauss3 has other numbers and goes to the nearest.
 _NEAREST = {9: 6, 18: 12, 36: 24}
@@ -97,7 +77,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
 def _work_precision(rows: list[Row]) -> "Figure":
     moving = select(rows, kind="dynamic")
     panels: list[Callable[[Axes], None]] = []
-    for case, title in _MOTIONS.items():
+    for case, title in MOTIONS.items():
         mine = select(moving, case=case)
         if mine:
             panels.append(lambda axes, rows=mine, title=title: _draw_motions(axes, rows, title))
@@ -180,8 +160,8 @@ def _draw_in_time(axes: "Axes", rows: list[Row]) -> None:
 def _resolution(rows: list[Row]) -> "Figure":
     figure, _ = new_figure(0, 0, (15, 6.6))
     upper, lower = figure.subfigures(2, 1)
-    _draw_resolutions(upper, rows, _STATIC, "e_mean", _FLOORS[0]).set_ylabel("tip error [mm]")
-    _draw_resolutions(lower, rows, _NUMBERS, "e_relative", _FLOORS[1]).set_ylabel("error [%]")
+    _draw_resolutions(upper, rows, STATIC, "e_mean", _FLOORS[0]).set_ylabel("tip error [mm]")
+    _draw_resolutions(lower, rows, NUMBERS, "e_relative", _FLOORS[1]).set_ylabel("error [%]")
     _add_model_legend(figure, [row for row in rows if row.kind in ("static", "number")])
     figure.suptitle(
         "Error against resolution, each model to the exact solution of its own physics "
@@ -232,7 +212,7 @@ def _draw_static_rules(figure: "SubFigure", rows: list[Row]) -> None:
             _draw_rule(axes, rule, select(rows, case=case), "n")
         axes.plot([6, 48], [20, 20 / 64], color="0.55", linestyle="--", linewidth=1, zorder=0)
         axes.text(20, 3.2, "order 2", color="0.4", fontsize=7.5)
-        _label(axes, _STATIC[case], "number of hinges")
+        _label(axes, STATIC[case], "number of hinges")
         _set_ticks(axes, (6, 12, 24, 48))
     panels[0].set_ylabel("tip error [mm]")
     panels[0].set_ylim(5e-7, 20)
@@ -291,7 +271,7 @@ def _rig(rows: list[Row]) -> "Figure":
     plain_ticks(upper.axes[0])
     lower.suptitle("In motion: all runs, and the best of each model joined")
     moving = select(rows, kind="dynamic")
-    shown = {case: title for case, title in _RIG_MOTIONS.items() if select(moving, case=case)}
+    shown = {case: title for case, title in RIG_MOTIONS.items() if select(moving, case=case)}
     for axes, case in zip(add_panels(lower, 1, max(1, len(shown)))[0], shown, strict=False):
         _draw_motions(axes, select(moving, case=case), shown[case])
         plain_ticks(axes)

@@ -24,24 +24,24 @@ from softrobot_env.benchmarks.accuracy.cases.frequencies import (
     chain_row,
     scalar_cases,
 )
-from softrobot_env.benchmarks.accuracy.cases.motions import chain_settings, timed_row
+from softrobot_env.benchmarks.accuracy.cases.motions import timed_row
 from softrobot_env.benchmarks.accuracy.cases.statics import StaticCase, static_cases
-from softrobot_env.benchmarks.accuracy.rig import run as rig
+from softrobot_env.benchmarks.accuracy.rig import motions as rig_motions
+from softrobot_env.benchmarks.accuracy.rig import statics as rig_statics
+from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS as RIG_MOTIONS
 from softrobot_env.benchmarks.accuracy.rows import (
     BENDING,
     DURATION,
     Limit,
     Physics,
     Row,
-    motion_row,
     static_row,
 )
+from softrobot_env.benchmarks.beams import chain_scene
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.records import groups
 from softrobot_env.benchmarks.timing import best_of, step_cost
 from softrobot_env.robots import ARM, RobotParams
-from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import equilibrium
 
@@ -70,7 +70,7 @@ _CONVERGED = 1e-8
 _LOAD_STEP = 0.2
 
 #: Motions in which a step of the chain costs the same throughout.
-_EVEN = (tension_step.CASE, *rig.MOTIONS)
+_EVEN = (tension_step.CASE, *RIG_MOTIONS)
 
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
@@ -90,7 +90,7 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         return goals.rows(rows, quick)
 
     jobs = [*_static_jobs(quick), *_number_jobs(quick), *_dynamic_jobs(quick)]
-    jobs += rig.jobs(quick)
+    jobs += [*rig_statics.jobs(quick), *rig_motions.jobs(quick)]
     jobs.append(("PyElastica", lambda: pyelastica_rod.rows(quick)))
     jobs.append(("goals", reach_goals))
     return run_jobs(jobs, progress, rows)
@@ -165,7 +165,7 @@ def chain_static_row(
     Returns:
         The row, and the tip (2,) [m].
     """
-    scene = build_scene(_config(case.robot, rule, n, loads=case.loads))
+    scene = chain_scene(case.robot, rule, n, loads=case.loads)
     wall_time, posture = best_of(lambda: equilibrium(scene.model, case.ctrl), repeats)
     tip = tip_at(scene.model, posture)
     row = static_row(
@@ -273,42 +273,13 @@ def _settings(
 
 def _chain_rows(case: str, rule: str, truth: Limit, quick: bool) -> list[Row]:
     if case == spiral.CASE:
-        return _chain_spirals(rule, truth, quick)
+        numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
+        numbers, steps = (numbers[:-1], SUBSTEPS[:3]) if quick else (numbers, SUBSTEPS)
+        make, repeats = spiral.chain_motion, 5 if quick else 20
+    else:
+        numbers, steps = hinge_numbers(ARM, rule, quick), TIMESTEPS
+        make, repeats = tension_step.chain_motion, 2 if quick else 5
     return [
-        dynamic_row(rule, n, timestep, integrator, truth, 2 if quick else 5)
-        for n in hinge_numbers(ARM, rule, quick)
-        for integrator in DYNAMIC_INTEGRATORS
-        for timestep in TIMESTEPS
+        timed_row(case, BENDING, truth, make(rule, n, step, integrator), repeats)
+        for n, integrator, step in product(numbers, DYNAMIC_INTEGRATORS, steps)
     ]
-
-
-def _chain_spirals(rule: str, truth: Limit, quick: bool) -> list[Row]:
-    numbers = SPIRAL_JOINTS_OF_THREES if len(RULES[rule]) == 3 else SPIRAL_JOINTS
-    settings = product(
-        numbers[:-1] if quick else numbers, DYNAMIC_INTEGRATORS, SUBSTEPS[:3] if quick else SUBSTEPS
-    )
-    motions = (spiral.chain_motion(rule, n, k, integrator) for n, integrator, k in settings)
-    repeats = 5 if quick else 20
-    return [timed_row(spiral.CASE, BENDING, truth, motion, repeats) for motion in motions]
-
-
-def dynamic_row(
-    rule: str, n: int, timestep: float, integrator: str, truth: Limit, repeats: int = 1
-) -> Row:
-    """Simulate the tension step on a chain and compare it; the time is the best of `repeats`."""
-    scene = build_scene(_config(ARM, rule, n, timestep=timestep, integrator=integrator))
-    tips = tension_step.tip_motion(scene)
-    wall_time = min(_stepping_time(scene) for _ in range(repeats))
-    case, settings = tension_step.CASE, chain_settings(scene)
-    return motion_row(case, BENDING, truth, settings, tips, wall_time)
-
-
-def _stepping_time(scene: Scene) -> float:
-    """Time [s] of all steps of the tension step, without reading anything out."""
-    simulation = tension_step.start(scene)
-    steps = round(DURATION / scene.timestep.timestep)
-    return best_of(lambda: mujoco.mj_step(scene.model, simulation.data, steps), 1)[0]
-
-
-def _config(robot: RobotParams, rule: str, n: int, **options: Any) -> SceneConfig:
-    return SceneConfig(robot, pieces=n // len(RULES[rule]), rule=rule, **options)

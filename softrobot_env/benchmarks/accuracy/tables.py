@@ -18,20 +18,30 @@ from softrobot_env.rendering.tables import Column, make_table, new_table, number
 #: Resolutions shown; gauss3 and the Cosserat rod have their nearest numbers.
 _SHOWN = (6, 9, 12, 18, 24, 36)
 
-#: Case -> heading of its column, of the cases at rest and the numbers; of the rig.
-_SHORT = {
-    "self_weight_weak": "weight\nweak",
-    "self_weight_stiff": "weight\nstiff",
-    "tip_moment_1Nm": "moment\n1 N m",
-    "tip_force_3N": "force\n3 N",
-    "tendon_static": "tendon\nchannel",
-    "tendon_guided": "tendon\nguides",
-    "bending_frequency_weak": "bending f\nweak",
-    "bending_frequency_stiff": "bending f\nstiff",
-    "torsion_static": "twist",
-    "torsion_frequency": "torsion f",
+#: Case -> title of its column and its panel: at rest, numbers, motions, and motions of the rig.
+STATIC = {
+    "self_weight_weak": "self-weight, weak",
+    "self_weight_stiff": "self-weight, stiff",
+    "tip_moment_1Nm": "tip moment, 1 N m",
+    "tip_force_3N": "tip force, 3 N",
+    "tendon_static": "tendon, channel",
+    "tendon_guided": "tendon, guides",
 }
-_RIG_SHORT = {
+NUMBERS = {
+    "bending_frequency_weak": "bending frequency, weak",
+    "bending_frequency_stiff": "bending frequency, stiff",
+    "torsion_static": "twist",
+    "torsion_frequency": "torsional frequency",
+}
+MOTIONS = {
+    spiral.CASE: "Spiral under a turning tip force",
+    tension_step.CASE: "Tension step of the arm",
+    pyelastica_rod.CASE: "Spiral without damping",
+}
+RIG_MOTIONS = {STEP: "Rig, length step of 10 mm", CIRCLE: "Rig, fast circle"}
+
+#: Headings of the rig's cases: lengths [mm] that its tendons are pulled in.
+_RIG_LENGTHS = {
     "rig_pull_10mm": "10 mm",
     "rig_pull_20mm": "20 mm",
     "rig_general": "12, 6, 0",
@@ -40,12 +50,6 @@ _RIG_SHORT = {
     CIRCLE: "circle",
 }
 
-_MOTIONS = {
-    spiral.CASE: "Spiral, 3 s",
-    tension_step.CASE: "Tension step of the arm, 3 s",
-    pyelastica_rod.CASE: "Spiral without damping, 3 s",
-}
-_RIG_MOTIONS = {STEP: "Rig: a length step of 10 mm, 3 s", CIRCLE: "Rig: a fast circle, 3 s"}
 _CAPTION = "Errors in mm; step: of the integrator in ms, or its tolerance where it adapts"
 
 
@@ -56,11 +60,9 @@ def tables(rows: list[Row]) -> Group:
     static = [row for row in select(rows, kind="static") if row.n in _SHOWN]
     numbers = [row for row in select(rows, kind="number") if row.n in _SHOWN]
     parts = [
-        _pivot("Static tip error in mm", static, _SHORT, lambda row: 1e3 * row.e_mean),
-        _pivot(
-            "Error of frequencies and twist in %", numbers, _SHORT, lambda row: 100 * row.e_relative
-        ),
-        *_motions(rows, _MOTIONS, (Column("physics"),), ()),
+        _pivot("Static tip error in mm", static, lambda row: 1e3 * row.e_mean),
+        _pivot("Error of frequencies and twist in %", numbers, lambda row: 100 * row.e_relative),
+        *_motions(rows, MOTIONS, (Column("physics"),), ()),
         _static_agreement(rows),
         _agreement(rows),
         *(_rig(rig) if rig else ()),
@@ -70,17 +72,23 @@ def tables(rows: list[Row]) -> Group:
     return Group(*parts, *(Text(f"{row.case}, {row.model}: {row.reference}") for row in notes))
 
 
-def _pivot(
-    title: str, rows: list[Row], names: dict[str, str], error: Callable[[Row], float]
-) -> Table:
-    """A line per model and resolution, a column per case with its short name; misses in red."""
+def _pivot(title: str, rows: list[Row], error: Callable[[Row], float]) -> Table:
+    """A line per model and resolution, a column per case; misses in red."""
     cases = list(dict.fromkeys(row.case for row in rows))
-    out = new_table(title, ("model",), ("n", *(names[case] for case in cases)))
+    out = new_table(title, ("model",), ("n", *(_heading(case) for case in cases)))
     lines = groups(sorted(rows, key=lambda row: row.model), "model", "n")
     for (model, n), mine in lines.items():
         cells = {row.case: _small(error(row), row.met is False) for row in mine}
         out.add_row(model, n, *(cells.get(case) for case in cases))
     return out
+
+
+def _heading(case: str) -> str:
+    """Short name of a case, in narrow lines."""
+    if case in _RIG_LENGTHS:
+        return _RIG_LENGTHS[case]
+    what, *which = (STATIC | NUMBERS)[case].split(", ")
+    return "\n".join([*what.replace("-", "- ").split(), *which])
 
 
 def _small(value: float, bad: bool) -> Text:
@@ -114,19 +122,18 @@ def _motions(
     for case, title in titles.items():
         models = groups(select(rows, case=case, kind="dynamic"), "family")
         best = [row for mine in models.values() for row in front(mine)]
-        title = f"{title}: runs that none of the same model beats"
+        title = f"{title}, 3 s: runs that none of the same model beats"
         if best:
             yield make_table(title, columns, best, caption=_CAPTION)
 
 
 def _static_agreement(rows: list[Row]) -> Table:
     """Limits of the models: a line per model, a column per case."""
-    mine = [r for r in rows if r.kind in ("agreement", "physics") and r.case in _SHORT]
+    mine = [r for r in rows if r.kind in ("agreement", "physics") and r.case in STATIC]
     return _pivot(
         "Limit of each model less the exact equilibrium of its physics, in % of the length\n"
         "(goal: 0.1, but none for ancf, a continuum: no rod is exact for it unless it is slender)",
         mine,
-        _SHORT,
         lambda row: 100 * row.value,
     )
 
@@ -142,7 +149,7 @@ def _agreement(rows: list[Row]) -> Table:
     return make_table(
         "Distance of the limits of motions\n(goal: 0.1 % of the length where physics are the same)",
         columns,
-        [r for r in rows if r.kind in ("agreement", "physics") and r.case not in _SHORT],
+        [r for r in rows if r.kind in ("agreement", "physics") and r.case not in STATIC],
     )
 
 
@@ -164,16 +171,14 @@ def _rig(rows: list[Row]) -> Iterator[Table]:
     yield _pivot(
         "Rig: static tip error in mm, by the lengths in mm that its tendons are pulled in",
         static,
-        _RIG_SHORT,
         lambda row: 1e3 * row.e_mean,
     )
     yield _orders(static)
     speed = Column("x real time", lambda row: DURATION / row.wall_time, ".0f")
-    yield from _motions(rows, _RIG_MOTIONS, (), (speed,))
+    yield from _motions(rows, RIG_MOTIONS, (), (speed,))
     yield _pivot(
         "Rig: limit of each model less the truth of its physics, in % of length (goal: 0.1)",
         select(rows, kind="agreement"),
-        _RIG_SHORT,
         lambda row: 100 * row.value,
     )
 

@@ -160,7 +160,7 @@ def _motion(row: ControllerRow | None) -> str:
 
 def _policy_times(rows: Rows) -> Table:
     """Tab. 6.5."""
-    title = "Tab. 6.5: policy time per decision in us, median / 99th percentile"
+    title = "Tab. 6.5: policy time per decision in µs, median / 99th percentile"
     shown = (("thesis", "step", 0.05), ("mujoco", "step", 0.05), ("mujoco", "swing", None))
     heads = [f"{_PLANTS[s]}\n{_task(task, width)}" for s, task, width in shown]
     out = new_table(title, ("policy",), ("decides\nevery ms", "thesis", *heads))

@@ -21,7 +21,7 @@ from softrobot_env.benchmarks.generalization.cases import (
 from softrobot_env.benchmarks.records import select
 from softrobot_env.evaluation.labels import task_label
 from softrobot_env.rendering.quantities import cell, number
-from softrobot_env.rendering.tables import Column, make_table, new_table
+from softrobot_env.rendering.tables import Column, make_table, pivot_table
 
 _ERRORS = {"e_max": "largest error in mm", "e_rms": "rms error in mm"}
 _STEP = {"overshoot": "overshoot in %", "settling_time": "settling time in s"}
@@ -51,13 +51,13 @@ _NOTES = (
 def _unseen_tables(rows: list[Row]) -> Iterator[Table]:
     for metric, text in _ERRORS.items():
         columns = {
-            f"{_TITLES[task]}\n{speed:g} m/s": {"task": task, "speed": speed}
+            f"{_TITLES[task]}\n{speed:g} m/s": (metric, {"task": task, "speed": speed})
             for task in ("circle", "figure_eight")
             for speed in SPEEDS[task]
         }
-        yield _table(f"Unseen references: {text}", rows, columns, metric)
+        yield _table(f"Unseen references: {text}", rows, columns)
     columns = {
-        f"{name}\n{speed:g} m/s": {"task": "random", "speed": speed, "metric": metric}
+        f"{name}\n{speed:g} m/s": (metric, {"task": "random", "speed": speed})
         for metric, name in (("e_max", "max"), ("e_rms", "rms"))
         for speed in SPEEDS["random"]
     }
@@ -71,30 +71,27 @@ def _disturbed_tables(rows: list[Row]) -> Iterator[Table]:
         title = _TITLES.get(task) or f"Step of {1e3 * width:g} mm"
         for metric, text in metrics.items():
             for group, (nominal, *varied) in _GROUPS.items():
-                columns = {_heading(v): {"variation": v} for v in (nominal, *varied)}
+                columns = {_heading(v): (metric, {"variation": v}) for v in (nominal, *varied)}
                 if any(row.variation in varied for row in mine):
-                    yield _table(f"{title} on {group}: {text}", mine, columns, metric)
+                    yield _table(f"{title} on {group}: {text}", mine, columns)
 
 
 def _heading(variation: Variation) -> str:
     return variation_name(variation).replace(" ", "\n", 1)
 
 
-def _table(
-    title: str, rows: list[Row], columns: dict[str, dict], metric: str | None = None
-) -> Table:
-    """A line per policy, a column for the rows with given values of some fields.
+def _table(title: str, rows: list[Row], columns: dict[str, tuple[str, dict]]) -> Table:
+    """A line per policy, a column for a metric of the rows with given values of some fields.
 
     Columns that nothing was run for are left out.
     """
-    columns = {head: dict(fields) for head, fields in columns.items()}
-    metrics = {head: fields.pop("metric", metric) for head, fields in columns.items()}
-    columns = {head: fields for head, fields in columns.items() if select(rows, **fields)}
-    out = new_table(title, ("policy",), list(columns))
-    for policy in names(rows) if columns else ():
-        found = {head: select(rows, policy=policy, **f) for head, f in columns.items()}
-        out.add_row(policy, *(_cell(mine, metrics[head]) for head, mine in found.items()))
-    return out
+    columns = {head: what for head, what in columns.items() if select(rows, **what[1])}
+
+    def shown(policy: str, what: tuple[str, dict]) -> str:
+        metric, fields = what
+        return _cell(select(rows, policy=policy, **fields), metric)
+
+    return pivot_table(title, "policy", names(rows) if columns else (), columns, shown)
 
 
 def _cell(rows: Sequence[Row], metric: str) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from softrobot_env.benchmarks.jobs import quiet
 from softrobot_env.learned.network import Network
 from softrobot_env.training.artifacts import save
 from softrobot_env.training.imitation import ImitationConfig, imitate
@@ -99,11 +100,11 @@ def _train(name: str, seed: int, folder: Path, quick: bool) -> None:
     began = perf_counter()
     curve: list[Point] = []
     if name == IMITATION:
-        network = imitate(_imitation(quick), seed, _silent)
+        network = imitate(_imitation(quick), seed, quiet)
     else:
         case = CASES[name]
         start = Network.load(_file(folder, IMITATION, seed))[0] if case.warm else None
-        network, curve = train(case.config(quick), seed, _silent, start)
+        network, curve = train(case.config(quick), seed, quiet, start)
     folder.mkdir(parents=True, exist_ok=True)
     save(network, _file(folder, name, seed), seed)
     facts = {"minutes": (perf_counter() - began) / 60, "curve": curve}
@@ -141,7 +142,3 @@ def _file(folder: Path, name: str, seed: int) -> Path:
 
 def _facts(folder: Path, name: str, seed: int) -> Path:
     return folder / f"{name}_{seed}.json"
-
-
-def _silent(text: str, done: int, total: int) -> None:
-    """Processes show nothing."""

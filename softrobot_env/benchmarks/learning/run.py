@@ -5,7 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.benchmarks.jobs import Progress, quiet, run_in_processes
 from softrobot_env.benchmarks.learning.cases import (
     CASES,
     CHAINS,
@@ -64,7 +64,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
         progress: Told what is done.
     """
     seeds, folder = (SEEDS[:1], FOLDER / "quick") if quick else (SEEDS, FOLDER)
-    show = progress or (lambda text, done, total: None)
+    show = progress or quiet
     jobs = [(chain, seed) for seed in seeds for chain in CHAINS]
     show("training", 0, len(jobs))
     tasks = [("training", partial(run_chain, *job, folder, quick)) for job in jobs]

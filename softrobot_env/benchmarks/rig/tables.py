@@ -14,10 +14,9 @@ from softrobot_env.benchmarks.rig.goals import GoalRow, middle
 from softrobot_env.benchmarks.rig.run import Row
 from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.evaluation.thesis import TRIANGLE
-from softrobot_env.rendering.tables import Column, make_table, new_table, verdict
+from softrobot_env.rendering.tables import Column, make_table, new_table, number, verdict
 
 _NUMBERS = {SLOW: "5.2", FAST: "5.3"}
-_FACTORS = {"mm": 1e3, "ms": 1e3}
 
 
 def tables(rows: list[Row]) -> Group:
@@ -73,9 +72,9 @@ def _times(rows: list[LapsRow]) -> Table:
 
     columns = (
         Column("policy", lambda policy: policy),
-        Column("us", over(median, "policy_time_median"), ".0f", "us"),
-        Column("99 % us", over(median, "policy_time_p99"), ".0f", "us"),
-        Column("max us", over(max, "policy_time_max"), ".0f", "us"),
+        Column("µs", over(median, "policy_time_median"), ".0f", "µs"),
+        Column("99 % µs", over(median, "policy_time_p99"), ".0f", "µs"),
+        Column("max µs", over(max, "policy_time_max"), ".0f", "µs"),
         Column("inputs", over(median, "computing_factor"), ".0f"),
         Column("simulation", over(median, "realtime_factor"), ".0f"),
         Column("limited %", over(max, "limited"), ".1f", "%"),
@@ -95,11 +94,14 @@ def _forces(rows: list[ForceRow]) -> Table:
 
 
 def _goals(rows: list[GoalRow]) -> Table:
-    out = new_table("Goals", ("goal", "policy"), ("found", "limit", "met"))
-    for row in rows:
-        shown = (_with_unit(value, row.unit) for value in (row.value, row.limit))
-        out.add_row(row.goal, row.policy, *shown, verdict(row.met))
-    return out
+    columns = (
+        Column("goal"),
+        Column("policy"),
+        Column("found", lambda row: _with_unit(row.value, row.unit), ">"),
+        Column("limit", lambda row: _with_unit(row.limit, row.unit), ">"),
+        Column("met", lambda row: verdict(row.met), ">"),
+    )
+    return make_table("Goals", columns, rows)
 
 
 def _with_unit(value: float | None, unit: str) -> str:
@@ -107,4 +109,4 @@ def _with_unit(value: float | None, unit: str) -> str:
         return "failed"
     if not unit:
         return "yes" if value else "no"
-    return f"{_FACTORS.get(unit, 1.0) * value:.3g} {unit}"
+    return f"{number(value, '.3g', unit)} {unit}"

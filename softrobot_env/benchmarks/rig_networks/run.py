@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.benchmarks.jobs import Progress, quiet, run_in_processes
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.benchmarks.rig_networks.cases import (
     QUICK_TRAININGS,
@@ -80,7 +80,7 @@ def run_on_twin(quick: bool = False, progress: Progress | None = None) -> list[R
     """
     rows = run(partial(measure_twin, _TWIN), quick, progress)
     trainings = QUICK_TRAININGS if quick else TRAININGS
-    return rows + friction_rows(_points(quick), trainings, progress or _quiet)
+    return rows + friction_rows(_points(quick), trainings, progress or quiet)
 
 
 def run(
@@ -100,7 +100,7 @@ def run(
     Returns:
         Rows of the trainings, then those of the times.
     """
-    show, points = progress or _quiet, _points(quick)
+    show, points = progress or quiet, _points(quick)
     show("visiting the points", 0, 1)
     data = collect(RIG, measure, np.random.default_rng(_SEED), points, TOTAL)
     parts = split_data(len(points), np.random.default_rng(_SEED))
@@ -110,10 +110,6 @@ def run(
 
 def _points(quick: bool) -> np.ndarray:
     return disk_points(_QUICK_POINTS if quick else POINTS)
-
-
-def _quiet(text: str, done: int, total: int) -> None:
-    """No progress is wanted."""
 
 
 def run_cases(

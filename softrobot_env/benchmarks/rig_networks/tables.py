@@ -107,7 +107,7 @@ def _times(rows: list[InferenceRow]) -> Table:
     columns = (
         Column("network", "direction"),
         Column("how", "variant"),
-        Column("us", "time", ".2f", "us"),
-        Column("thesis us", lambda r: _THESIS_TIMES.get((r.direction, r.variant)), ".1f", "us"),
+        Column("µs", "time", ".2f", "µs"),
+        Column("thesis µs", lambda r: _THESIS_TIMES.get((r.direction, r.variant)), ".1f", "µs"),
     )
     return make_table("Computing time per sample", columns, rows)

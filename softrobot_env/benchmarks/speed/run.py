@@ -12,7 +12,7 @@ import gymnasium
 import mujoco
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress
+from softrobot_env.benchmarks.jobs import Progress, quiet
 from softrobot_env.benchmarks.speed import vector
 from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.benchmarks.speed.startup import frame_time, startup_times
@@ -49,17 +49,15 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
         Rows of single environments, vector environments and waits.
     """
     contestants = [_contestant(name) for name in (*YARDSTICKS, *ENVIRONMENTS)]
-    rounds = 80 if quick else 300
+    rounds, show = 80 if quick else 300, progress or quiet
     for done in range(rounds):
-        if progress:
-            progress("env.step", done, rounds)
+        show("env.step", done, rounds)
         for contestant in contestants:
             _time_block(contestant)
     yardstick = contestants[0].step_time - contestants[0].raw_time
     waits = {("start", name): t for name, t in startup_times(2 if quick else 5).items()}
     waits["render", "frame 640 x 480"] = frame_time()
-    if progress:
-        progress("vector environments", rounds, rounds)
+    show("vector environments", rounds, rounds)
     steps = [
         step_row("env.step", c.name, c.step_time, c.raw_time, yardstick=yardstick)
         for c in contestants

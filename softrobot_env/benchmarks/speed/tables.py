@@ -11,7 +11,7 @@ _STEPS = (
     Column("steps/s", "steps_per_second", ".0f"),
     Column("raw/s", "raw_steps_per_second", ".0f"),
     Column("raw/\nenv", "ratio", ".2f"),
-    Column("over-\nhead us", "overhead", ".1f", "us"),
+    Column("over-\nhead µs", "overhead", ".1f", "µs"),
     Column("over-\nhead\nratio", "overhead_ratio", ".2f"),
 )
 _WAITS = (

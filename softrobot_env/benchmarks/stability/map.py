@@ -234,30 +234,17 @@ def limit_rows(
     return rows
 
 
-def chain_jobs(
+def jobs(
     family: Family,
     dampings: tuple[float, ...],
     timesteps: tuple[float, ...] = TIMESTEPS,
     stiffnesses: tuple[float, ...] = STIFFNESSES,
     ratios: tuple[float, ...] = LIMIT_RATIOS,
 ) -> Iterator[Job]:
-    """Map, rule and limit of a chain."""
+    """Map of a model; of a chain also the rule and the limit."""
     for damping in dampings:
-        name = f"chain {family.n}, damping {damping:.2g}"
+        name = f"{family.model} {family.n}, damping {damping:.2g}"
         yield name, lambda z=damping: map_rows(family, z, timesteps, stiffnesses)
-        yield f"{name}, rule", lambda z=damping: rule_rows(family, z, stiffnesses)
-        yield f"{name}, limit", lambda z=damping: limit_rows(family, z, ratios)
-
-
-def beam_jobs(
-    family: Family,
-    dampings: tuple[float, ...],
-    timesteps: tuple[float, ...] = TIMESTEPS,
-    stiffnesses: tuple[float, ...] = STIFFNESSES,
-) -> Iterator[Job]:
-    """Map of a beam model."""
-    for damping in dampings:
-        yield (
-            f"{family.model} {family.n}, damping {damping:.2g}",
-            lambda z=damping: map_rows(family, z, timesteps, stiffnesses),
-        )
+        if family.model == CHAIN:
+            yield f"{name}, rule", lambda z=damping: rule_rows(family, z, stiffnesses)
+            yield f"{name}, limit", lambda z=damping: limit_rows(family, z, ratios)

@@ -9,8 +9,15 @@ import numpy as np
 from softrobot_env.benchmarks.records import groups, select
 from softrobot_env.benchmarks.stability.map import MOST_STEPS
 from softrobot_env.benchmarks.stability.rig import cases as rig
-from softrobot_env.benchmarks.stability.rig.run import ASKED, MAP, RULE
-from softrobot_env.benchmarks.stability.rig.runs import BOUND, JOINTS, TENSION_BOUND, RigRow
+from softrobot_env.benchmarks.stability.rig.runs import (
+    ASKED,
+    BOUND,
+    JOINTS,
+    MAP,
+    RULE,
+    TENSION_BOUND,
+    RigRow,
+)
 from softrobot_env.benchmarks.stability.runs import CHAIN, DIVERGED, NOT_CONVERGED
 from softrobot_env.benchmarks.stability.verdicts import NO_TRUTH, STABLE, WRONG, Row
 from softrobot_env.rendering.figures import (

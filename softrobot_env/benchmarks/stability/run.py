@@ -5,18 +5,13 @@ of the same model (or of an independent truth). Everything else is a failure wit
 """
 
 from collections.abc import Iterator
+from itertools import product
 
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.stability import extremes
-from softrobot_env.benchmarks.stability.map import (
-    ALL_DAMPINGS,
-    NOMINAL,
-    SOME_DAMPINGS,
-    Family,
-    beam_jobs,
-    chain_jobs,
-)
-from softrobot_env.benchmarks.stability.rig import run as rig
+from softrobot_env.benchmarks.stability.map import ALL_DAMPINGS, NOMINAL, SOME_DAMPINGS, Family
+from softrobot_env.benchmarks.stability.map import jobs as map_jobs
+from softrobot_env.benchmarks.stability.rig import runs as rig
 from softrobot_env.benchmarks.stability.runs import CHAIN
 from softrobot_env.benchmarks.stability.verdicts import Row
 
@@ -51,18 +46,16 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
 
 def _full_jobs() -> Iterator[Job]:
     for n, dampings in CHAINS:
-        yield from chain_jobs(Family(CHAIN, n), dampings)
-    for name in BEAMS:
-        for n, dampings in PIECES:
-            yield from beam_jobs(Family(name, n), dampings)
+        yield from map_jobs(Family(CHAIN, n), dampings)
+    for name, (n, dampings) in product(BEAMS, PIECES):
+        yield from map_jobs(Family(name, n), dampings)
     yield from extremes.jobs(BEAMS)
     yield from rig.jobs()
 
 
 def _quick_jobs() -> Iterator[Job]:
-    grid = QUICK_DAMPINGS, QUICK_TIMESTEPS, QUICK_STIFFNESSES
-    yield from chain_jobs(Family(CHAIN, 6), *grid, QUICK_RATIOS)
-    for name in BEAMS:
-        yield from beam_jobs(Family(name, 3), *grid)
+    grid = QUICK_DAMPINGS, QUICK_TIMESTEPS, QUICK_STIFFNESSES, QUICK_RATIOS
+    for family in (Family(CHAIN, 6), *(Family(name, 3) for name in BEAMS)):
+        yield from map_jobs(family, *grid)
     yield from extremes.jobs(BEAMS, quick=True)
     yield from rig.jobs(quick=True)

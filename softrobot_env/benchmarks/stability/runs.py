@@ -275,11 +275,13 @@ class Reference:
         time: (k,) [s].
         tip: (k, 2) or (k, 3) [m].
         uncertainty: [m], largest distance to the same with coarser steps.
+        tension: (k, nu) [N] as that of a `Trace`, where it is judged.
     """
 
     time: np.ndarray
     tip: np.ndarray
     uncertainty: float
+    tension: np.ndarray | None = None
 
     def at(self, time: np.ndarray) -> np.ndarray:
         """Tip (k, 2) or (k, 3) [m] at instants (k,) [s] that it covers."""

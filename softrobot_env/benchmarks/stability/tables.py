@@ -7,9 +7,8 @@ from rich.table import Table
 from rich.text import Text
 
 from softrobot_env.benchmarks.records import groups, select
-from softrobot_env.benchmarks.stability.rig.run import ASKED, MAP, RULE
-from softrobot_env.benchmarks.stability.rig.run import CASES as RIG_CASES
-from softrobot_env.benchmarks.stability.rig.runs import RigRow
+from softrobot_env.benchmarks.stability.rig.runs import ASKED, MAP, RULE, RigRow
+from softrobot_env.benchmarks.stability.rig.runs import CASES as RIG_CASES
 from softrobot_env.benchmarks.stability.runs import (
     CHAIN,
     CHAIN_INTEGRATORS,

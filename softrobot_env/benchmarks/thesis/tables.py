@@ -19,7 +19,7 @@ _QUANTITIES = {
     "frequency_Hz": ("frequency", "Hz", ".3f"),
     "largest_norm_violation": ("largest violation", "1e-6", ".3f"),
     "first_order_below_1e-3": ("first order below 1e-3", "", ".0f"),
-    "evaluation_time_s": ("time with order 8", "us", ".1f"),
+    "evaluation_time_s": ("time with order 8", "µs", ".1f"),
     "most_pieces_in_real_time": ("most pieces in real time", "", ".0f"),
     "fewest_pieces_with_more_than_ancf": ("pieces to exceed ANCF", "", ".0f"),
     "mean_distance_m": ("mean distance", "mm", ".2f"),

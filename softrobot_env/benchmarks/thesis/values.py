@@ -1,49 +1,28 @@
 """Numbers printed in chapter 2 of the thesis, and those the audit recomputed; SI units."""
 
+#: Numbers of pieces of most tables.
+_FEW, _MANY = (1, 2, 3, 5, 8), (1, 2, 3, 4, 5, 8, 14, 20)
+
+
+def _by(pieces: tuple[int, ...], *numbers: float) -> dict[int, float]:
+    """Number of pieces -> number."""
+    return dict(zip(pieces, numbers, strict=True))
+
+
 #: Tip deflection [m] under self-weight by parameter set, model and number of pieces (audit).
 DEFLECTION = {
-    ("weak", "pcc"): {1: 0.3208, 2: 0.3680, 3: 0.3788, 5: 0.3846, 8: 0.3865},
-    ("weak", "cosserat"): {
-        1: 0.4824,
-        2: 0.4507,
-        3: 0.4265,
-        4: 0.4133,
-        5: 0.4063,
-        8: 0.3983,
-        14: 0.3947,
-        20: 0.3937,
-    },
-    ("weak", "ancf"): {
-        1: 0.1568,
-        2: 0.2771,
-        3: 0.3417,
-        4: 0.3677,
-        5: 0.3797,
-        8: 0.3906,
-        14: 0.3934,
-        20: 0.3939,
-    },
-    ("stiff", "pcc"): {1: 0.01267, 2: 0.01269, 3: 0.01270, 5: 0.01270, 8: 0.01270},
-    ("stiff", "cosserat"): {
-        1: 0.02659,
-        2: 0.01721,
-        3: 0.01546,
-        4: 0.01484,
-        5: 0.01456,
-        8: 0.01425,
-        14: 0.01412,
-        20: 0.01408,
-    },
-    ("stiff", "ancf"): {
-        1: 0.00925,
-        2: 0.01254,
-        3: 0.01317,
-        4: 0.01340,
-        5: 0.01351,
-        8: 0.01363,
-        14: 0.01368,
-        20: 0.01370,
-    },
+    ("weak", "pcc"): _by(_FEW, 0.3208, 0.3680, 0.3788, 0.3846, 0.3865),
+    ("weak", "cosserat"): _by(
+        _MANY, 0.4824, 0.4507, 0.4265, 0.4133, 0.4063, 0.3983, 0.3947, 0.3937
+    ),
+    ("weak", "ancf"): _by(_MANY, 0.1568, 0.2771, 0.3417, 0.3677, 0.3797, 0.3906, 0.3934, 0.3939),
+    ("stiff", "pcc"): _by(_FEW, 0.01267, 0.01269, 0.01270, 0.01270, 0.01270),
+    ("stiff", "cosserat"): _by(
+        _MANY, 0.02659, 0.01721, 0.01546, 0.01484, 0.01456, 0.01425, 0.01412, 0.01408
+    ),
+    ("stiff", "ancf"): _by(
+        _MANY, 0.00925, 0.01254, 0.01317, 0.01340, 0.01351, 0.01363, 0.01368, 0.01370
+    ),
 }
 
 #: The same of the stiff set with ANCF's Poisson ratio of 0.49, by law of the plane, for 20 pieces.

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.protocol.handshake import DeviceInfo
@@ -80,14 +79,6 @@ def reading_rows(reading: Reading) -> dict[str, str]:
         "supply": f"{reading.supply:.2f} V",
         "faults": ", ".join(fault.name.lower() for fault in reading.faults) or "none",
     }
-
-
-def table_of(rows: dict[str, str], title: str) -> Table:
-    """Names and texts."""
-    table = Table(show_header=False, title=title)
-    for name, text in rows.items():
-        table.add_row(name, text)
-    return table
 
 
 def numbers(values: np.ndarray, digits: int) -> str:

@@ -19,9 +19,9 @@ from softrobot_env.commands.robot.link import (
     open_driver,
     reading_rows,
     robot_of,
-    table_of,
 )
 from softrobot_env.hardware.driver import Driver
+from softrobot_env.rendering.tables import named_values
 
 _LONGEST_MOVE = 30.0  # s
 
@@ -55,7 +55,7 @@ class Order:
 def _info(driver: Driver, args: argparse.Namespace) -> int:
     """What a robot says of itself; 1 if a fault is latched."""
     robot, rows = driver.robot, info_rows(driver.connect()) | reading_rows(driver.reading)
-    Console().print(table_of(rows, f"Robot {robot.name} at {robot.port}"))
+    Console().print(named_values(f"Robot {robot.name} at {robot.port}", rows))
     return int(bool(driver.reading.faults))
 
 
@@ -68,7 +68,7 @@ def _stop(driver: Driver, args: argparse.Namespace) -> int:
     if args.clear:
         driver.clear()
     title = f"Robot {driver.robot.name} has stopped"
-    Console().print(table_of(reading_rows(driver.reading), title))
+    Console().print(named_values(title, reading_rows(driver.reading)))
     return int(bool(driver.reading.faults))
 
 
@@ -81,7 +81,7 @@ def _estop(driver: Driver, args: argparse.Namespace) -> int:
     stopped = driver.wait_for_fault(1.0)
     if args.clear:
         driver.clear()
-    Console().print(table_of(reading_rows(driver.reading), f"Robot {driver.robot.name}"))
+    Console().print(named_values(f"Robot {driver.robot.name}", reading_rows(driver.reading)))
     return int(not stopped)
 
 
@@ -114,7 +114,7 @@ def _shown(driver: Driver) -> Table:
     trips += f"{1e3 * link['longest_round_trip']:.1f} ms"
     counts = f"{link['sent']} sent, {link['received']} received, {link['lost']} lost"
     rows = reading_rows(driver.reading) | {"round trip": trips, "messages": counts}
-    return table_of(rows, f"Robot {driver.robot.name}, Ctrl-C stops it")
+    return named_values(f"Robot {driver.robot.name}, Ctrl-C stops it", rows)
 
 
 INFO = Order("softrobot robot info --robot-file rig.toml", _info)

@@ -14,14 +14,11 @@ from softrobot_env.beams.exact.shearable_rod import (
 )
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
 from softrobot_env.benchmarks.accuracy.rows import Physics, Row
-from softrobot_env.benchmarks.beams import mode_frequency, tip_twist, weightless
+from softrobot_env.benchmarks.beams import chain_scene, mode_frequency, tip_twist, weightless
 from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
-from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles
-from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import linearize
 
@@ -93,15 +90,9 @@ def beam_row(case: ScalarCase, contestant: Contestant, n: int, repeats: int = 1)
 
 def chain_row(case: ScalarCase, rule: str, n: int, physics: Physics, repeats: int = 1) -> Row:
     """Compare the MuJoCo chain."""
-    config = SceneConfig(
-        case.robot,
-        pieces=n // len(RULES[rule]),
-        rule=rule,
-        loads=(_MOMENT_LOAD,) if case.static else (),
-        bending="spatial" if case.torsion else "planar",
-        torsion=case.torsion,
-    )
-    model = build_scene(config).model
+    options = {"bending": "spatial" if case.torsion else "planar", "torsion": case.torsion}
+    loads = (_MOMENT_LOAD,) if case.static else ()
+    model = chain_scene(case.robot, rule, n, loads=loads, **options).model
     if case.static:
         time, q = best_of(lambda: equilibrium(model, np.ones(1)), repeats)
         found = float(joint_angles(model, q)[:, 2].sum())

@@ -117,14 +117,24 @@ class ChainMotion:
     Args:
         scene: The scene, with sensors of the tip first.
         controls: Controls (k, nu) at times (k,) [s].
+        posture: (nq,) at the start, straight unless given.
+        compared: What is made of the tips (k, 3) [m].
     """
 
-    def __init__(self, scene: Scene, controls: Callable[[np.ndarray], np.ndarray]) -> None:
-        self.scene, self._model = scene, scene.model
+    def __init__(
+        self,
+        scene: Scene,
+        controls: Callable[[np.ndarray], np.ndarray],
+        posture: np.ndarray | None = None,
+        compared: Callable[[np.ndarray], np.ndarray] = lambda tips: tips,
+    ) -> None:
+        self.scene, self._model, self._compared = scene, scene.model, compared
         self._substeps = round(scene.config.control_period / scene.timestep.timestep)
         kind = mujoco.mjtState.mjSTATE_FULLPHYSICS
         self._data, size = mujoco.MjData(self._model), mujoco.mj_stateSize(self._model, kind)
         self._start = np.empty((1, size))
+        if posture is not None:
+            self._data.qpos[:] = posture
         mujoco.mj_getState(self._model, self._data, self._start[0], kind)
         times = np.arange(round(DURATION / self._model.opt.timestep) + 1)
         self._ctrl = np.ascontiguousarray(controls(times * self._model.opt.timestep)[None])
@@ -138,7 +148,7 @@ class ChainMotion:
         return chain_settings(self.scene)
 
     def __call__(self) -> np.ndarray:
-        """Tips (k, 3) [m].
+        """Tips (k, 3) [m], or what is compared of them.
 
         Raises:
             RuntimeError: The simulation diverged.
@@ -157,7 +167,7 @@ class ChainMotion:
         if failure:
             settings = self.settings
             raise RuntimeError(f"{settings.model} with {settings.n} joints {failure}")
-        return tips
+        return self._compared(tips)
 
 
 def chain_settings(scene: Scene) -> Settings:

@@ -8,12 +8,10 @@ from softrobot_env.beams import signals
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
 from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion, ChainMotion
 from softrobot_env.benchmarks.accuracy.rows import DURATION, Limit, extrapolate
-from softrobot_env.benchmarks.beams import weightless
+from softrobot_env.benchmarks.beams import chain_scene, weightless
 from softrobot_env.robots import CANTILEVER_STIFF, RobotParams
 from softrobot_env.robots.loads import Load
-from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.config import SceneConfig, TipSensors
-from softrobot_env.scene.quadrature import RULES
+from softrobot_env.scene.config import TipSensors
 
 CASE = "spiral"
 
@@ -50,21 +48,11 @@ def chain_motion(
     rule: str, n: int, substeps: int, integrator: str = "implicitfast", robot: RobotParams = ROBOT
 ) -> ChainMotion:
     """The spiral of the MuJoCo chain with n joints and some timesteps per 10 ms."""
-    config = SceneConfig(
-        robot,
-        pieces=n // len(RULES[rule]),
-        rule=rule,
-        bending="spatial",
-        torsion=True,
-        loads=loads(),
-        sensors=(TipSensors(),),
-        control_period=PERIOD,
-        timestep=PERIOD / substeps,
-        integrator=integrator,
-    )
+    options = {"bending": "spatial", "torsion": True, "loads": loads(), "sensors": (TipSensors(),)}
+    steps = {"control_period": PERIOD, "timestep": PERIOD / substeps, "integrator": integrator}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # some timesteps are near the stability limit on purpose
-        return ChainMotion(build_scene(config), force)
+        return ChainMotion(chain_scene(robot, rule, n, **options, **steps), force)
 
 
 def chain_limit(quick: bool = False) -> Limit:

@@ -4,13 +4,12 @@ import numpy as np
 
 from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
-from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion
-from softrobot_env.benchmarks.accuracy.rows import DURATION, Limit, distance, zero_timestep
-from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion, ChainMotion
+from softrobot_env.benchmarks.accuracy.rows import Limit, distance, zero_timestep
+from softrobot_env.benchmarks.beams import chain_scene
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
-from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.config import TipSensors
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import equal_input
 
@@ -28,42 +27,31 @@ def tensions(robot: RobotParams, a: float) -> np.ndarray:
     return TendonMap(robot).tension(np.array(equal_input(robot, a)))
 
 
-def start(scene: Scene) -> Simulation:
-    """The arm at rest in the equilibrium of START, with the tensions of END in force."""
-    simulation = Simulation(scene)
-    robot = scene.config.robot
-    posture = equilibrium(scene.model, tensions(robot, START))
-    simulation.reset(posture, ctrl=tensions(robot, END))
-    return simulation
-
-
-def tip_motion(scene: Scene) -> np.ndarray:
-    """Tip (k, 2) [m] in (x, z) after every control period of the step.
-
-    Raises:
-        RuntimeError: The simulation diverged.
-    """
-    simulation = start(scene)
-    tips = np.empty((round(DURATION / scene.config.control_period), 2))
-    position = simulation.data.site("tip").xpos
-    for index in range(len(tips)):
-        simulation.advance()
-        tips[index] = position[[0, 2]]
-    if simulation.failure():
-        raise RuntimeError(simulation.failure())
-    return tips
+def chain_motion(
+    rule: str, n: int, timestep: float, integrator: str = "implicitfast"
+) -> ChainMotion:
+    """The step of the MuJoCo chain with n joints, with tips (300, 2) in (x, z)."""
+    steps = {"control_period": PERIOD, "timestep": timestep, "integrator": integrator}
+    scene = chain_scene(ARM, rule, n, sensors=(TipSensors(),), **steps)
+    posture, pulled = equilibrium(scene.model, tensions(ARM, START)), tensions(ARM, END)
+    return ChainMotion(scene, lambda times: np.tile(pulled, (len(times), 1)), posture, _compared)
 
 
 def beam_motion(contestant: Contestant, n: int, robot: RobotParams = ARM) -> BeamMotion:
-    """The step of a beam model, with tips (300, 2)."""
+    """The step of a beam model, with tips (300, 2) in (x, z)."""
     beam = contestant.build(robot, n)
     q = beam.equilibrium(tensions(robot, START), load_step=0.2, check_stability=False)
+    rest, inputs = State(q, np.zeros_like(q)), tensions(robot, END)
 
     def tips(q: np.ndarray) -> np.ndarray:
-        return beam.tip(q)[1:, [0, 2]]
+        return _compared(beam.tip(q))
 
-    rest, inputs = State(q, np.zeros_like(q)), tensions(robot, END)
     return BeamMotion(contestant.name, n, beam, inputs, tips, PERIOD, rest)
+
+
+def _compared(tips: np.ndarray) -> np.ndarray:
+    """Tips (k, 2) [m] in (x, z) at the ends of the control periods."""
+    return tips[1:, [0, 2]]
 
 
 def converged_reference(quick: bool = False) -> Limit:
@@ -90,9 +78,4 @@ def _extrapolate(rule: str, n: int, step: float) -> np.ndarray:
 
 
 def _limit_in_time(rule: str, n: int, step: float) -> np.ndarray:
-    return zero_timestep([tip_motion(_scene(rule, n, step / k)) for k in (1, 2, 4)])[0]
-
-
-def _scene(rule: str, n: int, step: float) -> Scene:
-    config = SceneConfig(ARM, pieces=n // 2, rule=rule, timestep=step, integrator="implicitfast")
-    return build_scene(config)
+    return zero_timestep([chain_motion(rule, n, step / k)() for k in (1, 2, 4)])[0]

@@ -6,6 +6,7 @@ import numpy as np
 
 from softrobot_env.benchmarks.accuracy.rows import DURATION
 from softrobot_env.robots import RIG
+from softrobot_env.scene.config import TipSensors
 
 #: Lengths (3,) [m] of the static cases. In the last one a tendon hangs slack.
 STATIC: dict[str, tuple[float, float, float]] = {
@@ -47,5 +48,11 @@ def sample_times(period: float = PERIOD) -> np.ndarray:
     return np.linspace(0, DURATION, round(DURATION / period) + 1)
 
 
-#: The robot of all cases.
+#: The robot of all cases, and its MuJoCo chain.
 ROBOT = RIG
+CHAIN = {
+    "actuation": "length",
+    "bending": "spatial",
+    "control_period": PERIOD,
+    "sensors": (TipSensors(),),
+}

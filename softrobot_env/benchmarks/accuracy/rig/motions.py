@@ -1,4 +1,13 @@
-"""Motions of the rig: a step of one length and a fast circle, on all models that can move it."""
+"""Motions of the rig: a step of one length and a fast circle, on all models that can move it.
+
+What takes part: the chain on all hinge rules and the closed form of one piece have the head, and
+do everything. PCC and the Cosserat rod bend in space with elastic tendons, but have no body beyond
+the end of the backbone: at rest the head is a dead load, in motion PCC has the thesis' three rigid
+bodies in its place, and the Cosserat rod has none.
+"""
+
+from collections.abc import Callable, Iterator
+from functools import partial
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -8,17 +17,57 @@ from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES, accelerati
 from softrobot_env.beams.exact.rig_column import tensions
 from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion, ChainMotion
-from softrobot_env.benchmarks.accuracy.rig.cases import MOTIONS, PERIOD, ROBOT, sample_times
-from softrobot_env.benchmarks.accuracy.rig.models import PIECE, chain_scene, end_axis, piece_output
+from softrobot_env.benchmarks.accuracy.cases.motions import (
+    BeamMotion,
+    ChainMotion,
+    TimedMotion,
+    timed_row,
+)
+from softrobot_env.benchmarks.accuracy.rig.cases import (
+    CHAIN,
+    MOTIONS,
+    PERIOD,
+    ROBOT,
+    STEP,
+    sample_times,
+)
+from softrobot_env.benchmarks.accuracy.rig.statics import (
+    PIECE,
+    end_axis,
+    joint_numbers,
+    piece_output,
+)
 from softrobot_env.benchmarks.accuracy.rows import (
+    BENDING,
     DURATION,
     Limit,
+    Row,
     Settings,
+    agreement_row,
     distance,
     extrapolate,
     zero_timestep,
 )
+from softrobot_env.benchmarks.beams import chain_scene
+from softrobot_env.benchmarks.jobs import Job
+from softrobot_env.scene.quadrature import RULES
+
+#: Timesteps per control period, integrators of the chain, and hinge rules of a quick run.
+SUBSTEPS = (20, 10, 4, 2)
+INTEGRATORS = ("implicitfast", "discrete")
+QUICK_RULES = ("gauss2", "balanced2")
+
+#: Pieces of PCC, whose three rigid bodies give inertia to no more, and tolerances.
+PIECES = (1, 2, 3)
+TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
+_CONVERGED = 1e-8
+
+#: Models that are left out, and why.
+LEFT_OUT = {
+    "cosserat, in motion": "it has no rigid bodies, and the head has most of the rig's inertia",
+    "pcc/lumped, pcc/distributed, in motion": "no rigid body beyond the backbone's end",
+    "ancf": "no rod is exact for this continuum where bending is uneven, and it has no head",
+}
 
 #: Terms and tolerances of the truth, the coarser first; of a quick run.
 _TRUTHS = ((5, 1e-6), (6, 1e-7))
@@ -43,8 +92,8 @@ def truth(case: str, quick: bool = False) -> Limit:
 
 def chain_motion(case: str, rule: str, n: int, substeps: int, integrator: str) -> ChainMotion:
     """A motion of the MuJoCo chain with n joints and some timesteps per control period."""
-    options = {"timestep": PERIOD / substeps, "integrator": integrator}
-    return ChainMotion(chain_scene(rule, n, **options), MOTIONS[case])
+    options = CHAIN | {"timestep": PERIOD / substeps, "integrator": integrator}
+    return ChainMotion(chain_scene(ROBOT, rule, n, **options), MOTIONS[case])
 
 
 def chain_limit(case: str, rule: str = "gauss2") -> Limit:
@@ -104,3 +153,68 @@ class PieceMotion:
         )
         self._steps = len(found.sol.ts) - 1
         return np.array([piece_output(self._piece, y) for y in found.y[:2].T])
+
+
+def jobs(quick: bool = False) -> Iterator[Job]:
+    """Jobs of all motions; a quick run has one of them, on few models."""
+    limits: dict[str, Limit] = {}
+
+    def find(case: str) -> list[Row]:
+        limits[case] = truth(case, quick)
+        return []
+
+    for case in (STEP,) if quick else MOTIONS:
+        yield f"{case}, truth", lambda c=case: find(c)
+        yield f"{case}, chain", lambda c=case: chain_rows(c, limits[c], quick)
+        yield f"{case}, one piece and PCC", lambda c=case: piece_rows(c, limits[c], quick)
+        if not quick:
+            yield f"{case}, agreement", lambda c=case: [agreement(c, limits[c])]
+    yield "rig, models left out", notes
+
+
+def notes() -> list[Row]:
+    """Which models cannot be the rig, and why."""
+    return [
+        Row("note", "rig", model, reference=f"left out: {why}") for model, why in LEFT_OUT.items()
+    ]
+
+
+def agreement(case: str, exact: Limit) -> Row:
+    """Distance of the chain's limit from the rod by Ritz' method."""
+    limit = chain_limit(case)
+    gap = distance(limit.tips, exact.tips)
+    text = f"{limit.text}; {exact.text}"
+    pair = "mujoco_chain/gauss2 / ritz_rod"
+    return agreement_row(case, pair, 32, gap, ROBOT.length, BENDING.name, text)
+
+
+def chain_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
+    """Runs of the chain over rules, joints, integrators and timesteps."""
+    return [
+        timed_row(
+            case, BENDING, exact, chain_motion(case, rule, n, k, integrator), 2 if quick else 5
+        )
+        for rule in (QUICK_RULES if quick else RULES)
+        for n in joint_numbers(rule)[1 : 3 if quick else 4]
+        for integrator in INTEGRATORS
+        for k in SUBSTEPS
+    ]
+
+
+def piece_rows(case: str, exact: Limit, quick: bool = False) -> list[Row]:
+    """Runs of the closed form and of PCC with given rigid bodies, with adapted steps."""
+    found = _adaptive_rows(case, partial(PieceMotion, case), exact, quick)
+    for n in PIECES:
+        found += _adaptive_rows(case, partial(subpieces_motion, case, n), exact, quick)
+    return found
+
+
+def _adaptive_rows(
+    case: str, make: Callable[[float], TimedMotion], exact: Limit, quick: bool
+) -> list[Row]:
+    """Runs at several tolerances, for which `make` makes the motion."""
+    still, repeats = make(_CONVERGED)(), 1 if quick else 5
+    return [
+        timed_row(case, BENDING, exact, make(tolerance), repeats, still)
+        for tolerance in (TOLERANCES[1:3] if quick else TOLERANCES)
+    ]

@@ -1,23 +1,46 @@
-"""Runs of a varied rig, judged by their tip and tensions against refined ones."""
+"""Which timesteps are safe for the rig: elastic tendons, pretension, slack and friction.
 
+The map is over the timestep and the stiffness of the tendons, from a hundredth of nylon's to that
+of steel. Servos that hold the ends of stiff tendons bring stiffness without damping, and tendons
+cannot push nor pull beyond their limit, so a run may be unstable without ever growing: its tensions
+jump between zero and the limit. Hence tensions are judged besides the tip. Stiff tendons that
+tighten on an undamped rig strike like hammers: then small errors grow to any size within a second,
+refined runs differ, and all that can be said of a run is whether it ended.
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 from math import ceil, inf, isinf
 
 import numpy as np
 
 from softrobot_env.benchmarks.accuracy.rows import distance
+from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.stability.rig.cases import DURATION, PERIOD, Variation
 from softrobot_env.benchmarks.stability.runs import (
     CHAIN,
+    CHAIN_INTEGRATORS,
     ChainSystem,
     Plan,
     Reference,
     Trace,
+    rule_choice,
     steps_for,
 )
 from softrobot_env.benchmarks.stability.verdicts import NO_TRUTH, WRONG, Row, Verdict, judge
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import stability_limit
+
+MAP, RULE, ASKED = "rig_map", "rig_rule", "rig_rule_asked"
+CASES = (MAP, RULE, ASKED)
+
+TIMESTEPS = (1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
+TENDONS = (1e-2, 1e-1, 1.0, 1e1, 1e2, 1e3, 1e4)
+DAMPINGS = (0.0, 0.1, 1.0)
+
+#: A quick run.
+QUICK_TIMESTEPS, QUICK_TENDONS, QUICK_DAMPINGS = (1e-3, 5e-3, 2e-2), (1.0, 1e4), (0.0, 1.0)
 
 #: Joints of the rig's environments.
 JOINTS = 8
@@ -52,30 +75,17 @@ class RigRow(Row):
     e_tension: float | None
 
 
-@dataclass(frozen=True)
-class Truth:
-    """A refined run.
-
-    Attributes:
-        trace: The run.
-        uncertainty: [m], its distance from one with steps twice as long; infinite if one failed.
-    """
-
-    trace: Trace
-    uncertainty: float
-
-
-def reference(rig: Variation, system: ChainSystem) -> Truth:
-    """A refined run, compared with steps twice as long."""
+def reference(rig: Variation, system: ChainSystem) -> Reference:
+    """A refined run, compared with steps twice as long; the uncertainty is infinite if it fails."""
     integrator, step = _refinement(rig, system)
     count = 2 * ceil(PERIOD / step)
     coarse, fine = (
         system.run(Plan(integrator, PERIOD / k, round(DURATION / PERIOD) * k, PERIOD))
         for k in (count // 2, count)
     )
-    if coarse.failure or fine.failure:
-        return Truth(fine, inf)
-    return Truth(fine, distance(coarse.tip, fine.tip))
+    failed = coarse.failure or fine.failure
+    uncertainty = inf if failed else distance(coarse.tip, fine.tip)
+    return Reference(fine.time, fine.tip, uncertainty, fine.tension)
 
 
 def _refinement(rig: Variation, system: ChainSystem) -> tuple[str, float]:
@@ -91,7 +101,12 @@ def _refinement(rig: Variation, system: ChainSystem) -> tuple[str, float]:
 
 
 def run(
-    rig: Variation, system: ChainSystem, truth: Truth, integrator: str, timestep: float, case: str
+    rig: Variation,
+    system: ChainSystem,
+    truth: Reference,
+    integrator: str,
+    timestep: float,
+    case: str,
 ) -> RigRow:
     """One run, of at most `MOST_STEPS` steps, judged by its tip and its tensions."""
     plan = Plan(integrator, timestep, steps_for(DURATION, timestep, 1, MOST_STEPS), PERIOD)
@@ -119,24 +134,63 @@ def run(
     )
 
 
-def judged(trace: Trace, truth: Truth) -> tuple[Verdict, float | None]:
+def judged(trace: Trace, truth: Reference) -> tuple[Verdict, float | None]:
     """How a run ended, and the mean error [N] of its tensions, None where it has none."""
     if trace.failure is None and truth.uncertainty > TRUSTED:
         gap = f"{1e3 * truth.uncertainty:.3g} mm" if truth.uncertainty < inf else "no bound"
         text = f"no truth: refined runs differ by {gap}"
         return Verdict(NO_TRUTH, text, None), None
-    path = Reference(truth.trace.time, truth.trace.tip, truth.uncertainty)
-    verdict = judge(trace, path, BOUND)
+    verdict = judge(trace, truth, BOUND)
     if verdict.e_max is None:
         return verdict, None
-    error = tension_error(trace, truth.trace)
+    error = tension_error(trace, truth)
     if verdict.failure is None and error > TENSION_BOUND:
         text = f"finite but wrong: tensions {error:.3g} N from the refined run in the mean"
         return replace(verdict, outcome=WRONG, failure=text), error
     return verdict, error
 
 
-def tension_error(trace: Trace, truth: Trace) -> float:
+def tension_error(trace: Trace, truth: Reference) -> float:
     """Mean distance [N] of the tensions of two runs, as long as both last."""
     count = min(len(trace.tension), len(truth.tension))
     return float(np.mean(np.abs(trace.tension[:count] - truth.tension[:count])))
+
+
+def jobs(quick: bool = False) -> Iterator[Job]:
+    """The map with what the timestep rule picks on it, and the rule for all kinds of rigs."""
+    tendons, dampings = (QUICK_TENDONS, QUICK_DAMPINGS) if quick else (TENDONS, DAMPINGS)
+    steps = QUICK_TIMESTEPS if quick else TIMESTEPS
+    for damping in dampings:
+        for tendon in tendons:
+            rig = Variation(tendon_stiffness=tendon, damping=damping)
+            name = f"rig, tendons x {tendon:g}, damping x {damping:g}"
+            yield name, lambda r=rig: variation_rows(r, steps)
+    for rig in () if quick else variations():
+        yield "rig, timestep rule", lambda r=rig: variation_rows(r, ())
+
+
+def variations() -> Iterator[Variation]:
+    """Rigs beyond the map that the rule has to keep stable."""
+    for tendon, modulus, damping in product((1e-2, 1.0, 1e2, 1e4), (0.5, 10.0, 100.0), (0, 1, 10)):
+        yield Variation(tendon, modulus, damping)
+    for tendon, damping in product((1.0, 1e2, 1e4), (0.0, 1.0)):
+        for drive in product((0.0, 0.5, 10.0), (0.0, 0.3), ("bend", "slack")):
+            rig = Variation(tendon, 1.0, damping, *drive)
+            if rig != Variation(tendon, damping=damping):  # on the map
+                yield rig
+
+
+def variation_rows(rig: Variation, timesteps: tuple[float, ...]) -> list[RigRow]:
+    """Runs of a rig with given timesteps and every integrator, and with the rule's choices."""
+    system = rig.system(JOINTS)
+    truth = reference(rig, system)
+    rows = [
+        run(rig, system, truth, integrator, timestep, MAP)
+        for integrator in CHAIN_INTEGRATORS
+        for timestep in timesteps
+    ]
+    for asked in (None, *CHAIN_INTEGRATORS):
+        choice = rule_choice(system, asked, rig.friction > 0)
+        case = RULE if asked is None else ASKED
+        rows.append(run(rig, system, truth, choice.integrator, choice.timestep, case))
+    return rows
