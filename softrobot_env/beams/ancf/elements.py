@@ -41,7 +41,7 @@ class AncfData(NamedTuple):
 
     Attributes:
         n, block, reach, scale, actuation: See `mechanics`.
-        axes: (d,) world axes of the components; their number is fixed at compile time.
+        axes: (d,) world axes of the components; an array, so that the same kernels serve d = 2 and 3.
         pieces: Number of elements.
         piece: [m], their length.
         clamp: (block,) coordinates of the clamped node, (0,) for a free rod.
@@ -66,7 +66,7 @@ class AncfData(NamedTuple):
     reach: int
     scale: np.ndarray
     actuation: Actuation
-    axes: tuple[int, ...]
+    axes: np.ndarray
     pieces: int
     piece: float
     clamp: np.ndarray
