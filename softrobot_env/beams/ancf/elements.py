@@ -41,7 +41,7 @@ class AncfData(NamedTuple):
 
     Attributes:
         n, block, reach, scale, actuation: See `mechanics`.
-        axes: (d,) world axes of the components; an array, so that the same kernels serve d = 2 and 3.
+        axes: (d,) world axes of the components; the same kernels serve d = 2 and 3.
         pieces: Number of elements.
         piece: [m], their length.
         clamp: (block,) coordinates of the clamped node, (0,) for a free rod.

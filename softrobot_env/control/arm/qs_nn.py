@@ -108,9 +108,9 @@ class QuasiStaticNetwork(Controller):
             rows,
             offset,
             workspace,
-            observation["tip_position"],
-            observation["reference_preview"],
-            observation["previous_action"],
+            np.ascontiguousarray(observation["tip_position"]),
+            np.ascontiguousarray(observation["reference_preview"]),
+            np.ascontiguousarray(observation["previous_action"]),
             action,
         )
         return action, _STATES[code]
