@@ -60,14 +60,6 @@ def pytest_collection_modifyitems(config, items):
         return clock, FIRST.index(name) if name in FIRST else len(FIRST)
 
     items.sort(key=rank)  # stable: otherwise as they were collected
-    for item in items:
-        # For --dist loadgroup: a file stays together, and what depends on the clock runs in turn.
-        clock = item.get_closest_marker("realtime") is not None
-        item.add_marker(pytest.mark.xdist_group("realtime" if clock else _file(item.nodeid)))
-
-
-def _file(nodeid):
-    return nodeid.partition("::")[0]
 
 
 class _Durations:
@@ -77,9 +69,7 @@ class _Durations:
         self._config, self._found = config, {}
 
     def pytest_runtest_logreport(self, report):
-        group = f"@{_file(report.nodeid)}"  # loadgroup appends it
-        nodeid = report.nodeid.removesuffix(group).removesuffix("@realtime")
-        self._found[nodeid] = self._found.get(nodeid, 0.0) + report.duration
+        self._found[report.nodeid] = self._found.get(report.nodeid, 0.0) + report.duration
 
     def pytest_sessionfinish(self):
         known = self._config.cache.get(_DURATIONS, {})

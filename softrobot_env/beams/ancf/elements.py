@@ -16,7 +16,12 @@ import numpy as np
 
 from softrobot_env.beams.actuation import Actuation
 from softrobot_env.beams.ancf.section import SectionLaw, apply_law, set_strain
+from softrobot_env.beams.ancf.shapes import AXES
 from softrobot_env.beams.numerics.compilation import kernel, structure
+
+#: Tuples, whose length is known where kernels are compiled. All of a robot's data have one type,
+#: whatever its dimension, so that most is compiled once; the longest loops are told the dimension.
+PLANE, SPACE = AXES[2], AXES[3]
 
 
 @structure
@@ -41,7 +46,7 @@ class AncfData(NamedTuple):
 
     Attributes:
         n, block, reach, scale, actuation: See `mechanics`.
-        axes: (d,) world axes of the components; their number is fixed at compile time.
+        axes: (d,) world axes of the components; the same kernels serve d = 2 and 3.
         pieces: Number of elements.
         piece: [m], their length.
         clamp: (block,) coordinates of the clamped node, (0,) for a free rod.
@@ -66,7 +71,7 @@ class AncfData(NamedTuple):
     reach: int
     scale: np.ndarray
     actuation: Actuation
-    axes: tuple[int, ...]
+    axes: np.ndarray
     pieces: int
     piece: float
     clamp: np.ndarray
@@ -159,9 +164,9 @@ def section_force(d, resultants, gradients, weight, out):
 
 
 @kernel
-def _add_stress_forces(model, x, rate, f):
+def _add_stress_forces(model, axes, x, rate, f):
     """Add the forces of elasticity and damping, (2.63) and (2.65), to f; all as nodal vectors."""
-    d, g = len(model.axes), 2 * len(model.axes) - 1
+    d, g = len(axes), 2 * len(axes) - 1
     gradients, advanced = np.empty((g, d), f.dtype), np.empty((g, d), f.dtype)
     force = np.empty((g, d), f.dtype)
     strain, resultants = np.empty((g, g), f.dtype), np.empty((g, g), f.dtype)
@@ -199,7 +204,10 @@ def internal_residual(model, q, v, a, out):
     """Set out (n,) to inertia, elastic and damping forces less gravity."""
     x, rate = nodal_vectors(model, q, 1.0), nodal_vectors(model, v, 0.0)
     f = np.zeros_like(x)
-    _add_stress_forces(model, x, rate, f)
+    if len(model.axes) == 2:
+        _add_stress_forces(model, PLANE, x, rate, f)
+    else:
+        _add_stress_forces(model, SPACE, x, rate, f)
     _add_inertia(model, nodal_vectors(model, a, 0.0), f)
     for i in range(len(out)):
         out[i] = -model.gravity[i]

@@ -112,7 +112,7 @@ class ANCF(BeamModel):
             reach=self._reach(actuation, element, position),
             scale=np.tile([robot.length] * d + [1.0] * (d * d), pieces + 1 - fixed),
             actuation=actuation,
-            axes=AXES[d],
+            axes=np.array(AXES[d]),
             pieces=pieces,
             piece=piece,
             clamp=straight[0].ravel() if self.clamped else np.empty(0),

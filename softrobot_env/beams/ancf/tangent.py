@@ -3,6 +3,8 @@
 import numpy as np
 
 from softrobot_env.beams.ancf.elements import (
+    PLANE,
+    SPACE,
     add_section_forces,
     advance,
     nodal_vectors,
@@ -26,7 +28,17 @@ def add_internal_tangent(model, q, v, damping, mass, out):
     Returns:
         True.
     """
-    d = len(model.axes)
+    if len(model.axes) == 2:
+        _add_tangent(model, PLANE, q, v, damping, mass, out)
+    else:
+        _add_tangent(model, SPACE, q, v, damping, mass, out)
+    return True
+
+
+@kernel
+def _add_tangent(model, axes, q, v, damping, mass, out):
+    """As `add_internal_tangent`, given the model's axes as a tuple."""
+    d = len(axes)
     x, rate = nodal_vectors(model, q, 1.0), nodal_vectors(model, v, 0.0)
     size = 2 * (d + 1) * d
     element = np.empty((size, size))
@@ -38,10 +50,9 @@ def add_internal_tangent(model, q, v, damping, mass, out):
             set_section(model.points, d, x, e, p, gradients)
             set_section(model.points, d, rate, e, p, advanced)
             advance(d, gradients, advanced, model.damping_time)
-            _add_point(model.points, model.law, model.axes, p, gradients, advanced, factor, element)
+            _add_point(model.points, model.law, axes, p, gradients, advanced, factor, element)
         _add_mass(model, mass, element)
         _assemble(model, element, e, out)
-    return True
 
 
 @kernel
@@ -54,7 +65,7 @@ def _add_point(points, law, axes, p, gradients, advanced, factor, element):
 
     Args:
         points, law: Of the model.
-        axes: (d,), see `AncfData`.
+        axes: (d,), a tuple, see `AncfData`.
         p: Number.
         gradients, advanced: (g, d), G and G + 2 mu dG/dt.
         factor: 1 / 2 + mu damping, so that K = factor G + advanced / 2.

@@ -89,7 +89,7 @@ class RateObserver:
             float(np.max(self._limits)),
             estimate,
             usable(action) * self._limit,
-            curvature,
+            np.ascontiguousarray(curvature),
         )
 
 

@@ -8,7 +8,6 @@ scheduling variables are those of the first piece of each third, sigma = (beta_1
 
 from collections.abc import Callable, Iterator
 from itertools import product
-from operator import itemgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -30,6 +29,7 @@ from softrobot_env.control.status import (
     kept,
     limited,
 )
+from softrobot_env.interfaces import Observation
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -97,8 +97,11 @@ class ScheduledController(Controller):
         n, m = arm.inputs.shape
         command, size = f"softrobot train {name}", m * (2 * n + count)
         table = load_gains(path if gains is None else gains, robot, command, size)
-        self._seen = itemgetter(*self.requires)
         self._law = reference(Law(arm, table, TendonMap(robot).input_scale))
+
+    def _seen(self, observation: Observation) -> list[np.ndarray]:
+        """What the policy reads, contiguous: a kernel would be compiled anew for other arrays."""
+        return [np.ascontiguousarray(observation[name]) for name in self.requires]
 
 
 def linear_model(

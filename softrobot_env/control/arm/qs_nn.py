@@ -88,9 +88,9 @@ class QuasiStaticNetwork(Controller):
         action = np.empty(self._n_inputs, np.float32)
         code = _decide(
             *self._network,  # a structure costs a call more than one by one
-            observation["tip_position"],
-            observation["reference_preview"],
-            observation["previous_action"],
+            np.ascontiguousarray(observation["tip_position"]),
+            np.ascontiguousarray(observation["reference_preview"]),
+            np.ascontiguousarray(observation["previous_action"]),
             action,
         )
         return action, _STATES[code]
