@@ -1,16 +1,38 @@
-"""The episodes that `softrobot evaluate` is asked for."""
+"""The robots and the episodes that commands are asked for."""
 
 import argparse
 import itertools
 from collections.abc import Iterator
 
 from softrobot_env.commands.arguments import expand_all
-from softrobot_env.commands.setups import Setup, setup_of
+from softrobot_env.commands.setups import SIMULATED, ArmSetup, RigSetup, Setup, setup_of
 from softrobot_env.commands.task_options import Given, check_used, combinations, merge
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES, installed_policies
 from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.tasks import STEP_WIDTHS, TASKS, make_task
+
+#: Arguments that only robots over a serial line have.
+_SERIAL = ("robot_file", "port", "record")
+
+
+def make_setups(args: argparse.Namespace) -> tuple[Setup, ...]:
+    """One setup for every kind of robot.
+
+    Each task belongs to one of them.
+
+    Raises:
+        ValueError: Arguments of a robot over a serial line for a simulated one.
+        ImportError: Packages of the extra `robot` are missing.
+    """
+    if getattr(args, "env", SIMULATED) != SIMULATED:
+        from softrobot_env.commands.robot.setup import RealSetup
+
+        return ArmSetup(args), RealSetup(args)
+    given = [f"--{name.replace('_', '-')}" for name in _SERIAL if getattr(args, name, None)]
+    if given:
+        raise ValueError(f"{', '.join(given)}: only with --env real or virtual")
+    return ArmSetup(args), RigSetup(args)
 
 
 def make_cases(args: argparse.Namespace, setups: tuple[Setup, ...]) -> list[Case]:

@@ -20,8 +20,8 @@ from softrobot_env.commands.arguments import (
     positive,
     variation,
 )
-from softrobot_env.commands.cases import left_out, make_cases
-from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup, make_setups, setup_of
+from softrobot_env.commands.cases import left_out, make_cases, make_setups
+from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup, setup_of
 from softrobot_env.commands.task_options import option
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 from softrobot_env.envs.disturbances import NEUTRAL

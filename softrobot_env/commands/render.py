@@ -15,7 +15,8 @@ from softrobot_env.commands.arguments import (
     positive,
     size,
 )
-from softrobot_env.commands.setups import Setup, make_setups, setup_of
+from softrobot_env.commands.cases import make_setups
+from softrobot_env.commands.setups import Setup, setup_of
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 from softrobot_env.evaluation.runner import Case

@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 SIMULATED = "sim"
 ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 
-#: Arguments that only robots over a serial line have.
-SERIAL = ("robot_file", "port", "record")
-
 #: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
 STEP_DURATION = 25.0
 
@@ -170,25 +167,6 @@ class RigSetup(Setup):
             return IdentifiedParameters.load(RIG, path)
         except (KeyError, BadZipFile) as error:
             raise ValueError(strange) from error
-
-
-def make_setups(args: argparse.Namespace) -> tuple[Setup, ...]:
-    """One setup for every kind of robot.
-
-    Each task belongs to one of them.
-
-    Raises:
-        ValueError: Arguments of a robot over a serial line for a simulated one.
-        ImportError: Packages of the extra `robot` are missing.
-    """
-    if getattr(args, "env", SIMULATED) != SIMULATED:
-        from softrobot_env.commands.robot.setup import RealSetup
-
-        return ArmSetup(args), RealSetup(args)
-    given = [f"--{name.replace('_', '-')}" for name in SERIAL if getattr(args, name, None)]
-    if given:
-        raise ValueError(f"{', '.join(given)}: only with --env real or virtual")
-    return ArmSetup(args), RigSetup(args)
 
 
 def setup_of(task: str, setups: tuple[Setup, ...]) -> Setup:
