@@ -10,8 +10,9 @@ export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 export MKL_NUM_THREADS ?= 1
 
-# Each test file stays in one worker, in the order of tests/conftest.py: what compiles longest first.
-PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+# Three workers for two cores, as tests in real time mostly wait. Each file stays in one worker,
+# in the order of tests/conftest.py: what compiles longest first.
+PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 .PHONY: setup evaluate check test slow lint clean
 .DELETE_ON_ERROR:
@@ -30,7 +31,7 @@ check: lint
 test: .venv/.setup-test
 	$(PYTEST) -m "not slow"
 
-# What takes minutes: every benchmark's quick run.
+# What takes minutes: trainings, the thesis' study, and every benchmark's quick run.
 slow: .venv/.setup-test
 	$(PYTEST) -m slow
 

@@ -24,7 +24,7 @@ from softrobot_env.benchmarks.thesis.run import QUICK_PIECES
 from softrobot_env.benchmarks.thesis.spiral import Curve
 from softrobot_env.robots import CANTILEVER_WEAK
 
-pytestmark = pytest.mark.timeout(900)  # kernels may have to be compiled first
+pytestmark = pytest.mark.slow
 
 FIGURES = {
     *(f"2.{k}" for k in (4, 5, 6, 8, 9, *range(11, 23))),

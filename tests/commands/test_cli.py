@@ -171,6 +171,7 @@ def test_scripts_are_the_same_commands(script, request):
     assert f"usage: softrobot {script}" in done.stdout
 
 
+@pytest.mark.slow
 def test_quick_speed_benchmark(tmp_path):
     assert main(["benchmark", "speed", "--quick", "--out", str(tmp_path)]) == 0
     rows = json.loads((tmp_path / "speed" / "report.json").read_text())["rows"]

@@ -187,6 +187,7 @@ def test_random_tasks_are_valid_and_start_at_their_reference(draw):
         assert np.all(np.isfinite(observation["reference_preview"]))
 
 
+@pytest.mark.slow
 def test_imitation_is_reproducible():
     one, other = (imitate(TINY_IMITATION, 3, quiet) for _ in range(2))
     np.testing.assert_array_equal(one.parameters, other.parameters)
@@ -380,6 +381,7 @@ def test_the_command_knows_what_the_training_knows():
     assert tuple(LEARNERS) == train_rl.ALGORITHMS
 
 
+@pytest.mark.slow
 def test_the_command_trains_and_goes_on(tmp_path, capsys):
     start = as_network(new_layers(neural.feature_count(ARM), (128, 128), 3))
     artifacts.save(start.with_parameters(0 * start.parameters), tmp_path / "start.npz", 0)
