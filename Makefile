@@ -31,7 +31,7 @@ check: lint
 test: .venv/.setup-test
 	$(PYTEST) -m "not slow"
 
-# What takes minutes: trainings, the thesis' study, and every benchmark's quick run.
+# What takes minutes: trainings, ANCF as a plant, the thesis' study, every benchmark's quick run.
 slow: .venv/.setup-test
 	$(PYTEST) -m slow
 

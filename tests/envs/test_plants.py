@@ -27,6 +27,8 @@ BEAMS = tuple(
     for name in PLANTS
     if name != MUJOCO and find_spec(f"softrobot_env.beams.{name}") is not None
 )
+#: Compiling ANCF as a plant takes over a minute; the model itself is tested in tests/beams.
+EACH = [pytest.param(n, marks=pytest.mark.slow) if n == "ancf" else n for n in BEAMS]
 ENDS = np.array([0.5 / 3, 1 / 3, 0.5])
 ZERO = np.zeros(3, np.float32)
 
@@ -60,7 +62,7 @@ def episode(env, seed, count):
 # ---------------------------------------------------------------- the contract
 
 
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_gymnasium_checker(name):
     env = TrackingEnv("swing", plant=BeamPlant(name))
     with warnings.catch_warnings():
@@ -68,7 +70,7 @@ def test_gymnasium_checker(name):
         check_env(env, skip_render_check=True)
 
 
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_observables_have_the_chains_names_and_shapes(name):
     chain, env = environment(MUJOCO), environment(name)
     assert env.action_space == chain.action_space
@@ -82,7 +84,7 @@ def test_observables_have_the_chains_names_and_shapes(name):
             assert np.all(ours.low < box.low) and np.all(ours.high > box.high), key
 
 
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_episodes_repeat_and_copies_continue_bitwise(name):
     env = TrackingEnv("swing", observe="all", plant=BeamPlant(name))
     vary = {"vary": {"youngs_modulus": 1.5, "density": 0.7}}
@@ -149,7 +151,7 @@ def closed_form(robot, tension, theory):
 
 
 @pytest.mark.parametrize("task", ["swing", "lshape"])
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_the_start_is_the_equilibrium_of_beam_theory(name, task):
     env = environment(name, task)
     observation, info = env.reset()
@@ -184,7 +186,7 @@ def test_the_chain_starts_where_pcc_does():
         assert np.linalg.norm(ours["tip_position"] - chain["tip_position"]) < bound
 
 
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_a_start_curvature_is_what_is_measured(name):
     env = environment(name)
     wanted = np.array([3.0, 1.0, -2.0, -1.0, 0.5, 2.0])
@@ -204,7 +206,7 @@ def test_an_impossible_start_curvature_is_refused():
         env.reset(options={"start_curvature": [1.0, 2.0, 2.0, 2.0, 3.0, 3.0]})
 
 
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_rates_are_the_derivatives_of_what_is_measured(name):
     env = environment(name)
     env.reset()
@@ -237,7 +239,7 @@ def test_pcc_swings_like_the_chain():
     assert pcc.failure is None
 
 
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_the_default_tolerance_is_enough(name):
     """Against a hundred times tighter: far below what models differ by."""
     loose, tight = (TrackingEnv("swing", plant=BeamPlant(name, tolerance=t)) for t in (None, 1e-7))
@@ -264,7 +266,7 @@ def test_a_fixed_step_is_used():
 
 
 @pytest.mark.parametrize("policy", POLICIES)
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_policies_run(name, policy):
     options = {"control_period": 0.01, **policy_environment(policy)}
     env = TrackingEnv("lshape", observe="all", plant=BeamPlant(name), **options)
@@ -276,7 +278,7 @@ def test_policies_run(name, policy):
         assert np.max(record.error) < 0.03
 
 
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_a_varied_plant_is_that_of_the_varied_robot(name):
     scales = {"youngs_modulus": 0.75, "density": 2.0, "damping_time": 0.5}
     env = environment(name)
@@ -299,7 +301,7 @@ def test_a_varied_plant_is_that_of_the_varied_robot(name):
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 1e200])
-@pytest.mark.parametrize("name", BEAMS)
+@pytest.mark.parametrize("name", EACH)
 def test_a_divergence_is_reported_at_once(name, value):
     env = environment(name)
     env.reset()
