@@ -196,14 +196,14 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def _info(self, terms: dict[str, float]) -> dict[str, Any]:
         readout = self._readout
-        return {
+        info = {
             "time": self._index * self.control_period,
             "error": self._error,
             "tendon_tension": readout.tendon_tension(),
             "tendon_length": readout.true_length(),
             "reward_terms": terms,
-            **readout.truth(),
         }
+        return info if readout.truth is None else info | readout.truth()
 
     # ------------------------------------------------------------------ pictures
 

@@ -5,7 +5,7 @@ Every readout has the functions of `table.Measured`, which return new arrays, an
 * `tip`: where the tip is, [m] as plain numbers or (n, 2);
 * `bend`: its mean curvatures [1/m], a new array at every `update`;
 * `true_length`: function that returns a new array of tendon lengths [m] as they are;
-* `truth()`: what `info` tells where sensors are not exact;
+* `truth`: function that returns what `info` tells of the true state, None if sensors are exact;
 * `update()`: measure anew; what left the documented workspace, or None.
 """
 
@@ -53,6 +53,8 @@ def _full_length(robot: RobotParams) -> np.ndarray:
 class ChainReadout:
     """Exact measurements of a chain, through views that look nothing up in a step."""
 
+    truth = None
+
     def __init__(
         self,
         simulation: Simulation,
@@ -94,10 +96,6 @@ class ChainReadout:
             )
         self.update()
 
-    def truth(self) -> dict[str, np.ndarray]:
-        """Nothing: sensors are exact."""
-        return {}
-
     def update(self) -> str | None:
         """Measure anew; return what left the documented workspace, or None."""
         if self._driven_in_length:
@@ -123,6 +121,8 @@ class BatchReadout:
         sharp: (n,) bool, which robots left the workspace, with what `what_left` says.
     """
 
+    truth = None
+
     def __init__(self, simulation: BatchSimulation, robot: RobotParams) -> None:
         """Bind to simulations of `robot` or of variations of it."""
         self._simulation, scene = simulation, simulation.scene
@@ -137,10 +137,6 @@ class BatchReadout:
         self.tendon_tension = simulation.actuator_force.copy
         self.tendon_length = self.true_length = lambda: simulation.ten_length + full_length
         self.update()
-
-    def truth(self) -> dict[str, np.ndarray]:
-        """Nothing: sensors are exact."""
-        return {}
 
     def update(self, _which: np.ndarray | None = None) -> None:
         """Measure anew."""
@@ -157,6 +153,8 @@ class BatchReadout:
 
 class BeamReadout:
     """Exact measurements of a beam model's simulation."""
+
+    truth = None
 
     def __init__(self, simulation: Any, space: spaces.Dict) -> None:
         """Bind to a simulation.
@@ -181,10 +179,6 @@ class BeamReadout:
         self._high = np.concatenate([b.high for b in boxes])
         self._limit = float(space["curvature"].high[0])
         self.update()
-
-    def truth(self) -> dict[str, np.ndarray]:
-        """Nothing: sensors are exact."""
-        return {}
 
     def update(self) -> str | None:
         """Measure anew; return what left the documented workspace, or None."""
