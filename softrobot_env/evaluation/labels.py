@@ -49,12 +49,12 @@ def rig_label(row: Mapping[str, Any]) -> str:
 
 
 def learnt_label(twin: int | None) -> str:
-    """The rig that policies have learnt of, for people, by the seed of its twin if it has one."""
+    """The rig whose identified parameters a policy has, for people, by its seed if it has one."""
     return "a rig without a seed" if twin is None else _twin_label(twin)
 
 
 def learnt_elsewhere(row: Mapping[str, Any]) -> bool:
-    """Whether a policy drove another rig than it has learnt of, or perhaps another."""
+    """Whether a policy drove another rig than its parameters are of, or perhaps another."""
     if row.get("learnt") is None:
         return False
     seedless = row["plant"] == REAL or row["twin"] is None

@@ -13,7 +13,7 @@ from rich.table import Table
 from softrobot_env.evaluation.labels import learnt_elsewhere, robot_heading, robot_label, task_label
 from softrobot_env.evaluation.thesis import thesis_rows
 
-#: A row as report.json has it, see `rows.columns`.
+#: A row as report.json has it, see `EvaluatedRow.columns`.
 Row = dict[str, Any]
 
 _PACKAGES = ("softrobot_env", "mujoco", "gymnasium", "numpy", "scipy")

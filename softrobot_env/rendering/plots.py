@@ -69,15 +69,14 @@ def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: 
 def _shown(task: Task, rollout: Rollout) -> slice:
     """Samples to show: those after the approach, and the beginning of a step response."""
     begin = int(np.searchsorted(rollout.time, getattr(task.trajectory, "approach", 0.0)))
-    if getattr(task, "step_width", None) is None:
+    if task.step_width is None:
         return slice(begin, None)
     return slice(begin, int(np.searchsorted(rollout.time, _STEP_WINDOW)))
 
 
 def _tip(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
-    plane = "xy" if task.axes == "xy" else "xz"
     figure, axes = new_figure(3, 1, (7.0, 7.0))
-    draw_tip(axes[:, 0], curves, plane, partial(_shown, task))
+    draw_tip(axes[:, 0], curves, task.axes, partial(_shown, task))
     return finish(figure, axes[0, 0], title)
 
 

@@ -1,5 +1,5 @@
 """Elements of the absolute nodal coordinate formulation."""
 
-from softrobot_env.beams.ancf.model import ANCF
+from softrobot_env.beams.ancf.model import ANCF, PLANES
 
-__all__ = ["ANCF"]
+__all__ = ["ANCF", "PLANES"]
