@@ -18,7 +18,7 @@ COMMANDS: Registry[Command] = Registry(
         ),
         "render": Command(render, "write a video of a policy on a task"),
         "benchmark": Command(benchmark, "measure accuracy and speed"),
-        "train": Command(train, "make the trained artefacts that policies load"),
+        "train": Command(train, "make the trained artifacts that policies load"),
         "inspect": Command(inspect, "print what a scene contains and what it leaves out"),
         "export": Command(export, "write the MJCF of the registered scenes"),
         "robot": Command(

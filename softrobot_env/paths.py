@@ -17,7 +17,7 @@ def assets_dir() -> Path:
 
 
 def models_dir() -> Path:
-    """Folder of trained artefacts and their model cards."""
+    """Folder of trained artifacts and their model cards."""
     return _data_dir("models")
 
 

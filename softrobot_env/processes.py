@@ -7,10 +7,12 @@ wait for each other, which makes such work up to fifty times slower.
 import os
 import sys
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
-from multiprocessing import get_context
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from concurrent.futures import ProcessPoolExecutor
 
 #: Libraries read these once, when they are loaded.
 THREADS = (
@@ -39,11 +41,14 @@ def one_thread_on_the_command_line() -> None:
 
 
 @contextmanager
-def worker_processes(count: int | None = None) -> Iterator[ProcessPoolExecutor]:
+def worker_processes(count: int | None = None) -> "Iterator[ProcessPoolExecutor]":
     """Fresh processes, one per core unless given, each with one thread for linear algebra.
 
     What waits when the context is left is not begun any more.
     """
+    from concurrent.futures import ProcessPoolExecutor  # every import of the package comes here
+    from multiprocessing import get_context
+
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # what is started meanwhile inherits it
     pool = ProcessPoolExecutor(count or os.cpu_count(), mp_context=get_context("spawn"))

@@ -1,4 +1,4 @@
-"""`softrobot train`: make the trained artefacts that policies load."""
+"""`softrobot train`: make the trained artifacts that policies load."""
 
 import argparse
 from collections.abc import Callable
@@ -27,7 +27,7 @@ Figures = list[tuple[str, str]]
 
 @dataclass(frozen=True)
 class Trainer:
-    """How to make an artefact.
+    """How to make an artifact.
 
     Attributes:
         file: Name of the file written.
@@ -121,7 +121,7 @@ def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
     ]
 
 
-#: Artefact (the name of its policy) -> how to make it.
+#: Artifact (the name of its policy) -> how to make it.
 TRAINERS = {
     "qs_nn": Trainer("qs_nn.npz", _train_qs_nn),
     "lqi": Trainer("lqi.npz", partial(_train_gains, "softrobot_env.control.arm.lqi:design")),
@@ -133,14 +133,14 @@ TRAINERS = {
     "imitation": Trainer("imitation.npz", _train_imitation, ("torch", "daqp")),
 }
 
-#: The artefact that is of one twin.
+#: The artifact that is of one twin.
 _OF_A_TWIN = "rig_nn"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
-        "what", nargs="?", choices=list(TRAINERS), help="an artefact; or give --algo"
+        "what", nargs="?", choices=list(TRAINERS), help="an artifact; or give --algo"
     )
     parser.add_argument("--seed", type=seed, default=0, help="of the randomness; default: 0")
     parser.add_argument(
@@ -158,13 +158,13 @@ def run(args: argparse.Namespace) -> int:
     """Run the command.
 
     Raises:
-        ValueError: Neither an artefact nor an algorithm is given, or both, or an argument that is
+        ValueError: Neither an artifact nor an algorithm is given, or both, or an argument that is
             not theirs.
         ImportError: A package is missing; says what to install.
     """
     if (args.what is None) == (args.algo is None):
         raise ValueError(
-            f"give an artefact ({', '.join(TRAINERS)}) or an algorithm (--algo "
+            f"give an artifact ({', '.join(TRAINERS)}) or an algorithm (--algo "
             f"{', '.join(train_rl.ALGORITHMS)})"
         )
     foreign = train_rl.given(args) if args.what is not None else []

@@ -400,8 +400,8 @@ def test_the_command_trains_and_goes_on(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["train"], "give an artefact"),
-        (["train", "qs_nn", "--algo", "ppo"], "give an artefact"),
+        (["train"], "give an artifact"),
+        (["train", "qs_nn", "--algo", "ppo"], "give an artifact"),
         (["train", "--algo", "ppo", "--set", "speed=1"], "cannot set 'speed'"),
         (["train", "--algo", "ppo", "--set", "steps=1.5"], "whole number"),
         (["train", "--algo", "ppo", "--set", "discount=2"], "discount must lie between"),

@@ -169,6 +169,6 @@ def test_measurements_that_cannot_be_made_are_refused(lengths, options, message)
         measure(None, lengths, **options)
 
 
-def test_twins_are_trained_for_one_artefact_only(tmp_path, capsys):
+def test_twins_are_trained_for_one_artifact_only(tmp_path, capsys):
     assert main(["train", "lqi", "--twin", "1", "--out", str(tmp_path)]) != 0
     assert "--twin: only with rig_nn" in capsys.readouterr().err
