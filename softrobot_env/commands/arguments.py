@@ -102,8 +102,9 @@ def add_learnt(parser: argparse.ArgumentParser) -> None:
         "--learnt",
         type=Path,
         metavar="FILE",
-        help="what policies have learnt of the rig, a file of `softrobot train rig_nn --twin "
-        "SEED`; default: the one shipped, of twin 0, whichever rig is driven",
+        help="identified parameters that policies of the rig act on, a file of "
+        "`softrobot train rig_nn --twin SEED`; default: the one shipped, of twin 0, whichever rig "
+        "is driven",
     )
 
 
