@@ -38,3 +38,18 @@ def groups(records: Iterable[AnyRecord], *names: str) -> dict[tuple, list[AnyRec
     for record in records:
         out.setdefault(tuple(getattr(record, name) for name in names), []).append(record)
     return out
+
+
+def one(records: Iterable[AnyRecord], **values: Any) -> AnyRecord | None:
+    """The first record that has given values in some fields; None if there is none."""
+    return next(iter(select(records, **values)), None)
+
+
+def of_kind(records: Iterable[Any], kind: type[AnyRecord]) -> list[AnyRecord]:
+    """Records of a kind."""
+    return [record for record in records if isinstance(record, kind)]
+
+
+def names(records: Iterable[Any]) -> list[str]:
+    """Policies in the order of their first records."""
+    return [policy for (policy,) in groups(records, "policy")]

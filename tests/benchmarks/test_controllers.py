@@ -11,17 +11,18 @@ from rich.console import Console
 from softrobot_env.benchmarks.controllers import goals as controllers_goals
 from softrobot_env.benchmarks.controllers import run as controllers
 from softrobot_env.benchmarks.controllers import tables as controllers_tables
-from softrobot_env.benchmarks.controllers.cases import TASKS, make_case, motion_errors
-from softrobot_env.benchmarks.controllers.plots import plot
-from softrobot_env.benchmarks.controllers.rows import (
+from softrobot_env.benchmarks.controllers.cases import (
+    TASKS,
     ControllerRow,
     E,
-    GoalRow,
-    episodes,
+    make_case,
+    motion_errors,
     with_ratios,
 )
-from softrobot_env.benchmarks.episodes import EpisodeRecord, of_kind, policies, record_of
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.controllers.goals import GoalRow
+from softrobot_env.benchmarks.controllers.plots import plot
+from softrobot_env.benchmarks.episodes import EpisodeRecord, policies, record_of
+from softrobot_env.benchmarks.records import of_kind, select
 from softrobot_env.cli import main
 from softrobot_env.control.registry import POLICIES
 from softrobot_env.evaluation.rollout import Rollout
@@ -90,6 +91,10 @@ def full(monkeypatch):
     """Rows of a full run whose episodes are made up."""
     monkeypatch.setattr(controllers, "run_case", fake_run)
     return controllers.run()
+
+
+def episodes(rows):
+    return of_kind(rows, ControllerRow)
 
 
 def shown(rows):

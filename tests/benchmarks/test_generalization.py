@@ -9,7 +9,8 @@ from rich.console import Console
 
 from softrobot_env.benchmarks.generalization import run as generalization
 from softrobot_env.benchmarks.generalization import tables as generalization_tables
-from softrobot_env.benchmarks.generalization.cases import (
+from softrobot_env.benchmarks.generalization.plots import plot
+from softrobot_env.benchmarks.generalization.run import (
     DISTURBANCES,
     NOMINAL,
     PARAMETERS,
@@ -25,7 +26,6 @@ from softrobot_env.benchmarks.generalization.cases import (
     unseen,
     variation_name,
 )
-from softrobot_env.benchmarks.generalization.plots import plot
 from softrobot_env.benchmarks.records import select
 from softrobot_env.cli import main
 from softrobot_env.control.registry import POLICIES, policy_environment
@@ -116,7 +116,7 @@ def test_environments_accept_every_variation(policy):
 
 
 def test_policies_left_out_are_those_not_installed(monkeypatch):
-    path = "softrobot_env.benchmarks.generalization.cases.installed_policies"
+    path = "softrobot_env.benchmarks.generalization.run.installed_policies"
     monkeypatch.setattr(path, lambda: ["hold", "imitation", "lqi"])
     assert policies() == ["lqi", "imitation"]
     assert {case.policy for case in cases()} == {"lqi", "imitation"}

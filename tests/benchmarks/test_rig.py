@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks.episodes import of_kind
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.records import of_kind, select
 from softrobot_env.benchmarks.rig import run as rig
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow, cases, run_case
 from softrobot_env.benchmarks.rig.forces import force_rows

@@ -1,15 +1,20 @@
 """Episodes of the controller benchmark, and their rows."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.benchmarks.controllers.rows import ControllerRow
-from softrobot_env.benchmarks.episodes import record_of
+from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
+from softrobot_env.benchmarks.records import drawn, one
 from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.tasks import make_task
+
+#: Parameter that sec. 6.6.3 varies.
+E = "youngs_modulus"
 
 #: The thesis' plant by its name in `beams.registry`.
 PCC = "pcc"
@@ -25,6 +30,43 @@ _SLOW, _LONG = ("qs_nn", "feedforward", "feedforward_pi"), 25.0
 MOTION = {"swing": ((0.5, 10.0),), "lshape": ((1.0, 5.0), (6.0, 10.0))}
 
 _SAMPLE = 0.005  # s, of a trace
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControllerRow(EpisodeRecord):
+    """An episode.
+
+    Attributes:
+        setting: What it belongs to, one of `controllers.run.SETTINGS`.
+        feedback: What the policy measured.
+        e_motion, e_motion_least: [m], largest and smallest error between the kinks of the
+            reference; None for steps, and after a failure.
+        trace: Every few milliseconds of the episode, on the thesis' plant.
+    """
+
+    setting: str
+    feedback: str
+    e_motion: float | None
+    e_motion_least: float | None
+    trace: Rollout | None = drawn()  # noqa: RUF009
+
+    @property
+    def modulus(self) -> float | None:
+        """Factor on Young's modulus; None where something else varies."""
+        return 1.0 if not self.variation else self.variation.get(E)
+
+
+@dataclass(frozen=True, kw_only=True)
+class VariedRow(ControllerRow):
+    """An episode with another robot than the policy knows.
+
+    Attributes:
+        e_max_ratio, e_rms_ratio: Errors over those with the nominal robot [1]; None if there are
+            none.
+    """
+
+    e_max_ratio: float | None
+    e_rms_ratio: float | None
 
 
 def make_case(
@@ -74,9 +116,26 @@ def motion_errors(rollout: Rollout, task: str) -> tuple[float | None, float | No
     """
     if rollout.failure is not None or task not in MOTION:
         return None, None
-    error = rollout.error[_between(rollout.time, MOTION[task])]
+    inside = [(rollout.time > begin) & (rollout.time < end) for begin, end in MOTION[task]]
+    error = rollout.error[np.any(inside, axis=0)]
     return float(error.min()), float(error.max())
 
 
-def _between(time: np.ndarray, spans: Iterable[tuple[float, float]]) -> np.ndarray:
-    return np.any([(time > begin) & (time < end) for begin, end in spans], axis=0)
+def moduli(rows: Iterable[ControllerRow]) -> list[float]:
+    """Factors on Young's modulus that occur, 1 among them, in ascending order."""
+    return sorted({1.0} | {row.modulus for row in rows if row.modulus is not None})
+
+
+def with_ratios(rows: list[ControllerRow]) -> list[ControllerRow]:
+    """The rows, those of varied robots with ratios to the nominal one."""
+    return [_varied(rows, row) if row.variation else row for row in rows]
+
+
+def _varied(rows: list[ControllerRow], row: ControllerRow) -> VariedRow:
+    kept = ("plant", "policy", "task", "step_width", "feedback")
+    nominal = one(rows, **{name: getattr(row, name) for name in kept}, variation={})
+    ratios: dict[str, Any] = {}
+    for name in ("e_max", "e_rms"):
+        value, base = getattr(row, name), getattr(nominal, name, None)
+        ratios[f"{name}_ratio"] = None if value is None or not base else value / base
+    return VariedRow(**{f.name: getattr(row, f.name) for f in fields(ControllerRow)}, **ratios)

@@ -3,9 +3,8 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from softrobot_env.benchmarks.controllers.rows import ControllerRow, E, GoalRow, VariedRow
-from softrobot_env.benchmarks.episodes import of_kind, one
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.controllers.cases import ControllerRow, E, VariedRow
+from softrobot_env.benchmarks.records import Record, of_kind, one, select
 
 #: Settings in which the accuracy of the best policy is judged.
 JUDGED = ("mujoco", "thesis", "output")
@@ -59,6 +58,28 @@ _GROWTH = (
 )
 
 _ERRORS = {"e_max": "largest error", "e_rms": "rms error"}
+
+
+@dataclass(frozen=True)
+class GoalRow(Record):
+    """A goal, and what was found.
+
+    Attributes:
+        goal: For people.
+        policy, setting: Of the episodes that are judged.
+        metric: Field of a row, whose unit is that of value and limit.
+        value: None where an episode failed or never settled.
+        limit: The largest allowed.
+        met: Whether it was met.
+    """
+
+    goal: str
+    policy: str
+    setting: str
+    metric: str
+    value: float | None
+    limit: float
+    met: bool
 
 
 def rows(found: list[ControllerRow]) -> list[GoalRow]:

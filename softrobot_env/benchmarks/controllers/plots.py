@@ -4,10 +4,9 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softrobot_env.benchmarks.controllers.cases import PCC
-from softrobot_env.benchmarks.controllers.rows import ControllerRow, Row, episodes, moduli
-from softrobot_env.benchmarks.episodes import names, one
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.controllers.cases import PCC, ControllerRow, moduli
+from softrobot_env.benchmarks.controllers.run import Row
+from softrobot_env.benchmarks.records import names, of_kind, one, select
 from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.evaluation.thesis import CONTROLLERS, FIGURES, POLICY_TIME
 from softrobot_env.rendering.curves import (
@@ -74,7 +73,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
         rows: Rows of `benchmarks.controllers.run`.
         path: A file in the folder of the figures, which have names of their own (`fig_6_14.png`).
     """
-    found = episodes(rows)
+    found = of_kind(rows, ControllerRow)
     for name, draw, curves, title in _figures(found):
         if curves:
             save(draw(curves, title), Path(path).with_name(f"{name}.png"))

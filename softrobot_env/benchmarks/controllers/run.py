@@ -7,13 +7,15 @@ from softrobot_env.benchmarks.controllers import goals
 from softrobot_env.benchmarks.controllers.cases import (
     PCC,
     TASKS,
+    ControllerRow,
+    E,
     make_case,
     measures_rates,
     run_case,
+    with_ratios,
 )
-from softrobot_env.benchmarks.controllers.rows import E, Row, with_ratios
 from softrobot_env.benchmarks.episodes import policies
-from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
+from softrobot_env.benchmarks.jobs import Progress, run_jobs
 from softrobot_env.evaluation.runner import Case
 
 #: The thesis' plant; MuJoCo's chain; the same without measured rates; other parameters.
@@ -36,6 +38,8 @@ _QUICK_TASKS = (("step", 0.05), _SWING)
 
 _Task = tuple[str, float | None]
 
+Row = ControllerRow | goals.GoalRow
+
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     """Run all policies in all settings.
@@ -47,18 +51,17 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     Returns:
         Rows of episodes, then goals.
     """
-    found = run_jobs([_job(setting, case) for setting, case in _cases(quick)], progress)
-    found = with_ratios(found)
+    jobs = [
+        (job_label(setting, case), lambda s=setting, c=case: [run_case(s, c)])
+        for setting, case in _cases(quick)
+    ]
+    found = with_ratios(run_jobs(jobs, progress))
     return [*found, *goals.rows(found)]
 
 
 def job_label(setting: str, case: Case) -> str:
     """For the progress bar."""
     return f"{setting}, {case.plant}, {case.label}"
-
-
-def _job(setting: str, case: Case) -> Job:
-    return job_label(setting, case), lambda: [run_case(setting, case)]
 
 
 def _cases(quick: bool) -> Iterator[tuple[str, Case]]:

@@ -6,19 +6,17 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.benchmarks.controllers.cases import MOTION, TASKS
-from softrobot_env.benchmarks.controllers.goals import JUDGED
-from softrobot_env.benchmarks.controllers.rows import (
+from softrobot_env.benchmarks.controllers.cases import (
+    MOTION,
+    TASKS,
     ControllerRow,
     E,
-    GoalRow,
-    Row,
     VariedRow,
-    episodes,
     moduli,
 )
-from softrobot_env.benchmarks.episodes import names, of_kind, one
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.controllers.goals import JUDGED, GoalRow
+from softrobot_env.benchmarks.controllers.run import Row
+from softrobot_env.benchmarks.records import names, of_kind, one, select
 from softrobot_env.evaluation.labels import task_label, variation_label
 from softrobot_env.evaluation.report import failures
 from softrobot_env.evaluation.thesis import (
@@ -27,7 +25,6 @@ from softrobot_env.evaluation.thesis import (
     FIGURES,
     POLICY_TIME,
     ROBUSTNESS,
-    ThesisFigure,
 )
 from softrobot_env.rendering.quantities import (
     QUANTITIES,
@@ -51,7 +48,7 @@ Rows = list[ControllerRow]
 
 def tables(rows: list[Row]) -> Group:
     """Tabs. 6.2 to 6.5 and errors beside the thesis', robustness, output feedback and goals."""
-    found = episodes(rows)
+    found = of_kind(rows, ControllerRow)
     parts = [
         *(_step_table(found, width) for width in _NUMBERS),
         _steps(found),
@@ -73,14 +70,10 @@ def _task(task: str, width: float | None) -> str:
 # ---------------------------------------------------------------- beside the thesis
 
 
-def _figure(task: str, width: float | None, controller: str | None) -> ThesisFigure | None:
-    return one(FIGURES, task=task, step_width=width, controller=controller)
-
-
 def _printed(policy: str, task: str, width: float | None, metric: str) -> tuple[str, str]:
     """The thesis' number and the audit's."""
     controller = CONTROLLERS.get(policy)
-    figure = _figure(task, width, controller)
+    figure = one(FIGURES, task=task, step_width=width, controller=controller)
     thesis = None if figure is None else getattr(figure, metric)
     audit = AUDIT.get((task, width, controller), {}).get(metric)
     bound = "<" * (metric == "e_motion" and thesis is not None)

@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.benchmarks.episodes import names, one
-from softrobot_env.benchmarks.generalization.cases import SPEEDS, TASKS, Row, variation_name
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.generalization.run import SPEEDS, TASKS, Row, variation_name
+from softrobot_env.benchmarks.records import names, one, select
 from softrobot_env.rendering.curves import finish
 from softrobot_env.rendering.figures import new_figure, save, style_of
 

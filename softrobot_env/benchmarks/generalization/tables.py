@@ -7,8 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.benchmarks.episodes import names
-from softrobot_env.benchmarks.generalization.cases import (
+from softrobot_env.benchmarks.generalization.run import (
     DISTURBANCES,
     NOMINAL,
     PARAMETERS,
@@ -18,7 +17,7 @@ from softrobot_env.benchmarks.generalization.cases import (
     Variation,
     variation_name,
 )
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.records import names, select
 from softrobot_env.evaluation.labels import task_label
 from softrobot_env.rendering.quantities import cell, number
 from softrobot_env.rendering.tables import Column, make_table, pivot_table

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from statistics import median
 
-from softrobot_env.benchmarks.episodes import names
-from softrobot_env.benchmarks.records import Record, select
+from softrobot_env.benchmarks.records import Record, names, select
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow
 from softrobot_env.evaluation.thesis import TRIANGLE
 

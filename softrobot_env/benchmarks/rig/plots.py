@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.benchmarks.episodes import of_kind, one
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.records import of_kind, one, select
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow
 from softrobot_env.benchmarks.rig.run import Row
 from softrobot_env.benchmarks.thesis.rows import Row as ForceRow

@@ -4,8 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-from softrobot_env.benchmarks.episodes import of_kind
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
+from softrobot_env.benchmarks.records import of_kind
 from softrobot_env.benchmarks.rig import goals
 from softrobot_env.benchmarks.rig.cases import LapsRow, cases, rig_name, run_case
 from softrobot_env.benchmarks.rig.forces import force_rows

@@ -7,8 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from softrobot_env.benchmarks.episodes import names, of_kind
-from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.records import names, of_kind, select
 from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow, rig_name
 from softrobot_env.benchmarks.rig.goals import GoalRow, middle
 from softrobot_env.benchmarks.rig.run import Row

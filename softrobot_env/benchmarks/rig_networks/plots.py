@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from softrobot_env.benchmarks.episodes import of_kind
-from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.benchmarks.records import groups, of_kind, select
 from softrobot_env.benchmarks.rig_networks.cases import CellRow
 from softrobot_env.benchmarks.rig_networks.run import Row
 from softrobot_env.benchmarks.rig_networks.tables import THESIS

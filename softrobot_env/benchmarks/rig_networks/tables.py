@@ -3,8 +3,7 @@
 from rich.console import Group
 from rich.table import Table
 
-from softrobot_env.benchmarks.episodes import of_kind
-from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.benchmarks.records import groups, of_kind, select
 from softrobot_env.benchmarks.rig_networks.cases import CellRow
 from softrobot_env.benchmarks.rig_networks.friction import FrictionRow
 from softrobot_env.benchmarks.rig_networks.run import InferenceRow, Row
