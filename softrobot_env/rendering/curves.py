@@ -3,17 +3,13 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.figures import COLOURS, REFERENCE, add_legend, style_of
+from softrobot_env.rendering.figures import COLOURS, REFERENCE, Axes, Figure, add_legend, style_of
 from softrobot_env.robots import RobotParams, centerline
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 #: Samples of an episode to show.
 Shown = Callable[[Rollout], slice]
@@ -78,7 +74,7 @@ def longest(curves: Sequence[Curve]) -> Rollout:
     return max((curve.rollout for curve in curves), key=lambda r: r.time[-1])
 
 
-def draw(axis: "Axes", curves: Sequence[Curve], values: Values, shown: Shown = everything) -> None:
+def draw(axis: Axes, curves: Sequence[Curve], values: Values, shown: Shown = everything) -> None:
     """Numbers over time."""
     for curve in curves:
         part = shown(curve.rollout)
@@ -87,7 +83,7 @@ def draw(axis: "Axes", curves: Sequence[Curve], values: Values, shown: Shown = e
 
 
 def draw_tip(
-    axes: Sequence["Axes"], curves: Sequence[Curve], plane: str = "xz", shown: Shown = everything
+    axes: Sequence[Axes], curves: Sequence[Curve], plane: str = "xz", shown: Shown = everything
 ) -> None:
     """Two coordinates of the tip with their reference, and the error if there is a third axis.
 
@@ -112,7 +108,7 @@ def draw_tip(
 
 
 def draw_stacked(
-    axes: Sequence["Axes"],
+    axes: Sequence[Axes],
     curves: Sequence[Curve],
     values: Values,
     names: Sequence[str],
@@ -126,7 +122,7 @@ def draw_stacked(
 
 
 def draw_path(
-    axis: "Axes",
+    axis: Axes,
     curves: Sequence[Curve],
     reference: np.ndarray | None,
     plane: str = "xz",
@@ -142,7 +138,7 @@ def draw_path(
     axis.set(aspect="equal", xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]")
 
 
-def draw_shapes(axis: "Axes", curves: Sequence[Curve], robot: RobotParams) -> None:
+def draw_shapes(axis: Axes, curves: Sequence[Curve], robot: RobotParams) -> None:
     """Shape of a planar robot at the end of each episode."""
     for curve, width in zip(curves, _widths(len(curves)), strict=True):
         shape = _in_plane(centerline(robot, curve.rollout.curvature[-1]), "xz")
@@ -150,7 +146,7 @@ def draw_shapes(axis: "Axes", curves: Sequence[Curve], robot: RobotParams) -> No
         axis.plot(*shape, **line, label=curve.label)
 
 
-def draw_curvatures(axis: "Axes", curves: Sequence[Curve], robot: RobotParams) -> None:
+def draw_curvatures(axis: Axes, curves: Sequence[Curve], robot: RobotParams) -> None:
     """Curvature along a planar robot at the end of each episode."""
     for curve, width in zip(curves, _widths(len(curves)), strict=True):
         values = curve.rollout.curvature[-1]
@@ -169,7 +165,7 @@ def _in_plane(points: np.ndarray, plane: str) -> np.ndarray:
     return 1e3 * points[:, [_AXES.index(name) for name in plane]].T
 
 
-def finish(figure: "Figure", axis: "Axes", title: str) -> "Figure":
+def finish(figure: Figure, axis: Axes, title: str) -> Figure:
     """Title, and a legend of what one axis shows below all axes."""
     figure.suptitle(title, fontsize=11)
     add_legend(figure, axis)

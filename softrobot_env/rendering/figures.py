@@ -13,6 +13,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
     from matplotlib.lines import Line2D
+else:  # for annotations: matplotlib is loaded where something is drawn
+    Axes = Figure = SubFigure = Line2D = object
 
 #: Okabe and Ito's colours, readable with colour-blindness and in print; without their yellow,
 #: which is not on white, and with others of Paul Tol's for more.
@@ -132,7 +134,7 @@ def label_of(name: str) -> str:
 
 def new_figure(
     rows: int, columns: int, size: tuple[float, float], share: bool = False
-) -> tuple["Figure", np.ndarray]:
+) -> tuple[Figure, np.ndarray]:
     """A figure of `size` [inch] with axes (rows, columns), with shared limits or own.
 
     Without rows or columns it is empty, to be divided into subfigures with `add_panels`.
@@ -150,7 +152,7 @@ def new_figure(
 
 
 def add_panels(
-    figure: "Figure | SubFigure", rows: int, columns: int, share: bool = False
+    figure: Figure | SubFigure, rows: int, columns: int, share: bool = False
 ) -> np.ndarray:
     """Axes (rows, columns) of a figure or a part of it, with a light grid and no box."""
     if not rows * columns:
@@ -161,14 +163,14 @@ def add_panels(
     return axes
 
 
-def style_axes(axis: "Axes") -> None:
+def style_axes(axis: Axes) -> None:
     """Light grid below the curves, no box."""
     axis.grid(True, color="0.9", linewidth=0.8)
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)
 
 
-def plain_ticks(axis: "Axes") -> None:
+def plain_ticks(axis: Axes) -> None:
     """Numbers without powers of ten, also on logarithmic axes, and none at minor ticks."""
     from matplotlib.ticker import FuncFormatter, NullFormatter
 
@@ -177,14 +179,14 @@ def plain_ticks(axis: "Axes") -> None:
         numbers.set_minor_formatter(NullFormatter())
 
 
-def entry(label: str, **line: Any) -> "Line2D":
+def entry(label: str, **line: Any) -> Line2D:
     """An entry of a legend for something that is drawn in this way."""
     from matplotlib.lines import Line2D
 
     return Line2D([], [], label=label, **line)
 
 
-def add_legend(figure: "Figure", source: "Axes | Sequence[Line2D]") -> None:
+def add_legend(figure: Figure, source: Axes | Sequence[Line2D]) -> None:
     """One legend below all axes, where it covers nothing, in columns as wide as its labels.
 
     Args:
@@ -202,7 +204,7 @@ def add_legend(figure: "Figure", source: "Axes | Sequence[Line2D]") -> None:
     )
 
 
-def save(figure: "Figure", path: Path | str) -> Path:
+def save(figure: Figure, path: Path | str) -> Path:
     """Write a PNG of 150 dots per inch, or fewer where it would be wider than a screen.
 
     Returns:

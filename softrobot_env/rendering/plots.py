@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from functools import partial
 from math import ceil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,12 +17,9 @@ from softrobot_env.rendering.curves import (
     draw_tip,
     finish,
 )
-from softrobot_env.rendering.figures import add_legend, new_figure, save
+from softrobot_env.rendering.figures import Figure, add_legend, new_figure, save
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import Task
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: A step response is shown for this long [s]; later it only decays.
 _STEP_WINDOW = 6.0
@@ -74,7 +70,7 @@ def _shown(task: Task, rollout: Rollout) -> slice:
     return slice(begin, int(np.searchsorted(rollout.time, _STEP_WINDOW)))
 
 
-def _tip(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
+def _tip(curves: Sequence[Curve], task: Task, title: str) -> Figure:
     figure, axes = new_figure(3, 1, (7.0, 7.0))
     draw_tip(axes[:, 0], curves, task.axes, partial(_shown, task))
     return finish(figure, axes[0, 0], title)
@@ -82,13 +78,13 @@ def _tip(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
 
 def _stacked(
     curves: Sequence[Curve], values: Values, names: list[str], task: Task, title: str
-) -> "Figure":
+) -> Figure:
     figure, axes = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
     draw_stacked(axes[:, 0], curves, values, names, partial(_shown, task))
     return finish(figure, axes[0, 0], title)
 
 
-def _shapes(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
+def _shapes(curves: Sequence[Curve], task: Task, title: str) -> Figure:
     """Final shapes, and thin paths of the tips beneath them."""
     figure, ((axis,),) = new_figure(1, 1, (6.0, 5.0))
     draw_shapes(axis, curves, task.robot)
@@ -100,7 +96,7 @@ def _shapes(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
     return figure
 
 
-def _paths(curves: Sequence[Curve], task: Task, title: str) -> "Figure":
+def _paths(curves: Sequence[Curve], task: Task, title: str) -> Figure:
     """One panel for each episode: laps would cover those of other policies."""
     columns = min(_COLUMNS, len(curves))
     rows = ceil(len(curves) / columns)

@@ -81,13 +81,13 @@ def figures(
     """Closed-loop figures for people, with robots and disturbances as `check` takes them."""
     out = [("parameters", str(len(network.parameters)))]
     for name, row in check(network, variations).items():
-        text = f"max {row.max_mm:.2f} mm, mean {row.mean_mm:.2f} mm"
-        if row.step_width is not None:
-            text = f"overshoot {_text(row.overshoot_percent)} %, "
-            text += f"settling {_text(row.settling_s)} s"
+        text = f"max {1e3 * row.e_max:.2f} mm, mean {1e3 * row.e_mean:.2f} mm"
+        if row.step is not None:
+            overshoot, settling = _text(row.step.overshoot, 100), _text(row.step.settling_time)
+            text = f"overshoot {overshoot} %, settling {settling} s"
         out.append((name, row.failure or text))
     return out
 
 
-def _text(value: float | None) -> str:
-    return "-" if value is None else f"{value:.3g}"
+def _text(value: float | None, factor: float = 1) -> str:
+    return "-" if value is None else f"{factor * value:.3g}"

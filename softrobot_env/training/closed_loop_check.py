@@ -8,7 +8,12 @@ import numpy as np
 from softrobot_env.control.arm import neural
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.metrics import step_metrics
+from softrobot_env.evaluation.metrics import (
+    StepMetrics,
+    TrackingMetrics,
+    step_metrics,
+    tracking_metrics,
+)
 from softrobot_env.evaluation.runner import Case, Outcome, run
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM
@@ -19,25 +24,18 @@ TASKS = (("swing", None), ("lshape", None), ("step", 0.05), ("step", 0.1), ("ste
 
 
 @dataclass(frozen=True)
-class CheckRow:
-    """An episode of a check.
+class CheckRow(TrackingMetrics):
+    """An episode of a check, with errors up to a failure.
 
     Attributes:
-        max_mm, mean_mm: Error [mm] of the tip, up to a failure.
         reward: Mean over the steps.
         failure: What went wrong, or None.
-        step_width: [m] of a step, None for other tasks.
-        overshoot_percent, settling_s, steady_percent: Of a step, see `StepMetrics`.
+        step: Of a step, None for other tasks.
     """
 
-    max_mm: float
-    mean_mm: float
     reward: float
     failure: str | None
-    step_width: float | None
-    overshoot_percent: float | None = None
-    settling_s: float | None = None
-    steady_percent: float | None = None
+    step: StepMetrics | None
 
 
 #: By the label of the episode, for instance "step 50 mm, youngs_modulus 0.5".
@@ -70,20 +68,8 @@ def check(
 
 
 def _row(outcome: Outcome) -> CheckRow:
-    rollout, width = outcome.rollout, outcome.case.task.step_width
-    step = {}
-    if width is not None:
-        found = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
-        step = {
-            "overshoot_percent": None if found.overshoot is None else 100 * found.overshoot,
-            "settling_s": found.settling_time,
-            "steady_percent": 100 * found.steady_state_error,
-        }
-    return CheckRow(
-        max_mm=1e3 * float(rollout.error.max()),
-        mean_mm=1e3 * float(rollout.error.mean()),
-        reward=float(np.mean(rollout.reward[1:])),
-        failure=rollout.failure,
-        step_width=width,
-        **step,
-    )
+    rollout, step = outcome.rollout, None
+    if outcome.case.task.step_width is not None:
+        step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+    errors, reward = tracking_metrics(rollout), float(np.mean(rollout.reward[1:]))
+    return CheckRow(**vars(errors), reward=reward, failure=rollout.failure, step=step)

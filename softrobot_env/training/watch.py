@@ -87,7 +87,7 @@ class Watch(BaseCallback):
         failures = sum(row.failure is not None for row in rows.values())
         mean = float(np.mean([row.reward for row in rows.values()]))
         mean -= _PENALTY * failures / len(rows)
-        largest = max(row.max_mm for row in rows.values() if row.step_width is None)
+        largest = 1e3 * max(row.e_max for row in rows.values() if row.step is None)
         point = {"reward": mean, "max_mm": largest, "failures": failures}
         self.curve.append({"steps": self.num_timesteps, **point})
         for name, value in point.items():

@@ -42,8 +42,8 @@ def test_what_starts_from_a_network_comes_after_it():
 
 def test_finished_trainings_are_not_repeated(tmp_path, monkeypatch):
     run_chain(["ppo"], 1, tmp_path, quick=True)
-    run = load_run("ppo", 1, tmp_path)
-    assert run.curve[-1]["steps"] >= run.curve[0]["steps"] and run.minutes > 0
+    _, curve, minutes = load_run("ppo", 1, tmp_path)
+    assert curve[-1]["steps"] >= curve[0]["steps"] and minutes > 0
     monkeypatch.setattr(learning_cases, "_train", pytest.fail)
     run_chain(["ppo"], 1, tmp_path, quick=True)
 

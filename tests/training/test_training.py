@@ -429,11 +429,11 @@ def test_shipped_network_meets_its_figures():
     network, _ = Network.load(models_dir() / "imitation.npz")
     rows = check(network)
     assert not any(row.failure for row in rows.values())
-    assert rows["swing"].max_mm < 1.5
-    assert rows["lshape"].max_mm < 1
+    assert rows["swing"].e_max < 1.5e-3
+    assert rows["lshape"].e_max < 1e-3
     for width in (50, 100, 200):
-        assert rows[f"step {width} mm"].overshoot_percent < 6
-        assert rows[f"step {width} mm"].settling_s < 0.3
+        assert rows[f"step {width} mm"].step.overshoot < 0.06
+        assert rows[f"step {width} mm"].step.settling_time < 0.3
 
 
 NETWORKS = [name for name, spec in POLICIES.items() if ":NeuralPolicy" in spec.make]
@@ -447,8 +447,8 @@ def test_shipped_networks_cope_with_another_modulus(name, factor):
     network, _ = Network.load(models_dir() / f"{name}.npz")
     rows = check(network, ({"youngs_modulus": factor},), duration=5.0)
     assert not any(row.failure for row in rows.values())
-    assert rows[f"swing, youngs_modulus {factor:g}"].max_mm < most
-    assert rows[f"lshape, youngs_modulus {factor:g}"].max_mm < most
+    assert rows[f"swing, youngs_modulus {factor:g}"].e_max < 1e-3 * most
+    assert rows[f"lshape, youngs_modulus {factor:g}"].e_max < 1e-3 * most
 
 
 def test_randomized_network_copes_with_delay_and_noise():
@@ -457,15 +457,15 @@ def test_randomized_network_copes_with_delay_and_noise():
     rows = check(network, ({"delay": 0.01}, {"sensor_noise": 1.0}))
     for name, row in rows.items():
         if not name.startswith("step"):
-            assert row.max_mm < 5
+            assert row.e_max < 5e-3
 
 
 def test_reinforcement_learning_alone_meets_its_goals():
     """Of the best network without a teacher, on the nominal arm."""
     network, _ = Network.load(models_dir() / "ppo.npz")
     rows = check(network)
-    assert rows["swing"].max_mm < 6 and rows["lshape"].max_mm < 2
-    assert rows["step 50 mm"].overshoot_percent < 20
+    assert rows["swing"].e_max < 6e-3 and rows["lshape"].e_max < 2e-3
+    assert rows["step 50 mm"].step.overshoot < 0.2
 
 
 def test_another_robot_or_file_is_refused(tmp_path):

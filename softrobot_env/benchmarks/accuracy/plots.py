@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from softrobot_env.benchmarks.accuracy.cases import spiral, tension_step
 from softrobot_env.benchmarks.accuracy.rig.cases import CASES as RIG_CASES
@@ -12,6 +12,9 @@ from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.rendering.figures import (
     STYLES,
+    Axes,
+    Figure,
+    SubFigure,
     add_legend,
     add_panels,
     entry,
@@ -22,10 +25,6 @@ from softrobot_env.rendering.figures import (
     style_of,
 )
 from softrobot_env.scene.quadrature import RULES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
 
 _REAL_TIME = 3000  # ms
 _RUN_TIME = "run time of 3 s of motion [ms]"
@@ -74,7 +73,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
 # ---------------------------------------------------------------- error against run time
 
 
-def _work_precision(rows: list[Row]) -> "Figure":
+def _work_precision(rows: list[Row]) -> Figure:
     moving = select(rows, kind="dynamic")
     panels: list[Callable[[Axes], None]] = []
     for case, title in MOTIONS.items():
@@ -95,14 +94,14 @@ def _work_precision(rows: list[Row]) -> "Figure":
     return figure
 
 
-def _draw_motions(axes: "Axes", rows: list[Row], title: str) -> None:
+def _draw_motions(axes: Axes, rows: list[Row], title: str) -> None:
     for model in STYLES:
         _draw_front(axes, model, select(rows, family=model), "e_mean")
     _label(axes, title, _RUN_TIME)
     axes.set_ylabel("mean tip error [mm]")
 
 
-def _draw_front(axes: "Axes", model: str, rows: list[Row], error: str) -> None:
+def _draw_front(axes: Axes, model: str, rows: list[Row], error: str) -> None:
     """All runs of a model as faint points, those that none beats joined."""
     for chosen, line in (
         (rows, {"linestyle": "", "markersize": 3, "alpha": 0.35, "markeredgewidth": 0}),
@@ -112,7 +111,7 @@ def _draw_front(axes: "Axes", model: str, rows: list[Row], error: str) -> None:
 
 
 def _draw(
-    axes: "Axes", rows: Iterable[Row], x: str, y: str = "e_mean", floor: float = 0.0, **line: Any
+    axes: Axes, rows: Iterable[Row], x: str, y: str = "e_mean", floor: float = 0.0, **line: Any
 ) -> None:
     """Errors [mm], or [%] if relative, over n or run times [ms]."""
     scale = {"n": 1, "wall_time": 1e3, "e_relative": 100}
@@ -123,7 +122,7 @@ def _draw(
     )
 
 
-def _draw_real_time(axes: "Axes") -> None:
+def _draw_real_time(axes: Axes) -> None:
     """Mark where a run takes as long as the motion."""
     if axes.get_xlim()[1] > _REAL_TIME:
         axes.axvline(_REAL_TIME, color="0.6", linewidth=1, linestyle="--", zorder=0)
@@ -132,7 +131,7 @@ def _draw_real_time(axes: "Axes") -> None:
         axes.annotate("real time", (_REAL_TIME, 0.02), xytext=(-3, 0), **place, **text)
 
 
-def _draw_in_time(axes: "Axes", rows: list[Row]) -> None:
+def _draw_in_time(axes: Axes, rows: list[Row]) -> None:
     """Error of the integrators alone, on the discretisations of the thesis, with its own."""
     small = {"fontsize": 8, "color": "0.35"}
     for model in ("pcc/lumped", "cosserat", "ancf"):
@@ -157,7 +156,7 @@ def _draw_in_time(axes: "Axes", rows: list[Row]) -> None:
 # ---------------------------------------------------------------- error against resolution
 
 
-def _resolution(rows: list[Row]) -> "Figure":
+def _resolution(rows: list[Row]) -> Figure:
     figure, _ = new_figure(0, 0, (15, 6.6))
     upper, lower = figure.subfigures(2, 1)
     _draw_resolutions(upper, rows, STATIC, "e_mean", _FLOORS[0]).set_ylabel("tip error [mm]")
@@ -172,8 +171,8 @@ def _resolution(rows: list[Row]) -> "Figure":
 
 
 def _draw_resolutions(
-    part: "SubFigure", rows: list[Row], titles: dict[str, str], error: str, floor: float
-) -> "Axes":
+    part: SubFigure, rows: list[Row], titles: dict[str, str], error: str, floor: float
+) -> Axes:
     """A panel for each case, with a line for each model; returns the first panel."""
     panels = add_panels(part, 1, len(titles), share=True)[0]
     for axes, (case, title) in zip(panels, titles.items(), strict=True):
@@ -194,7 +193,7 @@ def _draw_resolutions(
 # ---------------------------------------------------------------- hinge rules
 
 
-def _rules(rows: list[Row]) -> "Figure":
+def _rules(rows: list[Row]) -> Figure:
     """Tip error of the chain against hinges at rest, above error against run time in motion."""
     chains = [row for row in rows if row.is_chain]
     figure, _ = new_figure(0, 0, (11, 7.4))
@@ -204,7 +203,7 @@ def _rules(rows: list[Row]) -> "Figure":
     return figure
 
 
-def _draw_static_rules(figure: "SubFigure", rows: list[Row]) -> None:
+def _draw_static_rules(figure: SubFigure, rows: list[Row]) -> None:
     figure.suptitle("Static tip error of the chain, by hinge rule", fontsize=11)
     panels = add_panels(figure, 1, len(_RULE_CASES), share=True)[0]
     for axes, case in zip(panels, _RULE_CASES, strict=True):
@@ -219,7 +218,7 @@ def _draw_static_rules(figure: "SubFigure", rows: list[Row]) -> None:
     panels[0].legend(fontsize=7.5, loc="lower left", framealpha=0.9)
 
 
-def _draw_moving_rules(figure: "SubFigure", rows: list[Row]) -> None:
+def _draw_moving_rules(figure: SubFigure, rows: list[Row]) -> None:
     figure.suptitle(
         "Tension step of the arm, 3 s: mean tip error against run time, "
         "timesteps 10, 5, 2 and 1 ms from left to right",
@@ -247,7 +246,7 @@ def _draw_moving_rules(figure: "SubFigure", rows: list[Row]) -> None:
 
 
 def _draw_rule(
-    axes: "Axes", rule: str, rows: list[Row], x: str, integrator: str = "implicitfast"
+    axes: Axes, rule: str, rows: list[Row], x: str, integrator: str = "implicitfast"
 ) -> None:
     """One rule's errors."""
     mine = select(rows, model=f"mujoco_chain/{rule}")
@@ -260,7 +259,7 @@ def _draw_rule(
 # ---------------------------------------------------------------- the rig
 
 
-def _rig(rows: list[Row]) -> "Figure":
+def _rig(rows: list[Row]) -> Figure:
     figure, _ = new_figure(0, 0, (11, 8.2))
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.25])
     upper.suptitle("Spatial rig at rest: tip error to the exact solution of each physics")
@@ -282,26 +281,26 @@ def _rig(rows: list[Row]) -> "Figure":
 # ---------------------------------------------------------------- axes and legend
 
 
-def _label(axes: "Axes", title: str, x: str) -> None:
+def _label(axes: Axes, title: str, x: str) -> None:
     """Logarithmic axes with a title and a name of x."""
     axes.set(xscale="log", yscale="log", xlabel=x)
     axes.set_title(title, fontsize=9.5)
     axes.tick_params(labelsize=8)
 
 
-def _set_ticks(axes: "Axes", numbers: tuple[int, ...]) -> None:
+def _set_ticks(axes: Axes, numbers: tuple[int, ...]) -> None:
     axes.set_xticks(numbers, labels=[str(n) for n in numbers])
     axes.set_xticks([], minor=True)
 
 
-def _set_time_ticks(axes: "Axes") -> None:
+def _set_time_ticks(axes: Axes) -> None:
     from matplotlib.ticker import LogLocator
 
     plain_ticks(axes)
     axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
 
 
-def _add_model_legend(figure: "Figure", rows: list[Row]) -> None:
+def _add_model_legend(figure: Figure, rows: list[Row]) -> None:
     """Legend of the models of some rows."""
     shown = {row.family for row in rows}
     line = {"markersize": 5, "linewidth": 1.4}

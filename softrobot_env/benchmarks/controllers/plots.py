@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from softrobot_env.benchmarks.controllers.cases import PCC, ControllerRow, moduli
 from softrobot_env.benchmarks.controllers.run import Row
@@ -29,6 +28,7 @@ from softrobot_env.rendering.figures import (
     SKY,
     THESIS,
     VERMILLION,
+    Figure,
     add_legend,
     entry,
     new_figure,
@@ -38,9 +38,6 @@ from softrobot_env.rendering.figures import (
 )
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 #: Policies in Figs. 6.14 to 6.19: the thesis' controllers, and ours to compare.
 _COMPARED = (*CONTROLLERS, "lq_adaptive")
@@ -84,7 +81,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
 
 def _figures(
     rows: list[ControllerRow],
-) -> Iterator[tuple[str, Callable[[list[Curve], str], "Figure"], list[Curve], str]]:
+) -> Iterator[tuple[str, Callable[[list[Curve], str], Figure], list[Curve], str]]:
     """File name, what draws it, episodes and title of each figure of curves."""
     swing, lshape = (_compared(rows, task) for task in ("swing", "lshape"))
     step = _compared(rows, "step", 0.05)
@@ -117,20 +114,20 @@ def _varied(rows: list[ControllerRow], policy: str) -> list[Curve]:
     ]
 
 
-def _step(curves: list[Curve], title: str) -> "Figure":
+def _step(curves: list[Curve], title: str) -> Figure:
     figure, axes = new_figure(2, 2, (10, 6))
     for column, end in enumerate(_STEP_WINDOWS):
         draw_tip(axes[:, column], curves, shown=until(end))
     return finish(figure, axes[0, 0], title)
 
 
-def _tracking(curves: list[Curve], title: str) -> "Figure":
+def _tracking(curves: list[Curve], title: str) -> Figure:
     figure, axes = new_figure(3, 1, (8, 8))
     draw_tip(axes[:, 0], curves)
     return finish(figure, axes[0, 0], title)
 
 
-def _inputs(curves: list[Curve], title: str) -> "Figure":
+def _inputs(curves: list[Curve], title: str) -> Figure:
     pairs = TendonMap(ARM)
     figure, axes = new_figure(pairs.n_inputs, 1, (8, 7.5))
     labels = [f"$u_{pair + 1}$ [N]" for pair in range(pairs.n_inputs)]
@@ -138,7 +135,7 @@ def _inputs(curves: list[Curve], title: str) -> "Figure":
     return finish(figure, axes[0, 0], f"{title}: tendon force (positive: upper tendon)")
 
 
-def _arms(curves: list[Curve], title: str) -> "Figure":
+def _arms(curves: list[Curve], title: str) -> Figure:
     figure, ((left, right),) = new_figure(1, 2, (12, 4.6))
     draw_shapes(left, curves, ARM)
     draw_path(left, [], longest(curves).reference)
@@ -146,7 +143,7 @@ def _arms(curves: list[Curve], title: str) -> "Figure":
     return finish(figure, left, title)
 
 
-def _plane(curves: list[Curve], title: str) -> "Figure":
+def _plane(curves: list[Curve], title: str) -> Figure:
     """Tip and error over time on the left, the path in the plane on the right."""
     figure, axes = new_figure(3, 2, (12, 8))
     draw_tip(axes[:, 0], curves)
@@ -159,7 +156,7 @@ def _plane(curves: list[Curve], title: str) -> "Figure":
     return finish(figure, axes[0, 0], title)
 
 
-def _error_against_time(rows: list[ControllerRow]) -> "Figure":
+def _error_against_time(rows: list[ControllerRow]) -> Figure:
     """Rms and largest error over the median policy time; the thesis gives the largest only."""
     figure, ((left, right),) = new_figure(1, 2, (11, 4.8))
     for axis, (metric, text) in zip((left, right), _ERRORS.items(), strict=True):

@@ -2,18 +2,13 @@
 
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softrobot_env.benchmarks.generalization.run import SPEEDS, TASKS, Row, variation_name
 from softrobot_env.benchmarks.records import names, one, select
 from softrobot_env.rendering.curves import finish
-from softrobot_env.rendering.figures import new_figure, save, style_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+from softrobot_env.rendering.figures import Axes, Figure, new_figure, save, style_of
 
 _TITLES = {
     "circle": "circle, radius 40 mm",
@@ -51,7 +46,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
 # ---------------------------------------------------------------- error against speed
 
 
-def _speeds(rows: list[Row]) -> "Figure":
+def _speeds(rows: list[Row]) -> Figure:
     figure, axes = new_figure(len(_ERRORS), len(SPEEDS), (13, 8))
     for row_of_axes, (metric, text) in zip(axes, _ERRORS.items(), strict=True):
         for axis, task in zip(row_of_axes, SPEEDS, strict=True):
@@ -69,7 +64,7 @@ def _speeds(rows: list[Row]) -> "Figure":
     )
 
 
-def _draw_policy(axis: "Axes", rows: list[Row], metric: str) -> None:
+def _draw_policy(axis: Axes, rows: list[Row], metric: str) -> None:
     """Median over the seeds at each speed, with a bar to the worst; a cross where any failed."""
     if not rows:
         return
@@ -94,7 +89,7 @@ def _values(rows: list[Row], speed: float, metric: str) -> list[float]:
     return [1e3 * getattr(row, metric) for row in mine]
 
 
-def _scale(axis: "Axes", speeds: tuple[float, ...], first: "Axes") -> None:
+def _scale(axis: Axes, speeds: tuple[float, ...], first: Axes) -> None:
     """Logarithmic axes with ticks at the speeds, and the errors' range of the first panel."""
     if axis is not first:
         axis.sharey(first)
@@ -106,7 +101,7 @@ def _scale(axis: "Axes", speeds: tuple[float, ...], first: "Axes") -> None:
 # ---------------------------------------------------------------- map of disturbed robots
 
 
-def _map(rows: list[Row]) -> "Figure":
+def _map(rows: list[Row]) -> Figure:
     tasks = [(task, width) for task, width in TASKS if select(rows, task=task)]
     size = (3 + 0.62 * len(_variations(rows)), 1.2 + 3.1 * len(tasks))
     figure, axes = new_figure(len(tasks), 1, size)
@@ -121,7 +116,7 @@ def _variations(rows: list[Row]) -> list[dict[str, float]]:
     return list({variation_name(row.variation): row.variation for row in rows}.values())
 
 
-def _draw_panel(axis: "Axes", rows: list[Row], task: str) -> None:
+def _draw_panel(axis: Axes, rows: list[Row], task: str) -> None:
     from matplotlib.colors import LogNorm
 
     metric, title, factor, colours = _PANELS[task]
@@ -149,7 +144,7 @@ def _number(row: Row | None, metric: str, factor: float) -> float:
     return np.nan if value is None else factor * value
 
 
-def _write(axis: "Axes", place: tuple[int, int], row: Row | None, value: float, dark: bool) -> None:
+def _write(axis: Axes, place: tuple[int, int], row: Row | None, value: float, dark: bool) -> None:
     """The number in a cell, or what there is in its place."""
     if np.isnan(value):
         text = "-" if row is None or row.failure is None else "failed"

@@ -69,29 +69,10 @@ CHAINS = (
 )
 
 
-@dataclass(frozen=True)
-class Run:
-    """A finished training.
-
-    Attributes:
-        name, seed: Key in `CASES` (or `IMITATION`), and seed.
-        network: What came out.
-        curve: Closed-loop checks during the training, none of an imitation.
-        minutes: That it took.
-    """
-
-    name: str
-    seed: int
-    network: Network
-    curve: list[Point]
-    minutes: float
-
-
 def run_chain(chain: Sequence[str], seed: int, folder: Path, quick: bool) -> None:
     """Train what is missing in a folder, which then holds it; see `load_run`."""
     for name in chain:
-        settings = _settings(name, seed, quick)
-        path = _facts(folder, name, seed)
+        settings, path = _settings(name, seed, quick), _facts(folder, name, seed)
         if not path.is_file() or json.loads(path.read_text("utf-8"))["settings"] != settings:
             _train(name, seed, folder, quick)
 
@@ -107,8 +88,8 @@ def _train(name: str, seed: int, folder: Path, quick: bool) -> None:
         network, curve = train(case.config(quick), seed, quiet, start)
     folder.mkdir(parents=True, exist_ok=True)
     save(network, _file(folder, name, seed), seed)
-    facts = {"minutes": (perf_counter() - began) / 60, "curve": curve}
-    facts["settings"] = _settings(name, seed, quick)
+    minutes, settings = (perf_counter() - began) / 60, _settings(name, seed, quick)
+    facts = {"minutes": minutes, "curve": curve, "settings": settings}
     _facts(folder, name, seed).write_text(json.dumps(facts), encoding="utf-8")
 
 
@@ -119,21 +100,23 @@ def _imitation(quick: bool) -> ImitationConfig:
 
 def _settings(name: str, seed: int, quick: bool) -> dict[str, Any]:
     """All that a training depends on, of the network it starts from as well."""
-    imitation = asdict(_imitation(quick))
-    if name == IMITATION:
-        found = {"seed": seed, "imitation": imitation}
-    else:
-        case = CASES[name]
-        found = {"seed": seed, "config": asdict(case.config(quick))}
-        found |= {"imitation": imitation} if case.warm else {}
+    case, found = CASES.get(name), {"seed": seed}
+    if case is None or case.warm:
+        found["imitation"] = asdict(_imitation(quick))
+    if case is not None:
+        found["config"] = asdict(case.config(quick))
     return json.loads(json.dumps(found))
 
 
-def load_run(name: str, seed: int, folder: Path) -> Run:
-    """A training that `run_chain` made."""
+def load_run(name: str, seed: int, folder: Path) -> tuple[Network, list[Point], float]:
+    """A training that `run_chain` made.
+
+    Returns:
+        Its network, closed-loop checks during it (none of an imitation), and minutes that it took.
+    """
     facts: dict[str, Any] = json.loads(_facts(folder, name, seed).read_text(encoding="utf-8"))
     network, _ = Network.load(_file(folder, name, seed))
-    return Run(name, seed, network, facts["curve"], facts["minutes"])
+    return network, facts["curve"], facts["minutes"]
 
 
 def _file(folder: Path, name: str, seed: int) -> Path:
@@ -141,4 +124,4 @@ def _file(folder: Path, name: str, seed: int) -> Path:
 
 
 def _facts(folder: Path, name: str, seed: int) -> Path:
-    return folder / f"{name}_{seed}.json"
+    return _file(folder, name, seed).with_suffix(".json")

@@ -6,14 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from softrobot_env.benchmarks.jobs import Progress, quiet, run_in_processes
-from softrobot_env.benchmarks.learning.cases import (
-    CASES,
-    CHAINS,
-    IMITATION,
-    Run,
-    load_run,
-    run_chain,
-)
+from softrobot_env.benchmarks.learning.cases import CASES, CHAINS, IMITATION, load_run, run_chain
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.training.closed_loop_check import check
 from softrobot_env.training.rl_config import DISTURBED
@@ -73,27 +66,28 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     names = (IMITATION, *CASES)
     for k, name in enumerate(names):
         show(f"closed-loop checks of {name}", k, len(names))
-        rows += [_row(load_run(name, seed, folder), quick) for seed in seeds]
+        rows += [_row(name, seed, folder, quick) for seed in seeds]
     return rows
 
 
-def _row(run: Run, quick: bool) -> Row:
+def _row(name: str, seed: int, folder: Path, quick: bool) -> Row:
     """Figures of a network, on the nominal robot and on others."""
-    rows = check(run.network, ({},) if quick else DISTURBED, 0.2 if quick else None)
-    tracking = {name: row.max_mm for name, row in rows.items() if row.step_width is None}
-    moduli = [e for name, e in tracking.items() if "," not in name or "youngs_modulus" in name]
-    step = rows["step 50 mm"]
+    network, curve, minutes = load_run(name, seed, folder)
+    rows = check(network, ({},) if quick else DISTURBED, 0.2 if quick else None)
+    tracking = {label: row.e_max for label, row in rows.items() if row.step is None}
+    moduli = [e for label, e in tracking.items() if "," not in label or "youngs_modulus" in label]
+    step = rows["step 50 mm"].step
     return Row(
-        policy=run.name,
-        seed=run.seed,
-        minutes=run.minutes,
-        curve=run.curve,
-        swing_max=1e-3 * tracking["swing"],
-        lshape_max=1e-3 * tracking["lshape"],
-        overshoot=None if step.overshoot_percent is None else step.overshoot_percent / 100,
-        settling_time=step.settling_s,
-        worst_modulus=1e-3 * max(moduli),
-        worst=1e-3 * max(tracking.values()),
+        policy=name,
+        seed=seed,
+        minutes=minutes,
+        curve=curve,
+        swing_max=tracking["swing"],
+        lshape_max=tracking["lshape"],
+        overshoot=step.overshoot,
+        settling_time=step.settling_time,
+        worst_modulus=max(moduli),
+        worst=max(tracking.values()),
         failures=sum(row.failure is not None for row in rows.values()),
         trials=len(rows),
     )

@@ -1,7 +1,6 @@
 """Figs. 5.10 to 5.14 of the thesis anew, and what goes beyond."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,12 +10,8 @@ from softrobot_env.benchmarks.rig.run import Row
 from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import draw, draw_path, finish, longest, policy_curves
-from softrobot_env.rendering.figures import REFERENCE, new_figure, save, style_of
+from softrobot_env.rendering.figures import REFERENCE, Axes, Figure, new_figure, save, style_of
 from softrobot_env.robots import LENGTH_SCALE
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 #: Name of the figure -> title, period and policies of its paths.
 _PATHS = {
@@ -50,7 +45,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
         save(_forces(forces), path.with_stem("fig_5_14"))
 
 
-def _tracking(traces: dict[str, Rollout], title: str) -> "Figure":
+def _tracking(traces: dict[str, Rollout], title: str) -> Figure:
     """Paths on the left, errors over time on the right."""
     figure, ((left, right),) = new_figure(1, 2, (10.5, 4.8))
     curves = policy_curves(traces)
@@ -63,7 +58,7 @@ def _tracking(traces: dict[str, Rollout], title: str) -> "Figure":
     return finish(figure, left, title)
 
 
-def _parts(network: Rollout, hybrid: Rollout) -> "Figure":
+def _parts(network: Rollout, hybrid: Rollout) -> Figure:
     """Both parts of the first tendon's length: what the hybrid adds is the dynamic one."""
     figure, ((axis,),) = new_figure(1, 1, (9.0, 4.2))
     quasi_static, both = (1e3 * LENGTH_SCALE * r.action[:, 0] for r in (network, hybrid))
@@ -78,7 +73,7 @@ def _parts(network: Rollout, hybrid: Rollout) -> "Figure":
     return finish(figure, axis, f"Fig. 5.13  length of tendon 1, triangle, T = {FAST:g} s")
 
 
-def _forces(rows: list[ForceRow]) -> "Figure":
+def _forces(rows: list[ForceRow]) -> Figure:
     """Effective tendon force and its phase over the angular velocity."""
     figure, ((top,), (bottom,)) = new_figure(2, 1, (7.5, 5.6))
     _over_omega(top, select(rows, y_name="effective_force_N"), 1.0)
@@ -92,13 +87,13 @@ def _forces(rows: list[ForceRow]) -> "Figure":
     return figure
 
 
-def _over_omega(axis: "Axes", rows: list[ForceRow], factor: float) -> None:
+def _over_omega(axis: Axes, rows: list[ForceRow], factor: float) -> None:
     points = [(row.x, factor * row.y) for row in rows]
     axis.plot(*zip(*points, strict=True), **style_of("inverse_dynamics").curve)
     axis.set_xscale("log")
 
 
-def _mark(axis: "Axes", rows: list[ForceRow], name: str, what: str) -> None:
+def _mark(axis: Axes, rows: list[ForceRow], name: str, what: str) -> None:
     row = one(rows, y_name=name)
     if row is not None:
         label = f"{what}: {row.y:.2g} rad/s"

@@ -1,17 +1,21 @@
 """Errors of the rig's quasi-static networks over their size and the samples (Figs. 3.7 to 5.4)."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from softrobot_env.benchmarks.records import groups, of_kind, select
 from softrobot_env.benchmarks.rig_networks.cases import CellRow
 from softrobot_env.benchmarks.rig_networks.run import Row
 from softrobot_env.benchmarks.rig_networks.tables import THESIS
 from softrobot_env.identification.networks import TRAINING
-from softrobot_env.rendering.figures import BLUE, COLOURS, REFERENCE, new_figure, plain_ticks, save
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from softrobot_env.rendering.figures import (
+    BLUE,
+    COLOURS,
+    REFERENCE,
+    Axes,
+    new_figure,
+    plain_ticks,
+    save,
+)
 
 _TITLES = {"forward": "tip position, s \u2192 z", "inverse": "tendon lengths, z \u2192 s"}
 
@@ -46,7 +50,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
     save(figure, path)
 
 
-def _draw_sizes(axis: "Axes", cells: list[CellRow]) -> None:
+def _draw_sizes(axis: Axes, cells: list[CellRow]) -> None:
     """Medians, a curve per number of layers."""
     line = {"markersize": 4, "linewidth": 1.2}
     for (layers,), mine in sorted(groups(cells, "layers").items()):
@@ -56,7 +60,7 @@ def _draw_sizes(axis: "Axes", cells: list[CellRow]) -> None:
         axis.plot(x, y, "o-", color=colour, label=label, **line)
 
 
-def _draw_samples(axis: "Axes", cells: list[CellRow], direction: str) -> None:
+def _draw_samples(axis: Axes, cells: list[CellRow], direction: str) -> None:
     """Median and range of the trainings, with what the thesis tells."""
     cells = sorted(cells, key=lambda row: row.samples)
     x = [row.samples for row in cells]

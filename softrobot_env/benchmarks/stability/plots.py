@@ -24,6 +24,8 @@ from softrobot_env.rendering.figures import (
     ORANGE,
     PURPLE,
     VERMILLION,
+    Axes,
+    Figure,
     add_legend,
     entry,
     new_figure,
@@ -31,9 +33,7 @@ from softrobot_env.rendering.figures import (
 )
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.colors import Colormap, LogNorm
-    from matplotlib.figure import Figure
 
 #: Outcome -> colour, sign in the cell, and text of the legend.
 _OUTCOMES = {
@@ -132,7 +132,7 @@ def _rig_map(rows: list[RigRow]) -> _Map:
     )
 
 
-def _draw(drawn: _Map) -> "Figure":
+def _draw(drawn: _Map) -> Figure:
     """A picture of a map and what the rule picks."""
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
@@ -160,7 +160,7 @@ def _draw(drawn: _Map) -> "Figure":
 
 
 def _draw_cells(
-    axes: "Axes", rows: list[Row], stiffness: str, colors: "Colormap", norm: "LogNorm"
+    axes: Axes, rows: list[Row], stiffness: str, colors: "Colormap", norm: "LogNorm"
 ) -> None:
     """One rectangle per run, between the geometric means of neighbouring values."""
     from matplotlib.colors import to_rgb
@@ -195,14 +195,14 @@ def _edges(values: list[float]) -> np.ndarray:
     return np.exp(np.concatenate(([2 * logs[0] - inner[0]], inner, [2 * logs[-1] - inner[-1]])))
 
 
-def _draw_limit(axes: "Axes", rows: list[Row], stiffness: str) -> None:
+def _draw_limit(axes: Axes, rows: list[Row], stiffness: str) -> None:
     """Stability limit of the linearised chain."""
     limits = {getattr(r, stiffness): 1e3 * r.stability_limit for r in rows if r.stability_limit}
     x = sorted(limits)
     axes.plot(x, [limits[s] for s in x], color="black", linestyle="--", linewidth=1.1)
 
 
-def _draw_picks(axes: "Axes", rows: list[Row], drawn: _Map) -> None:
+def _draw_picks(axes: Axes, rows: list[Row], drawn: _Map) -> None:
     """What the rule picks: by itself a star, with this integrator asked for a circle."""
     own = {getattr(row, drawn.stiffness) for row in select(rows, case=drawn.own)}
     for row in rows:
@@ -231,7 +231,7 @@ def _fill(outcome: str) -> str:
 
 
 def _add_colour_bar(
-    figure: "Figure", panels: np.ndarray, colors: "Colormap", norm: "LogNorm"
+    figure: Figure, panels: np.ndarray, colors: "Colormap", norm: "LogNorm"
 ) -> None:
     from matplotlib.cm import ScalarMappable
 

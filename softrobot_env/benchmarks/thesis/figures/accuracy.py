@@ -1,7 +1,6 @@
 """How accurate the models are by their number of pieces: Fig. 2.11 to 2.15."""
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from softrobot_env.benchmarks.thesis.figures.drawing import (
     add_legend,
@@ -13,10 +12,7 @@ from softrobot_env.benchmarks.thesis.figures.drawing import (
 )
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row
 from softrobot_env.benchmarks.thesis.statics import LOCKED
-from softrobot_env.rendering.figures import SKY, WINE, label_of, style_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from softrobot_env.rendering.figures import SKY, WINE, Axes, label_of, style_of
 
 _LOCKED_STYLE = dict(zip(LOCKED.values(), ((SKY, "v"), (WINE, "D")), strict=True))
 _THEORY = {
@@ -28,7 +24,7 @@ _THEORY = {
 
 
 def _draw_pieces(
-    axes: "Axes", rows: list[Row], figure: str, name: str, y_name: str, factor: float
+    axes: Axes, rows: list[Row], figure: str, name: str, y_name: str, factor: float
 ) -> None:
     """Models over their pieces, ANCF with the Poisson ratio of silicone, and beam theories."""
     for model, (label, dashes) in _THEORY.items():
@@ -41,12 +37,12 @@ def _draw_pieces(
     set_pieces_axis(axes)
 
 
-def _draw_deflections(axes: "Axes", rows: list[Row], name: str, top: float) -> None:
+def _draw_deflections(axes: Axes, rows: list[Row], name: str, top: float) -> None:
     _draw_pieces(axes, rows, "2.11", name, "tip_deflection_m", 1e3)
     axes.set(ylabel="tip deflection [mm]", ylim=(0, top))
 
 
-def _draw_centrelines(axes: "Axes", rows: list[Row]) -> None:
+def _draw_centrelines(axes: Axes, rows: list[Row]) -> None:
     for model in MODELS:
         mine = select(rows, figure="2.12", model=model)
         x, y = ([1e3 * getattr(row, name) for row in mine] for name in "xy")
@@ -56,7 +52,7 @@ def _draw_centrelines(axes: "Axes", rows: list[Row]) -> None:
     add_legend(axes, loc="lower left")
 
 
-def _draw_bending(axes: "Axes", rows: list[Row], name: str, limits: tuple[float, float]) -> None:
+def _draw_bending(axes: Axes, rows: list[Row], name: str, limits: tuple[float, float]) -> None:
     _draw_pieces(axes, rows, "2.13", name, "frequency_Hz", 1.0)
     axes.set(ylabel="first bending frequency [Hz]", ylim=limits)
     # Say where the finest discretisation lies that is above the panel's top.
@@ -67,7 +63,7 @@ def _draw_bending(axes: "Axes", rows: list[Row], name: str, limits: tuple[float,
         axes.text(0.97, 0.95, text, transform=axes.transAxes, ha="right", va="top", fontsize=8)
 
 
-def _draw_twist(axes: "Axes", rows: list[Row]) -> None:
+def _draw_twist(axes: Axes, rows: list[Row]) -> None:
     (exact,) = select(rows, figure="2.14", case="0.01 N m")
     draw_level(axes, 1e3 * exact.y, label="exact = thesis, 19.08 mrad")
     for model in MODELS:
@@ -81,7 +77,7 @@ def _draw_twist(axes: "Axes", rows: list[Row]) -> None:
     add_legend(axes, loc="lower right")
 
 
-def _draw_torsional(axes: "Axes", rows: list[Row]) -> None:
+def _draw_torsional(axes: Axes, rows: list[Row]) -> None:
     hollow = {"markerfacecolor": "none", "linestyle": ":"}
     for case, line in {"nu = 0": {}, "nu = 0.49": hollow}.items():
         for row in select(rows, figure="2.15", case=case, model="analytic"):
@@ -97,7 +93,7 @@ def _draw_torsional(axes: "Axes", rows: list[Row]) -> None:
     axes.set_ylim(low, high + 0.55 * (high - low))
 
 
-def _draw_legend(axes: "Axes", rows: list[Row]) -> None:
+def _draw_legend(axes: Axes, rows: list[Row]) -> None:
     """Legend of the deflections and bending frequencies, in a panel of its own."""
     axes.set_axis_off()
     handles, labels = axes.figure.axes[0].get_legend_handles_labels()

@@ -1,23 +1,18 @@
 """Details of the Cosserat rod: Fig. 2.4 to 2.6."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from softrobot_env.benchmarks.records import groups
 from softrobot_env.benchmarks.thesis.figures.drawing import add_legend, draw_model, select
 from softrobot_env.benchmarks.thesis.rows import Row
-from softrobot_env.rendering.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILLION
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from softrobot_env.rendering.figures import BLACK, BLUE, GREEN, ORANGE, PURPLE, VERMILLION, Axes
 
 _SOLVERS = {"BDF": BLUE, "Radau, not": VERMILLION, "Radau, projected": GREEN}
 _WEIGHTINGS = (BLACK, VERMILLION, PURPLE, ORANGE, BLUE)
 _BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.15), "ncols": 1}
 
 
-def _draw_drift(axes: "Axes", rows: list[Row]) -> None:
+def _draw_drift(axes: Axes, rows: list[Row]) -> None:
     curves = groups(select(rows, figure="2.4", x_name="time_s"), "case")
     for (case,), mine in curves.items():
         solver, projection, tolerance = case.split(", ")
@@ -44,7 +39,7 @@ def _dashes(case: str) -> str:
     return ":" if case.endswith("1e-05") else "-"
 
 
-def _draw_weightings(axes: "Axes", rows: list[Row]) -> None:
+def _draw_weightings(axes: Axes, rows: list[Row]) -> None:
     for kind, color in enumerate(_WEIGHTINGS, start=1):
         mine = select(rows, figure="2.5", case=f"xi_{kind}")
         theta = [np.degrees(row.x) for row in mine]
@@ -58,7 +53,7 @@ def _xi(kind: int) -> str:
     return rf"$\xi_{kind}$"
 
 
-def _draw_influence(axes: "Axes", rows: list[Row]) -> None:
+def _draw_influence(axes: Axes, rows: list[Row]) -> None:
     for moments, dashes, face in (("printed", "-", GREEN), ("conservative", ":", "white")):
         for n, marker in ((3, "s"), (5, "D")):
             mine = select(rows, figure="2.6", case=moments, n=n, y_name="tip_deflection_m")

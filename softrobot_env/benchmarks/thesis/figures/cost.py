@@ -1,7 +1,6 @@
 """What evaluations and simulations cost: Fig. 2.16 to 2.19, Tab. 2.2 and 2.3."""
 
 from functools import partial
-from typing import TYPE_CHECKING
 
 from softrobot_env.benchmarks.thesis.figures.drawing import (
     GREY,
@@ -14,15 +13,12 @@ from softrobot_env.benchmarks.thesis.figures.drawing import (
     set_pieces_axis,
 )
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row
-from softrobot_env.rendering.figures import entry, label_of, style_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from softrobot_env.rendering.figures import Axes, entry, label_of, style_of
 
 _HOLLOW = {"linestyle": ":", "markerfacecolor": "white"}
 
 
-def _draw_evaluation_times(axes: "Axes", rows: list[Row]) -> None:
+def _draw_evaluation_times(axes: Axes, rows: list[Row]) -> None:
     draw_models(axes, rows, "2.16", "compiled", "evaluation_time_s", 1e6)
     mine = select(rows, figure="2.16", case="compiled, order 8")
     draw_model(axes, mine, 1e6, label="ANCF, Gauss-Legendre of order 8", **_HOLLOW)
@@ -32,7 +28,7 @@ def _draw_evaluation_times(axes: "Axes", rows: list[Row]) -> None:
     add_legend(axes, loc="upper left")
 
 
-def _draw_evaluation_numbers(axes: "Axes", rows: list[Row]) -> None:
+def _draw_evaluation_numbers(axes: Axes, rows: list[Row]) -> None:
     for model in MODELS:
         mine = select(rows, figure="2.17", model=model, y_name="evaluations")
         method = f" ({mine[0].case})" if mine else ""
@@ -43,7 +39,7 @@ def _draw_evaluation_numbers(axes: "Axes", rows: list[Row]) -> None:
     add_legend(axes, loc="upper left")
 
 
-def _draw_simulation_times(axes: "Axes", rows: list[Row], figure: str, duration: float) -> None:
+def _draw_simulation_times(axes: Axes, rows: list[Row], figure: str, duration: float) -> None:
     """Computation times; measured ones beside products of number and time."""
     for model in MODELS:
         mine = select(rows, figure=figure, model=model, y_name="computation_time_s")
@@ -58,7 +54,7 @@ def _draw_simulation_times(axes: "Axes", rows: list[Row], figure: str, duration:
 
 
 def _draw_table(
-    axes: "Axes", rows: list[Row], figure: str, names: tuple[str, ...], label: str
+    axes: Axes, rows: list[Row], figure: str, names: tuple[str, ...], label: str
 ) -> None:
     """Numbers of a table beside the thesis', one line per solver and accuracy."""
     mine = [row for row in select(rows, figure=figure) if row.y_name in names]

@@ -1,7 +1,5 @@
 """Order of integration of the ANCF element: Fig. 2.8 and 2.9."""
 
-from typing import TYPE_CHECKING
-
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.figures.drawing import (
     GREY,
@@ -11,13 +9,10 @@ from softrobot_env.benchmarks.thesis.figures.drawing import (
     select,
 )
 from softrobot_env.benchmarks.thesis.rows import Row
-from softrobot_env.rendering.figures import BLUE, GREEN, THESIS, VERMILLION
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from softrobot_env.rendering.figures import BLUE, GREEN, THESIS, VERMILLION, Axes
 
 
-def _draw_errors(axes: "Axes", rows: list[Row]) -> None:
+def _draw_errors(axes: Axes, rows: list[Row]) -> None:
     mine = select(rows, figure="2.8", y_name="relative_rms_error")
     for reference, color, marker, by in (
         ("order 20", GREEN, "^", " (thesis)"),
@@ -32,7 +27,7 @@ def _draw_errors(axes: "Axes", rows: list[Row]) -> None:
     _set_axes(axes, "relative rms error of the elastic force", "lower left")
 
 
-def _draw_times(axes: "Axes", rows: list[Row]) -> None:
+def _draw_times(axes: Axes, rows: list[Row]) -> None:
     mine = select(rows, figure="2.9", case="legendre")
     draw_model(axes, mine, 1e6, x="x", label="Gauss-Legendre")
     for case, color, dashes, label in (
@@ -46,7 +41,7 @@ def _draw_times(axes: "Axes", rows: list[Row]) -> None:
     _set_axes(axes, r"time per evaluation [$\mu$s]", "center right")
 
 
-def _set_axes(axes: "Axes", y: str, place: str) -> None:
+def _set_axes(axes: Axes, y: str, place: str) -> None:
     axes.set(yscale="log", xlabel="order", ylabel=y)
     axes.set_xticks(range(0, 21, 2))
     add_legend(axes, loc=place)

@@ -1,7 +1,5 @@
 """Motion of the tip on the spiral: Fig. 2.20 to 2.22."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from softrobot_env.benchmarks.thesis import values
@@ -14,13 +12,10 @@ from softrobot_env.benchmarks.thesis.figures.drawing import (
     set_pieces_axis,
 )
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row
-from softrobot_env.rendering.figures import label_of, style_of
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from softrobot_env.rendering.figures import Axes, label_of, style_of
 
 
-def _draw_distances(axes: "Axes", rows: list[Row]) -> None:
+def _draw_distances(axes: Axes, rows: list[Row]) -> None:
     draw_models(axes, rows, "2.20", "spiral", "mean_distance_m", 1e3)
     for (bound, _), dashes, text in (
         (values.CHOSEN_BOUND, "--", "thesis' limit for Tab. 2.2"),
@@ -33,18 +28,18 @@ def _draw_distances(axes: "Axes", rows: list[Row]) -> None:
     add_legend(axes, loc="upper right")
 
 
-def _draw_tip_over_time(axes: "Axes", rows: list[Row]) -> None:
+def _draw_tip_over_time(axes: Axes, rows: list[Row]) -> None:
     _draw_tips(axes, rows, ("time", "x"))
     axes.set(xlabel="time [s]", ylabel="tip, x [mm]", ylim=(-78, 78))
     add_legend(axes, loc="lower left")
 
 
-def _draw_tip_path(axes: "Axes", rows: list[Row]) -> None:
+def _draw_tip_path(axes: Axes, rows: list[Row]) -> None:
     _draw_tips(axes, rows, ("x", "y"))
     axes.set(xlabel="tip, x [mm]", ylabel="tip, y [mm]", aspect="equal")
 
 
-def _draw_tips(axes: "Axes", rows: list[Row], names: tuple[str, str]) -> None:
+def _draw_tips(axes: Axes, rows: list[Row], names: tuple[str, str]) -> None:
     """Two of time, x and y for all models and their mean."""
     for model in ("mean of models", *MODELS):
         series, n = _series(rows, model)
