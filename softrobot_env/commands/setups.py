@@ -6,6 +6,8 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
 from zipfile import BadZipFile, is_zipfile
 
+import gymnasium
+
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands.arguments import plant_options, scene_options
 from softrobot_env.control.registry import FEEDBACKS, POLICIES, RIG_POLICIES
@@ -17,8 +19,6 @@ from softrobot_env.robots import RIG
 from softrobot_env.tasks import ALL_TASKS, RIG_TASKS
 
 if TYPE_CHECKING:
-    import gymnasium
-
     from softrobot_env.control.rig.identified import IdentifiedParameters
 
 #: What --env can be: simulated, or over a serial line.
@@ -74,7 +74,7 @@ class Setup:
         """
         raise NotImplementedError
 
-    def environment(self, case: Case, **drawing: Any) -> "gymnasium.Env":
+    def environment(self, case: Case, **drawing: Any) -> gymnasium.Env:
         """Environment for a case, with all observables; `drawing` is how to render."""
         return case.environment(**drawing)
 

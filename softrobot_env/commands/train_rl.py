@@ -3,15 +3,12 @@
 import argparse
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from softrobot_env.commands.arguments import expand_all, names_or_all
+from softrobot_env.interfaces import Show
+from softrobot_env.learned.network import Network, load_for
+from softrobot_env.robots import ARM
 from softrobot_env.training.rl_config import SCRATCH_SETTINGS, TRAINING_TASKS, RLConfig, preset
-
-if TYPE_CHECKING:
-    from softrobot_env.interfaces import Show
-    from softrobot_env.learned.network import Network
-    from softrobot_env.training.rl_config import RLConfig
 
 ALGORITHMS = tuple(SCRATCH_SETTINGS)
 
@@ -86,7 +83,7 @@ def name_of(args: argparse.Namespace) -> str:
     return args.name or args.algo
 
 
-def run(args: argparse.Namespace, path: Path, show: "Show") -> list[tuple[str, str]]:
+def run(args: argparse.Namespace, path: Path, show: Show) -> list[tuple[str, str]]:
     """Train, write the network and its learning curve, and return figures for people."""
     from softrobot_env.training.artifacts import figures, save, save_curve
     from softrobot_env.training.rl import train
@@ -125,9 +122,7 @@ def _config(args: argparse.Namespace) -> RLConfig:
     return replace(config, **wanted)
 
 
-def _start(args: argparse.Namespace, path: Path) -> "Network | None":
-    from softrobot_env.learned.network import load_for
-    from softrobot_env.robots import ARM
+def _start(args: argparse.Namespace, path: Path) -> Network | None:
     from softrobot_env.training.artifacts import load_start
 
     if args.start == _NO_START or args.resume:

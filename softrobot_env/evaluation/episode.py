@@ -3,14 +3,12 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import gymnasium
 import numpy as np
 
 from softrobot_env.interfaces import Observation, Policy
-
-if TYPE_CHECKING:
-    import gymnasium
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,7 @@ class Moment:
 
 
 def play(
-    env: "gymnasium.Env",
+    env: gymnasium.Env,
     policy: Policy,
     seed: int | None = None,
     options: dict[str, Any] | None = None,

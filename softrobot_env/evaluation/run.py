@@ -1,16 +1,14 @@
 """One episode of a policy in an environment, recorded."""
 
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import gymnasium
 import numpy as np
 
 from softrobot_env.evaluation.episode import Moment, play
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.interfaces import Policy
-
-if TYPE_CHECKING:
-    import gymnasium
 
 #: Coordinates x and z, those of positions where an environment does not name its `axes`.
 _PLANE = slice(0, 3, 2)
@@ -22,7 +20,7 @@ RECORDED = ("tip_position", "reference", "previous_action")
 
 
 def run_episode(
-    env: "gymnasium.Env",
+    env: gymnasium.Env,
     policy: Policy,
     seed: int | None = None,
     options: dict[str, Any] | None = None,
@@ -105,7 +103,7 @@ class _Table:
         return {name: column[: self._count].copy() for name, column in self._columns.items()}
 
 
-def warm_up(env: "gymnasium.Env", policy: Policy, options: dict[str, Any] | None = None) -> None:
+def warm_up(env: gymnasium.Env, policy: Policy, options: dict[str, Any] | None = None) -> None:
     """Run one step, so that no policy time includes what happens on a first call only."""
     one_step = {"duration": env.unwrapped.control_period}
     for _ in play(env, policy, options=(options or {}) | one_step):

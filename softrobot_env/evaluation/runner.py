@@ -5,6 +5,8 @@ from contextlib import closing
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
+import gymnasium
+
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.registry import FEEDBACKS, RIG_POLICIES, make_policy, policy_environment
 from softrobot_env.envs.rig import RigEnv
@@ -18,8 +20,6 @@ from softrobot_env.robots.twin import twin_or_ideal
 from softrobot_env.tasks import Task
 
 if TYPE_CHECKING:
-    import gymnasium
-
     from softrobot_env.control.rig.identified import IdentifiedParameters
 
 Row = TypeVar("Row", bound=EpisodeRow)
@@ -75,7 +75,7 @@ class Case:
         options = {"vary": dict(self.variation)} if self.variation else {}
         return options if self.duration is None else options | {"duration": self.duration}
 
-    def environment(self, **drawing: Any) -> "gymnasium.Env":
+    def environment(self, **drawing: Any) -> gymnasium.Env:
         """The simulation of this case with all observables; `drawing` is how to render."""
         options = policy_environment(self.policy) | dict(self.scene) | drawing
         if self.task.axes == "xy":
@@ -116,7 +116,7 @@ class Outcome:
         return kind.of(self.rollout, case.task, case.policy, case.plant, case.variation, **own)
 
 
-def run(case: Case, env: "gymnasium.Env | None" = None, policy: Policy | None = None) -> Outcome:
+def run(case: Case, env: gymnasium.Env | None = None, policy: Policy | None = None) -> Outcome:
     """Run an episode, after a step that loads and compiles what is needed.
 
     Args:

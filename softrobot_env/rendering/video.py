@@ -5,6 +5,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import gymnasium
 import numpy as np
 
 from softrobot_env.evaluation.episode import play
@@ -12,8 +13,6 @@ from softrobot_env.interfaces import Policy
 
 if TYPE_CHECKING:
     from types import ModuleType
-
-    import gymnasium
 
 #: File name suffixes a video can have.
 SUFFIXES = (".mp4", ".gif")
@@ -110,7 +109,7 @@ def caption(frame: np.ndarray, lines: Iterable[str]) -> np.ndarray:
 
 
 def record(
-    env: "gymnasium.Env",
+    env: gymnasium.Env,
     policy: Policy,
     fps: float = 30.0,
     *,
@@ -144,7 +143,7 @@ def record(
 
 
 def _frames(
-    env: "gymnasium.Env",
+    env: gymnasium.Env,
     policy: Policy,
     fps: float,
     title: str | None,

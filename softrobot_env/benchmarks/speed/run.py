@@ -5,7 +5,6 @@ Ours and Gymnasium's own MuJoCo environments are timed in turns within one run, 
 block, so that their ratio does not depend on the machine's load.
 """
 
-from dataclasses import dataclass
 from time import perf_counter
 
 import gymnasium
@@ -26,18 +25,6 @@ YARDSTICKS = ("HalfCheetah-v5", "Reacher-v5", "InvertedDoublePendulum-v5")
 _STEPS = 100
 
 
-@dataclass
-class _Contestant:
-    """An environment under test and its best times [s] per control step."""
-
-    name: str
-    env: gymnasium.Env
-    action: np.ndarray
-    substeps: int
-    step_time: float = np.inf
-    raw_time: float = np.inf
-
-
 def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     """Time the environments, the start of the package and a rendered frame.
 
@@ -48,47 +35,35 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     Returns:
         Rows of single environments, vector environments and waits.
     """
-    contestants = [_contestant(name) for name in (*YARDSTICKS, *ENVIRONMENTS)]
+    contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS)}
     rounds, show = 80 if quick else 300, progress or quiet
+    blocks = []
     for done in range(rounds):
         show("env.step", done, rounds)
-        for contestant in contestants:
-            _time_block(contestant)
-    yardstick = contestants[0].step_time - contestants[0].raw_time
+        blocks.append([_time_block(env) for env in contestants.values()])
+    times = dict(zip(contestants, np.min(blocks, axis=0).tolist(), strict=True))
+    stepped, bare = times[YARDSTICKS[0]]
     waits = {("start", name): t for name, t in startup_times(2 if quick else 5).items()}
     waits["render", "frame 640 x 480"] = frame_time()
     show("vector environments", rounds, rounds)
-    steps = [
-        step_row("env.step", c.name, c.step_time, c.raw_time, yardstick=yardstick)
-        for c in contestants
-    ]
+    steps = [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
     return steps + vector.run(quick) + [Row(*w, seconds=time) for w, time in waits.items()]
 
 
-def _contestant(name: str) -> _Contestant:
-    env = gymnasium.make(name)
-    env.reset(seed=0)
-    bare = env.unwrapped
+def _time_block(env: gymnasium.Env) -> tuple[float, float]:
+    """Times [s] per step, in one block of steps and in one of the bare `mj_step` calls in them."""
+    action, bare = np.zeros(env.action_space.shape, dtype=np.float32), env.unwrapped
     own = isinstance(bare, TrackingEnv)
     substeps = round(bare.control_period / bare.model.opt.timestep) if own else bare.frame_skip
-    action = np.zeros(env.action_space.shape, dtype=np.float32)
-    return _Contestant(name, env, action, substeps)
-
-
-def _time_block(contestant: _Contestant) -> None:
-    """One block of environment steps, and one of the bare `mj_step` calls of the same motion."""
-    env, action, substeps = contestant.env, contestant.action, contestant.substeps
     env.reset(seed=0)
     begin = perf_counter()
     for _ in range(_STEPS):
         env.step(action)
     step_time = (perf_counter() - begin) / _STEPS
     env.reset(seed=0)
-    model, data = env.unwrapped.model, env.unwrapped.data
+    model, data = bare.model, bare.data
     data.ctrl[:] = 0.0  # what the zero action means to all of them
     begin = perf_counter()
     for _ in range(_STEPS):
         mujoco.mj_step(model, data, substeps)
-    raw_time = (perf_counter() - begin) / _STEPS
-    contestant.step_time = min(contestant.step_time, step_time)
-    contestant.raw_time = min(contestant.raw_time, raw_time)
+    return step_time, (perf_counter() - begin) / _STEPS

@@ -1,7 +1,6 @@
 """Steps per second of many environments at once, against bare batched stepping and processes."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from time import perf_counter
 
 import gymnasium
@@ -26,20 +25,9 @@ _PROCESSES = 16
 _BLOCK = 0.3
 
 
-@dataclass
-class _Turns:
-    """Two things done in turns, and the least time [s] of each."""
-
-    one: Callable[[], object]
-    other: Callable[[], object]
-    times: tuple[float, float] = (np.inf, np.inf)
-
-    def take(self) -> None:
-        """A block of each."""
-        self.times = tuple(
-            min(best, _timed(do))
-            for best, do in zip(self.times, (self.one, self.other), strict=True)
-        )
+def _in_turns(rounds: int, *actions: Callable[[], object]) -> list[float]:
+    """Least time [s] of each of some things done in turns, over some rounds."""
+    return np.min([[_timed(do) for do in actions] for _ in range(rounds)], axis=0).tolist()
 
 
 def _timed(do: Callable[[], object]) -> float:
@@ -57,11 +45,8 @@ def run(quick: bool) -> list[Row]:
     processes = _processes(quick)
     rows = []
     for count, threads in CASES[-1:] if quick else CASES:
-        turns = _batched(count, threads)
-        for _ in range(2 if quick else 6):
-            turns.take()
-        sizes = {"count": count, "threads": threads}
-        rows.append(step_row(_WHAT, "VectorTrackingEnv", *turns.times, **sizes))
+        times = _in_turns(2 if quick else 6, *_batched(count, threads))
+        rows.append(step_row(_WHAT, "VectorTrackingEnv", *times, count=count, threads=threads))
     return [*rows, processes]
 
 
@@ -70,13 +55,13 @@ def _processes(quick: bool) -> Row:
     env = gymnasium.make_vec(_ENV_ID, num_envs=_PROCESSES, vectorization_mode="async")
     env.reset(seed=0)
     actions = np.zeros(env.action_space.shape, np.float32)
-    least = min(_timed(lambda: env.step(actions)) for _ in range(2 if quick else 6))
+    (least,) = _in_turns(2 if quick else 6, lambda: env.step(actions))
     env.close()
     sizes = {"count": _PROCESSES, "threads": _PROCESSES}
     return step_row(_WHAT, "AsyncVectorEnv of the same", least, None, **sizes)
 
 
-def _batched(count: int, threads: int) -> _Turns:
+def _batched(count: int, threads: int) -> tuple[Callable[[], object], Callable[[], object]]:
     """Our environment's step, and the bare step of as many simulations in the same motion."""
     env = VectorTrackingEnv(count, "swing", threads=threads)
     env.reset(seed=0)
@@ -89,4 +74,4 @@ def _batched(count: int, threads: int) -> _Turns:
     bare.bind("qpos")[:] = single.data.qpos
     bare.forward()
     substeps, stage = scene.timestep.substeps, int(mujoco.mjtStage.mjSTAGE_VEL)
-    return _Turns(lambda: env.step(actions), lambda: bare.step(nstep=substeps, stage=stage))
+    return lambda: env.step(actions), lambda: bare.step(nstep=substeps, stage=stage)
