@@ -31,6 +31,7 @@ from softrobot_env.benchmarks.stability.runs import (
     System,
     Trace,
     neutral_scene,
+    refined_runs,
     rule_choice,
     steps_for,
 )
@@ -262,13 +263,17 @@ def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
     plan = _plan(case.robot, system, case.duration)
     if isinstance(system, BeamSystem):
         plan = replace(plan, integrator=method)
+    finer = None
     if case.tip is None:
         finer = refined(_system(replace(case, angle=0.0), model, n), plan)
-        trace = system.run(plan)
-        verdict, uncertainty = judge(trace, finer, case.bound), finer.uncertainty
+    trace = system.run(plan)
+    if finer is not None:
+        verdict = judge(trace, finer, case.bound)
+    elif trace.outcome is not None:
+        verdict = Verdict(trace.outcome, trace.failure, None)
     else:
-        trace = system.run(plan)
-        verdict, uncertainty = _judge_rest(trace, case), None
+        error = np.linalg.norm(trace.tip[-1:] - case.tip, axis=1)
+        verdict = judge_errors(trace.time[-1:], error, case.bound, case.truth)
     if trace.steps:
         time = plan.timestep * plan.steps
         plan = replace(plan, timestep=time / trace.steps, steps=trace.steps)
@@ -281,7 +286,7 @@ def run_case(case: Case, model: str, n: int, method: str = BEAM_METHOD) -> Row:
         case.bound,
         trace.wall_time,
         reference=case.truth,
-        uncertainty=uncertainty,
+        uncertainty=None if finer is None else finer.uncertainty,
     )
 
 
@@ -319,24 +324,12 @@ def refined(system: System, plan: Plan) -> Reference:
     Raises:
         RuntimeError: A refined run failed, or both are equal: the steps had no effect.
     """
-    method = plan.integrator.removesuffix(ADAPTIVE)
-    coarse, fine = (
-        system.run(Plan(method, plan.timestep / k, plan.steps * k, plan.sample)) for k in _REFINE
-    )
-    for trace in (coarse, fine):
-        if trace.failure:
-            raise RuntimeError(f"the refined run failed: {trace.failure}")
+    plan = replace(plan, integrator=plan.integrator.removesuffix(ADAPTIVE))
+    coarse, fine = refined_runs(system, [plan.finer(k) for k in _REFINE])
     gap = distance(coarse.tip, fine.tip)
     if gap == 0:
         raise RuntimeError("the refined runs are equal: they cannot verify each other")
     return Reference(fine.time, fine.tip, gap)
-
-
-def _judge_rest(trace: Trace, case: Case) -> Verdict:
-    if trace.outcome is not None:
-        return Verdict(trace.outcome, trace.failure, None)
-    error = np.linalg.norm(trace.tip[-1:] - case.tip, axis=1)
-    return judge_errors(trace.time[-1:], error, case.bound, case.truth)
 
 
 def oscillation_row(model: str, n: int, damping: float, duration: float) -> Row:

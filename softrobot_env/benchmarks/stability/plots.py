@@ -1,8 +1,7 @@
 """Maps of stability as pictures: panels by damping and integrator, a cell for each run."""
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
@@ -32,9 +31,6 @@ from softrobot_env.rendering.figures import (
     save,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.colors import Colormap, LogNorm
-
 #: Outcome -> colour, sign in the cell, and text of the legend.
 _OUTCOMES = {
     WRONG: (ORANGE, "~", "~  finite but wrong"),
@@ -50,28 +46,8 @@ _ERRORS = (0.02, 25.0)
 #: Range [ms] of the axis; lower picks are drawn as triangles on its edge.
 _LOWEST, _HIGHEST = 0.015, 28.0
 
-
-@dataclass(frozen=True)
-class _Map:
-    """Runs to draw and what the picture says.
-
-    Attributes:
-        cells: Runs of the map.
-        picks: What the rule picks, by itself and with an integrator asked for.
-        own: Case of the rule's own picks.
-        damping, line: Field that the lines of panels differ in, and their label with it.
-        stiffness, x: Field along the horizontal axis, and its label.
-        title: Of the picture.
-    """
-
-    cells: list[Row]
-    picks: list[Row]
-    own: str
-    damping: str
-    line: str
-    stiffness: str
-    x: str
-    title: str
+#: Cases of the rule's own picks; its others have an integrator asked for.
+_OWN = ("rule", RULE)
 
 
 def plot(rows: list[Row], path: Path | str) -> None:
@@ -82,19 +58,19 @@ def plot(rows: list[Row], path: Path | str) -> None:
         path: File of the first model's picture; the others get the model's name appended, that of
             the rig "_rig".
     """
-    path, colours = Path(path), ("damping_ratio", "damping ratio {:.2g}")
-    axis = ("stiffness_scale", "stiffness / arm's")
+    path = Path(path)
+    lines = ("damping_ratio", "damping ratio {:.2g}"), ("stiffness_scale", "stiffness / arm's")
     for index, ((model, n), cells) in enumerate(
         groups(select(rows, case="map"), "model", "n").items()
     ):
         mine = select(rows, model=model, n=n)
         picks = select(mine, case="rule") + select(mine, case="rule_asked")
-        figure = _draw(_Map(cells, picks, "rule", *colours, *axis, _title(cells[0])))
+        figure = _draw(cells, picks, _title(cells[0]), *lines)
         name = path.stem if index == 0 else f"{path.stem}_{model.split('/')[0]}_{n}"
         save(figure, path.with_stem(name))
     cells = [row for row in rows if row.case in (MAP, RULE, ASKED) and _is_rig_itself(row)]
     if select(cells, case=MAP):
-        save(_draw(_rig_map(cells)), path.with_stem(f"{path.stem}_rig"))
+        save(_draw_rig(cells), path.with_stem(f"{path.stem}_rig"))
 
 
 def _title(row: Row) -> str:
@@ -115,54 +91,69 @@ def _is_rig_itself(row: RigRow) -> bool:
     return (row.stiffness_scale, row.pretension, row.friction, row.motion) == usual
 
 
-def _rig_map(rows: list[RigRow]) -> _Map:
+def _draw_rig(rows: list[RigRow]) -> Figure:
     cells = select(rows, case=MAP)
     dampings = {row.damping_scale for row in cells}
-    return _Map(
+    return _draw(
         cells,
         [row for row in rows if row.case != MAP and row.damping_scale in dampings],
-        RULE,
-        "damping_scale",
-        "damping x {:g}",
-        "tendon_stiffness_scale",
-        "tendon stiffness / nylon's",
         f"The spatial rig with {JOINTS} joints: servos bend it to and fro for {rig.DURATION:g} s.\n"
         f"Green: within {1e3 * BOUND:g} mm (5 % of the length) and {TENSION_BOUND:g} N of tension "
         "in the mean of a refined run",
+        ("damping_scale", "damping x {:g}"),
+        ("tendon_stiffness_scale", "tendon stiffness / nylon's"),
     )
 
 
-def _draw(drawn: _Map) -> Figure:
-    """A picture of a map and what the rule picks."""
+def _draw(
+    cells: list[Row],
+    picks: list[Row],
+    title: str,
+    lines: tuple[str, str],
+    stiffness: tuple[str, str],
+) -> Figure:
+    """A picture of a map and what the rule picks.
+
+    Args:
+        cells: Runs of the map.
+        picks: What the rule picks, by itself and with an integrator asked for.
+        title: Of the picture.
+        lines: Field that the lines of panels differ in, and their label with it.
+        stiffness: Field along the horizontal axis, and its label.
+    """
+    from matplotlib.cm import ScalarMappable
     from matplotlib.colors import LinearSegmentedColormap, LogNorm
 
-    colors, norm = LinearSegmentedColormap.from_list("error", _GREENS), LogNorm(*_ERRORS)
-    integrators = list(dict.fromkeys(row.integrator for row in drawn.cells))
-    dampings = sorted({getattr(row, drawn.damping) for row in drawn.cells})
+    (field, line_label), (x, x_label) = lines, stiffness
+    greens = LinearSegmentedColormap.from_list("error", _GREENS)
+    shades = ScalarMappable(LogNorm(*_ERRORS), greens)
+    integrators = list(dict.fromkeys(row.integrator for row in cells))
+    dampings = sorted({getattr(row, field) for row in cells})
     size = 1.6 + 2.15 * len(integrators), 2.2 + 1.75 * len(dampings)
     figure, panels = new_figure(len(dampings), len(integrators), size, share=True)
     for line, damping in zip(panels, dampings, strict=True):
         for axes, integrator in zip(line, integrators, strict=True):
-            own = {"integrator": integrator, drawn.damping: damping}
-            mine = select(drawn.cells, **own)
-            _draw_cells(axes, mine, drawn.stiffness, colors, norm)
-            _draw_limit(axes, mine, drawn.stiffness)
-            _draw_picks(axes, select(drawn.picks, **own), drawn)
-        line[0].set_ylabel(f"{drawn.line.format(damping)}\ntimestep [ms]", fontsize=8.5)
+            own = {"integrator": integrator, field: damping}
+            mine = select(cells, **own)
+            _draw_cells(axes, mine, x, shades)
+            _draw_limit(axes, mine, x)
+            _draw_picks(axes, select(picks, **own), x)
+        line[0].set_ylabel(f"{line_label.format(damping)}\ntimestep [ms]", fontsize=8.5)
     for axes, integrator in zip(panels[0], integrators, strict=True):
         axes.set_title(integrator, fontsize=10, fontweight="bold")
     for axes in panels[-1]:
-        axes.set_xlabel(drawn.x, fontsize=8.5)
-    figure.suptitle(drawn.title, fontsize=11)
-    _add_colour_bar(figure, panels, colors, norm)
-    add_legend(figure, _entries({row.outcome for row in drawn.cells}, bool(drawn.picks)))
+        axes.set_xlabel(x_label, fontsize=8.5)
+    figure.suptitle(title, fontsize=11)
+    place = {"location": "right", "shrink": 0.6, "aspect": 30, "pad": 0.01}
+    bar = figure.colorbar(shades, ax=panels, **place)
+    bar.set_label("stable: largest error of the tip [mm]", fontsize=8.5)
+    bar.ax.tick_params(labelsize=7.5)
+    add_legend(figure, _entries({row.outcome for row in cells}, bool(picks)))
     return figure
 
 
-def _draw_cells(
-    axes: Axes, rows: list[Row], stiffness: str, colors: "Colormap", norm: "LogNorm"
-) -> None:
-    """One rectangle per run, between the geometric means of neighbouring values."""
+def _draw_cells(axes: Axes, rows: list[Row], stiffness: str, shades: Any) -> None:
+    """One rectangle per run, between the geometric means of neighbouring values; shades of error."""
     from matplotlib.colors import to_rgb
 
     x = sorted({getattr(row, stiffness) for row in rows})
@@ -171,7 +162,7 @@ def _draw_cells(
     for row in rows:
         i, j = y.index(1e3 * row.timestep), x.index(getattr(row, stiffness))
         if row.outcome == STABLE:
-            picture[i, j] = colors(norm(max(1e3 * row.e_max, _ERRORS[0])))[:3]
+            picture[i, j] = shades.to_rgba(max(1e3 * row.e_max, _ERRORS[0]))[:3]
         else:
             colour, sign, _ = _OUTCOMES[row.outcome]
             picture[i, j] = to_rgb(colour)
@@ -202,15 +193,11 @@ def _draw_limit(axes: Axes, rows: list[Row], stiffness: str) -> None:
     axes.plot(x, [limits[s] for s in x], color="black", linestyle="--", linewidth=1.1)
 
 
-def _draw_picks(axes: Axes, rows: list[Row], drawn: _Map) -> None:
+def _draw_picks(axes: Axes, rows: list[Row], stiffness: str) -> None:
     """What the rule picks: by itself a star, with this integrator asked for a circle."""
-    own = {getattr(row, drawn.stiffness) for row in select(rows, case=drawn.own)}
+    own = {getattr(row, stiffness) for row in rows if row.case in _OWN}
     for row in rows:
-        x, own_pick, height = (
-            getattr(row, drawn.stiffness),
-            row.case == drawn.own,
-            1e3 * row.timestep,
-        )
+        x, height, own_pick = getattr(row, stiffness), 1e3 * row.timestep, row.case in _OWN
         if not own_pick and x in own:
             continue
         below = height < _LOWEST
@@ -228,17 +215,6 @@ def _draw_picks(axes: Axes, rows: list[Row], drawn: _Map) -> None:
 def _fill(outcome: str) -> str:
     """Colour of a pick of the rule."""
     return {STABLE: "white", NO_TRUTH: _OUTCOMES[NO_TRUTH][0]}.get(outcome, "black")
-
-
-def _add_colour_bar(
-    figure: Figure, panels: np.ndarray, colors: "Colormap", norm: "LogNorm"
-) -> None:
-    from matplotlib.cm import ScalarMappable
-
-    place = {"location": "right", "shrink": 0.6, "aspect": 30, "pad": 0.01}
-    bar = figure.colorbar(ScalarMappable(norm, colors), ax=panels, **place)
-    bar.set_label("stable: largest error of the tip [mm]", fontsize=8.5)
-    bar.ax.tick_params(labelsize=7.5)
 
 
 def _entries(outcomes: set[str], ruled: bool) -> list:

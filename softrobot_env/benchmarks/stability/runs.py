@@ -1,16 +1,15 @@
 """Run one model with one integrator and timestep, or refined.
 
-Both kinds of systems, the MuJoCo chain and the beam models, run through the same interface:
-`System.run` returns a `Trace`, which says how the run ended instead of raising.
+Both kinds of systems, the MuJoCo chain and the beam models, run through the same interface: `run`
+returns a `Trace`, which says how the run ended instead of raising.
 """
 
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil
 from time import perf_counter
-from typing import Protocol
 
 import mujoco
 import numpy as np
@@ -95,13 +94,9 @@ class Plan:
     sample: float
     tolerance: float = 1e-6
 
-
-class System(Protocol):
-    """A model at rest whose inputs are about to change."""
-
-    def run(self, plan: Plan) -> Trace:
-        """Simulate; failures are reported, not raised."""
-        ...
+    def finer(self, factor: int) -> "Plan":
+        """The same with so many times as many steps."""
+        return replace(self, timestep=self.timestep / factor, steps=self.steps * factor)
 
 
 def steps_for(duration: float, timestep: float, least: int, most: int) -> int:
@@ -139,7 +134,7 @@ class ChainSystem:
         """Simulate; failures are reported, not raised."""
         model = self.scene.model
         model.opt.timestep = plan.timestep
-        model.opt.integrator = mujoco_integrator(plan.integrator)
+        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{plan.integrator.upper()}")
         data = mujoco.MjData(model)
         data.qpos[:] = self.posture
         if self.speed is not None:
@@ -199,14 +194,7 @@ def silent_warnings() -> Iterator[None]:
 
 def neutral_scene(config: SceneConfig) -> Scene:
     """The scene with an integrator that no timestep warns of; both are set before every run."""
-    options = {name: getattr(config, name) for name in config.__dataclass_fields__}
-    options |= {"integrator": "discrete", "timestep": config.control_period}
-    return build_scene(SceneConfig(**options))
-
-
-def mujoco_integrator(name: str) -> int:
-    """MuJoCo's number of an integrator."""
-    return int(getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}"))
+    return build_scene(replace(config, integrator="discrete", timestep=config.control_period))
 
 
 def chain_failure(data: mujoco.MjData, tip: np.ndarray) -> str | None:
@@ -267,6 +255,10 @@ def _failed(error: IntegrationError, wall_time: float) -> Trace:
     )
 
 
+#: A model at rest whose inputs are about to change.
+System = ChainSystem | BeamSystem
+
+
 @dataclass(frozen=True)
 class Reference:
     """A refined motion of the same model.
@@ -304,38 +296,36 @@ def chain_reference(system: ChainSystem, duration: float, sample: float, most: f
         most: [s], largest step h; it has to be stable.
     """
     count = ceil(sample / most)
-    traces = [
-        system.run(
-            Plan("implicitfast", sample / (count * k), round(duration / sample) * count * k, sample)
-        )
-        for k in (1, 2, 4)
-    ]
-    _check_finite(traces)
+    plan = Plan("implicitfast", sample, round(duration / sample), sample).finer(count)
+    traces = refined_runs(system, [plan.finer(k) for k in (1, 2, 4)])
     limit, second = zero_timestep([trace.tip for trace in traces])
     return Reference(traces[0].time, limit, distance(limit, second))
 
 
-def beam_reference(
-    system: BeamSystem, duration: float, sample: float, method: str = "sdirk4", refine: int = 4
-) -> Reference:
-    """Refined motion of a beam with steps sample / refine, compared with steps twice as large.
+def beam_reference(system: BeamSystem, duration: float, sample: float) -> Reference:
+    """Refined motion of a beam with four steps a sample, compared with steps twice as large.
 
     Where Newton's iteration fails for such steps, they are adapted to a tight tolerance, and
     compared with those of one ten times as large.
     """
-    count = round(duration / sample)
-    plans = [Plan(method, sample / k, count * k, sample) for k in (refine // 2, refine)]
-    traces = [system.run(plan) for plan in plans]
+    plan = Plan("sdirk4", sample, round(duration / sample), sample)
+    traces = [system.run(plan.finer(k)) for k in (2, 4)]
     if any(trace.failure for trace in traces):
-        traces = [
-            system.run(Plan(method + ADAPTIVE, sample, count, sample, tolerance))
-            for tolerance in _REFERENCE_TOLERANCES
-        ]
-    _check_finite(traces)
-    return Reference(traces[1].time, traces[1].tip, distance(traces[0].tip, traces[1].tip))
+        adapted = replace(plan, integrator=plan.integrator + ADAPTIVE)
+        plans = [replace(adapted, tolerance=tolerance) for tolerance in _REFERENCE_TOLERANCES]
+        traces = refined_runs(system, plans)
+    coarse, fine = traces
+    return Reference(fine.time, fine.tip, distance(coarse.tip, fine.tip))
 
 
-def _check_finite(traces: list[Trace]) -> None:
+def refined_runs(system: System, plans: Iterable[Plan]) -> list[Trace]:
+    """Runs that others are judged by.
+
+    Raises:
+        RuntimeError: One of them failed.
+    """
+    traces = [system.run(plan) for plan in plans]
     for trace in traces:
         if trace.failure:
-            raise RuntimeError(f"the reference failed: {trace.failure}")
+            raise RuntimeError(f"the refined run failed: {trace.failure}")
+    return traces

@@ -78,11 +78,8 @@ class RigRow(Row):
 def reference(rig: Variation, system: ChainSystem) -> Reference:
     """A refined run, compared with steps twice as long; the uncertainty is infinite if it fails."""
     integrator, step = _refinement(rig, system)
-    count = 2 * ceil(PERIOD / step)
-    coarse, fine = (
-        system.run(Plan(integrator, PERIOD / k, round(DURATION / PERIOD) * k, PERIOD))
-        for k in (count // 2, count)
-    )
+    plan = Plan(integrator, PERIOD, round(DURATION / PERIOD), PERIOD).finer(ceil(PERIOD / step))
+    coarse, fine = system.run(plan), system.run(plan.finer(2))
     failed = coarse.failure or fine.failure
     uncertainty = inf if failed else distance(coarse.tip, fine.tip)
     return Reference(fine.time, fine.tip, uncertainty, fine.tension)
