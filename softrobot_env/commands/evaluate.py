@@ -215,7 +215,8 @@ def _write(results: list[Result], args: argparse.Namespace, console: Console) ->
     text = report.markdown(rows, args.command_line)
     (args.out / "report.md").write_text(text, encoding="utf-8")
     if args.save_rollouts:
-        _save_rollouts(results, args.out)
+        for result in results:
+            result.outcome.rollout.save(args.out / f"{_file_stem(result)}.npz")
     for table in report.tables(rows):
         console.print(table)
     for note in report.notes(rows):
@@ -224,12 +225,6 @@ def _write(results: list[Result], args: argparse.Namespace, console: Console) ->
     if not args.no_plots:
         _plot(results, args.out)
         console.print(f"Wrote plots to {args.out}")
-
-
-def _save_rollouts(results: list[Result], out: Path) -> None:
-    """Write a record of every episode."""
-    for result in results:
-        result.outcome.rollout.save(out / f"{_file_stem(result)}.npz")
 
 
 def _plot(results: list[Result], out: Path) -> None:

@@ -30,12 +30,10 @@ class Trainer:
     """How to make an artifact.
 
     Attributes:
-        file: Name of the file written.
         run: Train by seed (where anything is random), write the file and return the figures.
         packages: That it needs beyond the package's own, of the extras `rl` and `mpc`.
     """
 
-    file: str
     run: Callable[[int, Path, Show], Figures]
     packages: tuple[str, ...] = ()
 
@@ -121,16 +119,15 @@ def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
     ]
 
 
-#: Artifact (the name of its policy) -> how to make it.
+#: Artifact (the name of its policy and its file) -> how to make it.
 TRAINERS = {
-    "qs_nn": Trainer("qs_nn.npz", _train_qs_nn),
-    "lqi": Trainer("lqi.npz", partial(_train_gains, "softrobot_env.control.arm.lqi:design")),
+    "qs_nn": Trainer(_train_qs_nn),
+    "lqi": Trainer(partial(_train_gains, "softrobot_env.control.arm.lqi:design")),
     "lq_preview": Trainer(
-        "lq_preview.npz",
         partial(_train_gains, "softrobot_env.control.arm.lq_preview:preview_design"),
     ),
-    "rig_nn": Trainer("rig_nn.npz", _train_rig_nn),
-    "imitation": Trainer("imitation.npz", _train_imitation, ("torch", "daqp")),
+    "rig_nn": Trainer(_train_rig_nn),
+    "imitation": Trainer(_train_imitation, ("torch", "daqp")),
 }
 
 #: The artifact that is of one twin.
@@ -208,7 +205,7 @@ def _job(args: argparse.Namespace) -> tuple[str, Path, Callable[[Show], Figures]
         path = args.out / f"{name}.npz"
         return name, path, lambda show: train_rl.run(args, path, show)
     trainer = TRAINERS[args.what]
-    path = args.out / trainer.file
+    path = args.out / f"{args.what}.npz"
     if args.twin:
         path = path.with_stem(f"{path.stem}_{args.twin}")
         run = partial(trainer.run, twin=args.twin)

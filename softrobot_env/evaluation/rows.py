@@ -1,18 +1,7 @@
 """Typed rows of episodes, as reports have them."""
 
-from dataclasses import asdict, dataclass, fields
-from typing import Any, Self
-
-import numpy as np
-
-from softrobot_env.evaluation.metrics import (
-    StepMetrics,
-    TrackingMetrics,
-    step_metrics,
-    tracking_metrics,
-)
-from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.tasks import Task
+from dataclasses import dataclass
+from typing import Any
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,50 +41,6 @@ class EpisodeRow:
     realtime_factor: float
     remarks: dict[str, float]
     failure: str | None
-
-    @classmethod
-    def of(
-        cls,
-        rollout: Rollout,
-        task: Task,
-        policy: str,
-        plant: str,
-        variation: dict[str, float],
-        **own: Any,
-    ) -> Self:
-        """The row of a record; `own` are the fields that a subclass adds."""
-        good = rollout.failure is None
-        width = task.step_width
-        step = None
-        if good and width is not None:
-            step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
-        return cls(
-            task=task.name,
-            step_width=width,
-            policy=policy,
-            robot=task.robot.name,
-            plant=plant,
-            source=rollout.source,
-            variation=dict(variation),
-            **_metrics(TrackingMetrics, tracking_metrics(rollout) if good else None),
-            **_metrics(StepMetrics, step),
-            policy_time_median=float(np.median(rollout.policy_time)),
-            policy_time_p99=float(np.percentile(rollout.policy_time, 99)),
-            realtime_factor=float(rollout.time[-1] / rollout.wall_time),
-            remarks=_shares(rollout.policy_status),
-            failure=rollout.failure,
-            **own,
-        )
-
-
-def _metrics(kind: type, values: TrackingMetrics | StepMetrics | None) -> dict[str, Any]:
-    return {f.name: None for f in fields(kind)} if values is None else asdict(values)
-
-
-def _shares(status: np.ndarray) -> dict[str, float]:
-    """Share of the decisions with each status other than none."""
-    reasons, counts = np.unique(status, return_counts=True)
-    return {str(r): float(c / len(status)) for r, c in zip(reasons, counts, strict=True) if r}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,16 +2,23 @@
 
 from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import gymnasium
+import numpy as np
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.registry import FEEDBACKS, RIG_POLICIES, make_policy, policy_environment
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.labels import option_columns, rig_label, task_label, variation_label
+from softrobot_env.evaluation.metrics import (
+    StepMetrics,
+    TrackingMetrics,
+    step_metrics,
+    tracking_metrics,
+)
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.run import run_episode, warm_up
@@ -112,8 +119,39 @@ class Outcome:
 
     def row(self, kind: type[Row] = EpisodeRow, **own: Any) -> Row:
         """The episode as a row of some kind; `own` are the fields that this kind adds."""
-        case = self.case
-        return kind.of(self.rollout, case.task, case.policy, case.plant, case.variation, **own)
+        case, rollout, tracking, step = self.case, self.rollout, None, None
+        width = case.task.step_width
+        if rollout.failure is None:
+            tracking = tracking_metrics(rollout)
+        if rollout.failure is None and width is not None:
+            step = step_metrics(rollout.time, rollout.tip, rollout.reference[-1])
+        return kind(
+            task=case.task.name,
+            step_width=width,
+            policy=case.policy,
+            robot=case.task.robot.name,
+            plant=case.plant,
+            source=rollout.source,
+            variation=dict(case.variation),
+            **_metrics(TrackingMetrics, tracking),
+            **_metrics(StepMetrics, step),
+            policy_time_median=float(np.median(rollout.policy_time)),
+            policy_time_p99=float(np.percentile(rollout.policy_time, 99)),
+            realtime_factor=float(rollout.time[-1] / rollout.wall_time),
+            remarks=_shares(rollout.policy_status),
+            failure=rollout.failure,
+            **own,
+        )
+
+
+def _metrics(kind: type, values: TrackingMetrics | StepMetrics | None) -> dict[str, Any]:
+    return {f.name: None for f in fields(kind)} if values is None else asdict(values)
+
+
+def _shares(status: np.ndarray) -> dict[str, float]:
+    """Share of the decisions with each status other than none."""
+    reasons, counts = np.unique(status, return_counts=True)
+    return {str(r): float(c / len(status)) for r, c in zip(reasons, counts, strict=True) if r}
 
 
 def run(case: Case, env: gymnasium.Env | None = None, policy: Policy | None = None) -> Outcome:

@@ -61,14 +61,11 @@ class Column:
         Raises:
             ValueError: A number is not finite.
         """
-        value = self.value(record) if callable(self.value) else _field(record, self._name)
+        name = self.heading if self.value is None else self.value
+        value = name(record) if callable(name) else _field(record, name)
         if isinstance(value, int | float) and not isinstance(value, bool):
             value = number(value, self.form, self.unit)
         return _text(value)
-
-    @property
-    def _name(self) -> str:
-        return self.heading if self.value is None else self.value
 
 
 def _field(record: Any, name: str) -> Any:

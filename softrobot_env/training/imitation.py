@@ -1,6 +1,6 @@
 """Imitation of the model predictive controller with preview: cloning, then DAgger."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
@@ -71,19 +71,13 @@ class ImitationConfig:
     threads: int = 1
 
 
-def imitate(
-    config: ImitationConfig,
-    seed: int,
-    show: Show,
-    keep: Callable[[int, Network], None] | None = None,
-) -> Network:
+def imitate(config: ImitationConfig, seed: int, show: Show) -> Network:
     """Train a network to act as the teacher does, in the states it gets into itself.
 
     Args:
         config: Size and settings.
         seed: Of everything random.
         show: Told the progress.
-        keep: Called after every round with its number and the network.
     """
     torch.manual_seed(seed)
     torch.set_num_threads(config.threads)
@@ -105,8 +99,6 @@ def imitate(
             for epoch, loss in fit(layers, Dataset.join(parts), epochs, config):
                 show(f"round {k + 1} of {config.rounds}: loss {loss:.2e}", epoch, epochs)
             network = as_network(layers)
-            if keep is not None:
-                keep(k, network)
     return network
 
 

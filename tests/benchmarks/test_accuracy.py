@@ -329,7 +329,7 @@ def test_front_drops_runs_that_are_beaten():
 
 
 def test_absent_pyelastica_is_said(monkeypatch):
-    monkeypatch.setattr(pyelastica_rod, "installed", lambda: False)
+    monkeypatch.setattr(pyelastica_rod, "find_spec", lambda name: None)
     (row,) = pyelastica_rod.rows()
     assert row.kind == "note"
     assert "not installed" in row.reference

@@ -6,8 +6,8 @@ import pytest
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation import report
-from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.run import run_episode
+from softrobot_env.evaluation.runner import Case, Outcome
 from softrobot_env.robots import ARM
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks import make_task
@@ -39,7 +39,7 @@ def failed():
 
 
 def row(rollout, task, **changes):
-    values = EpisodeRow.of(rollout, make_task(task), "feedforward", "mujoco", {})
+    values = Outcome(Case(make_task(task), "feedforward"), rollout, 0.05).row()
     return vars(values) | changes
 
 

@@ -10,7 +10,7 @@ from softrobot_env.evaluation import report
 from softrobot_env.evaluation.labels import learnt_label, option_columns, rig_label, task_label
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.evaluation.rows import EpisodeRow
+from softrobot_env.evaluation.runner import Case, Outcome
 from softrobot_env.rendering.curves import policy_curves
 from softrobot_env.rendering.plots import plot_task
 from softrobot_env.tasks import make_task
@@ -74,7 +74,7 @@ def test_labels_tell_which_rig_it_was(task, plant, twin, label):
 
 
 def row(rollout, **changes):
-    values = vars(EpisodeRow.of(rollout, TASK, "hybrid", "mujoco", {}))
+    values = vars(Outcome(Case(TASK, "hybrid"), rollout, 0.02).row())
     return values | {"period": 1.0, "twin": 0} | changes
 
 

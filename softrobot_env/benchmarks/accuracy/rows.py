@@ -1,6 +1,6 @@
 """The rows of the accuracy benchmark, and converged limits to compare them with."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -188,25 +188,29 @@ def distance(a: np.ndarray, b: np.ndarray) -> float:
 def extrapolate(solve: Callable[[int], np.ndarray], sizes: Sequence[int], text: str) -> Limit:
     """Limit of infinitely many pieces, for an error series in 1 / n^2.
 
-    Neville's scheme on three sizes; its distance to the last estimate without the coarsest one is
+    Its distance to the last estimate without the coarsest one is
     the uncertainty, which belongs to the worse of the two.
     """
-    a, b, c = (solve(n) for n in sizes)
-    x, y, z = (1 / n**2 for n in sizes)
-    first = (x * b - y * a) / (x - y)
-    second = (y * c - z * b) / (y - z)
-    best = (x * second - z * first) / (x - z)
+    found = {n: solve(n) for n in sizes}
+    best = converged(found, 2)
+    second = converged({n: found[n] for n in sizes[1:]}, 2)
     uncertainty = distance(best, second)
     text = f"{text}, n = {', '.join(map(str, sizes))}; uncertainty {1e3 * uncertainty:.1g} mm"
     return Limit(best, uncertainty, text)
+
+
+def converged(found: Mapping[int, np.ndarray], order: int) -> np.ndarray:
+    """Limit of results by number of pieces, for an error series in powers of 1 / n^order."""
+    x = [n**-order for n in found]
+    weights = [np.prod([b / (b - a) for b in x if b != a]) for a in x]  # Lagrange's, at zero
+    return np.tensordot(weights, list(found.values()), 1)
 
 
 def zero_timestep(tips: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
     """Limits of motions with timesteps h, h/2 and h/4, for an error series in h.
 
     Returns:
-        Neville's best estimate, and the one of the two finer motions alone.
+        The best estimate, and the one of the two finer motions alone.
     """
-    a, b, c = tips
-    first, second = 2 * b - a, 2 * c - b
-    return second + (second - first) / 3, second
+    found = dict(zip((1, 2, 4), tips, strict=True))
+    return converged(found, 1), converged({n: found[n] for n in (2, 4)}, 1)

@@ -153,7 +153,7 @@ def _draw(
 
 
 def _draw_cells(axes: Axes, rows: list[Row], stiffness: str, shades: Any) -> None:
-    """One rectangle per run, between the geometric means of neighbouring values; shades of error."""
+    """One rectangle per run, between the geometric means of neighbours; shades are errors."""
     from matplotlib.colors import to_rgb
 
     x = sorted({getattr(row, stiffness) for row in rows})

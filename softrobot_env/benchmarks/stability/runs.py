@@ -134,7 +134,7 @@ class ChainSystem:
         """Simulate; failures are reported, not raised."""
         model = self.scene.model
         model.opt.timestep = plan.timestep
-        model.opt.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{plan.integrator.upper()}")
+        model.opt.integrator = mujoco_integrator(plan.integrator)
         data = mujoco.MjData(model)
         data.qpos[:] = self.posture
         if self.speed is not None:
@@ -195,6 +195,11 @@ def silent_warnings() -> Iterator[None]:
 def neutral_scene(config: SceneConfig) -> Scene:
     """The scene with an integrator that no timestep warns of; both are set before every run."""
     return build_scene(replace(config, integrator="discrete", timestep=config.control_period))
+
+
+def mujoco_integrator(name: str) -> int:
+    """MuJoCo's number of an integrator."""
+    return int(getattr(mujoco.mjtIntegrator, f"mjINT_{name.upper()}"))
 
 
 def chain_failure(data: mujoco.MjData, tip: np.ndarray) -> str | None:

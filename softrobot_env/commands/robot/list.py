@@ -3,12 +3,12 @@
 import argparse
 
 from rich.console import Console
-from rich.table import Table
 
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.exchange import identify
 from softrobot_env.hardware.robot_file.model import BAUDS, rig_file
 from softrobot_env.hardware.transport import SerialTransport, load_serial
+from softrobot_env.rendering.tables import Column, make_table
 
 EXAMPLE = "softrobot robot list /dev/ttyUSB0 /dev/ttyUSB1"
 
@@ -31,14 +31,11 @@ def run(args: argparse.Namespace) -> int:
 
     Every port gets a few bytes; a robot that moves ramps to rest.
     """
-    table = Table(header_style="bold")
-    for heading in ("port", "who answers"):
-        table.add_column(heading)
     answers = {port: _answer(port, args) for port in args.ports or _ports()}
-    for port, (_, text) in answers.items():
-        table.add_row(port, text)
-    console = Console()
-    console.print(table if answers else "This computer has no serial port.")
+    told = {port: text for port, (_, text) in answers.items()}
+    columns = Column("port", lambda port: port), Column("who answers", told.get)
+    table = make_table("", columns, told)
+    Console().print(table if answers else "This computer has no serial port.")
     return int(not any(found for found, _ in answers.values()))
 
 

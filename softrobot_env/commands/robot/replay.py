@@ -7,7 +7,6 @@ from dataclasses import fields
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from softrobot_env.hardware.protocol.messages import (
     DeviceState,
@@ -23,6 +22,7 @@ from softrobot_env.hardware.protocol.messages import (
 )
 from softrobot_env.hardware.protocol.unit_conversion import faults
 from softrobot_env.hardware.recording import Direction, Recording, read_recording
+from softrobot_env.rendering.tables import Column, make_table
 
 EXAMPLE = "softrobot robot replay out/session.link --all"
 
@@ -51,14 +51,8 @@ def run(args: argparse.Namespace) -> int:
         (chunk.time - recording.chunks[0].time, chunk.direction, message)
         for chunk, message, _ in recording.messages()
     ]
-    table = Table(header_style="bold")
-    table.add_column("s", justify="right")
-    for heading in ("", "message", "what it says"):
-        table.add_column(heading)
-    for time, way, message in lines if args.all else _news(lines):
-        table.add_row(f"{time:.3f}", _ARROWS[way], type(message).__name__, _text(message))
     console = Console()
-    console.print(table)
+    console.print(make_table("", _COLUMNS, lines if args.all else _news(lines)))
     console.print(_summary(recording, lines))
     return int(not recording.complete)
 
@@ -98,6 +92,15 @@ def _text(message: Message) -> str:
         return f"{code}, channel {message.channel}, value {message.value}"
     pairs = ((field.name, getattr(message, field.name)) for field in fields(message))
     return ", ".join(f"{name} {value}" for name, value in pairs)
+
+
+#: Of the table of lines.
+_COLUMNS = (
+    Column("s", lambda line: line[0], ".3f"),
+    Column("", lambda line: _ARROWS[line[1]]),
+    Column("message", lambda line: type(line[2]).__name__),
+    Column("what it says", lambda line: _text(line[2])),
+)
 
 
 def _summary(recording: Recording, lines: list[Line]) -> str:

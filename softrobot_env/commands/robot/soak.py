@@ -20,6 +20,7 @@ from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.robot_file.toml import read_robot_file
 from softrobot_env.hardware.tip import TipSource
+from softrobot_env.rendering.tables import named_values
 
 EXAMPLE = "softrobot robot soak --seconds 60"
 
@@ -194,11 +195,8 @@ def _promises(row: dict[str, Any]) -> Iterator[Promise]:
 
 
 def _table(row: dict[str, Any], promises: list[Promise]) -> Table:
-    out = Table(title="Soak", show_header=False)
-    for name, value in row.items():
-        out.add_row(name, f"{value:.4g}" if isinstance(value, float) else str(value))
+    values = {k: f"{v:.4g}" if isinstance(v, float) else str(v) for k, v in row.items()}
     for promise in promises:
         verdict = "met" if promise.met else "BROKEN"
-        text = f"{promise.value:.4g}, at most {promise.limit:.4g}: {verdict}"
-        out.add_row(promise.promise, text)
-    return out
+        values[promise.promise] = f"{promise.value:.4g}, at most {promise.limit:.4g}: {verdict}"
+    return named_values("Soak", values)

@@ -100,22 +100,21 @@ def virtual_robot(
     seed: int = 0,
     show: Callable[[float, np.ndarray], None] | None = None,
     watch: Callable[[VirtualRobot], None] | None = None,
-    robot_file: RobotFile | None = None,
 ) -> VirtualRobot:
-    """A virtual rig that understands pulses as a robot file says.
+    """A virtual rig that understands pulses as `virtual_file` says.
+
+    Channels of the board drive the twin's tendons in their order.
 
     Args:
         twin: Seed of the twin.
         seed: Of the noise of camera and sensors.
         show, watch: See `VirtualRobot`.
-        robot_file: Whose calibration is the true one; that of `virtual_file` unless given.
-            Channels of the board drive the twin's tendons in their order.
     """
     from softrobot_env.envs.simulation.virtual_rig import VirtualRig
     from softrobot_env.hardware.virtual.core import Core
     from softrobot_env.robots.twin import rig3d_twin
 
-    servos = sorted((robot_file or virtual_file()).tendons, key=lambda servo: servo.channel)
+    servos = sorted(virtual_file().tendons, key=lambda servo: servo.channel)
     pulses = Pulses(
         1e6 * np.array([servo.center for servo in servos]),
         1e6 * np.array([servo.gain for servo in servos]),

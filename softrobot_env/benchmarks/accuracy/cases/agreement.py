@@ -21,6 +21,7 @@ from softrobot_env.benchmarks.accuracy.rows import (
     Physics,
     Row,
     agreement_row,
+    converged,
     distance,
 )
 from softrobot_env.robots import ARM, RobotParams
@@ -69,8 +70,7 @@ def static_rows(
     found = []
     for (model, physics), by_size in tips.items():
         coarse, fine = sorted(by_size)[-2:]
-        square = (fine / coarse) ** 2
-        limit = (square * by_size[fine] - by_size[coarse]) / (square - 1)
+        limit = converged({n: by_size[n] for n in (coarse, fine)}, 2)
         truth, text = case.truth(physics)
         text = f"limit of n = {coarse}, {fine}; {text}"
         gap, length = distance(limit, truth), case.robot.length

@@ -145,7 +145,9 @@ class ChainMotion:
     @property
     def settings(self) -> Settings:
         """What it is simulated with."""
-        return chain_settings(self.scene)
+        scene, choice = self.scene, self.scene.timestep
+        name, n = f"mujoco_chain/{scene.config.rule}", len(scene.layout.stations)
+        return Settings(name, n, choice.timestep, choice.integrator)
 
     def __call__(self) -> np.ndarray:
         """Tips (k, 3) [m], or what is compared of them.
@@ -168,13 +170,6 @@ class ChainMotion:
             settings = self.settings
             raise RuntimeError(f"{settings.model} with {settings.n} joints {failure}")
         return self._compared(tips)
-
-
-def chain_settings(scene: Scene) -> Settings:
-    """Settings of a chain."""
-    choice, layout = scene.timestep, scene.layout
-    name = f"mujoco_chain/{scene.config.rule}"
-    return Settings(name, len(layout.stations), choice.timestep, choice.integrator)
 
 
 def timed_row(

@@ -45,11 +45,6 @@ _STABLE = 0.9
 _RUNS = ((7, 1e-3), (14, 5e-4), (28, 2e-4), (56, 5e-5))
 
 
-def installed() -> bool:
-    """Whether PyElastica can be imported."""
-    return find_spec("elastica") is not None
-
-
 def build(robot: RobotParams, n: int) -> tuple[Any, Any]:
     """PyElastica's simulator and rod with n elements, clamped, under the spiral's force."""
     import elastica
@@ -111,7 +106,7 @@ def motion(n: int, timestep: float, duration: float = DURATION) -> Callable[[], 
 
 def rows(quick: bool = False, repeats: int = 2) -> list[Row]:
     """PyElastica's runs and ours of the undamped spiral, one after the other."""
-    if not installed():
+    if find_spec("elastica") is None:
         text = "PyElastica is not installed: its rows are left out (pip install pyelastica)"
         return [Row("note", CASE, NAME, reference=text)]
     motion(7, 5e-4, 0.02)()  # compiles

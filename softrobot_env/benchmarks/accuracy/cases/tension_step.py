@@ -5,7 +5,7 @@ import numpy as np
 from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
 from softrobot_env.benchmarks.accuracy.cases.motions import BeamMotion, ChainMotion
-from softrobot_env.benchmarks.accuracy.rows import Limit, distance, zero_timestep
+from softrobot_env.benchmarks.accuracy.rows import Limit, converged, distance, zero_timestep
 from softrobot_env.benchmarks.beams import chain_scene
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -73,9 +73,8 @@ def converged_reference(quick: bool = False) -> Limit:
 
 
 def _extrapolate(rule: str, n: int, step: float) -> np.ndarray:
-    coarse, fine = (_limit_in_time(rule, k, step) for k in (n, 2 * n))
-    return fine + (fine - coarse) / 3
-
-
-def _limit_in_time(rule: str, n: int, step: float) -> np.ndarray:
-    return zero_timestep([chain_motion(rule, n, step / k)() for k in (1, 2, 4)])[0]
+    found = {}
+    for hinges in (n, 2 * n):
+        motions = [chain_motion(rule, hinges, step / k)() for k in (1, 2, 4)]
+        found[hinges], _ = zero_timestep(motions)
+    return converged(found, 2)

@@ -43,9 +43,9 @@ MOTIONS: dict[str, Callable[[float | np.ndarray], np.ndarray]] = {STEP: step, CI
 CASES = (*STATIC, *MOTIONS)
 
 
-def sample_times(period: float = PERIOD) -> np.ndarray:
+def sample_times() -> np.ndarray:
     """Instants [s] at which tips are compared."""
-    return np.linspace(0, DURATION, round(DURATION / period) + 1)
+    return np.linspace(0, DURATION, round(DURATION / PERIOD) + 1)
 
 
 #: The robot of all cases, and its MuJoCo chain.

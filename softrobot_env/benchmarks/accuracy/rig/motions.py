@@ -96,13 +96,15 @@ def chain_motion(case: str, rule: str, n: int, substeps: int, integrator: str) -
     return ChainMotion(chain_scene(ROBOT, rule, n, **options), MOTIONS[case])
 
 
-def chain_limit(case: str, rule: str = "gauss2") -> Limit:
+def chain_limit(case: str) -> Limit:
     """The chain's motion with infinitely many joints and at zero timestep."""
 
     def solve(n: int) -> np.ndarray:
-        return zero_timestep([chain_motion(case, rule, n, k, "implicitfast")() for k in _FINE])[0]
+        return zero_timestep([chain_motion(case, "gauss2", n, k, "implicitfast")() for k in _FINE])[
+            0
+        ]
 
-    return extrapolate(solve, _SIZES, f"limit of mujoco_chain/{rule} at zero timestep")
+    return extrapolate(solve, _SIZES, "limit of mujoco_chain/gauss2 at zero timestep")
 
 
 def subpieces_motion(case: str, n: int, tolerance: float) -> BeamMotion:

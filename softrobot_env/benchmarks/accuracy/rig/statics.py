@@ -30,6 +30,7 @@ from softrobot_env.benchmarks.accuracy.rows import (
     Physics,
     Row,
     agreement_row,
+    converged,
     distance,
     static_row,
 )
@@ -225,14 +226,7 @@ def _limit_row(
     case: str, model: str, tips: dict[int, np.ndarray], physics: str, exact: Limit
 ) -> Row:
     sizes = sorted(tips)[-3:]
-    limit = converged(tips, sizes, 1 if model == _FIRST_ORDER else 2)
+    limit = converged({n: tips[n] for n in sizes}, 1 if model == _FIRST_ORDER else 2)
     text = f"limit of n = {', '.join(map(str, sizes))}; {exact.text}"
     gap = distance(limit, exact.tips)
     return agreement_row(case, model, sizes[-1], gap, ROBOT.length, physics, text)
-
-
-def converged(tips: dict[int, np.ndarray], sizes: list[int], order: int) -> np.ndarray:
-    """Limit (3,) [m] of three sizes, for an error series in powers of 1 / n^order."""
-    x = np.array([1 / n**order for n in sizes])
-    powers = np.vander(x, increasing=True)
-    return np.linalg.solve(powers, np.array([tips[n] for n in sizes]))[0]
