@@ -7,8 +7,9 @@ from typing import Any
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.processes import worker_processes
 
-#: Description for the progress bar, and what makes the records.
-Job = tuple[str, Callable[[], list[Record]]]
+#: Description for the progress bar, and how it is done: what makes records. In processes it has to
+#: be something that can be pickled, and may make anything.
+Job = tuple[str, Callable[[], Any]]
 #: Called with description, jobs done and number of jobs.
 Progress = Callable[[str, int, int], None]
 
@@ -35,12 +36,8 @@ def run_jobs(
     return rows
 
 
-#: Description for the progress bar, and how it is done, by something that can be pickled.
-Task = tuple[str, Callable[[], Any]]
-
-
 def run_in_processes(
-    tasks: Sequence[Task], progress: Progress | None = None, processes: int | None = None
+    tasks: Sequence[Job], progress: Progress | None = None, processes: int | None = None
 ) -> list[Any]:
     """What tasks return, in their order; the first error of one is raised.
 

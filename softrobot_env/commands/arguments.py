@@ -117,12 +117,12 @@ def add_out(parser: argparse.ArgumentParser, default: str, note: str = "") -> No
 
 def positive(text: str) -> float:
     """A positive number."""
-    return _number(text, lambda value: 0 < value < inf, "a positive number")
+    return number(text, lambda value: 0 < value < inf, "a positive number")
 
 
 def size(text: str) -> int:
     """A number of pixels."""
-    return int(_number(text, lambda v: v >= 1 and v == int(v), "a whole number of pixels"))
+    return int(number(text, lambda v: v >= 1 and v == int(v), "a whole number of pixels"))
 
 
 def twin(text: str) -> int | None:
@@ -139,7 +139,8 @@ def seed(text: str, what: str = "a whole number of zero or more") -> int:
     return int(text)
 
 
-def _number(text: str, allowed: Callable[[float], bool], what: str) -> float:
+def number(text: str, allowed: Callable[[float], bool], what: str) -> float:
+    """A number that is allowed; what else there is is told to be not `what`."""
     try:
         value = float(text)
     except ValueError:
@@ -167,7 +168,7 @@ def named_values(text: str, known: Iterable[str]) -> tuple[str, list[str]]:
 
 def _varied(name: str, text: str) -> float:
     what = f"a factor on {name}" if NEUTRAL[name] == 1 else f"a value of {name}"
-    value = _number(text, isfinite, what)
+    value = number(text, isfinite, what)
     try:
         check_value(name, value)
     except ValueError as error:

@@ -4,7 +4,7 @@ import argparse
 import itertools
 from math import isfinite
 
-from softrobot_env.commands.arguments import named_values, positive
+from softrobot_env.commands.arguments import named_values, number, positive
 from softrobot_env.tasks import EVERY_TASK, WITH_OPTION, Task, defaults, make_task
 
 #: Options of a task by name.
@@ -38,18 +38,8 @@ def check_used(given: Given, tasks: list[str]) -> None:
 def option(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of an option of tasks and its values."""
     name, values = named_values(text, WITH_OPTION)
-    return name, [_number(value) for value in values]
-
-
-def _number(text: str) -> float:
-    """A number, whole where it is written so."""
-    try:
-        value = int(text) if text.isdecimal() else float(text)
-    except ValueError:
-        value = float("nan")
-    if not isfinite(value):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a number")
-    return value
+    # What is written as a whole number stays one.
+    return name, [int(v) if v.isdecimal() else number(v, isfinite, "a number") for v in values]
 
 
 def merge(pairs: list[tuple[str, list[float]]]) -> Given:

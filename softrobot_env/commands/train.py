@@ -204,10 +204,8 @@ def _job(args: argparse.Namespace) -> tuple[str, Path, Callable[[Show], Figures]
         name = train_rl.name_of(args)
         path = args.out / f"{name}.npz"
         return name, path, lambda show: train_rl.run(args, path, show)
-    trainer = TRAINERS[args.what]
-    path = args.out / f"{args.what}.npz"
+    trainer, name, path, own = TRAINERS[args.what], args.what, args.out / f"{args.what}.npz", {}
     if args.twin:
+        name, own = f"{args.what} of twin {args.twin}", {"twin": args.twin}
         path = path.with_stem(f"{path.stem}_{args.twin}")
-        run = partial(trainer.run, twin=args.twin)
-        return f"{args.what} of twin {args.twin}", path, lambda show: run(args.seed, path, show)
-    return args.what, path, lambda show: trainer.run(args.seed, path, show)
+    return name, path, lambda show: trainer.run(args.seed, path, show, **own)

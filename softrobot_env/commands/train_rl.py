@@ -1,6 +1,7 @@
 """Reinforcement learning, as `softrobot train --algo` runs it."""
 
 import argparse
+import json
 from dataclasses import fields, replace
 from pathlib import Path
 
@@ -85,7 +86,7 @@ def name_of(args: argparse.Namespace) -> str:
 
 def run(args: argparse.Namespace, path: Path, show: Show) -> list[tuple[str, str]]:
     """Train, write the network and its learning curve, and return figures for people."""
-    from softrobot_env.training.artifacts import figures, save, save_curve
+    from softrobot_env.training.artifacts import figures, save
     from softrobot_env.training.rl import train
 
     config = _config(args)
@@ -99,8 +100,9 @@ def run(args: argparse.Namespace, path: Path, show: Show) -> list[tuple[str, str
         log=args.log,
     )
     save(network, path, args.seed)
-    written = str(save_curve(curve, path))
-    return [*figures(network, config.trials), ("learning curve", written)]
+    written = path.with_name(f"{path.stem}_curve.json")
+    written.write_text(json.dumps(curve, indent=1) + "\n", encoding="utf-8")
+    return [*figures(network, config.trials), ("learning curve", str(written))]
 
 
 def _config(args: argparse.Namespace) -> RLConfig:

@@ -170,11 +170,18 @@ def style_axes(axis: Axes) -> None:
     axis.spines[["top", "right"]].set_visible(False)
 
 
-def plain_ticks(axis: Axes) -> None:
-    """Numbers without powers of ten, also on logarithmic axes, and none at minor ticks."""
-    from matplotlib.ticker import FuncFormatter, NullFormatter
+def plain_ticks(axis: Axes, steps: str = "") -> None:
+    """Numbers without powers of ten, also on logarithmic axes, and none at minor ticks.
 
-    for numbers in (axis.xaxis, axis.yaxis):
+    Args:
+        axis: The axes.
+        steps: Out of "xy", those with ticks at 1, 2 and 5 times the powers of ten.
+    """
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for name, numbers in (("x", axis.xaxis), ("y", axis.yaxis)):
+        if name in steps:
+            numbers.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         numbers.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
         numbers.set_minor_formatter(NullFormatter())
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
-from softrobot_env.evaluation.episode import play
+from softrobot_env.evaluation.run import play
 from softrobot_env.interfaces import Policy
 
 if TYPE_CHECKING:
@@ -139,28 +139,22 @@ def record(
             'record needs an environment with render_mode="rgb_array" and a positive fps, got '
             f"render_mode={env.render_mode!r} and fps={fps!r}"
         )
-    return _frames(env, policy, fps, title, options or {}, progress or (lambda share: None))
-
-
-def _frames(
-    env: gymnasium.Env,
-    policy: Policy,
-    fps: float,
-    title: str | None,
-    options: dict[str, Any],
-    progress: Callable[[float], None],
-) -> Iterator[np.ndarray]:
     task = env.unwrapped.task
-    duration = options.get("duration", task.duration)
-    written = 0
-    for moment in play(env, policy, options=options):
-        info = moment.info
-        due = int(info["time"] * fps + 1e-6) + 1
-        if due > written or moment.failed:
-            picture = caption(env.render(), _caption_lines(title or task.label, info))
-            yield from [picture] * max(1, due - written)
-            written = max(due, written)
-        progress(min(1.0, info["time"] / duration))
+    duration = (options or {}).get("duration", task.duration)
+
+    def frames() -> Iterator[np.ndarray]:
+        written = 0
+        for moment in play(env, policy, options=options):
+            info = moment.info
+            due = int(info["time"] * fps + 1e-6) + 1
+            if due > written or moment.failed:
+                picture = caption(env.render(), _caption_lines(title or task.label, info))
+                yield from [picture] * max(1, due - written)
+                written = max(due, written)
+            if progress is not None:
+                progress(min(1.0, info["time"] / duration))
+
+    return frames()
 
 
 def _caption_lines(title: str, info: dict[str, Any]) -> list[str]:

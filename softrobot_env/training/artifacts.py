@@ -1,6 +1,5 @@
 """Trained networks: torch's layers, files, and the figures that are told of them."""
 
-import json
 from itertools import pairwise
 from pathlib import Path
 
@@ -66,13 +65,6 @@ def load_start(path: Path) -> Network:
     if not found:
         raise FileNotFoundError(f"no {_START} to start from; make it: softrobot train imitation")
     return Network.load(found[0])[0]
-
-
-def save_curve(curve: list[dict[str, float]], path: Path) -> Path:
-    """Write a learning curve beside a network; returns where."""
-    out = path.with_name(f"{path.stem}_curve.json")
-    out.write_text(json.dumps(curve, indent=1) + "\n", encoding="utf-8")
-    return out
 
 
 def figures(

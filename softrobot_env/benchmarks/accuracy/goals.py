@@ -1,14 +1,15 @@
 """Goals for the cost of a simulation, and whether a run of the benchmark met them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.beams.model import BeamModel, Motion, State
+from softrobot_env.beams.model import Motion, State
 from softrobot_env.benchmarks.accuracy.cases import pyelastica_rod, spiral
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, LUMPED
 from softrobot_env.benchmarks.accuracy.rows import Row
+from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.timing import best_of
 
 #: Errors in time [m]: our own, and the thesis' (Tab. 2.2, whose unit is m according to the audit).
@@ -19,8 +20,6 @@ _SPIRALS = (("pcc/lumped", 2, 0.020), ("cosserat", 7, 0.100), ("ancf", 2, 1.0))
 
 _STEPS, _STEP = 500, 1e-5  # s, below the stability limit of 20 pieces
 
-Test = Callable[[Row], bool]
-
 
 def rows(found: list[Row], quick: bool = False) -> list[Row]:
     """Goals and what rows of the benchmark say about them; limits of a speed-up are lower ones."""
@@ -29,12 +28,10 @@ def rows(found: list[Row], quick: bool = False) -> list[Row]:
 
 def _spirals(found: list[Row]) -> Iterator[Row]:
     for model, n, bound in _SPIRALS:
+        mine = select(found, case=spiral.CASE, model=model, n=n)
         for error in (_FINE, _THESIS):
-
-            def good(row: Row, error: float = error) -> bool:
-                return row.e_time is not None and row.e_time <= error
-
-            best = _fastest(found, model, n, good)
+            good = (row for row in mine if row.e_time is not None and row.e_time <= error)
+            best = _fastest(good)
             if best is not None:
                 case = f"3 s spiral, error in time <= {1e3 * error:g} mm: time [s]"
                 yield _goal(case, best, best.wall_time, most=bound)
@@ -51,7 +48,7 @@ def _right_hand_side(quick: bool) -> Iterator[Row]:
 def right_hand_side_time(pieces: int, repeats: int) -> float:
     """Time [s] per acceleration of the spatial PCC model in the spiral, all of rk4 included."""
     model = LUMPED.build(spiral.ROBOT, pieces, spiral.loads(), "spatial")
-    start = _bent(model)
+    start = State(np.full(model.n, 1 / model.robot.length), np.zeros(model.n))  # bent
     inputs = np.array([1.0, -2.0])
 
     def simulate() -> Motion:
@@ -62,18 +59,12 @@ def right_hand_side_time(pieces: int, repeats: int) -> float:
     return time / motion.residuals
 
 
-def _bent(model: BeamModel) -> State:
-    return State(np.full(model.n, 1 / model.robot.length), np.zeros(model.n))
-
-
 def _chain(found: list[Row]) -> Iterator[Row]:
-    chains = [r for r in found if r.case == spiral.CASE and r.is_chain]
-    good = [r for r in chains if r.kind == "dynamic" and r.e_mean < 1e-4]
-    if good:
-        best = min(good, key=lambda row: row.wall_time)
+    chains = (r for r in select(found, case=spiral.CASE, kind="dynamic") if r.is_chain)
+    best = _fastest(row for row in chains if row.e_mean < 1e-4)
+    if best is not None:
         speed = spiral.DURATION / best.wall_time
-        case = "spiral, mean error < 0.1 mm: times real time"
-        yield _goal(case, best, speed, least=300.0)
+        yield _goal("spiral, mean error < 0.1 mm: times real time", best, speed, least=300.0)
 
 
 def _speed_up(found: list[Row]) -> Iterator[Row]:
@@ -81,12 +72,11 @@ def _speed_up(found: list[Row]) -> Iterator[Row]:
 
     The goal is the chain's; the rod, which has PyElastica's physics, stands beside it.
     """
-    runs = [r for r in found if r.case == pyelastica_rod.CASE and r.kind == "dynamic"]
-    for theirs in (r for r in runs if r.model == pyelastica_rod.NAME):
+    runs = select(found, case=pyelastica_rod.CASE, kind="dynamic")
+    for theirs in select(runs, model=pyelastica_rod.NAME):
         for model in (pyelastica_rod.CHAIN, COSSERAT.name):
-            ours = [r for r in runs if r.model == model and r.e_max <= theirs.e_max]
-            if ours:
-                best = min(ours, key=lambda row: row.wall_time)
+            best = _fastest(r for r in select(runs, model=model) if r.e_max <= theirs.e_max)
+            if best is not None:
                 ratio = theirs.wall_time / best.wall_time
                 case = f"undamped spiral, error of PyElastica {theirs.n} or less: times faster"
                 row = _goal(case, best, ratio, least=30.0)
@@ -94,9 +84,8 @@ def _speed_up(found: list[Row]) -> Iterator[Row]:
                 yield row if checked else replace(row, limit=None, met=None)
 
 
-def _fastest(found: list[Row], model: str, n: int, good: Test) -> Row | None:
-    mine = [r for r in found if (r.case, r.model, r.n) == (spiral.CASE, model, n)]
-    return min(filter(good, mine), key=lambda row: row.wall_time, default=None)
+def _fastest(found: Iterable[Row]) -> Row | None:
+    return min(found, key=lambda row: row.wall_time, default=None)
 
 
 def _goal(

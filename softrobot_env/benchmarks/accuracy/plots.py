@@ -234,7 +234,7 @@ def _draw_moving_rules(figure: SubFigure, rows: list[Row]) -> None:
         others = sorted({row.n for row in mine if row.n != n})
         title = f"{n} hinges" + "".join(f" (gauss3: {k})" for k in others)
         _label(axes, title, "run time [ms]")
-        _set_time_ticks(axes)
+        plain_ticks(axes, "x")
         axes.set_ylim(0.02, 5)
     figure.axes[0].set_ylabel("mean tip error [mm]")
     handles = [
@@ -291,13 +291,6 @@ def _label(axes: Axes, title: str, x: str) -> None:
 def _set_ticks(axes: Axes, numbers: tuple[int, ...]) -> None:
     axes.set_xticks(numbers, labels=[str(n) for n in numbers])
     axes.set_xticks([], minor=True)
-
-
-def _set_time_ticks(axes: Axes) -> None:
-    from matplotlib.ticker import LogLocator
-
-    plain_ticks(axes)
-    axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
 
 
 def _add_model_legend(figure: Figure, rows: list[Row]) -> None:

@@ -191,11 +191,8 @@ def _orders(rows: list[Row]) -> Table:
         ("n", "time [ms]", "order"),
     )
     for before, row in pairwise([None, *select(rows, case="rig_pull_10mm")]):
-        same = before is not None and before.model == row.model
-        order = f"{_order(before, row):.2f}" if same else None
+        order = None
+        if before is not None and before.model == row.model:
+            order = f"{log2(before.e_max / row.e_max) / log2(row.n / before.n):.2f}"
         out.add_row(row.model, row.physics, row.n, number(row.wall_time, ".3g", "ms"), order)
     return out
-
-
-def _order(coarse: Row, fine: Row) -> float:
-    return log2(coarse.e_max / fine.e_max) / log2(fine.n / coarse.n)

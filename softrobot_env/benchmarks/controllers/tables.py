@@ -19,13 +19,7 @@ from softrobot_env.benchmarks.controllers.run import Row
 from softrobot_env.benchmarks.records import names, of_kind, one, select
 from softrobot_env.evaluation.labels import task_label, variation_label
 from softrobot_env.evaluation.report import failures
-from softrobot_env.evaluation.thesis import (
-    AUDIT,
-    CONTROLLERS,
-    FIGURES,
-    POLICY_TIME,
-    ROBUSTNESS,
-)
+from softrobot_env.evaluation.thesis import AUDIT, CONTROLLERS, FIGURES, POLICY_TIME, ROBUSTNESS
 from softrobot_env.rendering.quantities import (
     QUANTITIES,
     both,
@@ -128,7 +122,8 @@ def _tracking(rows: Rows, task: str) -> Table:
 
 def _motions(rows: Rows) -> Table:
     """Smallest and largest error away from the kinks of the reference."""
-    spans = "\n".join(f"{task}: {_spans(task)}" for task in MOTION)
+    told = {t: " and ".join(f"{a:g} to {b:g} s" for a, b in times) for t, times in MOTION.items()}
+    spans = "\n".join(f"{task}: {text}" for task, text in told.items())
     title = f"Smallest to largest error in mm away from the reference's kinks\n{spans}"
     out = new_table(title, ("task", "policy"), ("thesis", "audit", *_PLANTS.values()))
     for task in MOTION:
@@ -139,10 +134,6 @@ def _motions(rows: Rows) -> Table:
             )
         out.add_section()
     return out
-
-
-def _spans(task: str) -> str:
-    return " and ".join(f"{begin:g} to {end:g} s" for begin, end in MOTION[task])
 
 
 def _motion(row: ControllerRow | None) -> str:

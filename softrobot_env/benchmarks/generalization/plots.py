@@ -150,9 +150,6 @@ def _write(axis: Axes, place: tuple[int, int], row: Row | None, value: float, da
         text = "-" if row is None or row.failure is None else "failed"
         style = {"color": "black" if text == "-" else "#A50026"}
     else:
-        text, style = f"{value:.{_digits(value)}f}", {"color": "white" if dark else "black"}
+        digits = sum(value < size for size in (1.0, 10.0))
+        text, style = f"{value:.{digits}f}", {"color": "white" if dark else "black"}
     axis.text(place[0] + 0.5, place[1] + 0.5, text, ha="center", va="center", size=7.5, **style)
-
-
-def _digits(value: float) -> int:
-    return next((d for d, size in ((2, 1.0), (1, 10.0)) if value < size), 0)

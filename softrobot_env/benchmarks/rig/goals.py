@@ -76,7 +76,8 @@ def _ranking(twins: list[LapsRow]) -> Iterator[GoalRow]:
     )
     for text, errors, order in orders:
         values = [errors[name] for name in order]
-        yield _true(text, None not in values and values == sorted(values))
+        met = None not in values and values == sorted(values)
+        yield GoalRow(text, "", "", float(met), 1.0, met)
 
 
 def _speed(twins: list[LapsRow]) -> Iterator[GoalRow]:
@@ -91,7 +92,3 @@ def _speed(twins: list[LapsRow]) -> Iterator[GoalRow]:
 
 def _at_most(text: str, policy: str, unit: str, value: float | None, limit: float) -> GoalRow:
     return GoalRow(text, policy, unit, value, limit, value is not None and value <= limit)
-
-
-def _true(text: str, met: bool) -> GoalRow:
-    return GoalRow(text, "", "", float(met), 1.0, met)

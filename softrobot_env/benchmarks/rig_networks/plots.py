@@ -28,8 +28,6 @@ _MARK = {"color": "black", "linestyle": "none", "markersize": 8, "zorder": 5}
 
 def plot(rows: list[Row], path: Path | str) -> None:
     """Draw a PNG: a line of panels per direction, error over neurons and over samples."""
-    from matplotlib.ticker import LogLocator
-
     cells = [row for row in of_kind(rows, CellRow) if row.study in ("size", "samples")]
     directions = groups(cells, "direction")
     figure, axes = new_figure(len(directions), 2, (10.5, 0.6 + 3.7 * len(directions)))
@@ -40,9 +38,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
         left.set_ylabel(f"rms error [mm]\n{_TITLES[direction]}")
         for axis in (left, right):
             axis.set(xscale="log", yscale="log")
-            for numbers in (axis.xaxis, axis.yaxis):
-                numbers.set_major_locator(LogLocator(subs=(1, 2, 5)))
-            plain_ticks(axis)
+            plain_ticks(axis, "xy")
             axis.legend(fontsize=8, frameon=False)
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")

@@ -24,18 +24,15 @@ _WHAT = {"forward": "s -> z", "inverse": "z -> s"}
 def tables(rows: list[Row]) -> Group:
     """Errors by size, samples and friction, figures of the network that is used, its times."""
     cells = of_kind(rows, CellRow)
+    sizes = groups(select(cells, study="size"), "direction")
     parts = [
-        *(_sizes(mine, direction) for (direction,), mine in _by_direction(cells, "size")),
+        *(_sizes(mine, direction) for (direction,), mine in sizes.items()),
         _samples(select(cells, study="samples")),
         _used(select(cells, study="samples", samples=TRAINING)),
         _friction(of_kind(rows, FrictionRow)),
         _times(of_kind(rows, InferenceRow)),
     ]
     return Group(*(part for part in parts if part.row_count))
-
-
-def _by_direction(cells: list[CellRow], study: str) -> list[tuple[tuple, list[CellRow]]]:
-    return list(groups(select(cells, study=study), "direction").items())
 
 
 def _millimetres(value: float) -> str:

@@ -33,15 +33,10 @@ _FRAMES = 40
 
 def startup_times(repeats: int) -> dict[str, float]:
     """Least time [s] of each part of the start over several fresh interpreters."""
-    runs = [_run_once() for _ in range(repeats)]
+    command = [sys.executable, "-c", _SCRIPT]
+    done = [subprocess.run(command, capture_output=True, check=True) for _ in range(repeats)]
+    runs = [json.loads(one.stdout) for one in done]
     return {name: min(run[name] for run in runs) for name in runs[0]}
-
-
-def _run_once() -> dict[str, float]:
-    done = subprocess.run(
-        [sys.executable, "-c", _SCRIPT], capture_output=True, text=True, check=True
-    )
-    return json.loads(done.stdout)
 
 
 def frame_time() -> float | None:

@@ -39,7 +39,7 @@ def quadrature_rows(orders: tuple[int, ...]) -> list[Row]:
         for reference in (HIGHEST, "exact"):
             if name == reference:
                 continue
-            error = _rms(sizes[name], sizes[reference])
+            error = np.sqrt(np.mean((sizes[name] / sizes[reference] - 1) ** 2))
             label = f"{case}, against {'exact' if reference == 'exact' else f'order {HIGHEST}'}"
             rows.append(make_row("2.8", label, "ancf", 1, _ERROR, error, x))
     return rows + _first_order_rows(rows)
@@ -53,10 +53,6 @@ def _force_sizes(model: ANCF, q: np.ndarray) -> np.ndarray:
     """Norms (k,) of the elastic forces at coordinates (k, n)."""
     zero = np.zeros(model.n)
     return np.array([np.linalg.norm(model.residual(each, zero, zero)) for each in q])
-
-
-def _rms(sizes: np.ndarray, reference: np.ndarray) -> float:
-    return float(np.sqrt(np.mean((sizes / reference - 1) ** 2)))
 
 
 def _first_order_rows(rows: list[Row]) -> list[Row]:

@@ -1,6 +1,5 @@
 """The spiral under a turning tip force (2.79): Fig. 2.19 to 2.22, Tab. 2.2 and 2.3."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -164,6 +163,10 @@ class _Contest:
         motion = _simulate(self.beam, times, tolerance=_REFERENCE)
         self._reference = CubicSpline(times, self.beam.tip(motion.q))
 
+    def row(self, case: str, figure: str, y_name: str, y: float | None, **others: Any) -> Row:
+        """A row of one line of the tables; `others` as those of `make_row`."""
+        return make_row(figure, case, self.model, self.n, y_name, y, **others)
+
     def errors(self, step: float | None = None, **options: Any) -> tuple[float, float]:
         """Mean and largest distance [m] at the samples or steps; infinite if it fails."""
         times, tip = self._tips(step, **options)
@@ -234,7 +237,7 @@ def table_rows(model: str, quick: bool = False) -> list[Row]:
 
 def _adaptive_rows(contest: _Contest, method: str, column: int) -> list[Row]:
     accuracy = values.ADAPTIVE_ACCURACY
-    put = _maker(contest, f"{method}, {1e3 * accuracy:g} mm")
+    put = partial(contest.row, f"{method}, {1e3 * accuracy:g} mm")
     time_thesis = values.TIMES[contest.model][column]
     smallest, largest = values.STEPS[contest.model][column]
     tolerance = contest.loosest_tolerance(method, accuracy)
@@ -256,7 +259,7 @@ def _adaptive_rows(contest: _Contest, method: str, column: int) -> list[Row]:
 
 
 def _euler_rows(contest: _Contest, case: str, steps: int, column: int) -> list[Row]:
-    put, step = _maker(contest, case), DURATION / steps
+    put, step = partial(contest.row, case), DURATION / steps
     time, _ = _timed(contest.beam, method="implicit_euler", step=step)
     mean, worst = contest.errors_between(method="implicit_euler", step=step)
     return [
@@ -273,7 +276,7 @@ def _printed_step_rows(contest: _Contest) -> list[Row]:
     for step, audit, accuracy in zip(
         values.STEPS["pcc"][2], values.EULER_ERRORS, values.EULER_ACCURACIES, strict=True
     ):
-        put = _maker(contest, f"implicit_euler, {step:g} s")
+        put = partial(contest.row, f"implicit_euler, {step:g} s")
         options = {"method": "implicit_euler", "step": step}
         mean, worst = contest.errors(**options)
         between, _ = contest.errors_between(**options)
@@ -284,12 +287,3 @@ def _printed_step_rows(contest: _Contest) -> list[Row]:
             put("tab2.2", "mean_error_between_m", between, thesis=accuracy, note=_BETWEEN),
         ]
     return rows
-
-
-def _maker(contest: _Contest, case: str) -> Callable[..., Row]:
-    """`make_row` of one line of the tables: figure, y_name, y and what else it has."""
-
-    def put(figure: str, y_name: str, y: float | None, **others: Any) -> Row:
-        return make_row(figure, case, contest.model, contest.n, y_name, y, **others)
-
-    return put

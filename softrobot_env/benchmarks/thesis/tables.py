@@ -124,14 +124,12 @@ def _solvers(rows: list[Row]) -> Table:
     rows.sort(key=lambda row: MODELS.index(row.model))
     for (model, case, n), mine in groups(rows, "model", "case", "n").items():
         line = {row.y_name: row for row in mine}
-        names = ("computation_time_s",), ("mean_error_m",), _step_names(line)
+        adapted = ("smallest_step_s", "largest_step_s")
+        steps = ("step_s",) if "step_s" in line else adapted
+        names = ("computation_time_s",), ("mean_error_m",), steps
         cells = (_both([line[k] for k in own if k in line]) for own in names)
         out.add_row(_model(model, n), case, *cells)
     return out
-
-
-def _step_names(line: dict[str, Row]) -> tuple[str, ...]:
-    return ("step_s",) if "step_s" in line else ("smallest_step_s", "largest_step_s")
 
 
 def _both(rows: list[Row]) -> str:

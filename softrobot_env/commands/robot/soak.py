@@ -99,7 +99,7 @@ def _soak(
 ) -> dict[str, Any]:
     from softrobot_env.control.registry import make_policy
     from softrobot_env.envs.real import RealRigEnv
-    from softrobot_env.evaluation.episode import play
+    from softrobot_env.evaluation.run import play
     from softrobot_env.robots import RIG
     from softrobot_env.tasks import Task
     from softrobot_env.tasks.rig_trajectories import RoundedTriangle

@@ -100,9 +100,8 @@ def chain_limit(case: str) -> Limit:
     """The chain's motion with infinitely many joints and at zero timestep."""
 
     def solve(n: int) -> np.ndarray:
-        return zero_timestep([chain_motion(case, "gauss2", n, k, "implicitfast")() for k in _FINE])[
-            0
-        ]
+        motions = [chain_motion(case, "gauss2", n, k, "implicitfast")() for k in _FINE]
+        return zero_timestep(motions)[0]
 
     return extrapolate(solve, _SIZES, "limit of mujoco_chain/gauss2 at zero timestep")
 
