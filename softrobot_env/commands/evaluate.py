@@ -31,7 +31,6 @@ from softrobot_env.evaluation.labels import (
     option_columns,
     rig_label,
     robot_label,
-    task_label,
 )
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rows import EvaluatedRow
@@ -172,7 +171,7 @@ class Result:
     @property
     def group(self) -> str:
         """Task, and rig, of the episodes that one plot compares."""
-        return ", ".join(filter(None, (task_label(self.columns), rig_label(self.columns))))
+        return ", ".join(filter(None, (self.outcome.case.task.label, rig_label(self.columns))))
 
 
 def run(args: argparse.Namespace) -> int:

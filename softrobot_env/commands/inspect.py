@@ -14,7 +14,6 @@ from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.labels import option_columns, task_label
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.twin import Twin, twin_or_ideal
@@ -48,7 +47,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
     task = one_task(args)
-    label = task_label({"task": task.name, **option_columns(dict(task.options))})
     rig, scene = RigSetup(args), scene_options(args)
     if task.axes == "xy":
         env = RigEnv(task, twin=twin_or_ideal(rig.twins()[0]), **scene)
@@ -59,7 +57,7 @@ def run(args: argparse.Namespace) -> int:
         inputs = f"{env.action_space.shape[0]} inputs, full scale {env.input_scale.tolist()} N"
         left_out, own = [], {"action": inputs}
     console = Console()
-    console.print(_overview(env, label, left_out, own))
+    console.print(_overview(env, task.label, left_out, own))
     console.print(_tendons(env.scene.config.robot))
     return 0
 

@@ -12,7 +12,7 @@ from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.registry import FEEDBACKS, RIG_POLICIES, make_policy, policy_environment
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.labels import option_columns, rig_label, task_label, variation_label
+from softrobot_env.evaluation.labels import rig_label, variation_label
 from softrobot_env.evaluation.metrics import (
     StepMetrics,
     TrackingMetrics,
@@ -64,17 +64,11 @@ class Case:
     identified: "IdentifiedParameters | None" = None
 
     @property
-    def columns(self) -> dict[str, Any]:
-        """What a row of a report says of task and rig."""
-        told = {"task": self.task.name, **option_columns(dict(self.task.options))}
-        return told | {"plant": self.plant, "twin": self.twin}
-
-    @property
     def label(self) -> str:
         """Task, rig, policy and variation for people."""
+        rig = rig_label({"task": self.task.name, "plant": self.plant, "twin": self.twin})
         varied = variation_label({"variation": self.variation})
-        parts = (task_label(self.columns), rig_label(self.columns), self.policy, varied)
-        return ", ".join(filter(None, parts))
+        return ", ".join(filter(None, (self.task.label, rig, self.policy, varied)))
 
     @property
     def reset_options(self) -> dict[str, Any]:
