@@ -101,9 +101,9 @@ def new_table(title: str, left: Sequence[str] = (), right: Sequence[str] = ()) -
 class PlainTable(Table):
     """A table whose cells are texts, numbers as they are, or None."""
 
-    def add_row(self, *cells: Any, style: str | None = None, end_section: bool = False) -> None:
+    def add_row(self, *cells: Any) -> None:
         """Add a line."""
-        super().add_row(*map(_text, cells), style=style, end_section=end_section)
+        super().add_row(*map(_text, cells))
 
 
 def make_table(
@@ -112,7 +112,6 @@ def make_table(
     records: Iterable[Any],
     *,
     caption: str = "",
-    style: Callable[[Any], str | None] = lambda _: None,
 ) -> PlainTable:
     """A line for each record, with its columns in the given order.
 
@@ -121,14 +120,13 @@ def make_table(
         columns: What is shown.
         records: Dataclasses or mappings.
         caption: Below the table.
-        style: Rich's style of a record's line; "red" for a failure, for instance.
     """
     out = new_table(title)
     for column in columns:
         layout = {"justify": "right", "no_wrap": True} if column.form else {"overflow": "fold"}
         out.add_column(Text(column.heading), **layout)
     for record in records:
-        out.add_row(*(column.cell(record) for column in columns), style=style(record))
+        out.add_row(*(column.cell(record) for column in columns))
     out.caption = Text(caption) if caption else None
     return out
 

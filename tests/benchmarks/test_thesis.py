@@ -136,7 +136,7 @@ def test_projection_gives_unit_quaternions_with_normal_rates():
     rod = build("cosserat", CANTILEVER_WEAK, 3)
     rng = np.random.default_rng(1)
     y = np.concatenate(rod.start()) + 0.1 * rng.standard_normal(2 * rod.n)
-    out = project(rod, y)
+    out = project(y)
     p, rate = out[: rod.n].reshape(-1, 7), out[rod.n :].reshape(-1, 7)
     np.testing.assert_allclose(np.linalg.norm(p[:, 3:], axis=1), 1, rtol=1e-14)
     np.testing.assert_allclose(np.sum(p[:, 3:] * rate[:, 3:], axis=1), 0, atol=1e-15)

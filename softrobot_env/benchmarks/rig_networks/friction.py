@@ -66,9 +66,7 @@ def _rows(
     rig = RigStatics(friction=friction, seed=_SEED)
     data = collect(RIG, rig, np.random.default_rng(_SEED), points, total)
     parts = split(len(points), np.random.default_rng(_SEED))
-    cells = [run_case(_case(direction, trainings), data, parts) for direction in DIRECTIONS]
+    used = {"layers": len(HIDDEN), "neurons": HIDDEN[0], "samples": TRAINING}
+    cases = [Case("friction", direction, trainings=trainings, **used) for direction in DIRECTIONS]
+    cells = [run_case(case, data, parts) for case in cases]
     return [FrictionRow(**vars(cell), friction=friction, total=total) for cell in cells]
-
-
-def _case(direction: str, trainings: int) -> Case:
-    return Case("friction", direction, len(HIDDEN), HIDDEN[0], TRAINING, trainings)

@@ -58,7 +58,7 @@ def judge_errors(time: np.ndarray, error: np.ndarray, bound: float, name: str) -
     return Verdict(WRONG, text, e_max)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Row(Record):
     """A run.
 
@@ -85,9 +85,9 @@ class Row(Record):
     n: int
     timestep: float
     integrator: str
-    stiffness_scale: float
-    damping_scale: float
-    damping_ratio: float | None
+    stiffness_scale: float = 1.0
+    damping_scale: float = 1.0
+    damping_ratio: float | None = None
     stable: bool
     outcome: str
     failure: str | None
@@ -95,9 +95,9 @@ class Row(Record):
     e_bound: float
     wall_time: float
     duration: float
-    stability_limit: float | None
-    reference: str | None
-    uncertainty: float | None
+    stability_limit: float | None = None
+    reference: str | None = None
+    uncertainty: float | None = None
 
     @classmethod
     def of(
@@ -112,8 +112,6 @@ class Row(Record):
         **others: Any,
     ) -> Self:
         """The row of a run that was planned and ended so; `others` are further fields."""
-        usual = {"stiffness_scale": 1.0, "damping_scale": 1.0}
-        usual |= dict.fromkeys(("damping_ratio", "stability_limit", "reference", "uncertainty"))
         return cls(
             case=case,
             model=model,
@@ -125,5 +123,5 @@ class Row(Record):
             e_bound=bound,
             wall_time=wall_time,
             duration=plan.timestep * plan.steps,
-            **(usual | others),
+            **others,
         )

@@ -5,7 +5,7 @@ from math import cos, pi, sin
 import numpy as np
 from scipy.integrate import BDF, OdeSolver, Radau
 
-from softrobot_env.beams.cosserat import MOMENTS, CosseratRod
+from softrobot_env.beams.cosserat import MOMENTS
 from softrobot_env.beams.numerics import quaternions
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.rows import Row, build, make_row
@@ -102,19 +102,20 @@ def _drift(
         times.append(stepper.t)
         drifts.append(rod.constraint_drift(stepper.y[:n]))
         if projected:
-            stepper.y = project(rod, stepper.y)
+            stepper.y = project(stepper.y)
             stepper.f = derivative(stepper.t, stepper.y)
     return np.array(times), np.array(drifts)
 
 
-def project(rod: CosseratRod, y: np.ndarray) -> np.ndarray:
-    """State (2 n,) with unit quaternions, and their rates normal to them: (2.47), (2.48).
+def project(y: np.ndarray) -> np.ndarray:
+    """States (..., 2 n) with unit quaternions, and their rates normal to them: (2.47), (2.48).
 
     The rates are projected with the normalised quaternions; with others, as printed, some of the
     drift would remain (audit).
     """
     out = y.copy()
-    q, v = out[: rod.n].reshape(-1, 7)[:, 3:], out[rod.n :].reshape(-1, 7)[:, 3:]
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    v -= np.sum(q * v, axis=1, keepdims=True) * q
+    parts = out.reshape(*y.shape[:-1], 2, -1, 7)[..., 3:]
+    q, v = parts[..., 0, :, :], parts[..., 1, :, :]
+    q /= np.linalg.norm(q, axis=-1, keepdims=True)
+    v -= np.sum(q * v, axis=-1, keepdims=True) * q
     return out

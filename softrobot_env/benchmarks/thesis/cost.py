@@ -11,6 +11,7 @@ from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.model import BeamModel, Motion
 from softrobot_env.benchmarks.records import select
 from softrobot_env.benchmarks.thesis import values
+from softrobot_env.benchmarks.thesis.cosserat import project
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row, build, make_row
 from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.robots import CANTILEVER_WEAK
@@ -72,9 +73,8 @@ def random_states(model: BeamModel, count: int, seed: int = 0) -> tuple[np.ndarr
     change = model.data.scale * rng.uniform(-0.3, 0.3, (count, model.n))
     q, v = model.rest() + change, model.data.scale * rng.uniform(-1, 1, (count, model.n))
     if isinstance(model, CosseratRod):
-        p, rate = q.reshape(count, -1, 7)[..., 3:], v.reshape(count, -1, 7)[..., 3:]
-        p /= np.linalg.norm(p, axis=-1, keepdims=True)
-        rate -= np.sum(p * rate, axis=-1, keepdims=True) * p
+        parts = np.split(project(np.hstack([q, v])), 2, axis=1)
+        q, v = map(np.ascontiguousarray, parts)
     return q, v
 
 

@@ -57,7 +57,7 @@ _LIMIT_SHARE = 0.4
 TRUSTED = BOUND / 3
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class RigRow(Row):
     """A run of a varied rig.
 
