@@ -10,7 +10,7 @@ from softrobot_env.beams.exact.analytic import arc_tip, bent_rod, elastica
 from softrobot_env.beams.exact.continuum_arc import TEXT as CONTINUUM_ARC
 from softrobot_env.beams.exact.continuum_arc import continuum_arc_tip
 from softrobot_env.beams.exact.shearable_rod import section, tendon_tip
-from softrobot_env.benchmarks.accuracy.rows import BENDING, CONTINUUM, Physics
+from softrobot_env.benchmarks.accuracy.rows import CONTINUUM, Physics
 from softrobot_env.benchmarks.beams import weightless
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -43,11 +43,6 @@ class StaticCase:
     loads: tuple[Load, ...] = ()
     reduced: tuple[float, ...] = ()
     uniform: bool = False
-
-    @property
-    def tip(self) -> np.ndarray:
-        """True tip (2,) [m] in (x, z) without shear and extension."""
-        return self.truth(BENDING)[0]
 
     @property
     def ctrl(self) -> np.ndarray:
