@@ -6,6 +6,7 @@ follows as points (k, 3) [m]. Where a trajectory has a kink (thesis sec. 6.6.1),
 acceleration are those just after it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -29,10 +30,6 @@ class Trajectory(Protocol):
         """Points (k, 3) [m] on the path, in order, for drawing."""
 
 
-def _constant(value: tuple[float, float, float], t: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(value, (*np.shape(t), 3)).astype(float)
-
-
 @dataclass(frozen=True)
 class Step:
     """Jump from `start` to `target`, both (3,) [m], at time 0."""
@@ -47,7 +44,7 @@ class Step:
 
     def velocity(self, t: np.ndarray) -> np.ndarray:
         """Zero: the jump itself has no finite velocity."""
-        return _constant((0.0, 0.0, 0.0), t)
+        return np.zeros((*np.shape(t), 3))
 
     acceleration = velocity
 
@@ -85,7 +82,7 @@ class Polyline:
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Zero: all acceleration is in the kinks."""
-        return _constant((0.0, 0.0, 0.0), t)
+        return np.zeros((*np.shape(t), 3))
 
     def path(self) -> np.ndarray:
         """The waypoints."""
@@ -191,14 +188,10 @@ class CurveSweep:
 
     def _parameter(self, t: np.ndarray) -> np.ndarray:
         """Curve parameter at times t: the table, inverted by cubic Hermite interpolation."""
-        arc, a, slope = self._table
+        from scipy.interpolate import CubicHermiteSpline
+
         moved = np.clip(self.speed * np.asarray(t), 0, 2 * self.half_length) - self.half_length
-        i = np.clip(np.searchsorted(arc, moved), 1, len(arc) - 1)
-        size = arc[i] - arc[i - 1]
-        u = (moved - arc[i - 1]) / size
-        left = (1 - u) ** 2 * ((1 + 2 * u) * a[i - 1] + u * size * slope[i - 1])
-        right = u**2 * ((3 - 2 * u) * a[i] - (1 - u) * size * slope[i])
-        return left + right
+        return CubicHermiteSpline(*self._table)(moved)
 
     def _moving(self, t: np.ndarray) -> np.ndarray:
         t = np.asarray(t)
@@ -227,3 +220,34 @@ class CurveSweep:
         """Points every 10 mm of arc length."""
         count = int(np.ceil(2 * self.half_length / 0.01)) + 1
         return self.position(np.linspace(0.0, self.end_time, count))
+
+
+# ---------------------------------------------------------------- smooth steps
+
+#: Value of a function of time and its first two derivatives by time.
+Derivatives = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def cubic_step(s: np.ndarray) -> Derivatives:
+    """Integral, value and slope of the step 3 s^2 - 2 s^3 from 0 to 1, for s in [0, 1]."""
+    return s**3 - s**4 / 2, s**2 * (3 - 2 * s), 6 * s * (1 - s)
+
+
+def quintic_step(s: np.ndarray) -> Derivatives:
+    """As `cubic_step`, of 10 s^3 - 15 s^4 + 6 s^5, whose second derivative vanishes at the ends."""
+    value = s**3 * (10 - 15 * s + 6 * s**2)
+    return s**4 * (2.5 - 3 * s + s**2), value, 30 * s**2 * (1 - s) ** 2
+
+
+def ramped(
+    t: np.ndarray, duration: float, ramp: float, step: Callable[[np.ndarray], Derivatives]
+) -> Derivatives:
+    """What a run from rest to rest has done [s] at times t, its rate [1] and acceleration [1/s].
+
+    The rate rises from 0 to 1 in the first `ramp` [s] of the `duration` [s] by `step`, and falls so
+    in the last; the run has done `duration - ramp` in the end.
+    """
+    up, down = (step(np.clip(x / ramp, 0, 1)) for x in (t, duration - t))
+    steady = np.clip(t, ramp, duration - ramp) - ramp
+    done = steady + ramp * (up[0] + 0.5 - down[0])
+    return done, np.minimum(up[1], down[1]), (up[2] - down[2]) / ramp
