@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -19,6 +18,9 @@ PERIOD = 0.01
 
 #: Times [s] ahead at which the policy sees the reference; the environments' default.
 PREVIEW = (0.05, 0.1, 0.2, 0.4)
+
+#: Keyword arguments of the environment that the policy needs.
+ENVIRONMENT = {"control_period": PERIOD, "preview": PREVIEW}
 
 REQUIRES = (
     "tip_position",
@@ -79,11 +81,6 @@ def increment(output: np.ndarray) -> np.ndarray:
 def output_of(change: np.ndarray) -> np.ndarray:
     """Inverse of `increment`, limited to [-1, 1]."""
     return np.clip(np.arcsinh(change / _FINE) / _STEEPNESS, -1.0, 1.0)
-
-
-def environment() -> dict[str, Any]:
-    """Keyword arguments of the environment that the policy needs."""
-    return {"control_period": PERIOD, "preview": PREVIEW}
 
 
 class NeuralPolicy(Controller):

@@ -6,6 +6,7 @@ import numpy as np
 
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.control.mpc.prediction import GAMMA, Horizon
+from softrobot_env.registries import Registry
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,7 @@ class MPCSettings:
     tolerance: float | None
 
     def __post_init__(self) -> None:
-        if self.integrator not in GAMMA:
-            raise ValueError(
-                f"unknown integrator {self.integrator!r}; choose from {', '.join(GAMMA)}"
-            )
+        Registry("integrator", GAMMA).find(self.integrator)
         if not self.steps or min(self.steps) <= 0 or not 0 < self.period <= self.steps[0]:
             raise ValueError(
                 "steps must be positive and the period in (0, first step], got steps "
