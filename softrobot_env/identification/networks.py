@@ -6,6 +6,7 @@ from softrobot_env.identification.recording import RigData
 from softrobot_env.learned import early_stopping
 from softrobot_env.learned.early_stopping import Fit
 from softrobot_env.learned.network import Dataset, Network
+from softrobot_env.registries import Registry
 
 #: Neurons of the hidden layers.
 HIDDEN = (10, 10)
@@ -23,11 +24,8 @@ def direction_of(data: RigData, name: str) -> Dataset:
     Raises:
         ValueError: Unknown name.
     """
-    if name not in DIRECTIONS:
-        raise ValueError(f"unknown direction {name!r}; choose from {', '.join(DIRECTIONS)}")
-    if name == "forward":
-        return Dataset(data.lengths, data.measured)
-    return Dataset(data.measured, data.lengths)
+    pairs = ((data.lengths, data.measured), (data.measured, data.lengths))
+    return Dataset(*Registry("direction", dict(zip(DIRECTIONS, pairs, strict=True))).find(name))
 
 
 def fit(
