@@ -6,9 +6,9 @@ import numpy as np
 
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.disturbances import noise_seed
-from softrobot_env.envs.observations.camera import Camera, CameraReadout
+from softrobot_env.envs.observations.camera import Camera, filmed
 from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Measured
-from softrobot_env.envs.rendering.lifting import lifted
+from softrobot_env.envs.rendering.renderer import lifted
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import DEFAULT_RULE, LengthSetting
 from softrobot_env.envs.simulation.mujoco import Simulation
@@ -123,7 +123,7 @@ class RigEnv(EpisodeEnv):
     def _make_readout(self, simulation: Simulation) -> Measured:
         self._times = simulation.step_times
         readout = self._setting.plant.readout(simulation, self._servos)
-        return readout if self._camera is None else CameraReadout(readout, self._camera)
+        return readout if self._camera is None else filmed(readout, self._camera)
 
     def _move(self, action: np.ndarray) -> bool:
         horns = self._servos.move(self.length_scale * action, self._times)

@@ -14,7 +14,7 @@ from softrobot_env.envs.disturbances import (
     rounded,
     split,
 )
-from softrobot_env.envs.observations.readouts import NoisyReadout
+from softrobot_env.envs.observations.readouts import noisy
 from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Measured
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TrackingReward
@@ -140,7 +140,7 @@ class TrackingEnv(EpisodeEnv):
 
     def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
         readout = self._setting.plant.readout(simulation)
-        return readout if self._noise is None else NoisyReadout(readout, self._noise, 0)
+        return readout if self._noise is None else noisy(readout, self._noise, 0)
 
     def _move(self, action: np.ndarray) -> bool:
         if self._drives is None:

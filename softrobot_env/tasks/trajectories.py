@@ -92,6 +92,9 @@ class Polyline:
 #: Gauss nodes on each third; the tangent turns by at most 2 rad there.
 _NODES = 8
 
+#: Parameter of an equal-force curve [1/m] up to which steps are looked for.
+_LARGEST = 1.7
+
 
 @dataclass(frozen=True)
 class EqualForceCurve:
@@ -121,13 +124,13 @@ class EqualForceCurve:
         z = (1j * angle) ** order * np.exp(1j * np.multiply.outer(a, angle)) @ weights
         return np.stack([z.imag, np.zeros_like(z.imag), z.real], axis=-1)
 
-    def parameter_at_distance(self, start: float, distance: float, limit: float = 1.7) -> float:
+    def parameter_at_distance(self, start: float, distance: float) -> float:
         """Parameter a > start whose tip lies `distance` [m] (Euclidean) from that of `start`.
 
         Raises:
-            ValueError: The curve up to parameter `limit` does not reach that far.
+            ValueError: The curve up to the parameter `_LARGEST` does not reach that far.
         """
-        grid = np.linspace(start, limit, 2001)
+        grid = np.linspace(start, _LARGEST, 2001)
         reach = np.linalg.norm(self.derivative(grid, 0) - self.derivative(start, 0), axis=1)
         if not 0 < distance <= reach[-1]:
             raise ValueError(
