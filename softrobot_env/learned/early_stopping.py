@@ -83,13 +83,9 @@ def train(network: Network, training: Dataset, validation: Dataset, iterations: 
             break
         point, damping = step
         best = point if point.validation < best.validation else best
-        reason = _reason(point.done, best.done, iterations)
+        if point.done - best.done >= _PATIENCE:
+            reason = "validation"
+        elif point.done >= iterations:
+            reason = "iterations"
     errors = best.cost / problem.errors, best.validation / watched.errors
     return Fit(network.with_parameters(best.parameters), *errors, point.done, best.done, reason)
-
-
-def _reason(done: int, best: int, iterations: int) -> str | None:
-    """Why to stop now, or None."""
-    if done - best >= _PATIENCE:
-        return "validation"
-    return "iterations" if done >= iterations else None

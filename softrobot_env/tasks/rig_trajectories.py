@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from softrobot_env.tasks.trajectories import Derivatives, cubic_step, quintic_step, ramped
+from softrobot_env.tasks.trajectories import Derivatives, Jumping, cubic_step, quintic_step, ramped
 
 
 class _Run:
@@ -170,7 +170,7 @@ class LapCircle(_Run):
 
 
 @dataclass(frozen=True)
-class SetPoints:
+class SetPoints(Jumping):
     """Jumps from one point to the next, each held for a while.
 
     Attributes:
@@ -197,12 +197,6 @@ class SetPoints:
         """Position (n, 3) [m] at times (n,) [s]; at a jump the new point."""
         index = np.floor(np.asarray(t) / self.hold + 1e-9).astype(int)
         return np.array(self.points)[np.clip(index, 0, len(self.points) - 1)]
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Zero: the jumps have no finite velocity."""
-        return np.zeros((*np.shape(t), 3))
-
-    acceleration = velocity
 
     def path(self) -> np.ndarray:
         """The points."""

@@ -30,8 +30,18 @@ class Trajectory(Protocol):
         """Points (k, 3) [m] on the path, in order, for drawing."""
 
 
+class Jumping:
+    """A trajectory that stands still between jumps."""
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Zero: a jump itself has no finite velocity."""
+        return np.zeros((*np.shape(t), 3))
+
+    acceleration = velocity
+
+
 @dataclass(frozen=True)
-class Step:
+class Step(Jumping):
     """Jump from `start` to `target`, both (3,) [m], at time 0."""
 
     start: tuple[float, float, float]
@@ -41,12 +51,6 @@ class Step:
         """Start before time 0, target from time 0 on."""
         before = np.asarray(t)[..., None] < 0
         return np.where(before, self.start, self.target)
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Zero: the jump itself has no finite velocity."""
-        return np.zeros((*np.shape(t), 3))
-
-    acceleration = velocity
 
     def path(self) -> np.ndarray:
         """The two end points."""
@@ -191,10 +195,14 @@ class CurveSweep:
 
     def _parameter(self, t: np.ndarray) -> np.ndarray:
         """Curve parameter at times t: the table, inverted by cubic Hermite interpolation."""
-        from scipy.interpolate import CubicHermiteSpline
-
+        arc, a, slope = self._table
         moved = np.clip(self.speed * np.asarray(t), 0, 2 * self.half_length) - self.half_length
-        return CubicHermiteSpline(*self._table)(moved)
+        i = np.clip(np.searchsorted(arc, moved), 1, len(arc) - 1)
+        size = arc[i] - arc[i - 1]
+        u = (moved - arc[i - 1]) / size
+        left = (1 - u) ** 2 * ((1 + 2 * u) * a[i - 1] + u * size * slope[i - 1])
+        right = u**2 * ((3 - 2 * u) * a[i] - (1 - u) * size * slope[i])
+        return left + right
 
     def _moving(self, t: np.ndarray) -> np.ndarray:
         t = np.asarray(t)

@@ -26,6 +26,7 @@ from softrobot_env.identification.recording import (
     split,
 )
 from softrobot_env.identification.slow_rig import RigStatics
+from softrobot_env.learned.early_stopping import train
 from softrobot_env.robots import ARM, RIG
 from softrobot_env.robots.three_tendons import ThreeTendons
 
@@ -232,8 +233,8 @@ def trained(direction, total=None, seed=0):
     data, *parts = ideal(total)
     every = rig_networks.direction_of(data, direction)
     training, validation, test = (every.take(part) for part in parts)
-    fit = rig_networks.fit(training, validation, np.random.default_rng(seed), iterations=200)
-    return fit.network, test
+    start = training.new_network(rig_networks.HIDDEN, np.random.default_rng(seed))
+    return train(start, training, validation, iterations=200).network, test
 
 
 @pytest.mark.parametrize(

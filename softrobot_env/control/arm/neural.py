@@ -22,16 +22,6 @@ PREVIEW = (0.05, 0.1, 0.2, 0.4)
 #: Keyword arguments of the environment that the policy needs.
 ENVIRONMENT = {"control_period": PERIOD, "preview": PREVIEW}
 
-REQUIRES = (
-    "tip_position",
-    "curvature",
-    "curvature_rate",
-    "reference",
-    "reference_velocity",
-    "reference_preview",
-    "previous_action",
-)
-
 #: Change of the action [1] up to which `increment` is nearly linear, and its steepness, by which
 #: outputs of +-1 change the action by +-1.
 _FINE = 0.01
@@ -91,7 +81,15 @@ class NeuralPolicy(Controller):
     force is kept.
     """
 
-    requires = REQUIRES
+    requires = (
+        "tip_position",
+        "curvature",
+        "curvature_rate",
+        "reference",
+        "reference_velocity",
+        "reference_preview",
+        "previous_action",
+    )
 
     def __init__(
         self, robot: RobotParams, control_period: float, weights: str | Path | Network

@@ -1,6 +1,6 @@
 """Settings of the model predictive controllers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -119,15 +119,13 @@ THESIS = MPCSettings(
 
 #: With preview, finer and more accurate prediction and estimated disturbances, one quadratic
 #: program per decision. Rate relative to error is 1e-3 s2, which takes the overshoot.
-PREVIEW = MPCSettings(
+PREVIEW = replace(
+    THESIS,
     period=0.005,
     steps=(0.005, 0.005, 0.01, 0.01, 0.02, 0.02, 0.04, 0.04, 0.08),
     moves=(1,) * 9,
     integrator="sdirk2",
-    error=1e4,
     rate=10.0,
-    effort=1e-6,
-    change=1e-3,
     preview=True,
     estimate=True,
     iterations=1,
