@@ -1,6 +1,7 @@
 """From the recording of a twin to all parameters that controllers know of it."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -84,14 +85,12 @@ def record(
         show: Told how far it is, or None.
     """
 
-    def measured(lengths: np.ndarray) -> np.ndarray:
-        return measure(twin, lengths, seed, progress=told)
-
     def told(done: int) -> None:
         if show is not None and done % _PORTION == 0:
             show("visiting points", done, count)
 
     points = disk_points(count)
+    measured = partial(measure, twin, seed=seed, progress=told)
     data = collect(RIG, measured, np.random.default_rng(seed), points, TOTAL)
     number = twin.seed if isinstance(twin, Twin) else twin
     return Recording(data, visit_sides(twin, seed), visit_decays(twin, seed), number)
