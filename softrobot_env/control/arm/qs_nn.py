@@ -6,7 +6,7 @@ import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import Controller, hold_for
-from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, Said, finite, kept
+from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, Said
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.inference import absorbed
 from softrobot_env.learned.network import Network, load_for
@@ -130,12 +130,15 @@ def _decide(
 ) -> int:
     """Write the action and return what is to be said about it, an index of `_STATUSES`."""
     n = len(action)
-    action[:] = kept(previous)  # what stays where an observation cannot be used
+    sound = True
+    for j in range(n):  # what stays where an observation cannot be used
+        sound &= np.isfinite(previous[j])
+        action[j] = min(max(previous[j], -1.0), 1.0) if np.isfinite(previous[j]) else 0.0
     if not np.isfinite(tip[0] + tip[1]):
         return _BAD
     if not np.isfinite(target[0] + target[1]):
         return _BAD + 1
-    if not finite(previous):
+    if not sound:
         return _BAD + 2
     total = offset.copy()
     for row in rows:
