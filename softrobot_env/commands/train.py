@@ -43,7 +43,7 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
     import numpy as np
 
     from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-    from softrobot_env.learned import quasi_static
+    from softrobot_env.learned import bayesian, quasi_static
     from softrobot_env.learned.network import describe
     from softrobot_env.robots import ARM
 
@@ -56,7 +56,8 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
     def report(done: int, total: int, error: float) -> None:
         show(f"squared error {error:.4g}", done, total)
 
-    fit = quasi_static.fit_inverse(samples, start, progress=report)
+    network = samples.new_network(quasi_static.HIDDEN, start)
+    fit = bayesian.train(network, samples, progress=report)
     validation = quasi_static.sample(statics.tip, statics.n_inputs, how, fresh)
     reached = quasi_static.workspace(samples.inputs[:, 2:4])
     fit.network.save(path, {**describe(ARM), "workspace": reached, "seed": seed})

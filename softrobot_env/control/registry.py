@@ -23,7 +23,7 @@ class PolicySpec:
         make: Path of its factory(nominal robot, control period [s], **options).
         options: Keyword arguments of the factory.
         environment: Keyword arguments of the environment (`control_period`, `preview`) where the
-            policy needs others than the defaults; or the path of a function that returns them.
+            policy needs others than the defaults; or their path.
         package: Package of the extra `mpc` that it needs, or None.
     """
 
@@ -49,12 +49,12 @@ POLICIES: dict[str, PolicySpec] = {
     "lqi": PolicySpec("softrobot_env.control.arm.lqi:LQI", environment={"control_period": 0.001}),
     "lq_preview": PolicySpec(
         "softrobot_env.control.arm.lq_preview:LQPreview",
-        environment="softrobot_env.control.arm.lq_preview:environment",
+        environment="softrobot_env.control.arm.lq_preview:ENVIRONMENT",
     ),
     "lq_adaptive": PolicySpec(
         "softrobot_env.control.arm.lq_preview:LQPreview",
         {"adaptive": True},
-        environment="softrobot_env.control.arm.lq_preview:environment",
+        environment="softrobot_env.control.arm.lq_preview:ENVIRONMENT",
     ),
     "mpc": PolicySpec(
         "softrobot_env.control.mpc.controller:MPC",
@@ -63,14 +63,14 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     "mpc_preview": PolicySpec(
         "softrobot_env.control.mpc.controller:make_preview",
-        environment="softrobot_env.control.mpc.controller:preview_environment",
+        environment="softrobot_env.control.mpc.controller:PREVIEW_ENVIRONMENT",
         package="daqp",
     ),
     **{
         name: PolicySpec(
             "softrobot_env.control.arm.neural:NeuralPolicy",
             {"weights": f"{name}.npz"},
-            environment="softrobot_env.control.arm.neural:environment",
+            environment="softrobot_env.control.arm.neural:ENVIRONMENT",
         )
         for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
     },
@@ -147,7 +147,5 @@ def policy_environment(name: str) -> dict[str, Any]:
     Raises:
         ValueError: Unknown name; the message lists the known ones.
     """
-    spec = _find(name)
-    if isinstance(spec.environment, str):
-        return load(spec.environment)()
-    return dict(spec.environment)
+    needed = _find(name).environment
+    return dict(load(needed) if isinstance(needed, str) else needed)

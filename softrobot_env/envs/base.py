@@ -7,11 +7,11 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.envs.observations.table import Measured, Read, Sources, readers
-from softrobot_env.envs.options import action_values, check_rendering
+from softrobot_env.envs.options import ResetOptions, action_values, check_rendering
 from softrobot_env.envs.reference import ReferenceTable
 from softrobot_env.envs.rendering.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import Setting
+from softrobot_env.envs.setting import Setting, Start
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.interfaces import Observation
@@ -25,8 +25,8 @@ _REBUILT = {"model", "data", "_readout", "_readers", "_renderer", "_advance", "_
 class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
     """Episodes of one simulated robot whose tip follows a reference.
 
-    A subclass gives a setting, begins the episodes in `reset` (see `_begin`), and declares how an
-    action reaches the plant and what is measured of it: `_move` and `_make_readout`.
+    A subclass gives a setting and declares how an episode starts, how an action reaches the plant
+    and what is measured of it: `_start`, `_move` and `_make_readout`.
 
     Attributes:
         task: The task, `task.robot` its nominal robot.
@@ -36,6 +36,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
     """
 
     metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
+    _robot_vary: ClassVar[dict[str, float]] = {}  # of the running simulation
 
     def __init__(
         self,
@@ -67,6 +68,14 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         self._install(setting.plant.simulation({}))
 
     # ------------------------------------------------------------------ hooks
+
+    def _parse(self, options: dict[str, Any] | None) -> ResetOptions:
+        """The checked options of a reset."""
+        return self._setting.parse_options(options)
+
+    def _start(self, options: ResetOptions, start: Start) -> None:
+        """Bring the simulation to a start; refuse what is wrong before anything is changed."""
+        raise NotImplementedError
 
     def _move(self, action: np.ndarray) -> bool:
         """Put an action (n_inputs,) in force and advance by a control period; whether it went."""
@@ -106,14 +115,36 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         self.__dict__.update(state)
         self._renderer = None
         self._install(self._simulation)
+        if not self._robot_vary:  # one model, as before
+            self._setting.plant.adopt(self._simulation)
         if self._last_observation is not None:
             self._bind_observation(self._index + 1)
 
     # ------------------------------------------------------------------ episodes
 
-    def _begin(self, start_input: np.ndarray) -> tuple[Observation, dict[str, Any]]:
-        """Begin an episode whose simulation is ready; what `reset` returns."""
-        self._action_array = start_input / self._setting.input_scale
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Start an episode at rest.
+
+        Args:
+            seed: Seed of `np_random`. Only `randomization` and the noise of sensors and of a twin's
+                camera draw from it.
+            options: `ARM_OPTIONS` or `RIG_OPTIONS` of `envs.options`, see there; each holds for
+                this episode only.
+
+        Raises:
+            ValueError: A bad option; the message names what is allowed.
+            EquilibriumError: There is no equilibrium at the start.
+        """
+        super().reset(seed=seed)
+        parsed = self._parse(options)
+        # Everything that can be refused comes before anything is changed.
+        task = parsed.changed(self.task)
+        start, reference = self._setting.start(parsed, task), self._reference_of(task)
+        self._start(parsed, start)
+        self._follow(task, reference)
+        self._action_array = start.input / self._setting.input_scale
         self._action = self._action_array.tolist()
         self._rows = self._reference.rows()
         self._index = 0

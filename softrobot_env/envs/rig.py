@@ -1,19 +1,19 @@
 """Tip tracking with the spatial test rig, its servos and its camera."""
 
-from typing import Any, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.disturbances import noise_seed
-from softrobot_env.envs.observations.camera import Camera, CameraReadout
+from softrobot_env.envs.observations.camera import Camera, filmed
 from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Measured
-from softrobot_env.envs.rendering.lifting import lifted
+from softrobot_env.envs.options import ResetOptions
+from softrobot_env.envs.rendering.renderer import lifted
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_RULE, LengthSetting
+from softrobot_env.envs.setting import DEFAULT_RULE, LengthSetting, Start
 from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.envs.simulation.servos import Servos
-from softrobot_env.interfaces import Observation
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
@@ -123,45 +123,19 @@ class RigEnv(EpisodeEnv):
     def _make_readout(self, simulation: Simulation) -> Measured:
         self._times = simulation.step_times
         readout = self._setting.plant.readout(simulation, self._servos)
-        return readout if self._camera is None else CameraReadout(readout, self._camera)
+        return readout if self._camera is None else filmed(readout, self._camera)
 
     def _move(self, action: np.ndarray) -> bool:
         horns = self._servos.move(self.length_scale * action, self._times)
         return self._simulation.advance_through(horns)
 
-    def __setstate__(self, state: dict) -> None:
-        super().__setstate__(state)
-        self._setting.plant.adopt(self._simulation)
-
-    # ------------------------------------------------------------------ episodes
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode at rest.
-
-        Args:
-            seed: Seed of `np_random`. Only the noise of a twin's camera draws from it.
-            options: `RIG_OPTIONS` of `envs.options`, see there; each holds for this episode only.
-
-        Raises:
-            ValueError: A bad option; the message names what is allowed.
-            EquilibriumError: There is no equilibrium at the start's tendon lengths.
-        """
-        super().reset(seed=seed)
-        setting = self._setting
-        parsed = setting.parse_options(options)
-        # Everything that can be refused comes before anything is changed.
-        task = parsed.changed(self.task)
-        start = setting.start(parsed, task)
-        self._follow(task, self._reference_of(task))
+    def _start(self, options: ResetOptions, start: Start) -> None:
         self._servos.start(start.input)
         self._simulation.reset(start.posture, self._servos.horn)
         self._camera = self._make_camera()
         self._install(self._simulation)
         if self._camera is not None:
             self._camera.start(np.array(self._readout.tip))
-        return self._begin(start.input)
 
     def _make_camera(self) -> Camera | None:
         """The camera of an episode; None without errors, and then nothing is drawn."""

@@ -8,20 +8,20 @@ import numpy as np
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.disturbances import (
     NEUTRAL,
-    Disturbance,
     Drives,
     SensorNoise,
     rounded,
     split,
 )
-from softrobot_env.envs.observations.readouts import NoisyReadout
+from softrobot_env.envs.observations.readouts import noisy
 from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Measured
+from softrobot_env.envs.options import ResetOptions
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import DEFAULT_RULE, Start, TensionSetting
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.envs.simulation.mujoco import Simulation
-from softrobot_env.interfaces import Observation, PlantFactory
+from softrobot_env.interfaces import PlantFactory
 from softrobot_env.tasks import Task
 
 #: [s].
@@ -69,10 +69,12 @@ class TrackingEnv(EpisodeEnv):
     `info` holds the error [m], time [s], tendon tension [N] and length [m], and reward terms; after
     a divergence error and lengths may not be finite. The reset option `vary` and `randomization`
     vary the robot and what lies between it and the policy. The drives may apply another tension
-    than commanded (`tension_gain`), up to the tendon's limit, and later (`delay`); until the first
-    action arrives the start tension is in force. Sensors may be noisy (`sensor_noise`). Rewards,
-    error, failures and `previous_action` keep to the true state and the commanded action, and
-    with noise `info` also holds the true tip_position and curvature.
+    than commanded (`tension_gain`), up to the tendon's limit, and later (`delay`, a multiple of the
+    control period); until the first action arrives the start tension is in force. A varied robot
+    starts in the posture of the nominal one, with the same tensions (thesis sec. 6.6.3), times the
+    `tension_gain`; names and units of `vary` are those of `Randomization`. Sensors may be noisy
+    (`sensor_noise`). Rewards, error, failures and `previous_action` keep to the true state and the
+    commanded action, and with noise `info` also holds the true tip_position and curvature.
 
     Attributes:
         task: The task, `task.robot` its nominal robot.
@@ -120,7 +122,6 @@ class TrackingEnv(EpisodeEnv):
         """
         self._randomization = randomization
         self._vary: dict[str, float] = {}
-        self._robot_vary: dict[str, float] = {}
         self._drives: Drives | None = None
         self._noise: SensorNoise | None = None
         setting = TensionSetting(
@@ -140,7 +141,7 @@ class TrackingEnv(EpisodeEnv):
 
     def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
         readout = self._setting.plant.readout(simulation)
-        return readout if self._noise is None else NoisyReadout(readout, self._noise, 0)
+        return readout if self._noise is None else noisy(readout, self._noise, 0)
 
     def _move(self, action: np.ndarray) -> bool:
         if self._drives is None:
@@ -149,52 +150,27 @@ class TrackingEnv(EpisodeEnv):
             self._ctrl[:] = self._drives.apply(self._pull(action))[0]
         return self._advance()
 
-    def __setstate__(self, state: dict) -> None:
-        super().__setstate__(state)
-        if not self._robot_vary:  # one model, as before
-            self._setting.plant.adopt(self._simulation)
-
     # ------------------------------------------------------------------ episodes
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
-        """Start an episode at rest.
+    def _parse(self, options: dict[str, Any] | None) -> ResetOptions:
+        parsed = super()._parse(options)
+        if self._randomization is None or "vary" in (options or {}):
+            return parsed
+        drawn = self._randomization.draw(self.np_random)
+        return replace(parsed, vary=rounded(drawn, self.control_period))
 
-        Args:
-            seed: Seed of `np_random`. Only `randomization` and the noise of sensors draw from it.
-            options: `ARM_OPTIONS` of `envs.options`, see there; each holds for this episode only.
-                Names and units of `vary` are those of `Randomization`; a delay must be a multiple
-                of the control period. A varied robot starts in the posture of the nominal one, with
-                the same tensions (thesis sec. 6.6.3), times the `tension_gain`.
-
-        Raises:
-            ValueError: A bad option; the message names what is allowed.
-        """
-        super().reset(seed=seed)
-        setting = self._setting
-        parsed = setting.parse_options(options)
-        if self._randomization is not None and "vary" not in (options or {}):
-            drawn = self._randomization.draw(self.np_random)
-            parsed = replace(parsed, vary=rounded(drawn, self.control_period))
-        # Everything that can be refused comes before anything is changed.
-        task = parsed.changed(self.task)
-        start = setting.start(parsed, task)
-        robot_vary, disturbance = split(parsed.vary, self.control_period)
+    def _start(self, options: ResetOptions, start: Start) -> None:
+        plant = self._setting.plant
+        robot_vary, disturbance = split(options.vary, self.control_period)
         # The running simulation goes on if it is of the wanted robot.
         simulation = self._simulation
         if robot_vary != self._robot_vary:
-            simulation = setting.plant.simulation(robot_vary)
-        self._follow(task, self._reference_of(task))
-        self._vary, self._robot_vary = dict(parsed.vary), robot_vary
-        noise = disturbance.noise(setting.plant.layout.pieces, self.np_random)
+            simulation = plant.simulation(robot_vary)
+        self._vary, self._robot_vary = dict(options.vary), robot_vary
+        noise = disturbance.noise(plant.layout.pieces, self.np_random)
         if simulation is not self._simulation or noise is not self._noise:
             self._noise = noise
             self._install(simulation)
-        self._start_simulation(start, disturbance)
-        return self._begin(start.input)
-
-    def _start_simulation(self, start: Start, disturbance: Disturbance) -> None:
         tension = self._tendon_map.tension(start.input)
         limit = np.array([t.tension_limit for t in self.task.robot.tendons])
         self._drives = disturbance.drives(limit, tension)

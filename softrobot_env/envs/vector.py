@@ -15,7 +15,7 @@ from softrobot_env.envs.disturbances import (
     noise_seed,
     rounded,
 )
-from softrobot_env.envs.observations.readouts import BatchReadout, NoisyReadout
+from softrobot_env.envs.observations.readouts import BatchReadout, noisy
 from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Sources, readers
 from softrobot_env.envs.options import parse_mask, parse_seeds, parse_variation
 from softrobot_env.envs.randomization import Randomization
@@ -114,7 +114,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         """State of the episodes, and what a step would otherwise look up."""
         n, m = self.num_envs, len(self.input_scale)
         robot, self._table = self.task.robot, self._setting.reference
-        self._pull = TendonMap(robot).per_action().tensions
+        self._pull = TendonMap(robot).per_action().tension
         self._nobody = np.zeros(n, dtype=bool)
         self._nobody.flags.writeable = False
         self._everyone = np.ones(n, dtype=bool)
@@ -137,7 +137,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         """Let sensors have noise or none."""
         self._noise = noise
         exact = self._exact
-        self._readout = exact if noise is None else NoisyReadout(exact, noise, slice(None))
+        self._readout = exact if noise is None else noisy(exact, noise, slice(None))
         columns = self._table.rows()
         sources = Sources(
             self._readout,

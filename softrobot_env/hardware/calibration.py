@@ -129,27 +129,23 @@ class Calibration:
 
 
 def _widest(servo: Servo, robot: RobotFile) -> Servo:
-    low, high = sorted((p - servo.center) / servo.gain for p in (SHORTEST_PULSE, LONGEST_PULSE))
+    low, high = sorted(servo.length(pulse) for pulse in (SHORTEST_PULSE, LONGEST_PULSE))
     reach = LONGEST_RAMP * min(robot.ramp, robot.slew)
     room = (reach - (servo.maximum - servo.minimum)) / 2
     low = max(low, servo.minimum - room, -_LARGEST)
     high = min(high, servo.maximum + room, _LARGEST)
     # Inwards to whole steps, so that rounding leads to no longer pulse.
     low, high = ceil(low / _STEP - _EXACT), floor(high / _STEP + _EXACT)
-    return replace(servo, minimum=_rounded(low * _STEP), maximum=_rounded(high * _STEP))
+    return replace(servo, minimum=round(low * _STEP, _DIGITS), maximum=round(high * _STEP, _DIGITS))
 
 
 def _calibrated(servo: Servo, marks: tuple[float, float, float, float]) -> Servo:
     zero, minimum, maximum, rest = marks
     center = round(1e6 * servo.pulse(zero)) / 1e6
     # What zero really is, now that its pulse is whole microseconds.
-    zero = (center - servo.center) / servo.gain
+    zero = servo.length(center)
     found = {"minimum": minimum - zero, "maximum": maximum - zero, "rest": rest - zero}
-    return replace(servo, center=center, **{name: _rounded(x) for name, x in found.items()})
-
-
-def _rounded(length: float) -> float:
-    return round(length, _DIGITS)
+    return replace(servo, center=center, **{name: round(x, _DIGITS) for name, x in found.items()})
 
 
 def _with(values: tuple, index: int, value: object) -> tuple:

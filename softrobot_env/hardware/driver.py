@@ -119,13 +119,13 @@ class Driver:
         end, session, number = self._clock() + timeout, self._session, self._draw(16) or 1
 
         def hold() -> bytes:
-            return session.setpoint(session.present_target(), m.MODE_LENGTH, self._clock())[1]
+            return session.setpoint(session.present_target(), self._clock())[1]
 
         ask = self._exchange.ask
         ask(m.Arm, lambda: session.arm(number), lambda: session.phase >= Phase.ARMED, end)
         ask(m.Setpoint, hold, lambda: session.phase == Phase.RUNNING, end)
 
-    def command(self, length: np.ndarray, mode: int = m.MODE_LENGTH) -> int:
+    def command(self, length: np.ndarray) -> int:
         """Send a set-point; returns its sequence number.
 
         Raises:
@@ -136,7 +136,7 @@ class Driver:
             RobotError: Not armed.
         """
         with self._exchange.held():
-            seq, frame = self._session.setpoint(length, mode, self._clock())
+            seq, frame = self._session.setpoint(length, self._clock())
         self._exchange.write(frame)
         return seq
 
@@ -171,7 +171,7 @@ class Driver:
             ValueError: Outside the range, or the speed is not positive.
             RobotError: It was not there in time, or see `command`.
         """
-        self._session.check_target(length)
+        self._session.units.target(length)
         if not 0 < speed < inf:
             raise ValueError(f"speed must be positive, got {speed} m/s")
         if self.reading is None:

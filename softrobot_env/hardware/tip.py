@@ -11,6 +11,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from softrobot_env.hardware.robot_file.keys import check_whole
+from softrobot_env.registries import Registry
 
 #: Most bytes of a tracker's datagram.
 _DATAGRAM = 512
@@ -135,7 +136,9 @@ class SensorTip:
 
 
 #: Kind of tip source, as in a robot file, -> its class.
-TIP_SOURCES: dict[str, Callable[..., TipSource]] = {"udp": UdpTip, "sensors": SensorTip}
+TIP_SOURCES: Registry[Callable[..., TipSource]] = Registry(
+    "tip source", {"udp": UdpTip, "sensors": SensorTip}
+)
 
 
 def make_tip_source(kind: str, options: Mapping[str, Any]) -> TipSource:
@@ -144,9 +147,8 @@ def make_tip_source(kind: str, options: Mapping[str, Any]) -> TipSource:
     Raises:
         ValueError: Unknown kind, or options it does not have.
     """
-    if kind not in TIP_SOURCES:
-        raise ValueError(f"unknown tip source {kind!r}; choose from {', '.join(TIP_SOURCES)}")
+    make = TIP_SOURCES.find(kind)
     try:
-        return TIP_SOURCES[kind](**options)
+        return make(**options)
     except TypeError as error:
         raise ValueError(f"tip source {kind!r}: {error}") from None

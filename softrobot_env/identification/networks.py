@@ -3,9 +3,8 @@
 import numpy as np
 
 from softrobot_env.identification.recording import RigData
-from softrobot_env.learned import early_stopping
-from softrobot_env.learned.early_stopping import Fit
 from softrobot_env.learned.network import Dataset, Network
+from softrobot_env.registries import Registry
 
 #: Neurons of the hidden layers.
 HIDDEN = (10, 10)
@@ -23,33 +22,8 @@ def direction_of(data: RigData, name: str) -> Dataset:
     Raises:
         ValueError: Unknown name.
     """
-    if name not in DIRECTIONS:
-        raise ValueError(f"unknown direction {name!r}; choose from {', '.join(DIRECTIONS)}")
-    if name == "forward":
-        return Dataset(data.lengths, data.measured)
-    return Dataset(data.measured, data.lengths)
-
-
-def fit(
-    training: Dataset,
-    validation: Dataset,
-    rng: np.random.Generator,
-    hidden: tuple[int, ...] = HIDDEN,
-    iterations: int = 1000,
-) -> Fit:
-    """Train a new network, its inputs and outputs scaled by the range of the training data.
-
-    Args:
-        training, validation: Data, see `early_stopping.train`.
-        rng: Source of the initial parameters.
-        hidden: Neurons of each hidden layer.
-        iterations: Largest number of steps.
-
-    Raises:
-        ValueError: As `early_stopping.train`, or fewer than two different values of a quantity.
-    """
-    network = training.new_network(hidden, rng)
-    return early_stopping.train(network, training, validation, iterations)
+    pairs = ((data.lengths, data.measured), (data.measured, data.lengths))
+    return Dataset(*Registry("direction", dict(zip(DIRECTIONS, pairs, strict=True))).find(name))
 
 
 def distances(network: Network, data: Dataset) -> np.ndarray:

@@ -1,6 +1,7 @@
 """From the recording of a twin to all parameters that controllers know of it."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -9,10 +10,10 @@ from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.identification.backlash import backlash_of, visit_sides
 from softrobot_env.identification.decay import damping_of, visit_decays
 from softrobot_env.identification.networks import (
+    HIDDEN,
     TRAINING,
     VALIDATION,
     direction_of,
-    fit,
     rms,
 )
 from softrobot_env.identification.recording import (
@@ -24,6 +25,7 @@ from softrobot_env.identification.recording import (
 )
 from softrobot_env.identification.stiffness import calibrate
 from softrobot_env.interfaces import Show
+from softrobot_env.learned.early_stopping import train
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
@@ -83,14 +85,12 @@ def record(
         show: Told how far it is, or None.
     """
 
-    def measured(lengths: np.ndarray) -> np.ndarray:
-        return measure(twin, lengths, seed, progress=told)
-
     def told(done: int) -> None:
         if show is not None and done % _PORTION == 0:
             show("visiting points", done, count)
 
     points = disk_points(count)
+    measured = partial(measure, twin, seed=seed, progress=told)
     data = collect(RIG, measured, np.random.default_rng(seed), points, TOTAL)
     number = twin.seed if isinstance(twin, Twin) else twin
     return Recording(data, visit_sides(twin, seed), visit_decays(twin, seed), number)
@@ -116,7 +116,8 @@ def identify(recording: Recording, seed: int = 0) -> Identification:
     networks, errors = {}, {}
     for name in ("forward", "inverse"):
         every = direction_of(data, name)
-        network = fit(every.take(known), every.take(watched), rng).network
+        training = every.take(known)
+        network = train(training.new_network(HIDDEN, rng), training, every.take(watched)).network
         test = every.take(parts.test)
         networks[name], errors[name] = network, rms(network, test)
     stiffness, turn = calibrate(RIG, data.lengths[known], data.measured[known])

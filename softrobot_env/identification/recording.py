@@ -5,21 +5,18 @@ piece of constant curvature, tell the lengths that put its output there with the
 (the set S_red of sec. 3.1.2). The rig visits these lengths in turn and its output is measured.
 
 A twin is measured as the real rig is, by its servos and its camera: nothing is known of it but what
-`RigEnv` shows. The visit is cut into a few runs, each from the straight pose, which processes of
-their own can do at the same time. At 2.6 s a point, the 215 points of a network take nine minutes
-on a rig; the thesis tells five.
+`RigEnv` shows. A long visit is cut into runs, each from the straight pose. At 2.6 s a point, the
+215 points of a network take nine minutes on a rig; the thesis tells five.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
-from math import pi, sqrt
+from math import ceil, pi, sqrt
 
 import numpy as np
 
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.envs.rig import RigEnv
-from softrobot_env.processes import worker_processes
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import LONGEST, SetPoints, Task
@@ -186,8 +183,6 @@ def measure(
     twin: Twin | int | None,
     lengths: np.ndarray,
     seed: int = 0,
-    runs: int = 1,
-    processes: int = 1,
     visit: Visit = Visit(),
     progress: Callable[[int], None] | None = None,
 ) -> np.ndarray:
@@ -197,14 +192,11 @@ def measure(
         twin: The rig, or the seed of one; see `RigEnv`.
         lengths: Pulled in.
         seed: Of the camera's noise.
-        runs: Runs that the visit is cut into, at least as many as its length demands.
-        processes: Runs at a time.
         visit: How to visit a point.
-        progress: Called with the number of points visited in a run, or None; only in one process.
+        progress: Called with the number of points visited in a run, or None.
 
     Raises:
-        ValueError: Lengths of another shape, beyond what the servos can pull in, or a number of
-            runs or processes below one.
+        ValueError: Lengths of another shape, or beyond what the servos can pull in.
         RuntimeError: The simulation failed.
     """
     lengths = np.asarray(lengths, dtype=float)
@@ -213,16 +205,10 @@ def measure(
         raise ValueError(f"need lengths of shape (n, {len(RIG.tendons)}), got {lengths.shape}")
     if not np.all(np.abs(lengths) <= scale):
         raise ValueError(f"lengths must lie within {scale:g} m, the servos' limit")
-    if runs < 1 or processes < 1:
-        raise ValueError(f"need one run and process or more, got {runs} and {processes}")
-    longest = int(LONGEST / visit_duration(visit, 1))
-    runs = min(len(lengths), max(runs, -(-len(lengths) // longest)))
+    runs = ceil(len(lengths) / int(LONGEST / visit_duration(visit, 1)))
     parts, seeds = np.array_split(lengths, runs), np.random.SeedSequence(seed).spawn(runs)
-    run = partial(_run, twin, visit)
-    if processes == 1:
-        return np.concatenate([run(*one, progress) for one in zip(parts, seeds, strict=True)])
-    with worker_processes(processes) as pool:
-        return np.concatenate(list(pool.map(run, parts, seeds)))
+    found = (_run(twin, visit, *one, progress) for one in zip(parts, seeds, strict=True))
+    return np.concatenate(list(found))
 
 
 def visit_duration(visit: Visit, points: int) -> float:
@@ -235,7 +221,7 @@ def _run(
     visit: Visit,
     lengths: np.ndarray,
     seed: np.random.SeedSequence,
-    progress: Callable[[int], None] | None = None,
+    progress: Callable[[int], None] | None,
 ) -> np.ndarray:
     """Outputs (n, 2) [m] of a run from the straight pose."""
     env = started(twin, visit_duration(visit, len(lengths)), int(seed.generate_state(1)[0]))

@@ -18,7 +18,7 @@ from softrobot_env.beams.closed_forms.spatial_piece import (
 )
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.robots import RIG, RobotParams
-from softrobot_env.robots.three_tendons import ThreeTendons
+from softrobot_env.robots.three_tendons import elastic_tendons
 
 _STEP = 0.5e-3  # [m], largest change of a length in one step of the motion
 _ITERATIONS = 50  # of Newton's method; three as a rule
@@ -59,9 +59,7 @@ class RigStatics:
             ValueError: The robot is no rig with three elastic tendons, or negative friction or
                 noise.
         """
-        tendons = ThreeTendons(robot)
-        if not np.all(np.isfinite(tendons.stiffness)):
-            raise ValueError(f"robot {robot.name!r}: tendons need a finite stiffness")
+        tendons = elastic_tendons(robot)
         if not (0 <= friction < np.inf and 0 <= noise < np.inf):
             raise ValueError(
                 f"friction and noise must be zero or more, got {friction} N and {noise} m"

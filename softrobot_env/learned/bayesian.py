@@ -5,13 +5,14 @@ Foresee and Hagan, ICNN 1997, 1930-1935, as in MATLAB's `trainbr` (thesis sec. 6
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
-from softrobot_env.learned.levenberg_marquardt import LeastSquares, descend
-from softrobot_env.learned.network import Network
+from softrobot_env.learned.levenberg_marquardt import LeastSquares, damped, descend
+from softrobot_env.learned.network import Dataset, Network
 
 _DAMPING_START = 5e-3
 _GAIN_TOLERANCE = 1e-7  # relative decrease of the cost over `_PATIENCE` iterations
@@ -67,8 +68,7 @@ def _point(problem: LeastSquares, parameters: np.ndarray, alpha: float, beta: fl
 
 def train(
     network: Network,
-    inputs: np.ndarray,
-    outputs: np.ndarray,
+    samples: Dataset,
     iterations: int = 200,
     progress: Progress | None = None,
 ) -> Fit:
@@ -80,16 +80,19 @@ def train(
 
     Args:
         network: Where to start; its scaling is kept.
-        inputs: (k, n_in).
-        outputs: (k, n_out).
+        samples: Data that are fitted.
         iterations: Largest number of steps.
         progress: Called after every step.
 
     Raises:
         ValueError: Data that are not finite, or of shapes that do not fit the network.
     """
-    problem = LeastSquares(network, inputs, outputs)
-    _check(problem, network)
+    problem = LeastSquares(network, samples)
+    if problem.errors <= len(network.parameters):
+        raise ValueError(
+            f"{problem.errors} errors cannot determine {len(network.parameters)} parameters and "
+            "their noise; give more samples than that"
+        )
     # As trainbr begins: all parameters are taken as effective.
     start = _point(problem, network.parameters, 0.0, 1.0)
     point = _reweigh(start, float(len(start.parameters)), problem.errors)
@@ -101,7 +104,7 @@ def train(
         if step is None:
             converged = True
             break
-        _, moved, damping = step
+        moved, damping = step
         gamma = _effective(square, point)
         decrease = point.cost - moved.cost
         costs.append(decrease / abs(point.cost))
@@ -109,30 +112,15 @@ def train(
         converged = len(costs) >= _PATIENCE and sum(costs[-_PATIENCE:]) < _GAIN_TOLERANCE
         if progress is not None:
             progress(done, iterations, point.data_error)
-    return Fit(
-        network=network.with_parameters(point.parameters),
-        alpha=point.alpha,
-        beta=point.beta,
-        effective_parameters=gamma,
-        squared_error=point.data_error,
-        iterations=done,
-        converged=converged,
-    )
-
-
-def _check(problem: LeastSquares, network: Network) -> None:
-    if problem.errors <= len(network.parameters):
-        raise ValueError(
-            f"{problem.errors} errors cannot determine {len(network.parameters)} parameters and "
-            "their noise; give more samples than that"
-        )
+    trained = network.with_parameters(point.parameters)
+    return Fit(trained, point.alpha, point.beta, gamma, point.data_error, done, converged)
 
 
 def _reweigh(point: _Point, gamma: float, errors: int) -> _Point:
     """The same parameters with alpha and beta of the largest evidence for a given gamma."""
     alpha = gamma / (2 * point.size) if point.size > 0 else 1.0
     beta = (errors - gamma) / (2 * point.data_error) if point.data_error > 0 else 1.0
-    return _Point(point.parameters, point.data_error, point.size, alpha, beta)
+    return replace(point, alpha=alpha, beta=beta)
 
 
 def _effective(square: np.ndarray, point: _Point) -> float:
@@ -144,14 +132,13 @@ def _effective(square: np.ndarray, point: _Point) -> float:
 
 def _descend(
     problem: LeastSquares, point: _Point, slope: np.ndarray, square: np.ndarray, damping: float
-) -> tuple[float, _Point, float] | None:
-    """A lower cost, its point, and the damping to begin with there; None if there is none."""
+) -> tuple[_Point, float] | None:
+    """Where the cost is lower, and the damping to begin with there; None if it is nowhere."""
     gradient = point.beta * slope + point.alpha * point.parameters
 
-    def attempt(damping: float) -> tuple[float, _Point]:
-        hessian = point.beta * square + (point.alpha + damping) * np.eye(len(square))
-        step = cho_solve(cho_factor(hessian), gradient)
-        moved = _point(problem, point.parameters - step, point.alpha, point.beta)
-        return moved.cost, moved
+    def step(damping: float) -> np.ndarray:
+        hessian = damped(point.beta * square, point.alpha + damping)
+        return cho_solve(cho_factor(hessian), gradient)
 
-    return descend(attempt, point.cost, damping)
+    at = partial(_point, problem, alpha=point.alpha, beta=point.beta)
+    return descend(point, step, at, damping)

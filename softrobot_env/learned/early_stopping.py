@@ -6,10 +6,11 @@ validation error.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from softrobot_env.learned.levenberg_marquardt import LeastSquares, Linearization, descend
+from softrobot_env.learned.levenberg_marquardt import LeastSquares, descend
 from softrobot_env.learned.network import Dataset, Network
 
 _DAMPING_START = 1e-3
@@ -43,7 +44,7 @@ class _Point:
     """Parameters (n,), sums of squared errors on both sets, and steps done."""
 
     parameters: np.ndarray
-    error: float
+    cost: float
     validation: float
     done: int
 
@@ -62,48 +63,29 @@ def train(network: Network, training: Dataset, validation: Dataset, iterations: 
     """
     if not (len(training) and len(validation)):
         raise ValueError("early stopping needs at least one sample to train and one to validate")
-    problem = LeastSquares(network, training.inputs, training.outputs)
-    watched = LeastSquares(network, validation.inputs, validation.outputs)
-    start = network.parameters
-    point = _Point(start, problem.squared_error(start), watched.squared_error(start), 0)
+    problem = LeastSquares(network, training)
+    watched = LeastSquares(network, validation)
+
+    def at(parameters: np.ndarray, done: int) -> _Point:
+        errors = problem.squared_error(parameters), watched.squared_error(parameters)
+        return _Point(parameters, *errors, done)
+
+    point = at(network.parameters, 0)
     best, damping, reason = point, _DAMPING_START, None
     while reason is None:
         near = problem.linearize(point.parameters)
         if 2 * np.linalg.norm(near.slope) < _GRADIENT_TOLERANCE * problem.errors:
             reason = "gradient"
             break
-        step = _descend(problem, point, near, damping)
+        step = descend(point, near.step, partial(at, done=point.done + 1), damping)
         if step is None:
             reason = "damping"
             break
-        error, moved, damping = step
-        point = _Point(moved, error, watched.squared_error(moved), point.done + 1)
+        point, damping = step
         best = point if point.validation < best.validation else best
-        reason = _reason(point.done, best.done, iterations)
-    return Fit(
-        network=network.with_parameters(best.parameters),
-        training_error=best.error / problem.errors,
-        validation_error=best.validation / watched.errors,
-        iterations=point.done,
-        best=best.done,
-        reason=reason,
-    )
-
-
-def _reason(done: int, best: int, iterations: int) -> str | None:
-    """Why to stop now, or None."""
-    if done - best >= _PATIENCE:
-        return "validation"
-    return "iterations" if done >= iterations else None
-
-
-def _descend(
-    problem: LeastSquares, point: _Point, near: Linearization, damping: float
-) -> tuple[float, np.ndarray, float] | None:
-    """A lower error, its parameters, and the damping to begin with there; None if there is none."""
-
-    def attempt(damping: float) -> tuple[float, np.ndarray]:
-        moved = point.parameters - near.step(damping)
-        return problem.squared_error(moved), moved
-
-    return descend(attempt, point.error, damping)
+        if point.done - best.done >= _PATIENCE:
+            reason = "validation"
+        elif point.done >= iterations:
+            reason = "iterations"
+    errors = best.cost / problem.errors, best.validation / watched.errors
+    return Fit(network.with_parameters(best.parameters), *errors, point.done, best.done, reason)

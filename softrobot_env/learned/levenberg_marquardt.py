@@ -13,7 +13,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 
-from softrobot_env.learned.network import Network
+from softrobot_env.learned.network import Dataset, Network
 
 #: Smallest and largest damping mu.
 _DAMPING_LIMITS = 1e-20, 1e10
@@ -21,31 +21,36 @@ _DAMPING_LIMITS = 1e-20, 1e10
 _CHUNK = 1000  # samples whose Jacobian is held at once
 
 
-Moved = TypeVar("Moved")
+#: Something with parameters (n,) and the cost there.
+Point = TypeVar("Point")
 
 
 def descend(
-    attempt: Callable[[float], tuple[float, Moved]], cost: float, damping: float
-) -> tuple[float, Moved, float] | None:
+    point: Point,
+    step: Callable[[float], np.ndarray],
+    at: Callable[[np.ndarray], Point],
+    damping: float,
+) -> tuple[Point, float] | None:
     """The first of ever shorter steps that lowers the cost; None if none does.
 
     Args:
-        attempt: From the damping of a step to its cost and what it leads to; LinAlgError where
-            the damping is too small.
-        cost: Where the steps begin.
-        damping: Of the first of them.
+        point: Where the steps begin.
+        step: From its damping to a step (n,), downwards if it is taken off the parameters;
+            LinAlgError where the damping is too small.
+        at: The point at some parameters (n,).
+        damping: Of the first step.
 
     Returns:
-        Its cost, what it leads to, and the damping to go on with.
+        Where it leads, and the damping to go on with.
     """
     least, most = _DAMPING_LIMITS
     while damping <= most:
         try:
-            reached, moved = attempt(damping)
+            moved = at(point.parameters - step(damping))
         except LinAlgError:
-            reached = np.inf
-        if reached < cost:
-            return reached, moved, max(damping / 10, least)
+            moved = point
+        if moved.cost < point.cost:
+            return moved, max(damping / 10, least)
         damping *= 10
     return None
 
@@ -70,8 +75,9 @@ class LeastSquares:
         errors: Their number, k n_out.
     """
 
-    def __init__(self, network: Network, inputs: np.ndarray, outputs: np.ndarray) -> None:
+    def __init__(self, network: Network, data: Dataset) -> None:
         """Raise ValueError unless the data are finite and of shapes that fit the network."""
+        inputs, outputs = data.inputs, data.outputs
         wanted = [(len(inputs), network.sizes[0]), (len(inputs), network.sizes[-1])]
         if [inputs.shape, outputs.shape] != wanted:
             raise ValueError(
@@ -108,7 +114,7 @@ class LeastSquares:
         if len(parameters) <= self.errors:
             slope, square = self.gauss_newton(parameters)
             return Linearization(
-                slope, lambda damping: cho_solve(cho_factor(_damped(square, damping)), slope)
+                slope, lambda damping: cho_solve(cho_factor(damped(square, damping)), slope)
             )
         return self.linearize_dual(parameters)
 
@@ -119,14 +125,14 @@ class LeastSquares:
         error, square = values[-1] - self._outputs, gram(network, values)
 
         def step(damping: float) -> np.ndarray:
-            factor = cho_factor(_damped(square, damping), overwrite_a=True)
+            factor = cho_factor(damped(square, damping), overwrite_a=True)
             weight = cho_solve(factor, error.ravel())
             return backpropagate(network, values, weight.reshape(error.shape))
 
         return Linearization(backpropagate(network, values, error), step)
 
 
-def _damped(matrix: np.ndarray, damping: float) -> np.ndarray:
+def damped(matrix: np.ndarray, damping: float) -> np.ndarray:
     """A copy with damping added to its diagonal."""
     out = matrix.copy()
     out.flat[:: len(matrix) + 1] += damping
@@ -152,13 +158,10 @@ def backpropagate(network: Network, values: list[np.ndarray], weight: np.ndarray
 def gram(network: Network, values: list[np.ndarray]) -> np.ndarray:
     """J J^T (k n_out, k n_out), rows by samples, then outputs; arguments as `backpropagate`."""
     samples, outputs = values[-1].shape
-    slope = np.broadcast_to(np.eye(outputs), (samples, outputs, outputs))
     total = np.zeros((samples, outputs, samples, outputs))
-    for layer in reversed(range(len(network.weights))):
-        below = values[layer]
+    for below, slope in network.slopes(values):
         flat = np.ascontiguousarray(slope).reshape(samples * outputs, -1)
         part = (flat @ flat.T).reshape(total.shape)
         part *= (below @ below.T + 1)[:, None, :, None]
         total += part
-        slope = (slope @ network.weights[layer]) * (1 - below**2)[:, None, :]
     return total.reshape(samples * outputs, -1)

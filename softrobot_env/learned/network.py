@@ -1,6 +1,6 @@
 """Feed-forward network with tanh neurons, a linear output layer and scaled inputs and outputs."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -99,17 +99,22 @@ class Network:
 
     def jacobian(self, scaled: np.ndarray) -> np.ndarray:
         """Derivative (k, n_out, n_parameters) of scaled outputs at scaled inputs (k, n_in)."""
-        values = self.activations(scaled)
-        outputs = len(self.biases[-1])
-        # Derivative of the outputs with respect to what enters the layer's neurons.
-        slope = np.broadcast_to(np.eye(outputs), (len(scaled), outputs, outputs))
         blocks = []
-        for layer in reversed(range(len(self.weights))):
-            below = values[layer]
+        for below, slope in self.slopes(self.activations(scaled)):
             by_weight = slope[..., None] * below[:, None, None, :]
-            blocks += [slope, by_weight.reshape(len(scaled), outputs, -1)]
-            slope = (slope @ self.weights[layer]) * (1 - below**2)[:, None, :]
+            blocks += [slope, by_weight.reshape(*slope.shape[:2], -1)]
         return np.concatenate(blocks[::-1], axis=2)
+
+    def slopes(self, values: list[np.ndarray]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+        """What every layer gets (k, n_previous), and the outputs' slope by what enters its neurons.
+
+        From the last layer to the first, slopes (k, n_out, n_neurons), at given activations.
+        """
+        samples, outputs = values[-1].shape
+        slope = np.broadcast_to(np.eye(outputs), (samples, outputs, outputs))
+        for below, weight in zip(values[-2::-1], self.weights[::-1], strict=True):
+            yield below, slope
+            slope = (slope @ weight) * (1 - below**2)[:, None, :]
 
     @property
     def parameters(self) -> np.ndarray:

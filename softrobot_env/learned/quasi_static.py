@@ -9,7 +9,6 @@ from math import pi
 
 import numpy as np
 
-from softrobot_env.learned.bayesian import Fit, Progress, train
 from softrobot_env.learned.network import Dataset, Network
 
 #: Neurons of the hidden layer.
@@ -62,17 +61,6 @@ def _in_ball(count: int, dimension: int, radius: float, rng: np.random.Generator
     points = rng.standard_normal((count, dimension))
     share = rng.uniform(0, 1, (count, 1)) ** (1 / dimension)
     return radius * share * points / np.linalg.norm(points, axis=1, keepdims=True)
-
-
-def fit_inverse(
-    samples: Dataset,
-    rng: np.random.Generator,
-    iterations: int = 200,
-    progress: Progress | None = None,
-) -> Fit:
-    """Train a new network on samples."""
-    network = samples.new_network(HIDDEN, rng)
-    return train(network, samples.inputs, samples.outputs, iterations, progress)
 
 
 def rms(network: Network, samples: Dataset) -> float:

@@ -33,7 +33,7 @@ class TendonMap:
         self._pretensioned = bool(self._pretension.any())
         spread = np.linalg.pinv(self.phi)
         opposing = np.arange(len(robot.tendons)) ^ 1
-        self._difference = spread - spread[opposing]
+        self._difference = (spread - spread[opposing]).T
 
     @property
     def n_inputs(self) -> int:
@@ -43,19 +43,15 @@ class TendonMap:
     def per_action(self) -> "TendonMap":
         """The same map for actions: its `tension` takes multiples [1] of `input_scale`."""
         scaled = copy(self)
-        scaled._difference = self._difference * self.input_scale
+        scaled._difference = self._difference * self.input_scale[:, None]
         return scaled
 
     def tension(self, reduced: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
-        """Tensions (n_tendons,) [N] >= pretension for reduced inputs (n_inputs,) [N]."""
-        out = np.maximum(self._difference.dot(reduced), 0.0, out=out)
+        """Tensions (..., n_tendons) [N] >= pretension for reduced inputs (..., n_inputs) [N]."""
+        out = np.maximum(reduced.dot(self._difference), 0.0, out=out)
         if self._pretensioned:
             out += self._pretension
         return out
-
-    def tensions(self, reduced: np.ndarray) -> np.ndarray:
-        """As `tension`, for many: (n, n_tendons) [N] for reduced inputs (n, n_inputs) [N]."""
-        return np.maximum(reduced @ self._difference.T, 0.0) + self._pretension
 
     def reduced(self, tension: np.ndarray) -> np.ndarray:
         """Reduced inputs (..., n_inputs) [N] that tensions (..., n_tendons) [N] produce."""

@@ -88,14 +88,17 @@ class ThreeTendons:
         stretch = (np.asarray(tension) - self.pretension) / self.stiffness
         return self.geometric(curvature) + stretch
 
-    def pulling(self, pulled: np.ndarray, curvature: np.ndarray) -> np.ndarray:
-        """Tensions (..., 3) [N] of lengths pulled in (..., 3) [m]; a slack tendon has none."""
-        taut = np.asarray(pulled) - self.geometric(curvature)
-        return np.maximum(0.0, self.pretension + self.stiffness * taut)
-
     def geometric(self, curvature: np.ndarray) -> np.ndarray:
         """s_geo (..., 3) [m]: how much shorter the channels are than in the straight robot."""
         return np.asarray(curvature) @ self.arc.T
+
+
+def elastic_tendons(robot: RobotParams) -> ThreeTendons:
+    """Tendons that lengths can drive; ValueError as of `ThreeTendons`, or if one does not give."""
+    tendons = ThreeTendons(robot)
+    if not np.all(np.isfinite(tendons.stiffness)):
+        raise ValueError(f"robot {robot.name!r}: tendons need a finite stiffness")
+    return tendons
 
 
 def mean_curvature(q: np.ndarray) -> np.ndarray:

@@ -10,8 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-#: Value of a function of time and its first two derivatives by time.
-Derivatives = tuple[np.ndarray, np.ndarray, np.ndarray]
+from softrobot_env.tasks.trajectories import Derivatives, Jumping, cubic_step, quintic_step, ramped
 
 
 class _Run:
@@ -86,18 +85,8 @@ class RoundedTriangle(_Run):
 
     def _laps(self, t: np.ndarray) -> Derivatives:
         """Number of laps w(t) done, its rate [1/s] and acceleration [1/s2]."""
-        ramp, end = 2 * self.period, (self.laps + 4) * self.period
-        up, down = (self._start(np.clip(x, 0, ramp)) for x in (t, end - t))
-        steady = np.clip(t, ramp, end - ramp) - ramp
-        done = up[0] + steady / self.period + 1 - down[0]
-        return done, np.minimum(up[1], down[1]), up[2] - down[2]
-
-    def _start(self, t: np.ndarray) -> Derivatives:
-        """w = 2 (s^3 - s^4 / 2) with s = t / 2T: from rest to the constant rate within a lap."""
-        ramp = 2 * self.period
-        s = t / ramp
-        rate, rise = 2 * s**2 * (3 - 2 * s), 12 * s * (1 - s)
-        return 2 * s**3 - s**4, rate / ramp, rise / ramp**2
+        run = ramped(t, (self.laps + 4) * self.period, 2 * self.period, cubic_step)
+        return tuple(x / self.period for x in run)
 
     def _curve(self, w: np.ndarray, order: int) -> np.ndarray:
         """Derivative of the path with respect to w, (n, 3) [m] for w of shape (n,)."""
@@ -173,20 +162,15 @@ class LapCircle(_Run):
 
     def _phase(self, t: np.ndarray) -> Derivatives:
         begin, end = self.lap_time
-        since, left = t - begin, end - t
-        if self.ramp == 0:
-            moving = (since >= 0) & (left > 0)
-            phase = self.rate * np.clip(since, 0, end - begin)
-            return phase, np.where(moving, self.rate, 0.0), np.zeros_like(t)
-        up, down = _rise(since, self.ramp), _rise(left, self.ramp)
-        risen, fallen = (_rise_integral(np.clip(x / self.ramp, 0, 1)) for x in (since, left))
-        steady = np.clip(since, self.ramp, end - begin - self.ramp) - self.ramp
-        phase = self.rate * (steady + self.ramp * (risen + 0.5 - fallen))
-        return phase, self.rate * np.minimum(up[0], down[0]), self.rate * (up[1] - down[1])
+        if self.ramp:
+            run = ramped(t - begin, end - begin, self.ramp, quintic_step)
+        else:
+            run = np.clip(t, begin, end) - begin, (t >= begin) & (t < end), np.zeros_like(t)
+        return tuple(self.rate * x for x in run)
 
 
 @dataclass(frozen=True)
-class SetPoints:
+class SetPoints(Jumping):
     """Jumps from one point to the next, each held for a while.
 
     Attributes:
@@ -214,12 +198,6 @@ class SetPoints:
         index = np.floor(np.asarray(t) / self.hold + 1e-9).astype(int)
         return np.array(self.points)[np.clip(index, 0, len(self.points) - 1)]
 
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Zero: the jumps have no finite velocity."""
-        return np.zeros((*np.shape(t), 3))
-
-    acceleration = velocity
-
     def path(self) -> np.ndarray:
         """The points."""
         return np.array(self.points)
@@ -239,10 +217,5 @@ def _in_plane(z: np.ndarray) -> np.ndarray:
 def _rise(t: np.ndarray, duration: float) -> Derivatives:
     """Smooth step from 0 to 1 during [0, duration], with its derivatives by time."""
     s = np.clip(t / duration, 0, 1)
-    rate, rise = 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
-    return s**3 * (10 - 15 * s + 6 * s**2), rate / duration, rise / duration**2
-
-
-def _rise_integral(s: np.ndarray) -> np.ndarray:
-    """Integral of the smooth step from 0 to s."""
-    return s**4 * (2.5 - 3 * s + s**2)
+    _, value, rate = quintic_step(s)
+    return value, rate / duration, 60 * s * (1 - s) * (1 - 2 * s) / duration**2

@@ -8,6 +8,8 @@ from functools import cached_property
 
 import numpy as np
 
+from softrobot_env.tasks.trajectories import Derivatives, quintic_step, ramped
+
 Point = tuple[float, float, float]
 
 
@@ -151,16 +153,10 @@ class SmoothRun:
         """Time [s] at which the run comes to rest."""
         return self._way / self.rate + self.ramp
 
-    def _phase(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _phase(self, t: np.ndarray) -> Derivatives:
         """Phase [1], its rate [1/s] and acceleration [1/s2] at times t, each (n, 1)."""
-        t = np.asarray(t, dtype=float)[..., None]
-        left = self.end_time - t
-        up, down = np.clip(t / self.ramp, 0, 1), np.clip(left / self.ramp, 0, 1)
-        steady = np.clip(t, self.ramp, self.end_time - self.ramp) - self.ramp
-        moved = steady + self.ramp * (_ramp_integral(up) + 0.5 - _ramp_integral(down))
-        rising = 30 * up**2 * (1 - up) ** 2 - 30 * down**2 * (1 - down) ** 2
-        rate = np.minimum(_ramp(up), _ramp(down))
-        return self.rate * moved, self.rate * rate, self.rate * rising / self.ramp
+        times = np.asarray(t, dtype=float)[..., None]
+        return tuple(self.rate * x for x in ramped(times, self.end_time, self.ramp, quintic_step))
 
     def position(self, t: np.ndarray) -> np.ndarray:
         """Point on the path."""
@@ -181,12 +177,3 @@ class SmoothRun:
     def path(self) -> np.ndarray:
         """One lap."""
         return self.curve.derivative(np.linspace(0, 2 * np.pi, 201), 0)
-
-
-def _ramp(share: np.ndarray) -> np.ndarray:
-    """Smooth step from 0 to 1 with two derivatives that vanish at its ends."""
-    return share**3 * (10 - 15 * share + 6 * share**2)
-
-
-def _ramp_integral(share: np.ndarray) -> np.ndarray:
-    return share**4 * (2.5 - 3 * share + share**2)

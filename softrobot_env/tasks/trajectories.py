@@ -6,6 +6,7 @@ follows as points (k, 3) [m]. Where a trajectory has a kink (thesis sec. 6.6.1),
 acceleration are those just after it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -29,12 +30,18 @@ class Trajectory(Protocol):
         """Points (k, 3) [m] on the path, in order, for drawing."""
 
 
-def _constant(value: tuple[float, float, float], t: np.ndarray) -> np.ndarray:
-    return np.broadcast_to(value, (*np.shape(t), 3)).astype(float)
+class Jumping:
+    """A trajectory that stands still between jumps."""
+
+    def velocity(self, t: np.ndarray) -> np.ndarray:
+        """Zero: a jump itself has no finite velocity."""
+        return np.zeros((*np.shape(t), 3))
+
+    acceleration = velocity
 
 
 @dataclass(frozen=True)
-class Step:
+class Step(Jumping):
     """Jump from `start` to `target`, both (3,) [m], at time 0."""
 
     start: tuple[float, float, float]
@@ -44,12 +51,6 @@ class Step:
         """Start before time 0, target from time 0 on."""
         before = np.asarray(t)[..., None] < 0
         return np.where(before, self.start, self.target)
-
-    def velocity(self, t: np.ndarray) -> np.ndarray:
-        """Zero: the jump itself has no finite velocity."""
-        return _constant((0.0, 0.0, 0.0), t)
-
-    acceleration = velocity
 
     def path(self) -> np.ndarray:
         """The two end points."""
@@ -85,7 +86,7 @@ class Polyline:
 
     def acceleration(self, t: np.ndarray) -> np.ndarray:
         """Zero: all acceleration is in the kinks."""
-        return _constant((0.0, 0.0, 0.0), t)
+        return np.zeros((*np.shape(t), 3))
 
     def path(self) -> np.ndarray:
         """The waypoints."""
@@ -94,6 +95,9 @@ class Polyline:
 
 #: Gauss nodes on each third; the tangent turns by at most 2 rad there.
 _NODES = 8
+
+#: Parameter of an equal-force curve [1/m] up to which steps are looked for.
+_LARGEST = 1.7
 
 
 @dataclass(frozen=True)
@@ -124,13 +128,13 @@ class EqualForceCurve:
         z = (1j * angle) ** order * np.exp(1j * np.multiply.outer(a, angle)) @ weights
         return np.stack([z.imag, np.zeros_like(z.imag), z.real], axis=-1)
 
-    def parameter_at_distance(self, start: float, distance: float, limit: float = 1.7) -> float:
+    def parameter_at_distance(self, start: float, distance: float) -> float:
         """Parameter a > start whose tip lies `distance` [m] (Euclidean) from that of `start`.
 
         Raises:
-            ValueError: The curve up to parameter `limit` does not reach that far.
+            ValueError: The curve up to the parameter `_LARGEST` does not reach that far.
         """
-        grid = np.linspace(start, limit, 2001)
+        grid = np.linspace(start, _LARGEST, 2001)
         reach = np.linalg.norm(self.derivative(grid, 0) - self.derivative(start, 0), axis=1)
         if not 0 < distance <= reach[-1]:
             raise ValueError(
@@ -227,3 +231,34 @@ class CurveSweep:
         """Points every 10 mm of arc length."""
         count = int(np.ceil(2 * self.half_length / 0.01)) + 1
         return self.position(np.linspace(0.0, self.end_time, count))
+
+
+# ---------------------------------------------------------------- smooth steps
+
+#: Value of a function of time and its first two derivatives by time.
+Derivatives = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def cubic_step(s: np.ndarray) -> Derivatives:
+    """Integral, value and slope of the step 3 s^2 - 2 s^3 from 0 to 1, for s in [0, 1]."""
+    return s**3 - s**4 / 2, s**2 * (3 - 2 * s), 6 * s * (1 - s)
+
+
+def quintic_step(s: np.ndarray) -> Derivatives:
+    """As `cubic_step`, of 10 s^3 - 15 s^4 + 6 s^5, whose second derivative vanishes at the ends."""
+    value = s**3 * (10 - 15 * s + 6 * s**2)
+    return s**4 * (2.5 - 3 * s + s**2), value, 30 * s**2 * (1 - s) ** 2
+
+
+def ramped(
+    t: np.ndarray, duration: float, ramp: float, step: Callable[[np.ndarray], Derivatives]
+) -> Derivatives:
+    """What a run from rest to rest has done [s] at times t, its rate [1] and acceleration [1/s].
+
+    The rate rises from 0 to 1 in the first `ramp` [s] of the `duration` [s] by `step`, and falls so
+    in the last; the run has done `duration - ramp` in the end.
+    """
+    up, down = (step(np.clip(x / ramp, 0, 1)) for x in (t, duration - t))
+    steady = np.clip(t, ramp, duration - ramp) - ramp
+    done = steady + ramp * (up[0] + 0.5 - down[0])
+    return done, np.minimum(up[1], down[1]), (up[2] - down[2]) / ramp

@@ -5,7 +5,12 @@ import pytest
 
 from softrobot_env.beams.closed_forms.planar_arm import inertia_forces, make_planar_arm
 from softrobot_env.control.arm.estimation import PRIOR, update_estimate
-from softrobot_env.control.arm.lq_preview import KNOTS, Weights, preview_design
+from softrobot_env.control.arm.lq_preview import (
+    INPUT_WEIGHT,
+    KNOTS,
+    VELOCITY_WEIGHT,
+    preview_design,
+)
 from softrobot_env.control.arm.operating_points import PERIOD, discretized, linear_model
 from softrobot_env.control.arm.reference_smoothing import (
     ACCELERATION,
@@ -31,11 +36,11 @@ BENT = np.repeat([3.0, -1.0, 4.0], 2)
 
 def test_law_is_the_optimum_for_a_known_reference():
     """Against the least-squares solution for all inputs of a long horizon at once."""
-    weights, steps = Weights(), 500
+    steps = 500
     period = KNOTS[-1] / 75  # 2 ms halves the problem
     continuous_a, continuous_b, c = linear_model(ARM_DATA, BENT)
     a, b = discretized(continuous_a, continuous_b, period)
-    law = preview_design(ARM_DATA, BENT, period, weights).reshape(3, -1)
+    law = preview_design(ARM_DATA, BENT, period).reshape(3, -1)
     rng = np.random.default_rng(0)
     state = np.concatenate([rng.normal(size=6) * 0.02, rng.normal(size=6) * 0.2])
     at_knots = np.cumsum(rng.normal(size=(len(KNOTS), 2)), axis=0) * 1e-3
@@ -45,8 +50,8 @@ def test_law_is_the_optimum_for_a_known_reference():
     speed = np.gradient(np.concatenate([[[0, 0]], path]), period, axis=0)[1:]
     speed[times > KNOTS[-1] - period / 2] = 0
 
-    outputs = np.vstack([c, np.sqrt(weights.velocity) * np.roll(c, 6, axis=1)])
-    wanted = np.hstack([path, np.sqrt(weights.velocity) * speed])
+    outputs = np.vstack([c, np.sqrt(VELOCITY_WEIGHT) * np.roll(c, 6, axis=1)])
+    wanted = np.hstack([path, np.sqrt(VELOCITY_WEIGHT) * speed])
     rows = np.zeros((steps, 4, steps, 3))
     response, free = b, state
     moved = []
@@ -58,7 +63,7 @@ def test_law_is_the_optimum_for_a_known_reference():
         wanted[k] -= outputs @ free
         for j in range(k + 1):
             rows[k, :, j] = moved[k - j]
-    effort = np.sqrt(weights.inputs) * np.eye(3 * steps)
+    effort = np.sqrt(INPUT_WEIGHT) * np.eye(3 * steps)
     system = np.vstack([rows.reshape(4 * steps, 3 * steps), effort])
     normal = system.T @ system
     best = np.linalg.solve(normal, system[: 4 * steps].T @ wanted.ravel())[:3]

@@ -101,13 +101,8 @@ def test_tendons_keep_their_order_whatever_their_channels(armed):
 def test_a_wrong_set_point_is_refused_before_it_is_sent(armed, length, complaint):
     sent = armed.session.link.sent
     with pytest.raises(ValueError, match=complaint):
-        armed.session.setpoint(np.array(length), m.MODE_LENGTH, armed.now)
+        armed.session.setpoint(np.array(length), armed.now)
     assert armed.session.link.sent == sent
-
-
-def test_an_unknown_mode_is_refused(armed):
-    with pytest.raises(ValueError, match="mode must be 0"):
-        armed.session.setpoint(np.array(HERE), 1, armed.now)
 
 
 def test_set_points_need_an_armed_robot(bench):
@@ -125,7 +120,7 @@ def test_at_most_three_set_points_are_under_way(armed):
 
 def test_a_refused_set_point_is_not_under_way(armed):
     armed.session.robot = replace(armed.robot, ttl=1e-3)
-    late = [armed.session.setpoint(np.array(HERE), 0, armed.now)[1] for _ in range(3)]
+    late = [armed.session.setpoint(np.array(HERE), armed.now)[1] for _ in range(3)]
     armed.run(0.01)
     for frame in late:
         armed.say(frame, 0.002)

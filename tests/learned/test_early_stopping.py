@@ -44,7 +44,7 @@ def problem(request):
         return (values - network.outputs.scale(y)).ravel()
 
     jacobian = np.stack([error(p + h).imag / 1e-30 for h in 1e-30j * np.eye(len(p))], axis=1)
-    return LeastSquares(network, x, y), error(p), jacobian, p
+    return LeastSquares(network, Dataset(x, y)), error(p), jacobian, p
 
 
 @pytest.mark.parametrize("damping", [1e-3, 1.0])

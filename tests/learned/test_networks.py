@@ -8,7 +8,7 @@ from scipy.stats import kstest, multivariate_normal
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.learned import quasi_static
 from softrobot_env.learned.bayesian import train
-from softrobot_env.learned.network import Network, Scaling, initial_network
+from softrobot_env.learned.network import Dataset, Network, Scaling, initial_network
 from softrobot_env.robots import ARM
 
 STATICS = ConstantCurvatureStatics(ARM)
@@ -77,7 +77,7 @@ def ridge():
     x = rng.uniform(-1, 1, (200, 6))
     y = x @ np.array([[1.0, -0.5, 0.02, 0.0, 0.7, 0.01]]).T + 0.2
     y += 0.3 * rng.standard_normal(y.shape)
-    return x, y, train(make_network((), 6, 1), x, y)
+    return x, y, train(make_network((), 6, 1), Dataset(x, y))
 
 
 def test_affine_fit_maximises_the_evidence(ridge):
@@ -118,7 +118,7 @@ def test_smooth_function_is_learned_and_not_its_noise():
 
     x, fresh = rng.uniform(-1, 1, (400, 2)), rng.uniform(-1, 1, (400, 2))
     noisy = function(x) + 0.05 * rng.standard_normal((400, 2))
-    fit = train(make_network((20,), 2, 2, seed=1), x, noisy, iterations=100)
+    fit = train(make_network((20,), 2, 2, seed=1), Dataset(x, noisy), iterations=100)
     error = np.sqrt(np.mean((fit.network(fresh) - function(fresh)) ** 2))
     assert error < 0.02  # of a range of two, and well below the noise
     assert 1 / np.sqrt(2 * fit.beta) == pytest.approx(0.05, rel=0.1)
@@ -130,7 +130,7 @@ def test_progress_reports_falling_errors_and_every_step():
     x = rng.uniform(-1, 1, (100, 1))
     seen = []
     network = make_network((5,), 1, 1)
-    fit = train(network, x, np.sin(3 * x), 30, lambda *values: seen.append(values))
+    fit = train(network, Dataset(x, np.sin(3 * x)), 30, lambda *values: seen.append(values))
     assert [done for done, _, _ in seen] == list(range(1, fit.iterations + 1))
     assert seen[-1][2] == fit.squared_error < 1e-3 * seen[0][2]
 
@@ -145,7 +145,7 @@ def test_progress_reports_falling_errors_and_every_step():
 )
 def test_unusable_data_are_refused(x, y, message):
     with pytest.raises(ValueError, match=message):
-        train(make_network((5,), 1, 1), x, y)
+        train(make_network((5,), 1, 1), Dataset(x, y))
 
 
 # ---------------------------------------------------------------- quasi-static data
@@ -200,7 +200,8 @@ def test_training_is_reproducible_by_seed():
         rng = np.random.default_rng(seed)
         how = quasi_static.Sampling(pairs=300)
         samples = quasi_static.sample(STATICS.tip, 3, how, rng)
-        return quasi_static.fit_inverse(samples, rng, iterations=5).network
+        network = samples.new_network(quasi_static.HIDDEN, rng)
+        return train(network, samples, iterations=5).network
 
     one, again, other = fit(0), fit(0), fit(1)
     np.testing.assert_array_equal(one.parameters, again.parameters)

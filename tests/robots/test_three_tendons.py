@@ -97,13 +97,14 @@ def test_a_sum_too_small_is_refused_with_the_least_one():
 
 
 @ROBOTS
-def test_lengths_and_tensions_are_inverse(robot):
+def test_lengths_stretch_the_tendons_by_their_tensions(robot):
     tendons, curvature = ThreeTendons(robot), 7 * directions()
     tension = tendons.tension(directions()[::-1])
     pulled = tendons.pulled(tension, curvature)
-    np.testing.assert_allclose(tendons.pulling(pulled, curvature), tension, atol=1e-12)
-    slack = tendons.pulling(pulled - 0.1, curvature)
-    assert slack.min() == 0.0
+    stretch = pulled - tendons.geometric(curvature)
+    np.testing.assert_allclose(
+        tendons.pretension + tendons.stiffness * stretch, tension, atol=1e-12
+    )
 
 
 @ROBOTS

@@ -85,7 +85,7 @@ class Bench:
         return self.command(self.session.present_target(), 0.02)
 
     def command(self, length, wait=0.02):
-        seq, frame = self.session.setpoint(np.array(length), 0, self.now)
+        seq, frame = self.session.setpoint(np.array(length), self.now)
         self.say(frame, wait)
         return seq
 

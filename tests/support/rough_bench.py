@@ -63,7 +63,7 @@ class Rough(Bench):
         """Command a length, period by period, whatever the robot says."""
         for _ in range(round(duration / PERIOD)):
             with suppress(RobotError):
-                self.up.put(self.session.setpoint(np.array(length), 0, self.now)[1], self.now)
+                self.up.put(self.session.setpoint(np.array(length), self.now)[1], self.now)
             self.run(PERIOD)
 
     def harm(self, **shares):

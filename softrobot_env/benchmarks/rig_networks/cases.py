@@ -11,6 +11,7 @@ from softrobot_env.benchmarks.records import Record
 from softrobot_env.identification import networks as rig_networks
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, VALIDATION
 from softrobot_env.identification.recording import RigData, Split
+from softrobot_env.learned import early_stopping
 from softrobot_env.learned.early_stopping import Fit
 
 #: Hidden layers and neurons of each of them, Figs. 3.7 and 5.3.
@@ -115,8 +116,9 @@ def train(case: Case, data: RigData, parts: Split, seed: int) -> Fit:
         watched = max(1, round(case.samples * VALIDATION / TRAINING))
         training = _draw(training, case.samples, rng)
         validation = _draw(validation, min(watched, len(validation)), rng)
-    hidden = (case.neurons,) * case.layers
-    return rig_networks.fit(every.take(training), every.take(validation), rng, hidden)
+    samples = every.take(training)
+    network = samples.new_network((case.neurons,) * case.layers, rng)
+    return early_stopping.train(network, samples, every.take(validation))
 
 
 def _draw(indices: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:

@@ -23,7 +23,7 @@ from softrobot_env.commands.arguments import positive
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
-from softrobot_env.hardware.virtual.robot import Pulses, VirtualRobot, linked
+from softrobot_env.hardware.virtual.robot import VirtualRobot, linked
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
 
@@ -115,13 +115,9 @@ def virtual_robot(
     from softrobot_env.robots.twin import rig3d_twin
 
     servos = sorted(virtual_file().tendons, key=lambda servo: servo.channel)
-    pulses = Pulses(
-        1e6 * np.array([servo.center for servo in servos]),
-        1e6 * np.array([servo.gain for servo in servos]),
-    )
     boot = int(np.random.default_rng().integers(1, 2**32))
     core = Core(n=len(servos), boot_id=boot)
-    return VirtualRobot(core, VirtualRig(rig3d_twin(twin), seed=seed), pulses, _SUPPLY, show, watch)
+    return VirtualRobot(core, VirtualRig(rig3d_twin(twin), seed=seed), servos, _SUPPLY, show, watch)
 
 
 def _await_eof(stdin: int, then: Callable[[], None]) -> None:

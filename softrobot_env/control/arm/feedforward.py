@@ -11,6 +11,9 @@ from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACH
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
+#: [m/N], singular values of J well below it are not inverted.
+_DAMPING = 1e-3
+
 
 @dataclass(frozen=True)
 class FeedforwardState:
@@ -96,7 +99,6 @@ class FeedforwardPI(Feedforward):
         control_period: float,
         proportional: float | None = None,
         integral: float | None = None,
-        damping: float = 1e-3,
     ) -> None:
         """Set the gains.
 
@@ -105,7 +107,6 @@ class FeedforwardPI(Feedforward):
             control_period: [s] between calls.
             proportional: K_P [1]; by default 0.4 of its limit, at most 2.
             integral: K_I [1/s]; by default 0.45 of its limit.
-            damping: [m/N], singular values of J well below it are not inverted.
         """
         super().__init__(robot, control_period)
         self.sizes = {**self.sizes, "tip_position": 2}
@@ -114,7 +115,6 @@ class FeedforwardPI(Feedforward):
         gain = min(2.0, 0.8 * robot.damping_time / control_period)
         self._proportional = gain if proportional is None else proportional
         self._integral = 0.45 * decay if integral is None else integral
-        self._damping = damping
 
     def _correct(
         self, observation: Observation, inputs: np.ndarray, integral: np.ndarray
@@ -123,6 +123,6 @@ class FeedforwardPI(Feedforward):
         error = observation["reference"] - observation["tip_position"]
         integral = integral + self._period * error
         jacobian = self._statics.jacobian(inputs)
-        square = jacobian @ jacobian.T + self._damping**2 * np.eye(2)
+        square = jacobian @ jacobian.T + _DAMPING**2 * np.eye(2)
         change = self._proportional * error + self._integral * integral
         return inputs + jacobian.T @ np.linalg.solve(square, change), integral

@@ -5,9 +5,7 @@ from moves with the reference; unannounced jumps are smoothed; and in place of t
 error, which overshoots, what the model leaves unexplained is estimated and compensated.
 """
 
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -26,7 +24,7 @@ from softrobot_env.control.arm.operating_points import (
     linear_model,
 )
 from softrobot_env.control.arm.reference_smoothing import JUMP, SIZE, begin_smoothing, smoothed
-from softrobot_env.control.arm.statics import RELAXATION, follow
+from softrobot_env.control.arm.statics import follow
 from softrobot_env.control.base import usable
 from softrobot_env.control.status import FINE, NOT_FINITE, Memory, finite, kept
 from softrobot_env.interfaces import Observation
@@ -36,22 +34,15 @@ from softrobot_env.robots import RobotParams
 KNOTS = (0.001, 0.002, 0.004, 0.007, 0.011, 0.016, 0.023, 0.032, 0.045, 0.06, 0.08, 0.105, 0.15)
 _TIMES = np.array((0.0, *KNOTS))
 
+#: Keyword arguments of the environment that the policy needs.
+ENVIRONMENT = {"control_period": PERIOD, "preview": KNOTS}
+
+#: Weights of the cost sum_k (|e|^2 + VELOCITY_WEIGHT |e.|^2 + INPUT_WEIGHT |u|^2), with e the tip's
+#: distance [m] from the reference and u the inputs' [N] from those that hold it.
+VELOCITY_WEIGHT = 1e-3  # s2
+INPUT_WEIGHT = 3e-7  # m2/N2
+
 _OFFSET_BANDWIDTH = 100.0  # 1/s, of the difference between measured and modelled tip
-
-
-@dataclass(frozen=True)
-class Weights:
-    """Weights of the cost sum_k (|e|^2 + velocity |e.|^2 + inputs |u|^2).
-
-    e is the tip's distance [m] from the reference, u the inputs' [N] from those that hold it.
-
-    Attributes:
-        velocity: [s2].
-        inputs: [m2/N2].
-    """
-
-    velocity: float = 1e-3
-    inputs: float = 3e-7
 
 
 class LQPreview(ScheduledController):
@@ -202,7 +193,7 @@ def _act(
         points[k, 0], points[k, 1] = preview[2 * k - 2], preview[2 * k - 1]
     smoothed(PERIOD, target, _TIMES, smoothing, points)
     rest, inverse = np.empty(n), np.empty((m, 2))
-    gap = follow(arm, points[0] - offset, force, scale, RELAXATION, limit, inputs, rest, inverse)
+    gap = follow(arm, points[0] - offset, force, scale, limit, inputs, rest, inverse)
     velocity = (points[1] - points[0]) / _TIMES[1]
     if np.hypot(velocity[0], velocity[1]) * PERIOD > JUMP:
         velocity[:] = 0.0  # a jump ahead is no motion
@@ -211,7 +202,7 @@ def _act(
 
     knots = len(_TIMES) - 1
     gains = np.empty(m * 2 * (n + knots))
-    inside = interpolate(law.table, curvature, gains)
+    inside = interpolate(law.gains, curvature, gains)
     gain = gains.reshape(m, 2 * (n + knots))
     wanted = inputs + arm.damping_time * inputs_rate
     for j in range(m):
@@ -225,14 +216,7 @@ def _act(
     return conclude(wanted, law, gap, inside, previous, original, memory)
 
 
-def environment() -> dict[str, Any]:
-    """Keyword arguments of the environment that the policy needs."""
-    return {"control_period": PERIOD, "preview": KNOTS}
-
-
-def preview_design(
-    arm: PlanarArm, curvature: np.ndarray, period: float = PERIOD, weights: Weights = Weights()
-) -> np.ndarray:
+def preview_design(arm: PlanarArm, curvature: np.ndarray, period: float = PERIOD) -> np.ndarray:
     """Gains of u = -K x + sum_i G_i r_i, flattened to (n_inputs * (2 n + 2 * knots),).
 
     x = (curvatures, rates) and r_i, the reference at the i-th knot, are deviations from an
@@ -244,24 +228,24 @@ def preview_design(
         arm: The arm.
         curvature: (n,) [1/m] of the operating point.
         period: [s] between decisions.
-        weights: Of the cost.
     """
     continuous_a, continuous_b, position = linear_model(arm, curvature)
     a, b = discretized(continuous_a, continuous_b, period)
     speed = np.roll(position, arm.n, axis=1)
-    state_weight = position.T @ position + weights.velocity * speed.T @ speed
+    state_weight = position.T @ position + VELOCITY_WEIGHT * speed.T @ speed
     # Riccati's equation needs every state in the cost; this is far below the rest.
     state_weight += 1e-12 * np.eye(len(a))
     m = b.shape[1]
-    riccati = solve_discrete_are(a, b, state_weight, weights.inputs * np.eye(m))
-    gain = np.linalg.solve(weights.inputs * np.eye(m) + b.T @ riccati @ b, b.T)
+    input_weight = INPUT_WEIGHT * np.eye(m)
+    riccati = solve_discrete_are(a, b, state_weight, input_weight)
+    gain = np.linalg.solve(input_weight + b.T @ riccati @ b, b.T)
     feedback = gain @ riccati @ a
     closed = a - b @ feedback
     steps = round(KNOTS[-1] / period)
     per_step = np.zeros((m, 2, steps + 1))
     for j in range(1, steps + 1):
         per_step[:, :, j] += gain @ position.T
-        by_speed = weights.velocity * gain @ speed.T / (2 * period)
+        by_speed = VELOCITY_WEIGHT * gain @ speed.T / (2 * period)
         if j < steps:
             per_step[:, :, j + 1] += by_speed
             per_step[:, :, j - 1] -= by_speed

@@ -15,7 +15,7 @@ from softrobot_env.control.arm.operating_points import (
     interpolate,
     linear_model,
 )
-from softrobot_env.control.arm.statics import REACH, RELAXATION, follow
+from softrobot_env.control.arm.statics import REACH, follow
 from softrobot_env.control.base import usable
 from softrobot_env.control.status import FINE, NOT_FINITE, Memory, excess, finite, kept
 from softrobot_env.interfaces import Observation
@@ -67,7 +67,7 @@ def _act(
     previous: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (n_inputs,), next memory (inputs of the equilibrium, integral) and code."""
-    arm, table, limit = law.arm, law.table, law.limit
+    arm, limit = law.arm, law.limit
     n, m = arm.inputs.shape
     before, memory = memory, memory.copy()
     sound = finite(curvature) and finite(rate) and finite(previous)
@@ -75,9 +75,9 @@ def _act(
         return kept(previous), memory, NOT_FINITE
     inputs, integral = memory[:m], memory[m:]
     rest, inverse = np.empty(n), np.empty((m, 2))
-    gap = follow(arm, target, np.zeros(n), 1.0, RELAXATION, limit, inputs, rest, inverse)
+    gap = follow(arm, target, np.zeros(n), 1.0, limit, inputs, rest, inverse)
     gains = np.empty(m * (2 * n + 2))
-    inside = interpolate(table, curvature, gains)
+    inside = interpolate(law.gains, curvature, gains)
     gain = gains.reshape(m, 2 * n + 2)
     wanted = inputs.copy()
     for j in range(m):

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,15 +19,8 @@ PERIOD = 0.01
 #: Times [s] ahead at which the policy sees the reference; the environments' default.
 PREVIEW = (0.05, 0.1, 0.2, 0.4)
 
-REQUIRES = (
-    "tip_position",
-    "curvature",
-    "curvature_rate",
-    "reference",
-    "reference_velocity",
-    "reference_preview",
-    "previous_action",
-)
+#: Keyword arguments of the environment that the policy needs.
+ENVIRONMENT = {"control_period": PERIOD, "preview": PREVIEW}
 
 #: Change of the action [1] up to which `increment` is nearly linear, and its steepness, by which
 #: outputs of +-1 change the action by +-1.
@@ -81,11 +73,6 @@ def output_of(change: np.ndarray) -> np.ndarray:
     return np.clip(np.arcsinh(change / _FINE) / _STEEPNESS, -1.0, 1.0)
 
 
-def environment() -> dict[str, Any]:
-    """Keyword arguments of the environment that the policy needs."""
-    return {"control_period": PERIOD, "preview": PREVIEW}
-
-
 class NeuralPolicy(Controller):
     """u_k+1 = u_k + increment(g(features)), g a small tanh network, every 10 ms.
 
@@ -94,7 +81,15 @@ class NeuralPolicy(Controller):
     force is kept.
     """
 
-    requires = REQUIRES
+    requires = (
+        "tip_position",
+        "curvature",
+        "curvature_rate",
+        "reference",
+        "reference_velocity",
+        "reference_preview",
+        "previous_action",
+    )
 
     def __init__(
         self, robot: RobotParams, control_period: float, weights: str | Path | Network

@@ -156,10 +156,7 @@ def _stationary_gain(
     Also the largest standard deviation [1/m] of a measured curvature from its prediction.
     """
     n = arm.n
-    a, _, _ = linear_model(arm, np.zeros(n))
-    mass = np.empty((n, n))
-    inertia_forces(arm, np.zeros(n), np.zeros(n), mass, np.empty(n))
-    force = np.vstack([np.zeros((n, n)), np.linalg.inv(mass)])
+    a, force, _ = linear_model(arm._replace(inputs=np.eye(n)), np.zeros(n))
     a, b = discretized(a, force, period)
     a = np.block([[a, b], [np.zeros((n, 2 * n)), np.eye(n)]])
     c = np.eye(n, 3 * n)

@@ -41,21 +41,8 @@ PERIOD = 1e-3
 #: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be
 #: controlled to first order.
 GRID = ((16, 7.5), (13, 7.2), (11, 7.0))
-
-
-@structure
-class GainTable(NamedTuple):
-    """Gains on a grid; spacing is equal along each axis.
-
-    Attributes:
-        low: (3,) [1/m], first point of each axis.
-        spacing: (3,) [1/m].
-        gains: (n1, n2, n3, k), in whatever units the policy needs.
-    """
-
-    low: np.ndarray
-    spacing: np.ndarray
-    gains: np.ndarray
+_LOW = np.array([-limit for _, limit in GRID])
+_SPACING = np.array([2 * limit / (count - 1) for count, limit in GRID])
 
 
 @structure
@@ -64,12 +51,12 @@ class Law(NamedTuple):
 
     Attributes:
         arm: The nominal arm.
-        table: Its gains.
+        gains: (n1, n2, n3, k), on the grid, in whatever units the policy needs.
         limit: (n_inputs,) [N], full-scale inputs.
     """
 
     arm: PlanarArm
-    table: GainTable
+    gains: np.ndarray
     limit: np.ndarray
 
 
@@ -174,17 +161,14 @@ def save_gains(path: Path, robot: RobotParams, gains: np.ndarray) -> None:
     np.savez_compressed(path, gains=gains.astype(np.float32), robot=identity(robot))
 
 
-def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> GainTable:
-    """Read what `save_gains` wrote.
+def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> np.ndarray:
+    """Gains (n1, n2, n3, count) that `save_gains` wrote.
 
     Args:
         path: File.
         robot: The robot it is wanted for.
         command: The command that makes the file, for the error message.
         count: Number of gains per point that is wanted.
-
-    Returns:
-        The table, as a reference for kernels.
 
     Raises:
         FileNotFoundError: There is no such file.
@@ -202,15 +186,14 @@ def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> Gain
         )
     if gains.shape != (*(size for size, _ in GRID), count):
         raise ValueError(f"{path} does not fit this version; `{command}` makes it anew")
-    points = axes()
-    low = np.array([axis[0] for axis in points])
-    spacing = np.array([axis[1] - axis[0] for axis in points])
-    return reference(GainTable(low, spacing, gains))
+    return gains
 
 
 @kernel
-def interpolate(table: GainTable, curvature: np.ndarray, out: np.ndarray) -> bool:
+def interpolate(table: np.ndarray, curvature: np.ndarray, out: np.ndarray) -> bool:
     """Set out (k,) to the gains at a curvature (pieces,) [1/m] by trilinear interpolation.
+
+    The table (n1, n2, n3, k) has them on the grid.
 
     Returns:
         Whether the curvature lies in the grid; outside, the nearest gains on its boundary count.
@@ -219,8 +202,8 @@ def interpolate(table: GainTable, curvature: np.ndarray, out: np.ndarray) -> boo
     inside = True
     index, share = np.empty(3, np.int64), np.empty(3)
     for axis in range(3):
-        count = table.gains.shape[axis]
-        place = (curvature[third * axis] - table.low[axis]) / table.spacing[axis]
+        count = table.shape[axis]
+        place = (curvature[third * axis] - _LOW[axis]) / _SPACING[axis]
         if not 0 <= place <= count - 1:
             inside = False
             place = min(max(place, 0.0), count - 1.0)
@@ -234,7 +217,7 @@ def interpolate(table: GainTable, curvature: np.ndarray, out: np.ndarray) -> boo
                 weight, i[axis] = weight * share[axis], i[axis] + 1
             else:
                 weight *= 1 - share[axis]
-        gains = table.gains[i[0], i[1], i[2]]
+        gains = table[i[0], i[1], i[2]]
         for k in range(len(out)):
             out[k] += weight * gains[k]
     return inside

@@ -33,7 +33,7 @@ _DAMPING_BY_GAP = 1e-2
 REACH = 1e-4
 
 #: Share of the way to the inputs of least norm per decision of 1 ms.
-RELAXATION = 0.02
+_RELAXATION = 0.02
 
 _ITERATIONS = 5
 _HALVINGS = 3  # of a step that leads away from the target
@@ -170,7 +170,6 @@ def follow(
     target: np.ndarray,
     force: np.ndarray,
     scale: float,
-    relaxation: float,
     limit: np.ndarray,
     inputs: np.ndarray,
     curvature: np.ndarray,
@@ -187,7 +186,6 @@ def follow(
         target: (2,) [m], (x, z).
         force: (n,), more generalised force on the curvatures.
         scale: Factor [1] on the arm's stiffness.
-        relaxation: Share [1] of the way to the least norm taken in this call.
         limit: (n_inputs,) [N], largest inputs.
         inputs: (n_inputs,) [N], moved.
         curvature: (n,) [1/m], set to the equilibrium's.
@@ -211,7 +209,7 @@ def follow(
             break
         step = inverse[:, 0] * way[0] + inverse[:, 1] * way[1]
         if iteration == 0:
-            step -= relaxation * (null @ inputs)
+            step -= _RELAXATION * (null @ inputs)
         before[:] = inputs
         for _ in range(_HALVINGS):
             for j in range(m):

@@ -1,7 +1,7 @@
 """Model predictive control of the tip, thesis sec. 6.5."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 
@@ -45,7 +45,6 @@ class MPCState:
         seen: (2, n), curvatures and rates at the last decision; None before the first one.
         estimate: What the model leaves unexplained.
         status: Why the action is not the one wanted, or None.
-        costs: Cost [1] over the iterations of the last decision.
     """
 
     action: np.ndarray
@@ -53,7 +52,6 @@ class MPCState:
     seen: np.ndarray | None
     estimate: Estimate
     status: str | None
-    costs: tuple[float, ...]
 
 
 class MPC(Controller):
@@ -103,21 +101,21 @@ class MPC(Controller):
             )
         action = usable(observation["previous_action"])
         estimate = Estimate(1.0, np.zeros(self._arm.n), np.full(2, PRIOR))
-        return MPCState(action, None, None, estimate, None, ())
+        return MPCState(action, None, None, estimate, None)
 
     def act(self, observation: Observation, state: MPCState) -> tuple[np.ndarray, MPCState]:
         """First input of the optimum, or the last action that was determined."""
         for name in self.requires:
             if not np.all(np.isfinite(observation[name])):
                 status = f"{REASONS[NOT_FINITE]}: {name}"
-                return state.action, replace(state, plan=None, seen=None, status=status, costs=())
+                return state.action, replace(state, plan=None, seen=None, status=status)
         seen = np.stack([observation["curvature"], observation["curvature_rate"]])
         before = self._limit * observation["previous_action"]
         estimate = self._estimate(seen, before, state)
         arm = self._arm._replace(stiffness=estimate.stiffness * self._arm.stiffness)
         problem = Problem(arm, seen, estimate.force, before, self._reference(observation))
         optimum = self._optimiser.minimise(problem, *self._beginning(before, state))
-        now = MPCState(state.action, None, seen, estimate, None, optimum.costs)
+        now = MPCState(state.action, None, seen, estimate, None)
         if np.hypot(*observation["reference"]) > self._reach:
             now = replace(now, status=REASONS[UNREACHABLE])
         if optimum.failure is not None:
@@ -181,11 +179,6 @@ def _required(settings: MPCSettings) -> tuple[str, ...]:
     return tuple(names)
 
 
-def make_preview(robot: RobotParams, control_period: float) -> MPC:
-    """The controller with preview and estimates, see `settings.PREVIEW`."""
-    return MPC(robot, control_period, PREVIEW)
-
-
-def preview_environment() -> dict[str, Any]:
-    """Keyword arguments of the environment that `make_preview` needs."""
-    return {"control_period": PREVIEW.period, "preview": PREVIEW.times}
+#: Makes the controller with preview and estimates, and what its environment needs.
+make_preview = partial(MPC, settings=PREVIEW)
+PREVIEW_ENVIRONMENT = {"control_period": PREVIEW.period, "preview": PREVIEW.times}

@@ -1,11 +1,12 @@
 """Settings of the model predictive controllers."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.control.mpc.prediction import GAMMA, Horizon
+from softrobot_env.registries import Registry
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,7 @@ class MPCSettings:
     tolerance: float | None
 
     def __post_init__(self) -> None:
-        if self.integrator not in GAMMA:
-            raise ValueError(
-                f"unknown integrator {self.integrator!r}; choose from {', '.join(GAMMA)}"
-            )
+        Registry("integrator", GAMMA).find(self.integrator)
         if not self.steps or min(self.steps) <= 0 or not 0 < self.period <= self.steps[0]:
             raise ValueError(
                 "steps must be positive and the period in (0, first step], got steps "
@@ -121,15 +119,13 @@ THESIS = MPCSettings(
 
 #: With preview, finer and more accurate prediction and estimated disturbances, one quadratic
 #: program per decision. Rate relative to error is 1e-3 s2, which takes the overshoot.
-PREVIEW = MPCSettings(
+PREVIEW = replace(
+    THESIS,
     period=0.005,
     steps=(0.005, 0.005, 0.01, 0.01, 0.02, 0.02, 0.04, 0.04, 0.08),
     moves=(1,) * 9,
     integrator="sdirk2",
-    error=1e4,
     rate=10.0,
-    effort=1e-6,
-    change=1e-3,
     preview=True,
     estimate=True,
     iterations=1,

@@ -17,11 +17,12 @@ import numpy as np
 
 from softrobot_env.control.base import Controller
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
-from softrobot_env.control.rig.inverse import InverseModel, Motion, OnePiece, SeveralPieces
+from softrobot_env.control.rig.inverse import Motion, OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.control.rig.servo_flexible import InversionError
 from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
 from softrobot_env.interfaces import Observation
+from softrobot_env.registries import Registry
 from softrobot_env.robots import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
@@ -81,7 +82,7 @@ class RigFeedforward(Controller):
         robot: RobotParams,
         control_period: float,
         learnt: IdentifiedParameters | None = None,
-        model: InverseModel | None = None,
+        model: OnePiece | SeveralPieces | None = None,
         ahead: bool = False,
         backlash: float | None = None,
     ) -> None:
@@ -220,10 +221,9 @@ def make_hybrid(
         "calibrated": lambda: SeveralPieces(known.believed(robot)),
         "none": lambda: None,
     }
-    if model not in models:
-        raise ValueError(f"unknown model {model!r}; choose from {', '.join(models)}")
+    made = Registry("model", models).find(model)()
     width = known.backlash if backlash else None
-    return RigFeedforward(robot, control_period, known, models[model](), ahead, width)
+    return RigFeedforward(robot, control_period, known, made, ahead, width)
 
 
 def _finite(lengths: np.ndarray) -> np.ndarray:

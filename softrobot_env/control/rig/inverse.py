@@ -5,7 +5,7 @@ map from reduced inputs to tensions is linear, and s_dyn has no kinks where anot
 the loosest.
 """
 
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -64,22 +64,6 @@ class Pull(NamedTuple):
     tension: np.ndarray
 
 
-class InverseModel(Protocol):
-    """An inverse model step by step; what it remembers is never changed in place."""
-
-    def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
-        """Inputs of the motion `then`, half a period [s] or none after `now`.
-
-        Args:
-            memory: What the last step returned, a period ago; None in the first one.
-            now, then: The reference.
-            period: Control period.
-
-        Raises:
-            OutOfReachError, InversionError: The model cannot follow.
-        """
-
-
 class OnePiece:
     """Servo constraints on one piece, in closed form (thesis sec. 5.2.2)."""
 
@@ -87,7 +71,17 @@ class OnePiece:
         self._servo = ServoConstraints(robot)
 
     def step(self, memory: Any, now: Motion, then: Motion, period: float) -> tuple[Pull, Any]:
-        """See `InverseModel`; nothing but a guess is remembered."""
+        """Inputs of the motion `then`, half a period [s] or none after `now`.
+
+        Args:
+            memory: What the last step returned, a period ago, which is never changed in place;
+                None in the first one. Here it is a guess.
+            now, then: The reference.
+            period: Control period.
+
+        Raises:
+            OutOfReachError: The model cannot follow.
+        """
         tendons = self._servo.tendons
         y, _, _, reduced, static = self._servo.motion(*(x[None] for x in then), memory)[:, 0]
         tension = tendons.with_total(reduced, TOTAL)
@@ -124,7 +118,7 @@ class SeveralPieces:
     def step(
         self, memory: _Past | None, now: Motion, then: Motion, period: float
     ) -> tuple[Pull, Any]:
-        """See `InverseModel`."""
+        """As `OnePiece.step`; raises InversionError where the model cannot follow."""
         start = memory is None or _jumped(memory.now, now, period)
         past = self._begin(now, then) if start else self._go_on(memory, now, then, period)
         tendons, rest = self._model.tendons, past.rest

@@ -8,13 +8,11 @@ A drive that holds its input for a period lags by half of it, which is nearly al
 held inputs: give it those for the middle of the period.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from softrobot_env.beams.closed_forms.spatial_piece import (
-    SUBPIECES,
     RigPiece,
     add_dynamic,
     add_static,
@@ -23,9 +21,8 @@ from softrobot_env.beams.closed_forms.spatial_piece import (
     reach,
 )
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
-from softrobot_env.beams.pcc import Station
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.three_tendons import ThreeTendons
+from softrobot_env.robots.three_tendons import elastic_tendons
 
 
 class OutOfReachError(ValueError):
@@ -90,12 +87,10 @@ class ServoConstraints:
         data: `Servo`, as a reference for kernels.
     """
 
-    def __init__(self, robot: RobotParams, inertia: str | Sequence[Station] = SUBPIECES) -> None:
+    def __init__(self, robot: RobotParams) -> None:
         """Build the model; arguments and errors are those of `make_rig_piece`."""
-        self.robot, self.tendons = robot, ThreeTendons(robot)
-        piece = make_rig_piece(robot, inertia)
-        if not np.all(np.isfinite(self.tendons.stiffness)):
-            raise ValueError(f"robot {robot.name!r}: tendons need a finite stiffness")
+        self.robot, self.tendons = robot, elastic_tendons(robot)
+        piece = make_rig_piece(robot)
         limit, self.reach = reach(piece)
         self.data = reference(Servo(piece, limit, self.reach, self.tendons.lever))
 

@@ -7,7 +7,6 @@ from the axis; with next to none, far bends are not minimum phase. Large steps d
 internal motions, growing ones as well, and so treat them as quasi-static.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,12 +14,8 @@ import numpy as np
 from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES
 from softrobot_env.beams.model import IntegrationError
 from softrobot_env.beams.numerics.compilation import reference
-from softrobot_env.beams.pcc import PCC, Station
-from softrobot_env.control.rig.servo_dae import (
-    FlexibleRig,
-    advance,
-    hold,
-)
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.control.rig.servo_dae import FlexibleRig, advance, hold
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.three_tendons import ThreeTendons
 
@@ -58,18 +53,12 @@ class FlexibleServoConstraints:
         data: `FlexibleRig`, as a reference for kernels.
     """
 
-    def __init__(
-        self,
-        robot: RobotParams,
-        pieces: int,
-        inertia: str | Sequence[Station] = SUBPIECES,
-    ) -> None:
+    def __init__(self, robot: RobotParams, pieces: int) -> None:
         """Build the model.
 
         Args:
-            robot: With three tendons in channels up to its tip, and a head in `inertia`.
+            robot: With three tendons in channels up to its tip, and a head.
             pieces: Number of equal pieces.
-            inertia: As in `PCC`.
 
         Raises:
             ValueError: Other tendons, no head, or what `PCC` refuses.
@@ -84,7 +73,7 @@ class FlexibleServoConstraints:
                 f"{', '.join(f'{end:g}' for end in ends)} m"
             )
         self.robot, self.tendons = robot, ThreeTendons(robot)
-        self.model = PCC(robot, pieces, axes="spatial", inertia=inertia)
+        self.model = PCC(robot, pieces, axes="spatial", inertia=SUBPIECES)
         # Each piece of length l bends under the whole moment, lever * F_red.
         moment = robot.length / self.model.pieces * self.tendons.lever * np.eye(2)
         corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])

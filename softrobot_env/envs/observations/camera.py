@@ -5,7 +5,7 @@ from math import ceil
 
 import numpy as np
 
-from softrobot_env.envs.observations.readouts import ChainReadout
+from softrobot_env.envs.observations.readouts import ChainReadout, SensedReadout
 from softrobot_env.robots.twin import FRAME
 
 #: Standard deviations at which a camera's noise ends, so that it has bounds.
@@ -57,26 +57,10 @@ class Camera:
         return (self._instant - self._taken) * self._period
 
 
-class CameraReadout:
-    """A readout with the tip as a camera sees it; `tip` and `bend` stay what they are."""
-
-    def __init__(self, readout: ChainReadout, camera: Camera) -> None:
-        """Look through a camera; every `update` is its next control instant."""
-        self._exact, self._camera = readout, camera
-        for name in ("curvature", "curvature_rate", "tendon_tension", "tendon_length"):
-            setattr(self, name, getattr(readout, name))
-        self.true_length = readout.true_length
-        self.tip_position = lambda: camera.position.copy()
-        self.tip_velocity = lambda: camera.velocity.copy()
-        self.tip, self.bend = readout.tip, readout.bend
-
-    def truth(self) -> dict[str, np.ndarray]:
-        """Tip position [m] as it is, for `info`."""
-        return {"tip_position": np.array(self.tip)}
-
-    def update(self) -> str | None:
-        """Measure anew; return what left the documented workspace, or None."""
-        outside = self._exact.update()
-        self.tip, self.bend = self._exact.tip, self._exact.bend
-        self._camera.see(np.array(self.tip))
-        return outside
+def filmed(readout: ChainReadout, camera: Camera) -> SensedReadout:
+    """A readout with the tip as a camera sees it; every `update` is its next control instant."""
+    seen = {
+        "tip_position": lambda: camera.position.copy(),
+        "tip_velocity": lambda: camera.velocity.copy(),
+    }
+    return SensedReadout(readout, seen, lambda tip, _: camera.see(np.array(tip)))

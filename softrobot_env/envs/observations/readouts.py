@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium import spaces
 
 from softrobot_env.envs.disturbances import SensorNoise
-from softrobot_env.envs.observations.table import SENSOR_NOISE
+from softrobot_env.envs.observations.table import SENSOR_NOISE, Measured, Read
 from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.simulation.mujoco import Simulation
@@ -201,34 +201,41 @@ class BeamReadout:
         return left_workspace(f"{name}[{k}] = {values[worst]:.4g} is outside {bounds}", time)
 
 
-class NoisyReadout:
-    """A readout whose sensors have noise; `tip`, `bend` and `true_length` stay what they are."""
+class SensedReadout:
+    """A readout some of whose sensors err; `tip`, `bend` and `true_length` stay what they are."""
 
-    def __init__(self, readout: Any, noise: SensorNoise, robots: int | slice) -> None:
-        """Add noise.
+    def __init__(self, readout: Any, seen: dict[str, Read], look: Callable[..., Any]) -> None:
+        """Put sensors before a readout.
 
         Args:
             readout: The exact one.
-            noise: Every `update` advances it.
-            robots: Whose noise: 0 where the readout is of one robot, `slice(None)` of many.
+            seen: What sensors show, by name.
+            look: Brings them to the next control instant, with the true tip and the robots `which`.
         """
-        self._exact, self._noise, self._robots = readout, noise, robots
-        self.tendon_tension, self.tendon_length = readout.tendon_tension, readout.tendon_length
-        self.true_length = readout.true_length
-        for name in SENSOR_NOISE:
-            setattr(self, name, self._noisy(name, getattr(readout, name)))
+        self._exact, self._seen, self._look = readout, seen, look
+        for name in (*Measured.__annotations__, "true_length"):
+            setattr(self, name, seen.get(name, getattr(readout, name)))
         self.tip, self.bend = readout.tip, readout.bend
 
-    def _noisy(self, name: str, read: Callable[[], np.ndarray]) -> Callable[[], np.ndarray]:
-        return lambda: read() + self._noise.on(name)[self._robots]
-
     def truth(self) -> dict[str, np.ndarray]:
-        """Tip position [m] and curvature [1/m] without noise, for `info`."""
-        return {"tip_position": np.array(self.tip), "curvature": self.bend}
+        """Of tip position [m] and curvature [1/m] what sensors show otherwise, for `info`."""
+        true = {"tip_position": np.array(self.tip), "curvature": self.bend}
+        return {name: value for name, value in true.items() if name in self._seen}
 
     def update(self, which: np.ndarray | None = None) -> str | None:
-        """Measure anew, and go on to the next noise of all robots or of `which` (k,)."""
+        """Measure anew, and look at all robots or at `which` (k,); what left the workspace."""
         outside = self._exact.update()
         self.tip, self.bend = self._exact.tip, self._exact.bend
-        self._noise.advance(which)
+        self._look(self.tip, which)
         return outside
+
+
+def noisy(readout: Any, noise: SensorNoise, robots: int | slice) -> SensedReadout:
+    """A readout with noise of `robots`: 0 where it is of one robot, `slice(None)` of many."""
+
+    def seen(name: str) -> Read:
+        read = getattr(readout, name)
+        return lambda: read() + noise.on(name)[robots]
+
+    seen_by_name = {name: seen(name) for name in SENSOR_NOISE}
+    return SensedReadout(readout, seen_by_name, lambda _, which: noise.advance(which))

@@ -5,7 +5,7 @@ import weakref
 from collections.abc import Callable
 from contextlib import suppress
 from threading import Thread, current_thread, main_thread
-from time import monotonic, sleep
+from time import monotonic
 
 import numpy as np
 
@@ -23,7 +23,6 @@ from softrobot_env.hardware.tip import Sight, TipSource, make_tip_source
 from softrobot_env.hardware.transport import Transport
 
 _ESTOP_ECHO = 0.3  # s
-_POLL = 0.005  # s
 
 
 class TooLateError(RobotError):
@@ -183,11 +182,9 @@ class RealSession:
         """
         if self.driver is None:
             return
-        end = monotonic() + _ESTOP_ECHO
         with suppress(RobotError):
             self.driver.estop()
-            while self.driver.fault is None and monotonic() < end:
-                sleep(_POLL)
+            self.driver.wait_for_fault(_ESTOP_ECHO)
 
 
 def _abandon(opened: _Opened, owner: int) -> None:

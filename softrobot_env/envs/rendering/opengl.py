@@ -73,11 +73,7 @@ def candidate_backends() -> tuple[str, ...]:
 
 
 class OffscreenContext:
-    """A framebuffer outside any window.
-
-    Attributes:
-        backend: Its OpenGL backend.
-    """
+    """A framebuffer outside any window."""
 
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         """Open the first backend that works.
@@ -86,7 +82,7 @@ class OffscreenContext:
             RenderError: None does; the message says why, and what to install.
         """
         self._rect = mujoco.MjrRect(0, 0, width, height)
-        self.backend, self._gl, self._buffers = _open_first(model, width, height)
+        self._gl, self._buffers = _open_first(model, width, height)
         # Also runs when the interpreter exits, while the OpenGL modules still exist.
         self._finalizer = weakref.finalize(self, _free, self._gl, self._buffers)
 
@@ -109,15 +105,13 @@ def _free(gl: Any, buffers: mujoco.MjrContext) -> None:
     gl.free()
 
 
-def _open_first(
-    model: mujoco.MjModel, width: int, height: int
-) -> tuple[str, Any, mujoco.MjrContext]:
+def _open_first(model: mujoco.MjModel, width: int, height: int) -> tuple[Any, mujoco.MjrContext]:
     reasons = []
     for backend in candidate_backends():
         loaded = set(sys.modules)
         platform_before = os.environ.get("PYOPENGL_PLATFORM")
         try:
-            return backend, *_open(backend, model, width, height)
+            return _open(backend, model, width, height)
         except Exception as error:  # a missing or broken driver shows in any type
             reasons.append(f"{backend}: {error or type(error).__name__}")
         _forget_opengl(loaded, platform_before)

@@ -10,18 +10,18 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import pairwise
 from math import degrees
-from typing import Protocol
 
 import mujoco
 import numpy as np
 
 from softrobot_env.envs.rendering.opengl import OffscreenContext, RenderError, check_display
+from softrobot_env.robots import RobotParams
 from softrobot_env.scene.appearance import TENDON_LINE, TENDON_WIDTH
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.config import FRONT_CAMERA, SceneConfig, visible
 
-__all__ = ["Frame", "RenderError", "Renderer", "make_renderer"]
+__all__ = ["Frame", "RenderError", "lifted", "make_renderer"]
 
 _MAX_GEOMS = 2000
 _PATH_POINTS = 50
@@ -60,17 +60,9 @@ class Frame:
     jumps: bool = False
 
 
-class Renderer(Protocol):
-    """Draws frames."""
-
-    def draw(self, frame: Frame) -> np.ndarray | None:
-        """Picture (height, width, 3) uint8, or None where it goes to a window."""
-
-    def close(self) -> None:
-        """Free what the renderer holds; closing twice is harmless."""
-
-
-def make_renderer(mode: str, config: SceneConfig, frame_size: tuple[int, int]) -> Renderer:
+def make_renderer(
+    mode: str, config: SceneConfig, frame_size: tuple[int, int]
+) -> "OffscreenRenderer | WindowRenderer":
     """Renderer of a render mode.
 
     Args:
@@ -117,7 +109,7 @@ class OffscreenRenderer:
         return self._context.draw(self._scene)
 
     def close(self) -> None:
-        """Free the OpenGL context."""
+        """Free the OpenGL context; closing twice is harmless."""
         self._context.close()
 
 
@@ -152,7 +144,7 @@ class WindowRenderer:
         self._last = (0.0, 0.0)  # simulated and wall-clock time [s] of the last frame
 
     def draw(self, frame: Frame) -> None:
-        """Update the window, after waiting until the frame is due."""
+        """Update the window, after waiting until the frame is due; no picture is returned."""
         if not self._window.is_running():
             return
         self._wait(frame.time)
@@ -287,3 +279,22 @@ def _next_geom(
     geom.category = mujoco.mjtCatBit.mjCAT_DECOR.value
     scene.ngeom += 1
     return geom
+
+
+#: Of circular arcs [rad]; the farthest tip of the rig is at about 2 rad.
+_ANGLES = np.linspace(0.0, 2.2, 200)
+
+
+def lifted(robot: RobotParams, points: np.ndarray) -> np.ndarray:
+    """Points (k, 3) [m] above x and y (k, 2) [m], where the tip of a circular arc would be.
+
+    Beyond the reach of an arc the height of the farthest one is taken.
+    """
+    head = robot.reach - robot.length
+    half = np.sinc(_ANGLES / (2 * np.pi))  # sin(a / 2) / (a / 2)
+    chord = robot.length * half
+    distance = chord * np.sin(_ANGLES / 2) + head * np.sin(_ANGLES)
+    height = chord * np.cos(_ANGLES / 2) + head * np.cos(_ANGLES)
+    rising = slice(0, int(np.argmax(distance)) + 1)
+    z = np.interp(np.hypot(*points.T), distance[rising], height[rising])
+    return np.column_stack((points, z))

@@ -62,31 +62,20 @@ class Decoder:
 
     def _end(self) -> tuple[Message, int] | None:
         """What stands between two zeros; None where there is nothing, or nothing valid."""
+        from cobs import cobs
+
         frame, overlong = bytes(self._buffer), self._overlong
         self._buffer.clear()
         self._overlong = False
-        if overlong:
-            self.frame_errors += 1
-            return None
-        return self._decode(frame) if frame else None
-
-    def _decode(self, frame: bytes) -> tuple[Message, int] | None:
-        from cobs import cobs
-
-        try:
-            data = cobs.decode(frame)
-        except cobs.DecodeError:
-            self.frame_errors += 1
-            return None
-        body, checksum = data[: -_CRC.size], data[-_CRC.size :]
-        if len(body) <= _TYPE:
-            self.frame_errors += 1
-            return None
-        if checksum != _CRC.pack(crc32(body, seed(body[_TYPE]))):
-            self.crc_errors += 1
+        if not (frame or overlong):
             return None
         try:
+            data = b"" if overlong else cobs.decode(frame)
+            body, checksum = data[: -_CRC.size], data[-_CRC.size :]
+            if len(body) > _TYPE and checksum != _CRC.pack(crc32(body, seed(body[_TYPE]))):
+                self.crc_errors += 1
+                return None
             return unpack(body)
-        except MessageError:
+        except (cobs.DecodeError, MessageError):
             self.frame_errors += 1
             return None

@@ -18,13 +18,8 @@ _LATEST = 4
 _DRIFT = 1 / 128
 
 
-def newer(seq: int, than: int) -> int:
-    """How many steps a sequence number is ahead of another one; negative if it is behind."""
-    return _ahead(seq, than, 1 << 16)
-
-
-def _ahead(count: int, than: int, wrap: int) -> int:
-    """Difference of two counts that wrap, as a signed number."""
+def newer(count: int, than: int, wrap: int = 1 << 16) -> int:
+    """How many steps a count that wraps is ahead of another one; negative if it is behind."""
     return (count - than + wrap // 2) % wrap - wrap // 2
 
 
@@ -88,7 +83,7 @@ class DeviceClock:
             stamp: Its time in units of the device, which wraps at 2**32.
             now: [s], when it arrived; times are on this clock.
         """
-        passed = 0.0 if self._stamp is None else CLOCK_UNIT * _ahead(stamp, self._stamp, 1 << 32)
+        passed = 0.0 if self._stamp is None else CLOCK_UNIT * newer(stamp, self._stamp, 1 << 32)
         self._time += passed
         offset = now - self._time
         if self._stamp is None or passed < 0:
@@ -147,15 +142,10 @@ class LinkCounters:
         known = reason in list(Reason)
         self.nacks[Reason(reason).name.lower() if known else str(reason)] += 1
 
-    def note_round_trip(self, duration: float) -> None:
-        """Note how long [s] an echo took."""
-        self.round_trip = duration
-        self.longest_round_trip = max(self.longest_round_trip, duration)
-
-    def note_delay(self, duration: float) -> None:
-        """Note how long [s] a state message was under way beyond the quickest."""
-        self.delay = duration
-        self.longest_delay = max(self.longest_delay, duration)
+    def note(self, what: str, duration: float) -> None:
+        """Note a duration [s], "round_trip" or "delay"."""
+        longest = max(getattr(self, f"longest_{what}"), duration)
+        vars(self).update({what: duration, f"longest_{what}": longest})
 
     def as_dict(self) -> dict[str, Any]:
         """The counters by name."""

@@ -76,6 +76,7 @@ class Session:
         fault: What stopped the robot, None if nothing does.
         fault_told: Whether `fault` is the robot's report, and not only its kind from a state.
         link: Counters.
+        units: Conversion of the robot's units.
     """
 
     def __init__(self, robot: RobotFile, nonce: int) -> None:
@@ -87,7 +88,7 @@ class Session:
         self.fault: FaultInfo | None = None
         self.fault_told = False
         self.link = LinkCounters()
-        self._units, self._decoder = UnitConversion(robot), Decoder()
+        self.units, self._decoder = UnitConversion(robot), Decoder()
         self._config = robot.to_message()
         self._config_crc = crc32(m.pack(self._config, 0)[m.HEADER_SIZE :])
         self._nonce, self._number, self._seq = nonce, 0, 0
@@ -122,19 +123,17 @@ class Session:
         self.phase = Phase.ARMING
         return self._frame(m.Arm(number, self._config_crc))
 
-    def setpoint(self, length: np.ndarray, mode: int, now: float) -> tuple[int, bytes]:
+    def setpoint(self, length: np.ndarray, now: float) -> tuple[int, bytes]:
         """Sequence number and frame of a set-point (n,) [m], at `now` [s].
 
         Raises:
-            ValueError: Unknown mode, another shape, or outside the robot file's range.
+            ValueError: Another shape, or outside the robot file's range.
             UnansweredError: Three set-points are under way.
             LinkError: The session is lost.
             RobotFaultError: A fault stopped the robot.
             RobotError: Not armed.
         """
-        if mode != m.MODE_LENGTH:
-            raise ValueError(f"mode must be {m.MODE_LENGTH} (lengths), got {mode!r}")
-        target = self._units.target(length)
+        target = self.units.target(length)
         self._refuse_faults()
         if self.phase not in (Phase.ARMED, Phase.RUNNING):
             raise RobotError(f"a set-point needs an armed robot, it is {self.phase.name.lower()}")
@@ -143,7 +142,7 @@ class Session:
             session=self._number,
             t_host=round(now / m.CLOCK_UNIT) % _CLOCK,
             ttl_ms=round(1e3 * self.robot.ttl),
-            mode=mode,
+            mode=m.MODE_LENGTH,
             n=len(target),
             target=target,
         )
@@ -173,14 +172,6 @@ class Session:
             raise RobotError("there is no fault to clear")
         return self._frame(m.Clear(self.fault.code))
 
-    def check_target(self, length: np.ndarray) -> None:
-        """Refuse lengths (n,) [m] that `setpoint` would refuse.
-
-        Raises:
-            ValueError: Another shape, or outside the robot file's range.
-        """
-        self._units.target(length)
-
     # What the robot says.
 
     @property
@@ -197,7 +188,7 @@ class Session:
         if self.reading is None:
             raise LinkError("the robot has not told its position")
         measures = m.Capability.LENGTH in self.info.capabilities
-        return self._units.nearest_target(self.reading.length if measures else self.reading.applied)
+        return self.units.nearest_target(self.reading.length if measures else self.reading.applied)
 
     def echo(self, seq: int) -> Reading | None:
         """First reading kept that answers a set-point or a later one."""
@@ -236,7 +227,7 @@ class Session:
             case m.State() if self.info is not None:
                 return self._measured(message, now)
             case m.FaultReport() if self.info is not None:
-                self._stopped(self._units.fault(message), told=True)
+                self._stopped(self.units.fault(message), told=True)
             case m.Nack():
                 self._refused(message)
         return b""
@@ -262,11 +253,13 @@ class Session:
         self.link.device_crc_errors = state.crc_errors
         self.link.device_frame_errors = state.frame_errors
         ours = self._number != 0 and state.session == self._number
-        round_trip = self._echo(state.last_seq, now) if ours else None
+        round_trip = self._in_flight.echo(state.last_seq, now) if ours else None
+        if round_trip is not None:
+            self.link.note("round_trip", round_trip)
         taken, seq = self._clock.taken(state.t_dev, now), self._in_flight.echoed
-        self.link.note_delay(now - taken)
+        self.link.note("delay", now - taken)
         self.readings.append(
-            self._units.reading(state, time=now, taken=taken, seq=seq, round_trip=round_trip)
+            self.units.reading(state, time=now, taken=taken, seq=seq, round_trip=round_trip)
         )
         found = faults(state)
         if not found:
@@ -281,12 +274,6 @@ class Session:
         if before >= Phase.ARMING > self.phase:
             self._forget_session()
         return self.hello() if self.phase == Phase.LOST != before else b""
-
-    def _echo(self, seq: int, now: float) -> float | None:
-        round_trip = self._in_flight.echo(seq, now)
-        if round_trip is not None:
-            self.link.note_round_trip(round_trip)
-        return round_trip
 
     def _stopped(self, fault: FaultInfo, told: bool) -> None:
         self.fault, self.fault_told = fault, told

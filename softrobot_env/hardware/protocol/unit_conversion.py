@@ -150,22 +150,11 @@ class UnitConversion:
         least, most = self._least[self._channels], self._most[self._channels]
         return np.clip(length, least * LENGTH_UNIT, most * LENGTH_UNIT)
 
-    def reading(
-        self,
-        state: State,
-        *,
-        time: float,
-        taken: float,
-        seq: int | None,
-        round_trip: float | None,
-    ) -> Reading:
-        """What a state message says; the other arguments are those of `Reading`."""
+    def reading(self, state: State, **received: float | None) -> Reading:
+        """What a state message says, with `time`, `taken`, `seq` and `round_trip` of `Reading`."""
         return Reading(
-            time=time,
-            taken=taken,
+            **received,
             device_time=state.t_dev * CLOCK_UNIT,
-            seq=seq,
-            round_trip=round_trip,
             applied=self._by_tendon(state.applied, LENGTH_UNIT),
             length=self._by_tendon(state.length, LENGTH_UNIT),
             force=self._by_tendon(state.force, FORCE_UNIT),

@@ -88,6 +88,10 @@ class Servo:
         """Pulse [s] at a pulled-in length [m]."""
         return self.center + self.gain * length
 
+    def length(self, pulse: float) -> float:
+        """Pulled-in length [m] at a pulse [s]."""
+        return (pulse - self.center) / self.gain
+
 
 @dataclass(frozen=True)
 class Supervision:

@@ -124,24 +124,16 @@ class Core:
     @property
     def outputs(self) -> Outputs:
         """What the device does with its servos since the last pass."""
-        raw = _Outputs()
-        self._library.softrobot_outputs(self._device, ctypes.byref(raw))
-        pulses, applied = tuple(raw.pulse_us[: self._n]), tuple(raw.applied[: self._n])
-        return Outputs(raw.powered, pulses, applied, DeviceState(raw.state))
+        raw = ctypes.create_string_buffer(_OUTPUTS.size)
+        self._library.softrobot_outputs(self._device, raw)
+        powered, *numbers, state = _OUTPUTS.unpack(raw.raw)
+        pulses, applied = numbers[: self._n], numbers[MOST_TENDONS : MOST_TENDONS + self._n]
+        return Outputs(powered, tuple(pulses), tuple(applied), DeviceState(state))
 
 
-class _Outputs(ctypes.Structure):
-    """`Outputs` of `firmware/core/board.h`."""
-
-    _fields_ = (
-        ("powered", ctypes.c_bool),
-        ("pulse_us", ctypes.c_uint16 * MOST_TENDONS),
-        ("applied", ctypes.c_int16 * MOST_TENDONS),
-        ("state", ctypes.c_uint8),
-    )
-
-
-#: `Measured` of `firmware/core/board.h`; unlike ctypes, this refuses what does not fit.
+#: `Outputs` and `Measured` of `firmware/core/board.h`; unlike ctypes, this refuses what does not
+#: fit.
+_OUTPUTS = struct.Struct(f"@?{MOST_TENDONS}H{MOST_TENDONS}hBx")
 _MEASURED = struct.Struct(f"@{MOST_TENDONS}h{MOST_TENDONS}h{ADC_CHANNELS}HH?x")
 
 

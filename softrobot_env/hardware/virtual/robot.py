@@ -4,15 +4,16 @@ import contextlib
 import os
 import select
 import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from threading import Event
 from time import monotonic
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from softrobot_env.hardware.protocol.messages import FORCE_UNIT, LENGTH_UNIT
+from softrobot_env.hardware.robot_file.model import Servo
 from softrobot_env.hardware.virtual.core import Core, Measured, Outputs
 
 _READ = 4096  # bytes at once
@@ -53,17 +54,6 @@ class Plant(Protocol):
         """Go on for a tick with servos driven to (n,) [m], or without power; what went wrong."""
 
 
-class Pulses(NamedTuple):
-    """How servos of the plant understand pulses: (n,) [µs] at zero, and (n,) [µs/m]."""
-
-    centre: np.ndarray
-    gain: np.ndarray
-
-    def length(self, pulse_us: tuple[int, ...]) -> np.ndarray:
-        """Pulled-in lengths (n,) [m]."""
-        return (np.array(pulse_us) - self.centre) / self.gain
-
-
 class VirtualRobot:
     """Microcontroller, plant and camera, run by the clock.
 
@@ -78,7 +68,7 @@ class VirtualRobot:
         self,
         core: Core,
         plant: Plant,
-        pulses: Pulses,
+        servos: Sequence[Servo],
         supply: float,
         show: Callable[[float, np.ndarray], None] | None = None,
         watch: Callable[["VirtualRobot"], None] | None = None,
@@ -88,12 +78,12 @@ class VirtualRobot:
         Args:
             core: The microcontroller's program.
             plant: What it drives.
-            pulses: How the plant's servos understand pulses.
+            servos: How the plant's servos understand pulses.
             supply: [V].
             show: Called with age [s] and tip (2,) [m] of every picture of the camera.
             watch: Called after every tick.
         """
-        self._core, self._plant, self._pulses = core, plant, pulses
+        self._core, self._plant, self._servos = core, plant, servos
         self._millivolts = round(1e3 * supply)
         self._show, self._watch = show, watch
         # The slave stays open, so that a host may come and go.
@@ -156,8 +146,10 @@ class VirtualRobot:
                 self._pending = b""
 
     def _advance(self) -> None:
-        outputs = self.outputs
-        command = self._pulses.length(outputs.pulse_us) if outputs.powered else None
+        command = None
+        if self.outputs.powered:
+            pairs = zip(self._servos, self.outputs.pulse_us, strict=True)
+            command = np.array([servo.length(1e-6 * pulse) for servo, pulse in pairs])
         self.failure = self._plant.advance(command)
         self._measured = self._measure()
         if self._show is not None and self._plant.picture is not None:

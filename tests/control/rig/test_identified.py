@@ -10,6 +10,7 @@ from softrobot_env.cli import main
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.envs.rig import RigEnv
+from softrobot_env.identification import recording
 from softrobot_env.identification.backlash import backlash_of, visit_sides
 from softrobot_env.identification.decay import damping_of, rates_of_decay, visit_decays
 from softrobot_env.identification.parameters import NEEDED, Recording, identify
@@ -148,25 +149,26 @@ def test_dither_takes_out_the_backlash_of_the_servos():
     assert off[0.6e-3] < 0.2e-3 < 0.6e-3 < off[0.0]
 
 
-def test_processes_measure_what_one_does():
+def test_long_visits_are_cut_into_runs(monkeypatch):
+    """Each from the straight pose, with nothing left of the run before."""
     lengths = nominal_lengths(RIG, disk_points(4, 0.05), TOTAL)
     quick = Visit(move=0.2, rest=0.1, pictures=2)
-    one, two = (measure(3, lengths, 1, runs=2, processes=n, visit=quick) for n in (1, 2))
-    np.testing.assert_array_equal(one, two)
+    apart = [measure(None, part, visit=quick) for part in np.split(lengths, 2)]
+    monkeypatch.setattr(recording, "LONGEST", 2.5 * recording.visit_duration(quick, 1))
+    np.testing.assert_array_equal(measure(None, lengths, visit=quick), np.concatenate(apart))
 
 
 @pytest.mark.parametrize(
-    ("lengths", "options", "message"),
+    ("lengths", "message"),
     [
-        (np.zeros((2, 2)), {}, "shape"),
-        (np.full((2, 3), 0.031), {}, "0.03 m"),
-        (np.full((2, 3), np.nan), {}, "0.03 m"),
-        (np.zeros((2, 3)), {"runs": 0}, "one run"),
+        (np.zeros((2, 2)), "shape"),
+        (np.full((2, 3), 0.031), "0.03 m"),
+        (np.full((2, 3), np.nan), "0.03 m"),
     ],
 )
-def test_measurements_that_cannot_be_made_are_refused(lengths, options, message):
+def test_measurements_that_cannot_be_made_are_refused(lengths, message):
     with pytest.raises(ValueError, match=message):
-        measure(None, lengths, **options)
+        measure(None, lengths)
 
 
 def test_twins_are_trained_for_one_artifact_only(tmp_path, capsys):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from support.rig_episodes import rig
 
-from softrobot_env.envs.rendering.lifting import lifted
+from softrobot_env.envs.rendering.renderer import lifted
 from softrobot_env.robots import RIG
 
 

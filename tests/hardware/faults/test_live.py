@@ -23,7 +23,7 @@ from softrobot_env.hardware.errors import LinkError, UnansweredError
 from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.link import MOST_IN_FLIGHT
 from softrobot_env.hardware.transport import SerialTransport
-from softrobot_env.hardware.virtual.robot import Pulses, VirtualRobot
+from softrobot_env.hardware.virtual.robot import VirtualRobot
 
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
@@ -77,8 +77,7 @@ def servos():
 
 @pytest.fixture
 def proxy(core, servos):
-    pulses = Pulses(*(1e6 * np.array([[s.center, s.gain] for s in FILE.tendons]).T))
-    robot, over = VirtualRobot(core, servos, pulses, supply=6.0), Event()
+    robot, over = VirtualRobot(core, servos, FILE.tendons, supply=6.0), Event()
     thread = Thread(target=robot.run, args=(over,), daemon=True)
     thread.start()
     with SerialProxy(robot.port) as proxy:

@@ -177,7 +177,7 @@ def test_what_is_of_another_session_moves_nothing(rough):
 
 
 def test_a_cut_frame_takes_nothing_with_it(rough):
-    frame = rough.session.setpoint(np.array(THERE), 0, rough.now)[1]
+    frame = rough.session.setpoint(np.array(THERE), rough.now)[1]
     for size in range(1, len(frame)):
         rough.say(frame[:size], PASS)
         seq = rough.command(HERE)
