@@ -102,7 +102,7 @@ class _LinkedCache(_KernelCache):
 
     def __init__(self, function: Callable, everywhere: bool) -> None:
         super().__init__(function, everywhere)
-        self._cache_file._base += ".linked"
+        self._cache_file._base += "-linked"
 
 
 def kernel(function: Callable, everywhere: bool = False) -> Any:

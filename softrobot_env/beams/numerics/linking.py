@@ -80,6 +80,7 @@ class KernelCompiler(CompilerBase):
         state.library.enable_object_caching()
 
     def define_pipelines(self) -> list:
+        """Numba's passes."""
         return [DefaultPassBuilder.define_nopython_pipeline(self.state)]
 
 
@@ -89,6 +90,7 @@ class LinkedCompiler(KernelCompiler):
     _library = _LinkedLibrary
 
     def define_pipelines(self) -> list:
+        """Numba's passes up to LLVM's code."""
         self.state.flags.no_compile = True
         (passes,) = super().define_pipelines()
         passes.add_pass_after(_Announce, NoPythonBackend)
@@ -108,6 +110,7 @@ class LinkedFiles(CompileResultCacheImpl):
     """How linked kernels are stored: LLVM's code, without machine code."""
 
     def reduce(self, cres: Any) -> tuple:
+        """What is stored of a compiled kernel."""
         fndesc = cres.fndesc
         fndesc.typemap = fndesc.calltypes = None  # as Numba does: may fail to pickle
         code = cres.library._get_module_for_linking().as_bitcode()
@@ -115,6 +118,7 @@ class LinkedFiles(CompileResultCacheImpl):
         return code, fndesc, cres.environment, cres.signature, cres.reload_init, environments
 
     def rebuild(self, target_context: Any, payload: tuple) -> Any:
+        """The kernel that `reduce` made this of."""
         code, fndesc, environment, signature, reload_init, environments = payload
         for function in reload_init:
             function()
