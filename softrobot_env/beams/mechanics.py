@@ -24,6 +24,7 @@ from numba.extending import overload
 
 from softrobot_env.beams.actuation import add_path_forces, path_lengths, tendon_tensions
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.linking import LINKED
 
 # ---------------------------------------------------------------- provided by a model
 
@@ -88,7 +89,7 @@ def add_internal_tangent(model, q, v, damping, mass, out):
     raise NotImplementedError
 
 
-@overload(add_internal_tangent)
+@overload(add_internal_tangent, jit_options=LINKED)
 def _unknown_tangent(model, q, v, damping, mass, out):
     if getattr(model, "instance_class", None) in _WITH_TANGENT:
         return None
@@ -131,7 +132,7 @@ def _overload(function: Any, data_class: type, implementation: Any) -> None:
     if function is add_internal_tangent:
         _WITH_TANGENT.add(data_class)
     choose.__signature__ = signature(implementation)  # type: ignore[attr-defined]
-    overload(function)(choose)
+    overload(function, jit_options=LINKED)(choose)
 
 
 # ---------------------------------------------------------------- the same for all models

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
 import softrobot_env
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
@@ -38,6 +39,29 @@ def test_structures_are_passed_by_reference():
     assert data.factor == 2.0
 
 
+@kernel
+def _double(x):
+    if x < 0:
+        raise ValueError("negative")
+    return 2 * x
+
+
+@kernel
+def _double_twice(x):
+    return _double(_double(x))
+
+
+def test_only_what_python_calls_becomes_machine_code():
+    assert _double_twice(3.0) == 12.0
+    assert not _double.overloads  # linked into its caller, nothing of its own
+    assert _double(3.0) == 6.0
+    assert len(_double.overloads) == 1
+    assert _double_twice(np.float32(0.5)) == 2.0
+    for function in (_double, _double_twice):
+        with pytest.raises(ValueError, match="negative"):
+            function(-1.0)
+
+
 def test_kernels_of_foreign_structures_are_not_stored():
     _sum(reference(Outer(2.0, Inner(np.ones(3)))))
     assert not list((Path(__file__).parent / "__pycache__").glob("test_compilation._sum*.nbc"))
@@ -62,7 +86,8 @@ def test_an_edit_of_any_source_recompiles_what_uses_it(tmp_path):
     def run():
         code = (
             "from softrobot_env.beams.second import twice; print(twice(1)); "
-            "print(sum(twice.stats.cache_hits.values()))"
+            "print(sum(twice.stats.cache_hits.values())); "
+            "from softrobot_env.beams.first import value; value(1)"
         )
         environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"}
         result = subprocess.run(
@@ -76,7 +101,11 @@ def test_an_edit_of_any_source_recompiles_what_uses_it(tmp_path):
         return [int(x) for x in result.stdout.split()]
 
     assert run() == [4, 0]
+    stored = sorted((beams / "__pycache__").glob("first.value*.nbc"))
+    assert len(stored) == 2  # for kernels and for Python; neither removes the other
     assert run() == [4, 1]
     first = beams / "first.py"
     first.write_text(first.read_text().replace("x + 1", "x + 2"))
     assert run() == [6, 0]
+    renewed = sorted((beams / "__pycache__").glob("first.value*.nbc"))
+    assert len(renewed) == 2 and not set(renewed) & set(stored)

@@ -13,6 +13,8 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.experimental import structref
 from numba.extending import overload
 
+from softrobot_env.beams.numerics.linking import LINKED, KernelCompiler, LinkedFiles
+
 _PACKAGE = __name__.split(".")[0]
 
 
@@ -93,6 +95,16 @@ class _KernelCache(FunctionCache):
             super().save_overload(sig, data)
 
 
+class _LinkedCache(_KernelCache):
+    """The same for kernels as other kernels call them."""
+
+    _impl_class = LinkedFiles
+
+    def __init__(self, function: Callable, everywhere: bool) -> None:
+        super().__init__(function, everywhere)
+        self._cache_file._base += "-linked"
+
+
 def kernel(function: Callable, everywhere: bool = False) -> Any:
     """Compile a function on its first call for every new combination of argument types.
 
@@ -103,17 +115,23 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
         everywhere: Whether structures from anywhere in the package may be passed to it, so that
             an edit of any of its sources recompiles it.
     """
-    compiled = numba.njit(error_model="numpy", fastmath={"contract", "nsz"})(function)
+    compiled = _dispatcher(function, pipeline_class=KernelCompiler)
     compiled._cache = _KernelCache(function, everywhere)
-    template = compiled.get_call_template
+    linked = _dispatcher(function, **LINKED)
+    linked._cache = _LinkedCache(function, everywhere)
 
     def without_literals(args: tuple, kws: dict) -> tuple:
         """One kernel for `f(True)` and `f(False)`: numba would compile each with all it calls."""
         kws = {name: types.unliteral(t) for name, t in kws.items()}
-        return template(tuple(types.unliteral(t) for t in args), kws)
+        return linked.get_call_template(tuple(types.unliteral(t) for t in args), kws)
 
     compiled.get_call_template = without_literals
+    compiled.get_overload = linked.get_overload
     return compiled
+
+
+def _dispatcher(function: Callable, **options: Any) -> Any:
+    return numba.njit(error_model="numpy", fastmath={"contract", "nsz"}, **options)(function)
 
 
 # ---------------------------------------------------------------- structures
@@ -186,7 +204,7 @@ def _referred(value):
     raise NotImplementedError
 
 
-@overload(_referred)
+@overload(_referred, jit_options=LINKED)
 def _referred_implementation(value):
     data_class = getattr(value, "instance_class", None)
     if data_class not in _REFERENCES or not isinstance(value, types.BaseNamedTuple):
