@@ -13,9 +13,17 @@ from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.experimental import structref
 from numba.extending import overload
 
-from softrobot_env.beams.numerics.linking import LINKED, KernelCompiler, LinkedFiles
-
 _PACKAGE = __name__.split(".")[0]
+
+#: Options of a function that kernels call, for `overload`.
+LINKED: dict[str, Any] = {}
+
+# Linking builds on the inside of Numba, known of these versions. Others compile as they always do:
+# the same machine code, in about twice the time.
+if numba.version_info[:2] == (0, 68):
+    from softrobot_env.beams.numerics import linking
+
+    LINKED = linking.OPTIONS
 
 
 _ROOT = Path(__file__).parents[2]
@@ -83,26 +91,20 @@ class _KernelCache(FunctionCache):
     stored: another script may mean something else by the same name.
     """
 
-    def __init__(self, function: Callable, everywhere: bool) -> None:
+    def __init__(self, function: Callable, everywhere: bool, linked: bool = False) -> None:
+        if linked:
+            self._impl_class = linking.LinkedFiles
         super().__init__(function)
         places = (_ROOT,) if everywhere else (_ROOT / "beams", _part(function))
         self._cache_file = _KernelFiles(self._cache_file, _digest(places))
+        if linked:
+            self._cache_file._base += "-linked"
 
     def save_overload(self, sig: Any, data: Any) -> None:
         """Store a compiled kernel if all types of its arguments belong to this package."""
         classes = [getattr(t, "instance_class", None) for t in sig]
         if all(c is None or c.__module__.split(".")[0] == _PACKAGE for c in classes):
             super().save_overload(sig, data)
-
-
-class _LinkedCache(_KernelCache):
-    """The same for kernels as other kernels call them."""
-
-    _impl_class = LinkedFiles
-
-    def __init__(self, function: Callable, everywhere: bool) -> None:
-        super().__init__(function, everywhere)
-        self._cache_file._base += "-linked"
 
 
 def kernel(function: Callable, everywhere: bool = False) -> Any:
@@ -115,18 +117,22 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
         everywhere: Whether structures from anywhere in the package may be passed to it, so that
             an edit of any of its sources recompiles it.
     """
-    compiled = _dispatcher(function, pipeline_class=KernelCompiler)
+    if LINKED:
+        compiled = _dispatcher(function, pipeline_class=linking.KernelCompiler)
+        called = _dispatcher(function, **LINKED)
+        called._cache = _KernelCache(function, everywhere, linked=True)
+    else:
+        compiled = called = _dispatcher(function)
     compiled._cache = _KernelCache(function, everywhere)
-    linked = _dispatcher(function, **LINKED)
-    linked._cache = _LinkedCache(function, everywhere)
+    template = called.get_call_template
 
     def without_literals(args: tuple, kws: dict) -> tuple:
         """One kernel for `f(True)` and `f(False)`: numba would compile each with all it calls."""
         kws = {name: types.unliteral(t) for name, t in kws.items()}
-        return linked.get_call_template(tuple(types.unliteral(t) for t in args), kws)
+        return template(tuple(types.unliteral(t) for t in args), kws)
 
     compiled.get_call_template = without_literals
-    compiled.get_overload = linked.get_overload
+    compiled.get_overload = called.get_overload
     return compiled
 
 
