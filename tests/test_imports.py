@@ -25,6 +25,7 @@ FOUNDATION = {
     "registries",
     "paths",
     "processes",
+    "fields",
     "registration",
     "loads",
     "twin",

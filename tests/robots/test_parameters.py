@@ -287,14 +287,14 @@ def test_robots_that_cannot_be(changes, message):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"tension_limit": 0.0}, "pretension < tension_limit"),
+        ({"tension_limit": 0.0}, "tension_limit must be finite and positive"),
         ({"pretension": -1.0}, "0 <= pretension"),
         ({"pretension": 10.0}, "pretension < tension_limit"),
         ({"tension_limit": nan}, "tension_limit"),
         ({"friction": -1.0}, "friction must be finite and zero or more"),
         ({"friction": nan}, "friction"),
         ({"friction": inf}, "friction"),
-        ({"end": 0.0}, "guides must increase"),
+        ({"end": 0.0}, "end must be finite and positive"),
         ({"guides": (0.1, 0.1)}, "guides must increase"),
         ({"guides": (0.2, 0.1)}, "guides must increase"),
         ({"guides": (0.5,)}, "guides must increase"),
