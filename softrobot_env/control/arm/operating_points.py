@@ -21,12 +21,10 @@ from softrobot_env.control.arm.statics import REACH
 from softrobot_env.control.base import Controller, hold_for, state_sizes
 from softrobot_env.control.status import (
     FINE,
-    NOT_FINITE,
     OUTSIDE,
     SATURATED,
     UNREACHABLE,
     finite,
-    kept,
     limited,
 )
 from softrobot_env.interfaces import Observation
@@ -246,26 +244,23 @@ def conclude(
     law: Law,
     gap: float,
     inside: bool,
-    previous: np.ndarray,
-    before: np.ndarray,
     memory: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (n_inputs,), next memory (k,) and code of a decision.
+
+    The action is NaN where it, or the memory, could not be computed; `Controller` then keeps both.
 
     Args:
         wanted: (n_inputs,) [N].
         law: Whose limits hold.
         gap: [m], from the operating point's tip to the reference.
         inside: Whether the operating point lies in the table's grid.
-        previous: (n_inputs,) [1], action kept if an observation, though finite, was too absurd to
-            compute with.
-        before: (k,), memory kept then.
         memory: (k,), of this decision.
     """
     action = np.empty(len(wanted))
     saturated = limited(wanted, law.limit, action)
-    if not (finite(action) and finite(memory)):
-        return kept(previous), before, NOT_FINITE
+    if not (finite(wanted) and finite(memory)):
+        return np.full(len(wanted), np.nan), memory, FINE
     if saturated:
         return action, memory, SATURATED
     if gap > REACH:

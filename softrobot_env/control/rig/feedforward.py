@@ -150,7 +150,7 @@ class RigFeedforward(Controller):
         pull, memory = self._model.step(state.memory, now, then, self._period)
         if self._network is None:
             return _finite(pull.total), pull.tension, memory
-        return _finite(self._statics(then.position) + pull.dynamic), pull.tension, memory
+        return self._statics(then.position) + _finite(pull.dynamic), pull.tension, memory
 
     def _statics(self, place: np.ndarray) -> np.ndarray:
         """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
