@@ -26,6 +26,7 @@ FOUNDATION = {
     "paths",
     "processes",
     "fields",
+    "artifacts",
     "registration",
     "loads",
     "twin",

@@ -7,6 +7,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from softrobot_env.artifacts import read_facts
 from softrobot_env.benchmarks.jobs import quiet
 from softrobot_env.learned.network import Network
 from softrobot_env.training.artifacts import save
@@ -92,7 +93,7 @@ def run_chain(chain: Sequence[str], seed: int, folder: Path, quick: bool) -> Non
     for name in chain:
         settings = _settings(name, seed, quick)
         path = _facts(folder, name, seed)
-        if not path.is_file() or json.loads(path.read_text("utf-8"))["settings"] != settings:
+        if not path.is_file() or read_facts(path)["settings"] != settings:
             _train(name, seed, folder, quick)
 
 
@@ -131,7 +132,7 @@ def _settings(name: str, seed: int, quick: bool) -> dict[str, Any]:
 
 def load_run(name: str, seed: int, folder: Path) -> Run:
     """A training that `run_chain` made."""
-    facts: dict[str, Any] = json.loads(_facts(folder, name, seed).read_text(encoding="utf-8"))
+    facts: dict[str, Any] = read_facts(_facts(folder, name, seed))
     network, _ = Network.load(_file(folder, name, seed))
     return Run(name, seed, network, facts["curve"], facts["minutes"])
 

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
+from softrobot_env.artifacts import read_arrays
 from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
@@ -186,18 +187,21 @@ def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> Gain
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: It belongs to another robot or law.
+        ValueError: It belongs to another robot or law, is damaged or not finite.
     """
     if not path.exists():
         raise FileNotFoundError(f"no gains at {path}; make them with `{command}`")
-    with np.load(path) as data:
-        found, gains = data["robot"], np.ascontiguousarray(data["gains"], dtype=np.float64)
+    data = read_arrays(path)
+    data.check_finite()
+    found = data["robot"]
     wanted = identity(robot)
     if wanted.shape != found.shape or not np.allclose(wanted, found, rtol=1e-9):
         raise ValueError(
             f"{path} holds gains of another robot than this {robot.name!r}; `build_gains` and "
             "`save_gains` make a table for it, which the policy takes as gains="
         )
+    data.check_shape("gains", (None,) * 4)
+    gains = np.ascontiguousarray(data["gains"], dtype=np.float64)
     if gains.shape != (*(size for size, _ in GRID), count):
         raise ValueError(f"{path} does not fit this version; `{command}` makes it anew")
     points = axes()

@@ -75,10 +75,9 @@ class IdentifiedParameters:
             ValueError: It belongs to another robot, or lacks something.
         """
         path = models_dir() / FILE if path is None else Path(path)
-        network, about = load_for(path, robot, _COMMAND, describe_rig)
-        missing = [name for name in _NUMBERS.values() if name not in about]
-        if missing:
-            raise ValueError(f"{path} lacks {', '.join(missing)}; make it anew with `{_COMMAND}`")
+        network, about = load_for(path, robot, _COMMAND, describe_rig, (2, len(robot.tendons)))
+        for name in _NUMBERS.values():
+            about.check_shape(name, ())
         twin = int(about["twin"]) if "twin" in about else None
         return cls(network, *(float(about[name]) for name in _NUMBERS.values()), twin)
 
