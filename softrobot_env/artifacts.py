@@ -67,13 +67,11 @@ def read_arrays(path: str | Path) -> Arrays:
         FileNotFoundError: No such file.
         ValueError: It is no npz file, damaged, or holds other things than arrays.
     """
-    try:
-        with np.load(path, allow_pickle=False) as data:
-            return Arrays(path, dict(data))
-    except FileNotFoundError:
-        raise
-    except Exception as error:  # whatever zip, zlib and NumPy raise on damage
-        raise ValueError(f"{path} is no npz file of arrays, or damaged") from error
+    with Path(path).open("rb") as file:
+        try:
+            return Arrays(path, dict(np.load(file, allow_pickle=False)))
+        except Exception as error:  # whatever zip, zlib and NumPy raise on damage
+            raise ValueError(f"{path} is no npz file of arrays, or damaged") from error
 
 
 def read_facts(path: str | Path) -> Any:

@@ -270,7 +270,10 @@ def load_for(
     """
     if not path.is_file():
         raise FileNotFoundError(f"no network at {path}; make it with `{command}`")
-    network, about = Network.load(path)
+    try:
+        network, about = Network.load(path)
+    except ValueError as error:
+        raise ValueError(f"{error}; make it anew with `{command}`") from None
     if not suits(about, robot, described):
         raise ValueError(
             f"{path} was trained for robot {str(about.get('robot'))!r} as it was then, not for "
@@ -292,6 +295,6 @@ def check_ends(network: Network, ends: tuple[int, int], what: str = "the network
 
 
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
-    if other.dtype.kind == "U":
+    if "U" in (one.dtype.kind, other.dtype.kind):
         return str(one) == str(other)
     return one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=0)

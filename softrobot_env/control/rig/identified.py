@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from softrobot_env.fields import NotNegative, Positive, check_fields
 from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.network import Network, describe, load_for
 from softrobot_env.paths import models_dir
@@ -41,11 +42,14 @@ class IdentifiedParameters:
     """
 
     network: Network
-    stiffness: float
+    stiffness: Positive
     turn: float
-    damping: float
+    damping: NotNegative
     backlash: float
     twin: int | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, "identified parameters")
 
     @cached_property
     def statics(self) -> CompiledInference:
@@ -79,7 +83,10 @@ class IdentifiedParameters:
         for name in _NUMBERS.values():
             about.check_shape(name, ())
         twin = int(about["twin"]) if "twin" in about else None
-        return cls(network, *(float(about[name]) for name in _NUMBERS.values()), twin)
+        try:
+            return cls(network, *(float(about[name]) for name in _NUMBERS.values()), twin)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}; make it anew with `{_COMMAND}`") from None
 
 
 def describe_rig(robot: RobotParams) -> dict[str, np.ndarray]:
