@@ -1,5 +1,7 @@
 """What the fields of a data class may hold: said by their annotations, checked when it is made.
 
+Arguments of functions can be checked in the same way.
+
 `float` is a finite number, `int` a whole one, `str` a text, `tuple[float, float]` two finite
 numbers, and so on; `Annotated[float, Range(...)]`, for instance `Positive`, says more. What does
 not fit is refused in one line that names the field and what is allowed. Lists and arrays become
@@ -33,6 +35,7 @@ class Range:
 Positive = Annotated[float, Range("finite and positive", lambda x: 0 < x < inf)]
 NotNegative = Annotated[float, Range("finite and zero or more", lambda x: 0 <= x < inf)]
 Count = Annotated[int, Range("a whole number, 1 or more", lambda x: x >= 1)]
+Whole = Annotated[int, Range("a whole number, 0 or more", lambda x: x >= 0)]
 
 
 class _Fault(NamedTuple):
@@ -72,6 +75,13 @@ def check_fields(record: Any, what: str) -> None:
             )
         if frozen is not value:
             object.__setattr__(record, name, frozen)
+
+
+def check_argument(name: str, value: Any, hint: Any) -> None:
+    """Raise ValueError unless an argument is what a type hint says, as `check_fields` does."""
+    fault = _rule(hint).fault(_frozen(value))
+    if fault is not None:
+        raise ValueError(f"{name}{fault.where} must be {fault.allowed}, got {_shown(fault.found)}")
 
 
 def check_unique(names: list[str], what: str) -> None:
@@ -151,8 +161,10 @@ def _first(faults: Iterable[_Fault | None]) -> _Fault | None:
 def _instance(kind: type) -> _Rule:
     if kind is Callable:
         return _simple("a function", callable)
-    article = "an" if kind.__name__[0] in "AEIOU" else "a"
-    return _simple(f"{article} {kind.__name__}", lambda value: isinstance(value, kind))
+    text = f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
+    if getattr(kind, "_is_protocol", False):
+        text += f" (with {', '.join(name for name in vars(kind) if name[0] != '_')})"
+    return _simple(text, lambda value: isinstance(value, kind))
 
 
 def _frozen(value: Any) -> Any:

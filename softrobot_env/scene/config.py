@@ -144,6 +144,11 @@ class SceneConfig:
             value = getattr(self, name)
             if value not in allowed:
                 raise ValueError(f"unknown {name} {value!r}; choose from {', '.join(allowed)}")
+        if self.timestep is not None and self.timestep > self.control_period:
+            raise ValueError(
+                f"timestep must be at most the control period, {self.control_period:g} s, got "
+                f"{self.timestep:g} s"
+            )
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
 

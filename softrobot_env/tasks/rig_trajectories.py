@@ -5,11 +5,11 @@ component is left zero. Both begin in the straight pose, on the axis.
 """
 
 from dataclasses import dataclass
-from typing import Annotated, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
-from softrobot_env.fields import Count, NotNegative, Positive, Range, check_fields
+from softrobot_env.fields import Count, NotNegative, Positive, Whole, check_fields
 
 #: Value of a function of time and its first two derivatives by time.
 Derivatives = tuple[np.ndarray, np.ndarray, np.ndarray]
@@ -52,7 +52,7 @@ class RoundedTriangle(_Run):
 
     b1: Positive = 0.07
     period: Positive = 5.0
-    laps: Annotated[int, Range("a whole number, 0 or more", lambda x: x >= 0)] = 3
+    laps: Whole = 3
     approach: NotNegative = 10.0
 
     def __post_init__(self) -> None:
