@@ -34,6 +34,7 @@ class Range:
 
 Positive = Annotated[float, Range("finite and positive", lambda x: 0 < x < inf)]
 NotNegative = Annotated[float, Range("finite and zero or more", lambda x: 0 <= x < inf)]
+Share = Annotated[float, Range("in [0, 1]", lambda x: 0 <= x <= 1)]
 Count = Annotated[int, Range("a whole number, 1 or more", lambda x: x >= 1)]
 Whole = Annotated[int, Range("a whole number, 0 or more", lambda x: x >= 0)]
 

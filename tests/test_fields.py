@@ -7,6 +7,9 @@ from typing import Annotated
 import numpy as np
 import pytest
 
+from softrobot_env.control.arm.lq_preview import Weights
+from softrobot_env.control.mpc.settings import PREVIEW as MPC_PREVIEW
+from softrobot_env.control.mpc.settings import THESIS as MPC_THESIS
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.fields import Range, check_fields
 from softrobot_env.identification.recording import Visit
@@ -48,6 +51,9 @@ RECORDS = (
     TrackingReward(),
     Visit(),
     Sampling(),
+    MPC_THESIS,
+    MPC_PREVIEW,
+    Weights(),
 )
 
 #: What no field may hold, but for the exceptions.

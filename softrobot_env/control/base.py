@@ -7,6 +7,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS
+from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -213,6 +214,7 @@ def hold_for(period: float, control_period: float, policy: str) -> int:
     Raises:
         ValueError: It is not a whole number of them.
     """
+    check_argument("control_period", control_period, Positive)
     count = round(period / control_period)
     if count < 1 or abs(count * control_period - period) > 1e-9:
         raise ValueError(

@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass, replace
 from math import cos, sin
-from typing import Annotated
 
-from softrobot_env.fields import Count, Positive, Range, check_fields, check_unique
+from softrobot_env.fields import Count, Positive, Share, check_fields, check_unique
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
@@ -23,8 +22,7 @@ FRONT_CAMERA = "front"
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
 
-_Share = Annotated[float, Range("in [0, 1]", lambda x: 0 <= x <= 1)]
-Rgba = tuple[_Share, _Share, _Share, _Share]
+Rgba = tuple[Share, Share, Share, Share]
 
 
 @dataclass(frozen=True)

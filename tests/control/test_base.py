@@ -6,13 +6,19 @@ import pytest
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.arm.feedforward import Feedforward, FeedforwardPI
 from softrobot_env.control.arm.neural import NeuralPolicy
+from softrobot_env.control.arm.observer import RateObserver
 from softrobot_env.control.base import Controller
-from softrobot_env.control.registry import make_policy, policy_environment
+from softrobot_env.control.registry import (
+    POLICIES,
+    RIG_POLICIES,
+    make_policy,
+    policy_environment,
+)
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.learned.network import Network
 from softrobot_env.paths import models_dir
-from softrobot_env.robots import ARM, CANTILEVER_WEAK
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG
 
 PERIOD = 0.01
 STATICS = ConstantCurvatureStatics(ARM)
@@ -180,3 +186,23 @@ def test_scheduled_laws_that_compute_no_number_are_blamed_themselves(name):
     assert told.status == "computation not finite"
     _, state = policy.predict(observation, told)
     assert state.status is None
+
+
+@pytest.mark.parametrize("period", [np.nan, np.inf, 0.0, -0.01, "x", None, True], ids=str)
+@pytest.mark.parametrize("name", [*POLICIES, *RIG_POLICIES])
+def test_policies_refuse_what_is_no_control_period(name, period):
+    robot = ARM if name in POLICIES else RIG
+    with pytest.raises(ValueError, match="control_period must be finite and positive, got"):
+        make_policy(name, robot, period)
+    with pytest.raises(ValueError, match="robot must be a RobotParams, got 'arm'"):
+        make_policy(name, "arm", 0.01)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, "x", True], ids=str)
+def test_gains_of_feedback_and_observer_are_numbers(value):
+    for gain in ("proportional", "integral", "damping"):
+        with pytest.raises(ValueError, match=f"{gain} must be"):
+            FeedforwardPI(ARM, PERIOD, **{gain: value})
+    for noise in ("curvature_noise", "force_walk"):
+        with pytest.raises(ValueError, match=rf"{noise} must be in \(0, 1e6\]"):
+            RateObserver(ARM, PERIOD, **{noise: value})

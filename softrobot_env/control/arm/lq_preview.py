@@ -29,6 +29,7 @@ from softrobot_env.control.arm.reference_smoothing import JUMP, SIZE, begin_smoo
 from softrobot_env.control.arm.statics import RELAXATION, follow
 from softrobot_env.control.base import usable
 from softrobot_env.control.status import FINE, NOT_FINITE, Memory, finite, kept
+from softrobot_env.fields import NotNegative, Positive, check_fields
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
@@ -50,8 +51,11 @@ class Weights:
         inputs: [m2/N2].
     """
 
-    velocity: float = 1e-3
-    inputs: float = 3e-7
+    velocity: NotNegative = 1e-3
+    inputs: Positive = 3e-7
+
+    def __post_init__(self) -> None:
+        check_fields(self, "weights")
 
 
 class LQPreview(ScheduledController):

@@ -6,6 +6,7 @@ import numpy as np
 
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.control.mpc.prediction import GAMMA, Horizon
+from softrobot_env.fields import NotNegative, Whole, check_fields
 
 
 @dataclass(frozen=True)
@@ -42,10 +43,11 @@ class MPCSettings:
     change: float
     preview: bool
     estimate: bool
-    iterations: int
-    tolerance: float | None
+    iterations: Whole
+    tolerance: NotNegative | None
 
     def __post_init__(self) -> None:
+        check_fields(self, "MPC settings")
         if self.integrator not in GAMMA:
             raise ValueError(
                 f"unknown integrator {self.integrator!r}; choose from {', '.join(GAMMA)}"
