@@ -1,4 +1,4 @@
-"""One thread for linear algebra, here and in processes of our own.
+"""One thread for linear algebra: in commands, in processes of our own, and for a while in others.
 
 The matrices of this package are small: more threads gain nothing, and where other programs run they
 wait for each other, which makes such work up to fifty times slower.
@@ -8,11 +8,15 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
+
+    from threadpoolctl import ThreadpoolController
 
 #: Libraries read these once, when they are loaded.
 THREADS = (
@@ -33,11 +37,59 @@ def one_thread() -> None:
 def one_thread_on_the_command_line() -> None:
     """`one_thread` if this process is `softrobot` or `python -m softrobot_env`.
 
-    A program that imports the package keeps its own settings.
+    A program that imports the package keeps its own settings, see `one_blas_thread`.
     """
     program = sys.argv[0] if sys.argv else ""  # "-m" while Python still looks for the module
     if program == "-m" or Path(program).name == "softrobot":
         one_thread()
+
+
+class _Alone:
+    """Who computes with one thread now: the first sets it, the last puts back what was."""
+
+    def __init__(self) -> None:
+        self._lock, self._inside, self._limited = Lock(), 0, None
+
+    def enter(self) -> None:
+        """Take one thread."""
+        with self._lock:
+            if self._inside == 0:
+                self._limited = _libraries("scipy.linalg" in sys.modules).limit(limits=1)
+            self._inside += 1
+
+    def leave(self) -> None:
+        """Put back what was, unless others are still inside."""
+        with self._lock:
+            self._inside -= 1
+            if self._inside == 0:
+                self._limited.restore_original_limits()
+
+
+_ALONE = _Alone()
+
+
+@cache
+def _libraries(_with_scipy: bool) -> "ThreadpoolController":
+    """Loaded libraries of linear algebra; SciPy comes with another one than NumPy.
+
+    Looking for them takes a millisecond, setting their threads 10 µs.
+    """
+    from threadpoolctl import ThreadpoolController  # every import of the package comes here
+
+    return ThreadpoolController().select(user_api="blas")
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Within it linear algebra takes one thread, in all threads of the process; also a decorator.
+
+    For functions with matrices of some hundred rows in programs that set nothing themselves.
+    """
+    _ALONE.enter()
+    try:
+        yield
+    finally:
+        _ALONE.leave()
 
 
 @contextmanager
