@@ -44,28 +44,8 @@ def one_thread_on_the_command_line() -> None:
         one_thread()
 
 
-class _Alone:
-    """Who computes with one thread now: the first sets it, the last puts back what was."""
-
-    def __init__(self) -> None:
-        self._lock, self._inside, self._limited = Lock(), 0, None
-
-    def enter(self) -> None:
-        """Take one thread."""
-        with self._lock:
-            if self._inside == 0:
-                self._limited = _libraries("scipy.linalg" in sys.modules).limit(limits=1)
-            self._inside += 1
-
-    def leave(self) -> None:
-        """Put back what was, unless others are still inside."""
-        with self._lock:
-            self._inside -= 1
-            if self._inside == 0:
-                self._limited.restore_original_limits()
-
-
-_ALONE = _Alone()
+#: Held by who has set one thread.
+_LIMITED = Lock()
 
 
 @cache
@@ -81,15 +61,19 @@ def _libraries(_with_scipy: bool) -> "ThreadpoolController":
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Within it linear algebra takes one thread, in all threads of the process; also a decorator.
+    """Within it linear algebra takes one thread; afterwards as many as before. Also a decorator.
 
-    For functions with matrices of some hundred rows in programs that set nothing themselves.
+    For functions with matrices of some hundred rows in programs that set nothing themselves. Who
+    enters while another one is inside leaves the number to that one.
     """
-    _ALONE.enter()
-    try:
+    if not _LIMITED.acquire(blocking=False):
         yield
+        return
+    try:
+        with _libraries("scipy.linalg" in sys.modules).limit(limits=1):
+            yield
     finally:
-        _ALONE.leave()
+        _LIMITED.release()
 
 
 @contextmanager
