@@ -12,7 +12,7 @@ from typing import Annotated
 
 import numpy as np
 
-from softrobot_env.fields import Count, NotNegative, Positive, Range, check_fields, check_unique
+from softrobot_env.fields import NotNegative, Positive, Range, check_fields, check_unique
 
 #: What `RobotParams.vary` varies, with the values that change nothing: factors [1] on parameters of
 #: the robot, and a friction [N].
@@ -33,6 +33,10 @@ _CLAMPED_FREE_ROOT = 1.8751040687119611
 
 #: Of an isotropic material, by thermodynamics, [1].
 _PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]
+
+
+#: Number of pieces of a robot or scene; the most are far more than memory serves.
+Pieces = Annotated[int, Range("a whole number from 1 to 10000", lambda n: 1 <= n <= 10_000)]
 
 
 @dataclass(frozen=True)
@@ -147,7 +151,7 @@ class RobotParams:
     youngs_modulus: Positive
     density: Positive
     damping_time: NotNegative
-    pieces: Count
+    pieces: Pieces
     poisson_ratio: _PoissonRatio = 0.0
     tendons: tuple[Tendon, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)

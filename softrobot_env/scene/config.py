@@ -3,9 +3,10 @@
 from dataclasses import dataclass, replace
 from math import cos, sin
 
-from softrobot_env.fields import Count, Positive, Share, check_fields, check_unique
+from softrobot_env.fields import Positive, Share, check_fields, check_unique
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
+from softrobot_env.robots.parameters import Pieces
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")
@@ -116,7 +117,7 @@ class SceneConfig:
     """
 
     robot: RobotParams
-    pieces: Count | None = None
+    pieces: Pieces | None = None
     rule: str = "balanced2"
     actuation: str = "tension"
     control_period: Positive = 0.01

@@ -186,7 +186,7 @@ def test_integrator_and_timestep_asked_for_are_compiled(name):
     ("options", "message"),
     [
         ({"rule": "simpson"}, "midpoint, gauss2"),
-        ({"pieces": 0}, "a whole number, 1 or more"),
+        ({"pieces": 0}, "a whole number from 1 to 10000"),
         ({"integrator": "leapfrog"}, "implicitfast, discrete, implicit, Euler, RK4"),
         ({"actuation": "pressure"}, "tension, length"),
         ({"control_period": 0.0}, "control_period must be finite and positive"),
