@@ -75,7 +75,7 @@ def _vector(name: str, value: Any, size: int) -> np.ndarray:
 
 
 def _numbers(name: str, value: Any, _size: int) -> dict[str, float]:
-    if not isinstance(value, dict):
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
         raise ValueError(f"option {name!r} must be a dict of numbers, got {value!r}")
     return value
 

@@ -171,6 +171,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             ValueError: A bad option; the message names what is allowed.
         """
         # Everything that can be refused comes before anything is changed.
+        check_argument("options", options, dict | None)
         given = dict(options or {})
         which = parse_mask(given.pop(_MASK, None), self.num_envs)
         if not self._started and len(which) < self.num_envs:

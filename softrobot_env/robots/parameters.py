@@ -25,6 +25,9 @@ NEUTRAL: dict[str, float] = {
 }
 VARIABLE = tuple(NEUTRAL)
 
+#: Largest of them, and one over the smallest where none may be zero.
+_MOST = 1e6
+
 #: Those that may be zero.
 MAY_VANISH = ("damping_time", "tendon_friction")
 
@@ -276,11 +279,13 @@ def _or_infinite(robot: RobotParams, name: str) -> float:
 
 
 def check_number(name: str, value: object, may_vanish: bool) -> None:
-    """Raise ValueError unless a value is finite and positive, or zero where it may vanish."""
+    """Raise ValueError unless a value is within 1e-6 and 1e6, or from zero where it may vanish."""
     number = as_number(value)
     if number is None or not (0 < number < inf or (may_vanish and number == 0)):
         least = "zero or more" if may_vanish else "positive"
         raise ValueError(f"value of {name!r} must be finite and {least}, got {value!r}")
+    if number > _MOST or (number < 1 / _MOST and not may_vanish):
+        raise ValueError(f"value of {name!r} must lie in {1 / _MOST:g} to {_MOST:g}, got {value!r}")
 
 
 def as_number(value: object) -> float | None:
