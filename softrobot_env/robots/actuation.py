@@ -65,7 +65,12 @@ class TendonMap:
 def _sides(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
     """Phi (2,) of one group: the side (+1 or -1) of the neutral fibre each tendon pulls to."""
     offsets = np.array([t.offset for t in tendons])
-    if len(tendons) != 2 or np.any(offsets[:, 1] != 0) or offsets[:, 0].sum() != 0 or not offsets.any():
+    if (
+        len(tendons) != 2
+        or np.any(offsets[:, 1] != 0)
+        or offsets[:, 0].sum() != 0
+        or not offsets.any()
+    ):
         raise ValueError(
             f"robot {robot.name!r}: a planar tendon group is a pair at offsets (r, 0) and (-r, 0), "
             f"got {[t.offset for t in tendons]}"

@@ -180,6 +180,9 @@ def test_reduced_inputs_of_many_tensions():
             tuple(replace(t, offset=(0.0, t.offset[0])) for t in ARM.tendons[:2]), id="out of plane"
         ),
         pytest.param(ARM.tendons[2:] + ARM.tendons[:2], id="not ordered by group"),
+        pytest.param(
+            tuple(replace(t, offset=(0.0, 0.0)) for t in ARM.tendons[:2]), id="on the neutral fibre"
+        ),
     ],
 )
 def test_tendon_groups_that_are_no_planar_pair(tendons):
