@@ -1,4 +1,4 @@
-"""One thread for linear algebra, here and in processes of our own.
+"""One thread for linear algebra: in commands, in processes of our own, and for a while in others.
 
 The matrices of this package are small: more threads gain nothing, and where other programs run they
 wait for each other, which makes such work up to fifty times slower.
@@ -8,11 +8,15 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
+from threading import Lock
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
+
+    from threadpoolctl import ThreadpoolController
 
 #: Libraries read these once, when they are loaded.
 THREADS = (
@@ -33,11 +37,43 @@ def one_thread() -> None:
 def one_thread_on_the_command_line() -> None:
     """`one_thread` if this process is `softrobot` or `python -m softrobot_env`.
 
-    A program that imports the package keeps its own settings.
+    A program that imports the package keeps its own settings, see `one_blas_thread`.
     """
     program = sys.argv[0] if sys.argv else ""  # "-m" while Python still looks for the module
     if program == "-m" or Path(program).name == "softrobot":
         one_thread()
+
+
+#: Held by who has set one thread.
+_LIMITED = Lock()
+
+
+@cache
+def _libraries(_with_scipy: bool) -> "ThreadpoolController":
+    """Loaded libraries of linear algebra; SciPy comes with another one than NumPy.
+
+    Looking for them takes a millisecond, setting their threads 10 µs.
+    """
+    from threadpoolctl import ThreadpoolController  # every import of the package comes here
+
+    return ThreadpoolController().select(user_api="blas")
+
+
+@contextmanager
+def one_blas_thread() -> Iterator[None]:
+    """Within it linear algebra takes one thread; afterwards as many as before. Also a decorator.
+
+    For functions with matrices of some hundred rows in programs that set nothing themselves. Who
+    enters while another one is inside leaves the number to that one.
+    """
+    if not _LIMITED.acquire(blocking=False):
+        yield
+        return
+    try:
+        with _libraries("scipy.linalg" in sys.modules).limit(limits=1):
+            yield
+    finally:
+        _LIMITED.release()
 
 
 @contextmanager

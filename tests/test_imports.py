@@ -25,6 +25,8 @@ FOUNDATION = {
     "registries",
     "paths",
     "processes",
+    "fields",
+    "artifacts",
     "registration",
     "loads",
     "twin",

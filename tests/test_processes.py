@@ -4,10 +4,19 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from threading import Event, Thread
 
+import numpy as np
 import pytest
+from threadpoolctl import ThreadpoolController
 
-from softrobot_env.processes import THREADS, worker_processes
+from softrobot_env import processes
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.processes import THREADS, one_blas_thread, worker_processes
+from softrobot_env.robots import ARM
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.statics import equilibrium
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -71,3 +80,77 @@ def test_what_waits_is_not_begun_after_an_error():
         waiting = [pool.submit(_settings, k) for k in range(50)]
         raise ZeroDivisionError
     assert any(future.cancelled() for future in waiting)
+
+
+def blas_threads():
+    libraries = ThreadpoolController().select(user_api="blas").info()
+    return {library["num_threads"] for library in libraries}
+
+
+def in_a_thread(work):
+    """What `work` returns; the thread that sets numbers owns them as long as it lives."""
+    found = []
+    worker = Thread(target=lambda: found.append(work()))
+    worker.start()
+    worker.join()
+    return found[0]
+
+
+@pytest.fixture
+def two_threads():
+    limited = in_a_thread(lambda: ThreadpoolController().limit(limits=2, user_api="blas"))
+    yield
+    in_a_thread(limited.restore_original_limits)
+
+
+def test_linear_algebra_takes_one_thread_for_a_while(two_threads):
+    """And as many as before afterwards, however it ends."""
+    with one_blas_thread():
+        assert blas_threads() == {1}
+        with one_blas_thread():
+            assert blas_threads() == {1}
+        assert blas_threads() == {1}
+    assert blas_threads() == {2}
+    with pytest.raises(ZeroDivisionError), one_blas_thread():
+        raise ZeroDivisionError
+    assert blas_threads() == {2}
+
+
+def test_threads_that_overlap_leave_all_as_it_was(two_threads):
+    inside, leave = Event(), Event()
+
+    def first():
+        with one_blas_thread():
+            inside.set()
+            leave.wait(10)
+
+    other = Thread(target=first)
+    other.start()
+    inside.wait(10)
+    with one_blas_thread():
+        assert blas_threads() == {1}
+        leave.set()
+        other.join()
+    assert blas_threads() == {2}
+
+
+def test_scenes_and_beams_take_one_thread_for_their_matrices(monkeypatch):
+    limited, libraries = [], processes._libraries
+
+    def told(with_scipy):
+        limited.append(True)
+        return libraries(with_scipy)
+
+    monkeypatch.setattr(processes, "_libraries", told)
+    beam = PCC(ARM, 6)
+    still = np.zeros(beam.n)
+    scene = build_scene(SceneConfig(ARM))
+    for work in (
+        lambda: build_scene(SceneConfig(ARM)),
+        lambda: equilibrium(scene.model, np.zeros(6)),
+        lambda: beam.equilibrium(),
+        lambda: beam.linearize((still, still)),
+    ):
+        limited.clear()
+        work()
+        assert limited

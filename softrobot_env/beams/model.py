@@ -20,6 +20,7 @@ from softrobot_env.beams.numerics.linearization import (
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
 from softrobot_env.beams.statics import EquilibriumError, follow_loads
+from softrobot_env.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
@@ -219,6 +220,7 @@ class BeamModel:
 
     # ------------------------------------------------------------------ statics and dynamics
 
+    @one_blas_thread()
     def equilibrium(
         self,
         u: np.ndarray | None = None,
@@ -324,6 +326,7 @@ class BeamModel:
             )
         return Motion(times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps))
 
+    @one_blas_thread()
     def linearize(self, state: State, u: np.ndarray | None = None) -> StateSpace:
         """Linear model about a state under inputs u (n_inputs,).
 

@@ -4,7 +4,6 @@ import argparse
 from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar
-from zipfile import BadZipFile, is_zipfile
 
 import gymnasium
 
@@ -153,20 +152,11 @@ class RigSetup(Setup):
 
         Raises:
             FileNotFoundError: No such file.
-            ValueError: It is another kind of file, belongs to another robot or lacks something.
+            ValueError: It cannot be used, see `IdentifiedParameters.load`.
         """
         from softrobot_env.control.rig.identified import IdentifiedParameters
 
-        path = self._args.learnt
-        if path is None:
-            return IdentifiedParameters.load(RIG)
-        strange = f"{path} is not a file of `softrobot train rig_nn`"
-        if path.is_file() and not is_zipfile(path):
-            raise ValueError(strange)
-        try:
-            return IdentifiedParameters.load(RIG, path)
-        except (KeyError, BadZipFile) as error:
-            raise ValueError(strange) from error
+        return IdentifiedParameters.load(RIG, self._args.learnt)
 
 
 def setup_of(task: str, setups: tuple[Setup, ...]) -> Setup:

@@ -1,10 +1,13 @@
 """From a controller of one robot to stable-baselines3's `predict`, single or batched."""
 
 from abc import ABC, abstractmethod
+from math import isfinite
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS
+from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -29,6 +32,18 @@ class Held(NamedTuple):
         return getattr(self.inner, "status", None)
 
 
+class Uncomputed(NamedTuple):
+    """State of a policy whose decision was no finite action: the action in force is kept.
+
+    Attributes:
+        before: State before that decision, with which it goes on.
+        status: Why, see `Controller`.
+    """
+
+    before: Any
+    status: str
+
+
 class Controller(ABC):
     """A policy written for one robot; `predict` serves one or several environments.
 
@@ -36,6 +51,10 @@ class Controller(ABC):
     state returned by `predict` carries it (a list with one entry per environment when the
     observations are stacked). A state may have a `status`: why the action, or the motion that it
     gives, is not the one wanted (tension limit, reference out of reach, bad observation), or None.
+
+    An action of `act` that is not finite is never returned: the action in force is kept, `act` goes
+    on from the state before, and the status names the observables that are not finite, or else
+    blames the policy's own computation.
 
     Attributes:
         requires: Observables the policy reads.
@@ -79,8 +98,7 @@ class Controller(ABC):
             self._check(observation)
             return self._decide(observation, self.start(observation))
         if self.hold == 1:
-            action, state = self.act(observation, state)
-            return action.astype(np.float32, copy=False), state
+            return self._choose(observation, state)
         return self._go_on(observation, state)
 
     def _check(self, observation: Observation) -> None:
@@ -105,9 +123,27 @@ class Controller(ABC):
         return self._decide(observation, state.inner)
 
     def _decide(self, observation: Observation, inner: Any) -> tuple[np.ndarray, Any]:
-        action, inner = self.act(observation, inner)
-        action = action.astype(np.float32, copy=False)
+        action, inner = self._choose(observation, inner)
         return action, inner if self.hold == 1 else Held(inner, action.copy(), self.hold - 1)
+
+    def _choose(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
+        """Finite action (n_inputs,) as float32, and next state."""
+        before = state.before if type(state) is Uncomputed else state
+        action, state = self.act(observation, before)
+        if not isfinite(sum(action.tolist())):  # far quicker than NumPy's
+            action, state = self._kept(observation, action), self._uncomputed(observation, before)
+        return action.astype(np.float32, copy=False), state
+
+    def _kept(self, observation: Observation, action: np.ndarray) -> np.ndarray:
+        """The action in force where it is known, in place of one that is not finite."""
+        previous = observation.get("previous_action", np.zeros_like(action))
+        return np.clip(usable(previous), -1.0, 1.0)
+
+    def _uncomputed(self, observation: Observation, before: Any) -> Uncomputed:
+        bad = [name for name in self.requires if not np.isfinite(observation[name]).all()]
+        if bad:
+            return Uncomputed(before, f"{REASONS[NOT_FINITE]}: {', '.join(bad)}")
+        return Uncomputed(before, REASONS[NOT_COMPUTED])
 
     def _predict_stacked(
         self, observation: Observation, state: Any, episode_start: np.ndarray | None
@@ -178,6 +214,7 @@ def hold_for(period: float, control_period: float, policy: str) -> int:
     Raises:
         ValueError: It is not a whole number of them.
     """
+    check_argument("control_period", control_period, Positive)
     count = round(period / control_period)
     if count < 1 or abs(count * control_period - period) > 1e-9:
         raise ValueError(

@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from inspect import signature
 from typing import TYPE_CHECKING, Any
 
+from softrobot_env.fields import Positive, check_argument
 from softrobot_env.registries import Registry, load
 from softrobot_env.robots import RobotParams
 
@@ -125,12 +126,14 @@ def make_policy(
         **options: Of the policy's factory, besides those of its name.
 
     Raises:
-        ValueError: Unknown name; the message lists the known ones. Or a control period that the
-            policy cannot work with.
+        ValueError: Unknown name; the message lists the known ones. Or a robot or control period
+            that the policy cannot work with.
     """
     spec = _find(name)
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
+    check_argument("robot", robot, RobotParams)
+    check_argument("control_period", control_period, Positive)
     policy = load(spec.make)(robot, control_period, **(spec.options | options))
     if feedback == "state" or "curvature_rate" not in policy.requires:
         return policy

@@ -6,7 +6,7 @@ import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel
 
-FINE, SATURATED, UNREACHABLE, OUTSIDE, NOT_FINITE = range(5)
+FINE, SATURATED, UNREACHABLE, OUTSIDE, NOT_FINITE, NOT_COMPUTED = range(6)
 
 #: What the codes mean, for people.
 REASONS = {
@@ -15,6 +15,7 @@ REASONS = {
     UNREACHABLE: "reference out of reach",
     OUTSIDE: "outside the gain table",
     NOT_FINITE: "observation not finite",
+    NOT_COMPUTED: "computation not finite",
 }
 
 

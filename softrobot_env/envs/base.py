@@ -14,6 +14,7 @@ from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import Setting, Start
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.scene.build import Scene
 from softrobot_env.tasks import Task
@@ -46,6 +47,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         frame_size: tuple[int, int],
     ) -> None:
         check_rendering(render_mode, self.metadata["render_modes"], frame_size)
+        check_argument("reward", reward, TrackingReward | None)
         self._setting = setting
         self.task, self.control_period = setting.task, setting.control_period
         self.axes = setting.axes

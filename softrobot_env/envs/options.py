@@ -75,7 +75,7 @@ def _vector(name: str, value: Any, size: int) -> np.ndarray:
 
 
 def _numbers(name: str, value: Any, _size: int) -> dict[str, float]:
-    if not isinstance(value, dict):
+    if not isinstance(value, dict) or not all(isinstance(key, str) for key in value):
         raise ValueError(f"option {name!r} must be a dict of numbers, got {value!r}")
     return value
 
@@ -222,9 +222,9 @@ def check_timing(control_period: float, preview: tuple[float, ...]) -> None:
 
 def check_rendering(render_mode: str | None, modes: list[str], size: tuple[int, int]) -> None:
     """Raise ValueError for a mode that is neither None nor one of `modes`, or a bad frame size."""
-    if render_mode is not None and render_mode not in modes:
+    if not (render_mode is None or (isinstance(render_mode, str) and render_mode in modes)):
         raise ValueError(f"render_mode must be None or one of {modes}, got {render_mode!r}")
-    if not all(isinstance(pixels, int) and pixels > 0 for pixels in size):
+    if not all(type(pixels) is int and pixels > 0 for pixels in size):
         raise ValueError(f"width and height must be positive pixels, got {size}")
 
 

@@ -5,6 +5,8 @@ from math import dist, exp, hypot
 
 import numpy as np
 
+from softrobot_env.fields import Positive, check_fields
+
 
 @dataclass(frozen=True)
 class TrackingReward:
@@ -16,13 +18,16 @@ class TrackingReward:
         failure: Reward [1] of a step that ends in failure.
     """
 
-    coarse_scale: float = 0.05
-    fine_scale: float = 0.005
+    coarse_scale: Positive = 0.05
+    fine_scale: Positive = 0.005
     tracking: float = 0.5
     precision: float = 0.5
     effort: float = 0.01
     smoothness: float = 0.05
     failure: float = -10.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "reward")
 
     def terms(self, error: float, action: list[float], previous: list[float]) -> dict[str, float]:
         """Terms of a step that succeeded.

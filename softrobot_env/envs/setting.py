@@ -3,6 +3,7 @@
 Single and vectorised environments of a robot hold the same setting.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ from softrobot_env.envs.options import parse_options as parse
 from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
 from softrobot_env.envs.simulation.beam_plant import BeamPlant
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import PlantFactory
 from softrobot_env.robots import LENGTH_SCALE, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -123,6 +125,8 @@ class TensionSetting(Setting):
     ) -> None:
         """Arguments as those of `TrackingEnv`."""
         chain = {"pieces": pieces, "rule": rule, "timestep": timestep, "integrator": integrator}
+        check_argument("task", task, str | Task)
+        check_argument("plant", plant, Callable | None)
         task = make_task(task) if isinstance(task, str) else task
         super().__init__(task, control_period, preview)
         robot = task.robot
@@ -227,6 +231,7 @@ def rig_task(task: str | Task, options: dict[str, float]) -> Task:
     Raises:
         ValueError: A bad name or option, or options of a task that is made already.
     """
+    check_argument("task", task, str | Task)
     if isinstance(task, str):
         return make_task(task, among=RIG_TASKS, **options)
     if options:
@@ -249,6 +254,7 @@ def rig_sizes(robot: RobotParams, layout: HingeLayout, n_preview: int) -> Sizes:
 
 
 def _twin_for(twin: Twin | int | None, task: Task) -> Twin:
+    check_argument("twin", twin, Twin | int | None)
     if twin is None:
         return twin_or_ideal(None) if task.robot == RIG else nominal_twin(task.robot)
     if not isinstance(twin, Twin) and task.robot != RIG:

@@ -21,6 +21,7 @@ from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import DEFAULT_RULE, Start, TensionSetting
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import PlantFactory
 from softrobot_env.tasks import Task
 
@@ -120,6 +121,7 @@ class TrackingEnv(EpisodeEnv):
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
         """
+        check_argument("randomization", randomization, Randomization | None)
         self._randomization = randomization
         self._vary: dict[str, float] = {}
         self._drives: Drives | None = None

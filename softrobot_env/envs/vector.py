@@ -1,6 +1,6 @@
 """Tip tracking with many robots at once."""
 
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import gymnasium
 import numpy as np
@@ -23,6 +23,7 @@ from softrobot_env.envs.reference import instants
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import DEFAULT_RULE, TensionSetting
 from softrobot_env.envs.simulation.batch import BatchSimulation
+from softrobot_env.fields import Count, Whole, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import VARIABLE
 from softrobot_env.robots.actuation import TendonMap
@@ -85,8 +86,10 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
         """
-        if not isinstance(num_envs, int | np.integer) or num_envs < 1:
-            raise ValueError(f"num_envs must be 1 or more, got {num_envs!r}")
+        check_argument("num_envs", num_envs, Count)
+        check_argument("threads", threads, Whole)
+        check_argument("reward", reward, TrackingReward | None)
+        check_argument("randomization", randomization, Randomization | None)
         self._reward = TrackingReward() if reward is None else reward
         self._randomization = randomization
         self._setting = setting = TensionSetting(
@@ -101,6 +104,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         )
         self.num_envs, self.task = int(num_envs), setting.task
         self.control_period, self.input_scale = control_period, setting.input_scale
+        modes = tuple(mode.value for mode in AutoresetMode)
+        check_argument("autoreset_mode", autoreset_mode, AutoresetMode | Literal[modes])
         self._mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self.single_observation_space = setting.observation_space
@@ -166,6 +171,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             ValueError: A bad option; the message names what is allowed.
         """
         # Everything that can be refused comes before anything is changed.
+        check_argument("options", options, dict | None)
         given = dict(options or {})
         which = parse_mask(given.pop(_MASK, None), self.num_envs)
         if not self._started and len(which) < self.num_envs:

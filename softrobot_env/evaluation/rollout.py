@@ -1,9 +1,14 @@
 """The record of one episode, in the same form for simulation and hardware."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
+
+from softrobot_env.artifacts import read_arrays
+
+#: What a real robot may have no sensor for.
+_UNMEASURED = ("tendon_tension", "curvature")
 
 
 @dataclass(frozen=True)
@@ -66,7 +71,16 @@ class Rollout:
 
     @classmethod
     def load(cls, path: str | Path) -> "Rollout":
-        """Read a record that `save` wrote."""
-        with np.load(path) as data:
-            values = {k: v.item() if v.ndim == 0 else v for k, v in data.items()}
-        return cls(**values)
+        """Read a record that `save` wrote.
+
+        Raises:
+            FileNotFoundError: No such file.
+            ValueError: It is no record, or not finite although nothing failed.
+        """
+        data = read_arrays(path)
+        if "failure" not in data:  # after a divergence nothing is finite
+            data.check_finite(unmeasured=_UNMEASURED)
+        wanted = {field.name for field in fields(cls)}
+        if not wanted - {"source", "failure"} <= data.keys() <= wanted:
+            raise ValueError(f"{path} is no record of an episode: it holds {', '.join(data)}")
+        return cls(**{k: v.item() if v.ndim == 0 else v for k, v in data.items()})

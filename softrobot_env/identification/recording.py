@@ -17,6 +17,7 @@ import numpy as np
 
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.envs.rig import RigEnv
+from softrobot_env.fields import Count, NotNegative, check_fields
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import LONGEST, SetPoints, Task
@@ -173,10 +174,13 @@ class Visit:
         pictures: Number of the camera's pictures that are averaged then, one per control period.
     """
 
-    move: float = 1.2
-    rest: float = 1.2
-    dither: float = 0.6e-3
-    pictures: int = 10
+    move: NotNegative = 1.2
+    rest: NotNegative = 1.2
+    dither: NotNegative = 0.6e-3
+    pictures: Count = 10
+
+    def __post_init__(self) -> None:
+        check_fields(self, "visit")
 
 
 def measure(

@@ -7,9 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from softrobot_env.artifacts import Arrays, read_arrays
 from softrobot_env.robots import RobotParams
 
 _ABOUT = "about_"
+
+#: Descriptions that may hold infinity: empty sectors of a workspace, tendons that do not stretch.
+_MAY_BE_INFINITE = tuple(f"{_ABOUT}{name}" for name in ("workspace", "tendon_stiffness"))
 
 #: What the statics of a robot depend on, by name.
 Describe = Callable[[RobotParams], dict[str, np.ndarray]]
@@ -70,6 +74,8 @@ class Network:
     outputs: Scaling
 
     def __post_init__(self) -> None:
+        if not self.weights or len(self.weights) != len(self.biases):
+            raise ValueError("a network needs a layer, and as many weights as biases")
         sizes = [len(self.inputs.low), *(len(b) for b in self.biases)]
         shapes = [w.shape for w in self.weights]
         if shapes != list(zip(sizes[1:], sizes, strict=False)) or sizes[-1] != len(
@@ -143,19 +149,36 @@ class Network:
             np.savez(file, allow_pickle=False, **values)
 
     @classmethod
-    def load(cls, path: str | Path) -> tuple["Network", dict[str, np.ndarray]]:
-        """Read what `save` wrote: the network, and the arrays `about` it."""
-        with np.load(path, allow_pickle=False) as data:
-            values = dict(data)
-        layers = range(sum(name.startswith("weight_") for name in values))
-        network = cls(
-            tuple(values[f"weight_{k}"] for k in layers),
-            tuple(values[f"bias_{k}"] for k in layers),
-            Scaling(values["input_low"], values["input_high"]),
-            Scaling(values["output_low"], values["output_high"]),
-        )
+    def load(cls, path: str | Path) -> tuple["Network", Arrays]:
+        """Read what `save` wrote: the network, and the arrays `about` it.
+
+        Raises:
+            FileNotFoundError: No such file.
+            ValueError: The file is damaged, not finite, or its arrays do not fit together.
+        """
+        values = read_arrays(path)
+        values.check_finite(_MAY_BE_INFINITE)
+        weights, biases = _layers(values)
+        try:
+            inputs, outputs = (
+                Scaling(values[f"{end}_low"], values[f"{end}_high"]) for end in ("input", "output")
+            )
+            network = cls(weights, biases, inputs, outputs)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}") from None
         about = {n.removeprefix(_ABOUT): v for n, v in values.items() if n.startswith(_ABOUT)}
-        return network, about
+        return network, Arrays(path, about)
+
+
+def _layers(values: Arrays) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+    """Weights and biases out of a file."""
+    layers = range(max(1, sum(name.startswith("weight_") for name in values)))
+    for k in layers:
+        values.check_shape(f"weight_{k}", (None, None))
+        values.check_shape(f"bias_{k}", (None,))
+    for name in ("input_low", "input_high", "output_low", "output_high"):
+        values.check_shape(name, (None,))
+    return tuple(values[f"weight_{k}"] for k in layers), tuple(values[f"bias_{k}"] for k in layers)
 
 
 @dataclass(frozen=True)
@@ -230,8 +253,12 @@ def suits(about: dict[str, np.ndarray], robot: RobotParams, described: Describe 
 
 
 def load_for(
-    path: Path, robot: RobotParams, command: str, described: Describe = describe
-) -> tuple[Network, dict]:
+    path: Path,
+    robot: RobotParams,
+    command: str,
+    described: Describe = describe,
+    ends: tuple[int, int] | None = None,
+) -> tuple[Network, Arrays]:
     """Network and description from a file that belongs to a robot.
 
     Args:
@@ -239,23 +266,40 @@ def load_for(
         robot: The robot.
         command: Makes the file.
         described: What the file tells of its robot.
+        ends: Number of inputs and outputs that it must have, if given.
 
     Raises:
         FileNotFoundError: No such file.
-        ValueError: It belongs to another robot.
+        ValueError: It belongs to another robot, has other ends, or cannot be used, see
+            `Network.load`.
     """
     if not path.is_file():
         raise FileNotFoundError(f"no network at {path}; make it with `{command}`")
-    network, about = Network.load(path)
+    try:
+        network, about = Network.load(path)
+    except ValueError as error:
+        raise ValueError(f"{error}; make it anew with `{command}`") from None
     if not suits(about, robot, described):
         raise ValueError(
             f"{path} was trained for robot {str(about.get('robot'))!r} as it was then, not for "
             f"this {robot.name!r}; train it anew with `{command}`"
         )
+    if ends is not None:
+        check_ends(network, ends, str(path))
     return network, about
 
 
+def check_ends(network: Network, ends: tuple[int, int], what: str = "the network") -> None:
+    """Raise ValueError unless a network has these numbers of inputs and outputs."""
+    found = network.sizes[0], network.sizes[-1]
+    if found != ends:
+        raise ValueError(
+            f"{what} must have {ends[0]} inputs and {ends[1]} outputs, it has {found[0]} and "
+            f"{found[1]}"
+        )
+
+
 def _same(one: np.ndarray, other: np.ndarray) -> bool:
-    if other.dtype.kind == "U":
+    if "U" in (one.dtype.kind, other.dtype.kind):
         return str(one) == str(other)
     return one.shape == other.shape and np.allclose(one, other, rtol=1e-9, atol=0)

@@ -9,6 +9,7 @@ from math import pi
 
 import numpy as np
 
+from softrobot_env.fields import Count, NotNegative, Positive, check_fields
 from softrobot_env.learned.network import Dataset, Network
 
 #: Neurons of the hidden layer.
@@ -34,10 +35,13 @@ class Sampling:
             default is the smallest with which all trainings made gave a stable loop.
     """
 
-    pairs: int = 10_000
-    force: float = 20.0
-    change: float = 0.05 * 20.0
-    noise: float = 1.5e-3
+    pairs: Count = 10_000
+    force: Positive = 20.0
+    change: Positive = 0.05 * 20.0
+    noise: NotNegative = 1.5e-3
+
+    def __post_init__(self) -> None:
+        check_fields(self, "sampling")
 
 
 def sample(tip: Statics, n_inputs: int, how: Sampling, rng: np.random.Generator) -> Dataset:

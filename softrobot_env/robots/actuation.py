@@ -61,7 +61,8 @@ class TendonMap:
 def _sides(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
     """Phi (2,) of one group: the side (+1 or -1) of the neutral fibre each tendon pulls to."""
     offsets = np.array([t.offset for t in tendons])
-    if len(tendons) != 2 or np.any(offsets[:, 1] != 0) or offsets[:, 0].sum() != 0:
+    sides, beside = offsets.T
+    if len(tendons) != 2 or beside.any() or sides.sum() != 0 or not sides.any():
         raise ValueError(
             f"robot {robot.name!r}: a planar tendon group is a pair at offsets (r, 0) and (-r, 0), "
             f"got {[t.offset for t in tendons]}"
@@ -71,4 +72,4 @@ def _sides(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
             f"robot {robot.name!r}: opposing tendons need the same end, tension_limit and "
             f"pretension, unlike {' and '.join(t.name for t in tendons)}"
         )
-    return np.sign(offsets[:, 0])
+    return np.sign(sides)

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+from softrobot_env.fields import NotNegative, check_fields
+
 
 @dataclass(frozen=True)
 class Load:
@@ -19,7 +21,10 @@ class Load:
     """
 
     name: str
-    station: float
+    station: NotNegative
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)
     moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
     follows: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"load {self.name!r}")

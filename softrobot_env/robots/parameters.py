@@ -8,8 +8,11 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import cos, hypot, inf, pi, sin, sqrt
 from numbers import Real
+from typing import Annotated
 
 import numpy as np
+
+from softrobot_env.fields import NotNegative, Positive, Range, check_fields, check_unique
 
 #: What `RobotParams.vary` varies, with the values that change nothing: factors [1] on parameters of
 #: the robot, and a friction [N].
@@ -22,11 +25,21 @@ NEUTRAL: dict[str, float] = {
 }
 VARIABLE = tuple(NEUTRAL)
 
+#: Largest of them, and one over the smallest where none may be zero.
+_MOST = 1e6
+
 #: Those that may be zero.
 MAY_VANISH = ("damping_time", "tendon_friction")
 
 #: Smallest positive root of cos(x) cosh(x) = -1: first mode of a clamped-free beam.
 _CLAMPED_FREE_ROOT = 1.8751040687119611
+
+#: Of an isotropic material, by thermodynamics, [1].
+_PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]
+
+
+#: Number of pieces of a robot or scene; the most are far more than memory serves.
+Pieces = Annotated[int, Range("a whole number from 1 to 10000", lambda n: 1 <= n <= 10_000)]
 
 
 @dataclass(frozen=True)
@@ -51,24 +64,20 @@ class Tendon:
 
     name: str
     offset: tuple[float, float]
-    end: float
+    end: Positive
     group: int
-    tension_limit: float
+    tension_limit: Positive
     guides: tuple[float, ...] = ()
-    stiffness: float = inf
+    stiffness: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
     pretension: float = 0.0
-    friction: float = 0.0
+    friction: NotNegative = 0.0
 
     def __post_init__(self) -> None:
+        check_fields(self, f"tendon {self.name!r}")
         if not self.tension_limit > self.pretension >= 0:
             raise ValueError(
                 f"tendon {self.name!r}: need 0 <= pretension < tension_limit, got "
                 f"{self.pretension} and {self.tension_limit} N"
-            )
-        if not 0 <= self.friction < inf:
-            raise ValueError(
-                f"tendon {self.name!r}: friction must be finite and zero or more, got "
-                f"{self.friction} N"
             )
         stations = (0.0, *self.guides, self.end)
         if any(b <= a for a, b in pairwise(stations)):
@@ -101,16 +110,18 @@ class Head:
             to.
     """
 
-    mass: float
-    centre: float
-    inertia: tuple[float, float, float]
-    output: float
+    mass: Positive
+    centre: NotNegative
+    inertia: tuple[Positive, Positive, Positive]
+    output: NotNegative
 
     def __post_init__(self) -> None:
-        if not 0 < self.mass < inf or not all(0 < value < inf for value in self.inertia):
-            raise ValueError("head: mass and inertia must be finite and positive")
-        if not (0 <= self.centre < inf and 0 <= self.output < inf):
-            raise ValueError("head: centre and output must be finite and zero or more")
+        check_fields(self, "head")
+        if 2 * max(self.inertia) > sum(self.inertia) * (1 + 1e-9):
+            raise ValueError(
+                "head: no body has a moment of inertia above the sum of the other two, got "
+                f"{self.inertia} kg m2"
+            )
 
 
 @dataclass(frozen=True)
@@ -126,7 +137,7 @@ class RobotParams:
         damping_time: mu [s] of stiffness-proportional damping D = mu K; 0 is undamped.
         pieces: Number of equal pieces of the thesis' discretisation; curvature is
             reported per piece.
-        poisson_ratio: [1].
+        poisson_ratio: [1], in (-1, 0.5].
         tendons: Tendons, ordered by group.
         gravity: (3,) [m/s2].
         head: Rigid body on the tip, if any.
@@ -137,40 +148,34 @@ class RobotParams:
     """
 
     name: str
-    length: float
-    outer_radius: float
-    inner_radius: float
-    youngs_modulus: float
-    density: float
-    damping_time: float
-    pieces: int
-    poisson_ratio: float = 0.0
+    length: Positive
+    outer_radius: Positive
+    inner_radius: NotNegative
+    youngs_modulus: Positive
+    density: Positive
+    damping_time: NotNegative
+    pieces: Pieces
+    poisson_ratio: _PoissonRatio = 0.0
     tendons: tuple[Tendon, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     head: Head | None = None
-    anisotropy: float = 0.0
+    anisotropy: Annotated[float, Range("in [0, 2)", lambda x: 0 <= x < 2)] = 0.0
     stiff_azimuth: float = 0.0
     precurvature: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
-        if not 0 <= self.inner_radius < self.outer_radius < inf:
+        check_fields(self, f"robot {self.name!r}")
+        check_unique([t.name for t in self.tendons], f"robot {self.name!r}: tendons")
+        if not self.inner_radius < self.outer_radius:
             raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
-        for name in ("length", "youngs_modulus", "density"):
-            if not 0 < getattr(self, name) < inf:
-                raise ValueError(f"robot {self.name!r}: {name} must be finite and positive")
-        if not 0 <= self.damping_time < inf or not np.all(np.isfinite(self.gravity)):
-            raise ValueError(
-                f"robot {self.name!r}: damping_time must be zero or more, gravity finite"
-            )
-        if self.pieces < 1:
-            raise ValueError(f"robot {self.name!r}: pieces must be 1 or more, got {self.pieces}")
+        for name in ("mass", "bending_stiffness"):
+            if not 0 < _or_infinite(self, name) < inf:
+                raise ValueError(
+                    f"robot {self.name!r}: its {name} would be {_or_infinite(self, name):g} in "
+                    "floating point: give sizes and material of a real robot"
+                )
         if any(t.end > self.length * (1 + 1e-12) for t in self.tendons):
             raise ValueError(f"robot {self.name!r}: a tendon ends beyond the robot's length")
-        if not 0 <= self.anisotropy < 2 or not abs(self.stiff_azimuth) < inf:
-            raise ValueError(
-                f"robot {self.name!r}: anisotropy must lie in [0, 2), stiff_azimuth be finite, got "
-                f"{self.anisotropy} and {self.stiff_azimuth} rad"
-            )
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(
                 f"robot {self.name!r}: precurvature must stay below {self.curvature_limit:g} 1/m"
@@ -265,12 +270,22 @@ class RobotParams:
         )
 
 
+def _or_infinite(robot: RobotParams, name: str) -> float:
+    """A property of the robot, inf where it is too large for a float."""
+    try:
+        return getattr(robot, name)
+    except OverflowError:
+        return inf
+
+
 def check_number(name: str, value: object, may_vanish: bool) -> None:
-    """Raise ValueError unless a value is finite and positive, or zero where it may vanish."""
+    """Raise ValueError unless a value is within 1e-6 and 1e6, or from zero where it may vanish."""
     number = as_number(value)
     if number is None or not (0 < number < inf or (may_vanish and number == 0)):
         least = "zero or more" if may_vanish else "positive"
         raise ValueError(f"value of {name!r} must be finite and {least}, got {value!r}")
+    if number > _MOST or (number < 1 / _MOST and not may_vanish):
+        raise ValueError(f"value of {name!r} must lie in {1 / _MOST:g} to {_MOST:g}, got {value!r}")
 
 
 def as_number(value: object) -> float | None:

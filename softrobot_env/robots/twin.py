@@ -19,10 +19,12 @@ A twin stands for one built rig. What it is drawn from:
 """
 
 from dataclasses import dataclass, replace
-from math import inf, pi, radians
+from math import pi, radians
+from typing import Annotated
 
 import numpy as np
 
+from softrobot_env.fields import NotNegative, Range, check_fields
 from softrobot_env.robots.parameters import RobotParams, Tendon
 from softrobot_env.robots.registry import EQUIVALENT, EQUIVALENT_RIG, RIG, SERVO_SPEED
 
@@ -63,31 +65,28 @@ class Twin:
     """
 
     robot: RobotParams
-    servo_speed: float
+    servo_speed: Annotated[float, Range("positive, or inf", lambda x: x > 0)]
     servo_offset: tuple[float, ...]
-    backlash: tuple[float, ...]
-    camera_noise: float = 0.0
-    camera_delay: float = 0.0
+    backlash: tuple[NotNegative, ...]
+    camera_noise: NotNegative = 0.0
+    camera_delay: NotNegative = 0.0
     seed: int | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self, "twin")
         tendons = len(self.robot.tendons)
         if not tendons == len(self.servo_offset) == len(self.backlash):
             raise ValueError(
                 f"a twin needs a servo_offset and a backlash for each of {tendons} tendons, got "
                 f"{len(self.servo_offset)} and {len(self.backlash)}"
             )
-        if not self.servo_speed > 0:
-            raise ValueError(f"servo_speed must be positive, got {self.servo_speed} m/s")
-        if not all(0 <= x < inf for x in (*self.backlash, self.camera_delay)):
-            raise ValueError("backlash and camera_delay must be finite and zero or more")
         for offset, width in zip(self.servo_offset, self.backlash, strict=True):
             if not abs(offset) + width / 2 <= LARGEST_ERROR:
                 raise ValueError(
                     f"servo_offset plus half of the backlash must be at most {LARGEST_ERROR:g} m, "
                     f"got {offset} and {width} m"
                 )
-        if not 0 <= self.camera_noise <= LARGEST_NOISE:
+        if not self.camera_noise <= LARGEST_NOISE:
             raise ValueError(
                 f"camera_noise must lie in [0, {LARGEST_NOISE:g}] m, got {self.camera_noise!r}"
             )

@@ -1,10 +1,12 @@
 """What a scene contains. A part that is not listed is not built."""
 
 from dataclasses import dataclass, replace
-from math import cos, inf, sin
+from math import cos, sin
 
+from softrobot_env.fields import Positive, Share, check_fields, check_unique
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
+from softrobot_env.robots.parameters import Pieces
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")
@@ -21,7 +23,7 @@ FRONT_CAMERA = "front"
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
 
-Rgba = tuple[float, float, float, float]
+Rgba = tuple[Share, Share, Share, Share]
 
 
 @dataclass(frozen=True)
@@ -37,8 +39,11 @@ class Camera:
 
     name: str
     center: tuple[float, float]
-    height: float
+    height: Positive
     elevation: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"camera {self.name!r}")
 
     @property
     def towards(self) -> tuple[float, float, float]:
@@ -57,8 +62,11 @@ class Marker:
 
     name: str
     position: tuple[float, float, float]
-    radius: float = 0.008
+    radius: Positive = 0.008
     rgba: Rgba = (0.85, 0.2, 0.15, 1.0)
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"marker {self.name!r}")
 
 
 @dataclass(frozen=True)
@@ -67,8 +75,11 @@ class PathMarker:
 
     name: str
     points: tuple[tuple[float, float, float], ...]
-    radius: float = 0.0015
+    radius: Positive = 0.0015
     rgba: Rgba = (0.25, 0.25, 0.3, 1.0)
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"path {self.name!r}")
 
 
 @dataclass(frozen=True)
@@ -82,6 +93,9 @@ class Appearance:
 
     link_rgba: Rgba = (0.93, 0.75, 0.45, 1.0)
     tendon_rgba: Rgba = (0.15, 0.3, 0.65, 1.0)
+
+    def __post_init__(self) -> None:
+        check_fields(self, "appearance")
 
 
 @dataclass(frozen=True)
@@ -103,11 +117,11 @@ class SceneConfig:
     """
 
     robot: RobotParams
-    pieces: int | None = None
+    pieces: Pieces | None = None
     rule: str = "balanced2"
     actuation: str = "tension"
-    control_period: float = 0.01
-    timestep: float | None = None
+    control_period: Positive = 0.01
+    timestep: Positive | None = None
     integrator: str | None = None
     sensors: tuple[TipSensors, ...] = ()
     cameras: tuple[Camera, ...] = ()
@@ -119,6 +133,9 @@ class SceneConfig:
     torsion: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self, "scene")
+        for name in ("cameras", "markers", "paths", "loads"):
+            check_unique([part.name for part in getattr(self, name)], f"the scene's {name}")
         chosen = {"actuation": ACTUATIONS, "bending": BENDING}
         if self.integrator is not None:
             chosen["integrator"] = INTEGRATORS
@@ -126,12 +143,13 @@ class SceneConfig:
             value = getattr(self, name)
             if value not in allowed:
                 raise ValueError(f"unknown {name} {value!r}; choose from {', '.join(allowed)}")
+        if self.timestep is not None and self.timestep > self.control_period:
+            raise ValueError(
+                f"timestep must be at most the control period, {self.control_period:g} s, got "
+                f"{self.timestep:g} s"
+            )
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
-        for name in ("control_period", "timestep"):
-            value = getattr(self, name)
-            if value is not None and not 0 < value < inf:
-                raise ValueError(f"{name} must be a positive time [s], got {value!r}")
 
     @property
     def n_pieces(self) -> int:

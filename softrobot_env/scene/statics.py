@@ -6,12 +6,14 @@ import mujoco
 import numpy as np
 
 from softrobot_env.interfaces import EquilibriumError
+from softrobot_env.processes import one_blas_thread
 
 _ITERATIONS = 50
 _STEP = 1e-6
 _LARGEST_TURN = 0.5  # rad a joint may turn in one iteration
 
 
+@one_blas_thread()
 def equilibrium(
     model: mujoco.MjModel,
     ctrl: np.ndarray,

@@ -34,6 +34,8 @@ from math import ceil, inf, pi
 import mujoco
 import numpy as np
 
+from softrobot_env.processes import one_blas_thread
+
 ACCURACY = 1 / 500
 SAFETY = 0.5
 #: `implicit` also takes the Coriolis forces' derivatives, and in large undamped swings fails from
@@ -89,6 +91,7 @@ class LinearChain:
         coupled = np.any(self.stiffness != np.diag(np.diag(self.stiffness)))
         return bool(coupled) and not np.any(self.damping)
 
+    @one_blas_thread()
     def frequencies(self) -> np.ndarray:
         """Undamped angular frequencies (nv,) [rad/s], increasing."""
         # As 1 / w^2, so that the slow modes are the accurate ones.
@@ -113,6 +116,7 @@ def linearize(model: mujoco.MjModel) -> LinearChain:
     return LinearChain(mass, stiffness, np.diag(model.dof_damping))
 
 
+@one_blas_thread()
 def stability_limit(integrator: str, chain: LinearChain) -> float:
     """Largest stable timestep [s] of the linearised chain, inf where there is none."""
     if integrator == "discrete":

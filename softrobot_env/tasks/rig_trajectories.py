@@ -5,11 +5,11 @@ component is left zero. Both begin in the straight pose, on the axis.
 """
 
 from dataclasses import dataclass
-from math import inf, isfinite
 from typing import ClassVar
 
 import numpy as np
 
+from softrobot_env.fields import Count, NotNegative, Positive, Whole, check_fields
 from softrobot_env.tasks.trajectories import Derivatives, Jumping, cubic_step, quintic_step, ramped
 
 
@@ -48,18 +48,13 @@ class RoundedTriangle(_Run):
         approach: [s] from the straight pose to the first corner; 0 starts there.
     """
 
-    b1: float = 0.07
-    period: float = 5.0
-    laps: int = 3
-    approach: float = 10.0
+    b1: Positive = 0.07
+    period: Positive = 5.0
+    laps: Whole = 3
+    approach: NotNegative = 10.0
 
     def __post_init__(self) -> None:
-        _check(b1=self.b1, period=self.period)
-        if self.laps < 0 or not 0 <= self.approach < np.inf:
-            raise ValueError(
-                "a triangle needs zero laps or more and an approach of zero seconds or more, got "
-                f"{self.laps} laps and {self.approach} s"
-            )
+        check_fields(self, "triangle")
 
     @property
     def end_time(self) -> float:
@@ -112,20 +107,17 @@ class LapCircle(_Run):
         laps: Number of laps.
     """
 
-    radius: float = 0.12
-    speed: float = 0.05
-    approach: float = 10.0
-    ramp: float = 0.0
-    laps: int = 1
+    radius: Positive = 0.12
+    speed: Positive = 0.05
+    approach: Positive = 10.0
+    ramp: NotNegative = 0.0
+    laps: Count = 1
 
     def __post_init__(self) -> None:
-        _check(radius=self.radius, speed=self.speed, approach=self.approach)
+        check_fields(self, "circle")
         longest = 2 * np.pi * self.radius * self.laps / self.speed
-        if self.laps < 1 or not 0 <= self.ramp <= longest:
-            raise ValueError(
-                f"a circle needs one lap or more and a ramp in [0, {longest:.3g}] s, got "
-                f"{self.laps} laps and {self.ramp} s"
-            )
+        if not self.ramp <= longest:
+            raise ValueError(f"circle: ramp must lie in [0, {longest:.3g}] s, got {self.ramp} s")
 
     @property
     def rate(self) -> float:
@@ -181,17 +173,12 @@ class SetPoints(Jumping):
     jumps: ClassVar[bool] = True
 
     points: tuple[tuple[float, float, float], ...]
-    hold: float
+    hold: Positive
 
     def __post_init__(self) -> None:
-        if not self.points or not 0 < self.hold < inf:
-            raise ValueError(
-                f"set points need one point or more and a positive hold [s], got "
-                f"{len(self.points)} points and {self.hold} s"
-            )
-        for point in self.points:
-            if len(point) != 3 or not all(isfinite(x) for x in point):
-                raise ValueError(f"a set point needs three finite coordinates [m], got {point}")
+        check_fields(self, "set points")
+        if not self.points:
+            raise ValueError("set points need one point or more")
 
     def position(self, t: np.ndarray) -> np.ndarray:
         """Position (n, 3) [m] at times (n,) [s]; at a jump the new point."""
@@ -201,12 +188,6 @@ class SetPoints(Jumping):
     def path(self) -> np.ndarray:
         """The points."""
         return np.array(self.points)
-
-
-def _check(**values: float) -> None:
-    for name, value in values.items():
-        if not 0 < value < np.inf:
-            raise ValueError(f"{name} must be finite and positive, got {value}")
 
 
 def _in_plane(z: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
+from softrobot_env.fields import Count, Positive, check_fields
 from softrobot_env.tasks.trajectories import Derivatives, quintic_step, ramped
 
 Point = tuple[float, float, float]
@@ -29,11 +30,11 @@ class FourierPath:
     sine: tuple[Point, ...]
 
     def __post_init__(self) -> None:
-        shapes = np.shape(self.cosine), np.shape(self.sine)
-        if np.shape(self.start) != (3,) or shapes[0] != shapes[1] or shapes[0][1:] != (3,):
+        check_fields(self, "path")
+        if len(self.cosine) != len(self.sine):
             raise ValueError(
-                "a path needs a start (3,) and as many cosines as sines, each (n, 3), got "
-                f"{np.shape(self.start)}, {shapes[0]} and {shapes[1]}"
+                f"a path needs as many cosines as sines, got {len(self.cosine)} and "
+                f"{len(self.sine)}"
             )
         if self.top_rate == 0:
             raise ValueError("a path needs a term that is not zero, it must not stay at its start")
@@ -124,15 +125,11 @@ class SmoothRun:
 
     curve: FourierPath
     speed: float
-    laps: int = 1
-    ramp: float = 0.5
+    laps: Count = 1
+    ramp: Positive = 0.5
 
     def __post_init__(self) -> None:
-        if self.laps < 1 or not 0 < self.ramp < np.inf:
-            raise ValueError(
-                f"a run needs one lap or more and a positive ramp, got {self.laps} laps and "
-                f"{self.ramp} s"
-            )
+        check_fields(self, "run")
         fastest = self._way * self.curve.top_rate / self.ramp
         if not 0 < self.speed <= fastest:
             raise ValueError(

@@ -3,7 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from inspect import signature
+from typing import Literal
 
+from softrobot_env.fields import Positive, check_fields
 from softrobot_env.robots import LENGTH_SCALE, RobotParams, as_number
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks.trajectories import Trajectory
@@ -63,12 +65,13 @@ class Task:
     name: str
     robot: RobotParams
     trajectory: Trajectory
-    duration: float
+    duration: Positive
     start_input: tuple[float, ...]
     options: tuple[tuple[str, float], ...] = ()
-    axes: str = "xz"
+    axes: Literal["xz", "xy"] = "xz"
 
     def __post_init__(self) -> None:
+        check_fields(self, f"task {self.name!r}")
         inputs = TendonMap(self.robot).n_inputs if self.axes == "xz" else len(self.robot.tendons)
         if inputs == 0 or len(self.start_input) != inputs:
             raise ValueError(

@@ -9,11 +9,14 @@ acceleration are those just after it.
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from softrobot_env.fields import Positive, check_fields
 
+
+@runtime_checkable
 class Trajectory(Protocol):
     """What tasks need of a trajectory."""
 
@@ -47,6 +50,9 @@ class Step(Jumping):
     start: tuple[float, float, float]
     target: tuple[float, float, float]
 
+    def __post_init__(self) -> None:
+        check_fields(self, "step")
+
     def position(self, t: np.ndarray) -> np.ndarray:
         """Start before time 0, target from time 0 on."""
         before = np.asarray(t)[..., None] < 0
@@ -70,6 +76,7 @@ class Polyline:
     times: tuple[float, ...]
 
     def __post_init__(self) -> None:
+        check_fields(self, "polyline")
         if len(self.waypoints) != len(self.times) or np.any(np.diff(self.times) <= 0):
             raise ValueError("a polyline needs one increasing time per waypoint")
 
@@ -110,7 +117,10 @@ class EqualForceCurve:
         length: [m] of the arm.
     """
 
-    length: float
+    length: Positive
+
+    def __post_init__(self) -> None:
+        check_fields(self, "equal-force curve")
 
     @cached_property
     def _quadrature(self) -> tuple[np.ndarray, np.ndarray]:
@@ -163,8 +173,9 @@ class CurveSweep:
     speed: float
 
     def __post_init__(self) -> None:
+        check_fields(self, "sweep")
         longest = self._table[0][-1]
-        if not 0 < self.half_length <= longest or not 0 < self.speed < np.inf:
+        if not 0 < self.half_length <= longest or not self.speed > 0:
             raise ValueError(
                 f"a sweep needs a positive speed and a half length in (0, {longest:.3f}] m, got "
                 f"{self.speed} m/s and {self.half_length} m"

@@ -12,6 +12,7 @@ from softrobot_env.control.mpc.controller import MPC
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.fields import Count, NotNegative, Positive, Share, Whole, check_fields
 from softrobot_env.interfaces import Observation, Show
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.processes import worker_processes
@@ -54,21 +55,24 @@ class ImitationConfig:
         threads: Of torch; small layers gain nothing from more than one.
     """
 
-    hidden: tuple[int, ...] = (128, 128)
-    rounds: int = 12
-    samples: int = 30_000
-    shares: int = 16
-    duration: float = 3.0
+    hidden: tuple[Count, ...] = (128, 128)
+    rounds: Count = 12
+    samples: Count = 30_000
+    shares: Count = 16
+    duration: Positive = 3.0
     randomization: Randomization = ROBOTS
-    varied: float = 0.7
-    pushed: float = 0.03
-    push: float = 0.03
-    epochs: int = 6
-    last_epochs: int = 40
-    batch: int = 512
-    rate: float = 2e-3
-    processes: int = 2
-    threads: int = 1
+    varied: Share = 0.7
+    pushed: Share = 0.03
+    push: NotNegative = 0.03
+    epochs: Count = 6
+    last_epochs: Count = 40
+    batch: Count = 512
+    rate: Positive = 2e-3
+    processes: Whole = 2
+    threads: Count = 1
+
+    def __post_init__(self) -> None:
+        check_fields(self, "imitation")
 
 
 def imitate(config: ImitationConfig, seed: int, show: Show) -> Network:

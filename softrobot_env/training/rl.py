@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
+from softrobot_env.artifacts import read_facts
 from softrobot_env.control.arm import neural
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
@@ -160,7 +161,7 @@ def _check_free(folder: Path | None) -> None:
     path = None if folder is None else folder / _CONFIG
     if path is None or not path.is_file():
         return
-    planned = json.loads(path.read_text(encoding="utf-8"))["steps"]
+    planned = read_facts(path)["steps"]
     if curve_of(folder)[-1]["steps"] < planned:
         raise ValueError(
             f"{folder} holds a training that is not finished: resume it, delete it or choose "
@@ -173,7 +174,7 @@ def _check_same(config: RLConfig, seed: int, folder: Path | None) -> None:
     path = None if folder is None else folder / _CONFIG
     if path is None or not path.is_file():
         raise FileNotFoundError(f"no training to go on with in {folder}")
-    wanted, found = json.loads(_told(config, seed)), json.loads(path.read_text(encoding="utf-8"))
+    wanted, found = json.loads(_told(config, seed)), read_facts(path)
     differ = [k for k in wanted if k != "steps" and wanted[k] != found.get(k)]
     if differ:
         raise ValueError(

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, replace
 
 from softrobot_env.envs.randomization import Randomization
+from softrobot_env.fields import Count, Positive, check_fields
 
 #: What an agent can be trained on: the thesis' tasks, and references drawn by
 #: `references.draw_reference`.
@@ -86,7 +87,7 @@ class RLConfig:
     fine_scale: float = 0.005
     steps: int = 3_000_000
     critic_steps: int = 0
-    hidden: tuple[int, ...] = (128, 128)
+    hidden: tuple[Count, ...] = (128, 128)
     rate: float = 5e-4
     discount: float = 0.98
     deviation: float = 0.3
@@ -99,10 +100,11 @@ class RLConfig:
     warm_up: int = 10_000
     trial_every: int = 250_000
     trials: tuple[dict[str, float], ...] = MODULI
-    trial_duration: float | None = None
+    trial_duration: Positive | None = None
     threads: int = 1
 
     def __post_init__(self) -> None:
+        check_fields(self, "training")
         if self.algorithm not in SCRATCH_SETTINGS:
             raise ValueError(
                 f"unknown algorithm {self.algorithm!r}; choose from {', '.join(SCRATCH_SETTINGS)}"

@@ -8,6 +8,7 @@ import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
+from softrobot_env.artifacts import read_facts
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
@@ -31,7 +32,7 @@ _PENALTY = 1.0
 
 def curve_of(folder: Path) -> list[Point]:
     """The learning curve of a checkpoint."""
-    return json.loads((folder / _CURVE).read_text(encoding="utf-8"))
+    return read_facts(folder / _CURVE)
 
 
 class Watch(BaseCallback):

@@ -5,10 +5,20 @@ import pytest
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.arm.feedforward import Feedforward, FeedforwardPI
-from softrobot_env.control.registry import make_policy
+from softrobot_env.control.arm.neural import NeuralPolicy
+from softrobot_env.control.arm.observer import RateObserver
+from softrobot_env.control.base import Controller
+from softrobot_env.control.registry import (
+    POLICIES,
+    RIG_POLICIES,
+    make_policy,
+    policy_environment,
+)
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
-from softrobot_env.robots import ARM, CANTILEVER_WEAK
+from softrobot_env.learned.network import Network
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG
 
 PERIOD = 0.01
 STATICS = ConstantCurvatureStatics(ARM)
@@ -108,3 +118,91 @@ def test_feedback_is_stable_at_every_control_period(task, period):
     last = rollout.error[rollout.time > 18.0]
     # An unstable loop ends at 100 mm and more; the open loop's swing has decayed to 1 mm by then.
     assert rollout.failure is None and last.max() < 5e-3
+
+
+class Broken(Controller):
+    """Computes NaN in its second decision; its state counts decisions."""
+
+    requires = ("reference", "previous_action")
+
+    def start(self, observation):
+        return 0
+
+    def act(self, observation, state):
+        action = np.array([0.1, 0.2, 0.3])
+        return action / 0 * 0 if state == 1 else action, state + 1
+
+
+@pytest.mark.parametrize("hold", [1, 2])
+@pytest.mark.filterwarnings("ignore:(divide by zero|invalid value):RuntimeWarning")
+def test_an_action_that_cannot_be_computed_is_told_as_such(hold):
+    policy = Broken()
+    policy.hold = hold
+    seen, state = observe((0.1, 0.4), action=(0.5, 0.6, 2.0)), None
+    for _ in range(hold):
+        action, state = policy.predict(seen, state)
+    np.testing.assert_allclose(action, [0.1, 0.2, 0.3], rtol=1e-6)
+    for _ in range(3 * hold):  # its state stays at the decision before
+        action, state = policy.predict(seen, state)
+        np.testing.assert_allclose(action, [0.5, 0.6, 1.0], rtol=1e-6)
+        assert state.status == "computation not finite"
+    many = {name: np.stack([value, value]) for name, value in seen.items()}
+    actions, states = policy.predict(many, [state, state], np.array([False, True]))
+    assert states[0].status == "computation not finite"
+    np.testing.assert_allclose(actions[1], [0.1, 0.2, 0.3], rtol=1e-6)
+
+
+@pytest.mark.filterwarnings("ignore:(divide by zero|invalid value):RuntimeWarning")
+def test_an_observation_that_is_not_finite_is_blamed_by_name():
+    policy = Broken()
+    seen = observe((np.nan, 0.4)) | {"previous_action": np.array([np.nan, 0.5, 0.0])}
+    action, state = policy.predict(seen, 1)
+    np.testing.assert_allclose(action, [0.0, 0.5, 0.0])
+    assert state.status == "observation not finite: reference, previous_action"
+
+
+def test_networks_that_compute_no_number_are_blamed_themselves():
+    """Not the observation, and not the tension limit."""
+    network, _ = Network.load(models_dir() / "ppo.npz")
+    weights = (*network.weights[:-1], np.full_like(network.weights[-1], np.nan))
+    with TrackingEnv("swing", control_period=0.01) as env:
+        observation, _ = env.reset(seed=0)
+    policy = NeuralPolicy(ARM, 0.01, replace(network, weights=weights))
+    action, state = policy.predict(observation, None)
+    np.testing.assert_allclose(action, observation["previous_action"], rtol=1e-6)
+    assert state.status == "computation not finite"
+
+
+@pytest.mark.parametrize("name", ["lqi", "lq_preview"])
+def test_scheduled_laws_that_compute_no_number_are_blamed_themselves(name):
+    """Curvature and rate are finite, and yet too large for their product with the gains."""
+    with TrackingEnv("swing", **policy_environment(name)) as env:
+        observation, _ = env.reset(seed=0)
+    policy = make_policy(name, ARM, 1e-3)
+    _, state = policy.predict(observation, None)
+    absurd = observation | {"curvature_rate": np.full(6, 1e308)}
+    action, told = policy.predict(absurd, state)
+    np.testing.assert_allclose(action, observation["previous_action"], rtol=1e-6)
+    assert told.status == "computation not finite"
+    _, state = policy.predict(observation, told)
+    assert state.status is None
+
+
+@pytest.mark.parametrize("period", [np.nan, np.inf, 0.0, -0.01, "x", None, True], ids=str)
+@pytest.mark.parametrize("name", [*POLICIES, *RIG_POLICIES])
+def test_policies_refuse_what_is_no_control_period(name, period):
+    robot = ARM if name in POLICIES else RIG
+    with pytest.raises(ValueError, match="control_period must be finite and positive, got"):
+        make_policy(name, robot, period)
+    with pytest.raises(ValueError, match="robot must be a RobotParams, got 'arm'"):
+        make_policy(name, "arm", 0.01)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, "x", True], ids=str)
+def test_gains_of_feedback_and_observer_are_numbers(value):
+    for gain in ("proportional", "integral", "damping"):
+        with pytest.raises(ValueError, match=f"{gain} must be"):
+            FeedforwardPI(ARM, PERIOD, **{gain: value})
+    for noise in ("curvature_noise", "force_walk"):
+        with pytest.raises(ValueError, match=rf"{noise} must be in \(0, 1e6\]"):
+            RateObserver(ARM, PERIOD, **{noise: value})

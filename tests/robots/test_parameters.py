@@ -172,7 +172,9 @@ def test_reduced_inputs_of_many_tensions():
     "tendons",
     [
         pytest.param(ARM.tendons[:1], id="single tendon"),
-        pytest.param(ARM.tendons[:1] * 2, id="both on one side"),
+        pytest.param(
+            (ARM.tendons[0], replace(ARM.tendons[0], name="other")), id="both on one side"
+        ),
         pytest.param(
             (ARM.tendons[0], replace(ARM.tendons[1], offset=(-0.02, 0.0))), id="uneven radii"
         ),
@@ -180,10 +182,13 @@ def test_reduced_inputs_of_many_tensions():
             tuple(replace(t, offset=(0.0, t.offset[0])) for t in ARM.tendons[:2]), id="out of plane"
         ),
         pytest.param(ARM.tendons[2:] + ARM.tendons[:2], id="not ordered by group"),
+        pytest.param(
+            tuple(replace(t, offset=(0.0, 0.0)) for t in ARM.tendons[:2]), id="on the neutral fibre"
+        ),
     ],
 )
 def test_tendon_groups_that_are_no_planar_pair(tendons):
-    with pytest.raises(ValueError, match=r"robot 'arm': .*(pair|order)"):
+    with pytest.raises(ValueError, match=r"robot 'arm': .*(a pair at|order)"):
         TendonMap(replace(ARM, tendons=tendons))
 
 
@@ -287,14 +292,14 @@ def test_robots_that_cannot_be(changes, message):
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"tension_limit": 0.0}, "pretension < tension_limit"),
+        ({"tension_limit": 0.0}, "tension_limit must be finite and positive"),
         ({"pretension": -1.0}, "0 <= pretension"),
         ({"pretension": 10.0}, "pretension < tension_limit"),
         ({"tension_limit": nan}, "tension_limit"),
         ({"friction": -1.0}, "friction must be finite and zero or more"),
         ({"friction": nan}, "friction"),
         ({"friction": inf}, "friction"),
-        ({"end": 0.0}, "guides must increase"),
+        ({"end": 0.0}, "end must be finite and positive"),
         ({"guides": (0.1, 0.1)}, "guides must increase"),
         ({"guides": (0.2, 0.1)}, "guides must increase"),
         ({"guides": (0.5,)}, "guides must increase"),

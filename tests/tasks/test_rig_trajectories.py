@@ -95,11 +95,11 @@ def test_positions_lie_on_the_path(run):
     [
         (lambda: RoundedTriangle(b1=0.0), "b1 must be finite and positive"),
         (lambda: RoundedTriangle(period=-1.0), "period must be"),
-        (lambda: RoundedTriangle(laps=-1), "zero laps or more"),
-        (lambda: RoundedTriangle(approach=np.inf), "approach of zero seconds or more"),
+        (lambda: RoundedTriangle(laps=-1), "laps must be a whole number, 0 or more"),
+        (lambda: RoundedTriangle(approach=np.inf), "approach must be finite and zero or more"),
         (lambda: LapCircle(radius=np.nan), "radius must be"),
-        (lambda: LapCircle(laps=0), "one lap or more"),
-        (lambda: LapCircle(ramp=20.0), r"ramp in \[0, 15.1\] s"),
+        (lambda: LapCircle(laps=0), "laps must be a whole number, 1 or more"),
+        (lambda: LapCircle(ramp=20.0), r"ramp must lie in \[0, 15.1\] s"),
     ],
 )
 def test_bad_values_are_refused(make, reason):

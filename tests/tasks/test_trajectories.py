@@ -332,9 +332,9 @@ def test_mirrored_paths():
         ({"speed": 0.0}, r"must lie in \(0, 1.26\] m/s"),
         ({"speed": -0.1}, "must lie in"),
         ({"speed": 1.3}, "must lie in"),
-        ({"speed": np.nan}, "must lie in"),
-        ({"laps": 0}, "one lap or more"),
-        ({"ramp": 0.0}, "positive ramp"),
+        ({"speed": np.nan}, "speed must be a finite number"),
+        ({"laps": 0}, "laps must be a whole number, 1 or more"),
+        ({"ramp": 0.0}, "ramp must be finite and positive"),
     ],
     ids=str,
 )
@@ -348,7 +348,7 @@ def test_runs_that_cannot_be(changes, message):
     ("cosine", "sine", "message"),
     [
         (((1.0, 0.0, 0.0),), (), "as many cosines as sines"),
-        (((1.0, 0.0),), ((1.0, 0.0),), "as many cosines as sines"),
+        (((1.0, 0.0),), ((1.0, 0.0),), r"cosine\[0\] must be a tuple of 3"),
         (((0.0, 0.0, 0.0),), ((0.0, 0.0, 0.0),), "not stay at its start"),
     ],
 )

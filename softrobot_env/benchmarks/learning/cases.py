@@ -7,6 +7,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from softrobot_env.artifacts import read_facts
 from softrobot_env.benchmarks.jobs import quiet
 from softrobot_env.learned.network import Network
 from softrobot_env.training.artifacts import save
@@ -73,7 +74,7 @@ def run_chain(chain: Sequence[str], seed: int, folder: Path, quick: bool) -> Non
     """Train what is missing in a folder, which then holds it; see `load_run`."""
     for name in chain:
         settings, path = _settings(name, seed, quick), _facts(folder, name, seed)
-        if not path.is_file() or json.loads(path.read_text("utf-8"))["settings"] != settings:
+        if not path.is_file() or read_facts(path)["settings"] != settings:
             _train(name, seed, folder, quick)
 
 
@@ -114,7 +115,7 @@ def load_run(name: str, seed: int, folder: Path) -> tuple[Network, list[Point], 
     Returns:
         Its network, closed-loop checks during it (none of an imitation), and minutes that it took.
     """
-    facts: dict[str, Any] = json.loads(_facts(folder, name, seed).read_text(encoding="utf-8"))
+    facts: dict[str, Any] = read_facts(_facts(folder, name, seed))
     network, _ = Network.load(_file(folder, name, seed))
     return network, facts["curve"], facts["minutes"]
 

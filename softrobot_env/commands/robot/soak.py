@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from softrobot_env.artifacts import read_arrays
 from softrobot_env.commands.arguments import add_out, positive
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.hardware.robot_file.model import RobotFile
@@ -90,8 +91,7 @@ def _robot(
         path, log = Path(folder) / "log.npz", {}
         with virtual_process(args.twin, log=path) as robot:
             yield robot.file, robot.tip, log
-        with np.load(path) as data:
-            log.update(data.items())
+        log.update(read_arrays(path))
 
 
 def _soak(

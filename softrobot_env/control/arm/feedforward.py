@@ -8,6 +8,7 @@ from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatur
 from softrobot_env.control.arm.statics import InverseStatics, least_norm
 from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE
+from softrobot_env.fields import NotNegative, Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
@@ -109,6 +110,9 @@ class FeedforwardPI(Feedforward):
             integral: K_I [1/s]; by default 0.45 of its limit.
         """
         super().__init__(robot, control_period)
+        check_argument("control_period", control_period, Positive)
+        check_argument("proportional", proportional, NotNegative | None)
+        check_argument("integral", integral, NotNegative | None)
         self.sizes = {**self.sizes, "tip_position": 2}
         self._period = control_period
         decay = robot.damping_time * (2 * np.pi * robot.first_frequency) ** 2

@@ -179,7 +179,7 @@ def _act(
     """Action (n_inputs,), next memory and code."""
     arm, limit = law.arm, law.limit
     n, m = arm.inputs.shape
-    original, memory = memory, memory.copy()
+    memory = memory.copy()
     sound = finite(curvature) and finite(rate) and finite(tip) and finite(previous)
     _, _, force, inputs, offset, _, smoothing, begun = _split(memory, n, m)
     if not (sound and finite(target) and finite(preview)):
@@ -213,7 +213,7 @@ def _act(
             for i in range(2):
                 ahead = points[k + 1, i] - points[0, i] - _TIMES[k + 1] * velocity[i]
                 wanted[j] += gain[j, 2 * (n + k) + i] * ahead
-    return conclude(wanted, law, gap, inside, previous, original, memory)
+    return conclude(wanted, law, gap, inside, memory)
 
 
 def preview_design(arm: PlanarArm, curvature: np.ndarray, period: float = PERIOD) -> np.ndarray:

@@ -69,7 +69,7 @@ def _act(
     """Action (n_inputs,), next memory (inputs of the equilibrium, integral) and code."""
     arm, limit = law.arm, law.limit
     n, m = arm.inputs.shape
-    before, memory = memory, memory.copy()
+    memory = memory.copy()
     sound = finite(curvature) and finite(rate) and finite(previous)
     if not (sound and finite(tip) and finite(target)):
         return kept(previous), memory, NOT_FINITE
@@ -90,7 +90,7 @@ def _act(
     if gap <= REACH and (beyond == 0 or beyond < excess(wanted, limit)):
         integral += step
         wanted = integrated
-    return conclude(wanted, law, gap, inside, previous, before, memory)
+    return conclude(wanted, law, gap, inside, memory)
 
 
 def design(arm: PlanarArm, curvature: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE, Said
 from softrobot_env.interfaces import Observation
-from softrobot_env.learned.network import Network, load_for
+from softrobot_env.learned.network import Network, check_ends, load_for
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 
@@ -107,10 +107,11 @@ class NeuralPolicy(Controller):
             FileNotFoundError: No such file.
         """
         self.hold = hold_for(PERIOD, control_period, "the network")
-        network = weights
+        sizes, network = state_sizes(robot), weights
         if not isinstance(weights, Network):  # an absolute path stays what it is
             network, _ = load_for(models_dir() / weights, robot, "softrobot train")
-        sizes = state_sizes(robot) | {
+        check_ends(network, (feature_count(robot), sizes["previous_action"]))
+        sizes |= {
             "reference_velocity": 2,
             "reference_preview": 2 * len(PREVIEW),
         }

@@ -4,7 +4,7 @@ A Kalman filter on the arm's equations of motion estimates the curvature rates.
 """
 
 from math import ceil
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -14,6 +14,7 @@ from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.arm.operating_points import discretized, linear_model
 from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.status import finite
+from softrobot_env.fields import Positive, Range, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -27,6 +28,9 @@ _OUTLIER = 10.0
 
 #: Outliers in a row that are ignored.
 _PATIENCE = 3
+
+#: Standard deviations, of which the squares can be computed with.
+_Deviation = Annotated[float, Range("in (0, 1e6]", lambda x: 0 < x <= 1e6)]
 
 
 class RateObserver:
@@ -56,6 +60,9 @@ class RateObserver:
             force_walk: [1/s^0.5], growth of the deviation of d, over the full actuation. More
                 follows a wrong model faster and lets more noise through.
         """
+        check_argument("control_period", control_period, Positive)
+        check_argument("curvature_noise", curvature_noise, _Deviation)
+        check_argument("force_walk", force_walk, _Deviation)
         self._arm = make_planar_arm(robot)
         self._limit = TendonMap(robot).input_scale
         self._period = control_period

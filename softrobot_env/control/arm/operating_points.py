@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import expm
 
+from softrobot_env.artifacts import read_arrays
 from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
@@ -21,12 +22,10 @@ from softrobot_env.control.arm.statics import REACH
 from softrobot_env.control.base import Controller, hold_for, state_sizes
 from softrobot_env.control.status import (
     FINE,
-    NOT_FINITE,
     OUTSIDE,
     SATURATED,
     UNREACHABLE,
     finite,
-    kept,
     limited,
 )
 from softrobot_env.interfaces import Observation
@@ -172,18 +171,21 @@ def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> np.n
 
     Raises:
         FileNotFoundError: There is no such file.
-        ValueError: It belongs to another robot or law.
+        ValueError: It belongs to another robot or law, is damaged or not finite.
     """
     if not path.exists():
         raise FileNotFoundError(f"no gains at {path}; make them with `{command}`")
-    with np.load(path) as data:
-        found, gains = data["robot"], np.ascontiguousarray(data["gains"], dtype=np.float64)
+    data = read_arrays(path)
+    data.check_finite()
+    found = data["robot"]
     wanted = identity(robot)
     if wanted.shape != found.shape or not np.allclose(wanted, found, rtol=1e-9):
         raise ValueError(
             f"{path} holds gains of another robot than this {robot.name!r}; `build_gains` and "
             "`save_gains` make a table for it, which the policy takes as gains="
         )
+    data.check_shape("gains", (None,) * 4)
+    gains = np.ascontiguousarray(data["gains"], dtype=np.float64)
     if gains.shape != (*(size for size, _ in GRID), count):
         raise ValueError(f"{path} does not fit this version; `{command}` makes it anew")
     return gains
@@ -229,26 +231,23 @@ def conclude(
     law: Law,
     gap: float,
     inside: bool,
-    previous: np.ndarray,
-    before: np.ndarray,
     memory: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (n_inputs,), next memory (k,) and code of a decision.
+
+    The action is NaN where it, or the memory, could not be computed; `Controller` then keeps both.
 
     Args:
         wanted: (n_inputs,) [N].
         law: Whose limits hold.
         gap: [m], from the operating point's tip to the reference.
         inside: Whether the operating point lies in the table's grid.
-        previous: (n_inputs,) [1], action kept if an observation, though finite, was too absurd to
-            compute with.
-        before: (k,), memory kept then.
         memory: (k,), of this decision.
     """
     action = np.empty(len(wanted))
     saturated = limited(wanted, law.limit, action)
-    if not (finite(action) and finite(memory)):
-        return kept(previous), before, NOT_FINITE
+    if not (finite(wanted) and finite(memory)):
+        return np.full(len(wanted), np.nan), memory, FINE
     if saturated:
         return action, memory, SATURATED
     if gap > REACH:

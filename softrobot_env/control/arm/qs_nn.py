@@ -64,9 +64,11 @@ class QuasiStaticNetwork(Controller):
         """
         self.hold = hold_for(PERIOD, control_period, "qs_nn")
         path = models_dir() / _FILE if weights is None else Path(weights)
-        network, about = load_for(path, robot, _COMMAND)
-        self._network = _fold(network, TendonMap(robot).input_scale, about["workspace"])
         self._n_inputs = len(robot.tendons) // 2
+        ends = (4 + self._n_inputs, self._n_inputs)
+        network, about = load_for(path, robot, _COMMAND, ends=ends)
+        about.check_shape("workspace", (None, 2))
+        self._network = _fold(network, TendonMap(robot).input_scale, about["workspace"])
         self.sizes = {"tip_position": 2, "previous_action": self._n_inputs}
 
     def start(self, observation: Observation) -> Said:

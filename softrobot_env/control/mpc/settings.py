@@ -6,6 +6,7 @@ import numpy as np
 
 from softrobot_env.beams.numerics.compilation import reference
 from softrobot_env.control.mpc.prediction import GAMMA, Horizon
+from softrobot_env.fields import NotNegative, Whole, check_fields
 from softrobot_env.registries import Registry
 
 
@@ -43,10 +44,11 @@ class MPCSettings:
     change: float
     preview: bool
     estimate: bool
-    iterations: int
-    tolerance: float | None
+    iterations: Whole
+    tolerance: NotNegative | None
 
     def __post_init__(self) -> None:
+        check_fields(self, "MPC settings")
         Registry("integrator", GAMMA).find(self.integrator)
         if not self.steps or min(self.steps) <= 0 or not 0 < self.period <= self.steps[0]:
             raise ValueError(

@@ -9,7 +9,6 @@ period lags by half of it; the model in several pieces; that model calibrated by
 network was trained with; and what is known of the servos, their speed and backlash.
 """
 
-from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,6 +20,7 @@ from softrobot_env.control.rig.inverse import Motion, OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.control.rig.servo_flexible import InversionError
 from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
+from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.registries import Registry
 from softrobot_env.robots import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
@@ -100,10 +100,8 @@ class RigFeedforward(Controller):
             ValueError: Neither statics nor a model are given, or the period is not positive and
                 finite.
         """
-        if not 0 < control_period < inf:
-            raise ValueError(
-                f"control_period must be positive and finite, got {control_period!r} s"
-            )
+        check_argument("control_period", control_period, Positive)
+        check_argument("backlash", backlash, float | None)
         if learnt is None and model is None:
             raise ValueError("a feedforward controller needs identified statics, a model or both")
         self._network = None if learnt is None else learnt.statics
@@ -151,7 +149,7 @@ class RigFeedforward(Controller):
         pull, memory = self._model.step(state.memory, now, then, self._period)
         if self._network is None:
             return _finite(pull.total), pull.tension, memory
-        return _finite(self._statics(then.position) + pull.dynamic), pull.tension, memory
+        return self._statics(then.position) + _finite(pull.dynamic), pull.tension, memory
 
     def _statics(self, place: np.ndarray) -> np.ndarray:
         """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from softrobot_env.fields import NotNegative, Positive, check_fields
 from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.network import Network, describe, load_for
 from softrobot_env.paths import models_dir
@@ -41,11 +42,14 @@ class IdentifiedParameters:
     """
 
     network: Network
-    stiffness: float
+    stiffness: Positive
     turn: float
-    damping: float
+    damping: NotNegative
     backlash: float
     twin: int | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, "identified parameters")
 
     @cached_property
     def statics(self) -> CompiledInference:
@@ -75,12 +79,14 @@ class IdentifiedParameters:
             ValueError: It belongs to another robot, or lacks something.
         """
         path = models_dir() / FILE if path is None else Path(path)
-        network, about = load_for(path, robot, _COMMAND, describe_rig)
-        missing = [name for name in _NUMBERS.values() if name not in about]
-        if missing:
-            raise ValueError(f"{path} lacks {', '.join(missing)}; make it anew with `{_COMMAND}`")
+        network, about = load_for(path, robot, _COMMAND, describe_rig, (2, len(robot.tendons)))
+        for name in _NUMBERS.values():
+            about.check_shape(name, ())
         twin = int(about["twin"]) if "twin" in about else None
-        return cls(network, *(float(about[name]) for name in _NUMBERS.values()), twin)
+        try:
+            return cls(network, *(float(about[name]) for name in _NUMBERS.values()), twin)
+        except ValueError as error:
+            raise ValueError(f"{path}: {error}; make it anew with `{_COMMAND}`") from None
 
 
 def describe_rig(robot: RobotParams) -> dict[str, np.ndarray]:

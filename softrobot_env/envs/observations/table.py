@@ -197,11 +197,9 @@ def observation_space(
     """
     if isinstance(observe, str):
         observe = known if observe == "all" else (observe,)
-    names = tuple(observe)
-    if not names or not set(names) <= set(known) or len(set(names)) < len(names):
-        raise ValueError(
-            f"observe needs distinct names out of {', '.join(known)}; got {list(names)}"
-        )
+    names = tuple(observe) if np.iterable(observe) else ()
+    if not names or not all(name in known for name in names) or len(set(names)) < len(names):
+        raise ValueError(f"observe needs distinct names out of {', '.join(known)}; got {observe!r}")
     return spaces.Dict({name: _with_noise(OBSERVABLES[name], sizes) for name in names})
 
 

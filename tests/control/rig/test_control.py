@@ -226,7 +226,7 @@ def test_parts_that_do_not_exist_are_refused():
 
 @pytest.mark.parametrize("period", [0.0, -0.02, np.nan, np.inf])
 def test_periods_that_are_none_are_refused(period):
-    with pytest.raises(ValueError, match="control_period must be positive and finite"):
+    with pytest.raises(ValueError, match="control_period must be finite and positive"):
         make_policy("hybrid_calibrated", RIG, period)
 
 

@@ -133,7 +133,7 @@ class Broken:
         self.broken = broken
 
     def __getattr__(self, name):
-        if name not in ("position", "velocity", "acceleration"):
+        if name not in ("position", "velocity", "acceleration", "path"):
             raise AttributeError(name)
         late = np.nan if name == self.broken else 0.0
         return lambda t: np.where(np.asarray(t)[:, None] < 0.5, 0.0, late) * np.ones(3)

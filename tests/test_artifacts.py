@@ -1,0 +1,136 @@
+"""No file that is damaged, incomplete or not finite gets into a policy."""
+
+import json
+
+import numpy as np
+import pytest
+
+from softrobot_env.artifacts import Arrays, read_arrays, read_facts
+from softrobot_env.control.arm.neural import NeuralPolicy
+from softrobot_env.control.registry import make_policy
+from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.learned.network import Network
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import ARM, RIG
+
+#: File -> option of its policy.
+FILES = {
+    "lqi": {"gains": None},
+    "lq_preview": {"gains": None},
+    "qs_nn": {"weights": None},
+    "ppo": {"weights": None},
+}
+PERIOD = {"lqi": 1e-3, "lq_preview": 1e-3}
+
+
+def load(name, path):
+    """What reads a shipped file."""
+    if name == "rig_nn":
+        return IdentifiedParameters.load(RIG, path)
+    option = dict.fromkeys(FILES[name], path)
+    return make_policy(name, ARM, PERIOD.get(name, 0.01), **option)
+
+
+def shipped(name):
+    return dict(read_arrays(models_dir() / f"{name}.npz"))
+
+
+def arrays_of(name, but=("workspace", "seed", "robot")):
+    found = shipped(name)
+    return [key for key in found if found[key].dtype.kind == "f" and not key.endswith(but)]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("name", ["qs_nn", "ppo", "rig_nn"])
+def test_networks_that_are_not_finite_are_refused_by_file_and_array(name, value, tmp_path):
+    path = tmp_path / "bad.npz"
+    for key in arrays_of(name, ("workspace", "tendon_stiffness")):
+        arrays = shipped(name)
+        arrays[key] = arrays[key].copy()
+        arrays[key].flat[-1] = value
+        np.savez(path, **arrays)
+        with pytest.raises(ValueError, match=f"bad.npz: 1 of .* array '{key}' are not finite"):
+            load(name, path)
+
+
+@pytest.mark.parametrize("name", ["lqi", "lq_preview"])
+def test_gains_that_are_not_finite_are_refused(name, tmp_path):
+    arrays, path = shipped(name), tmp_path / "bad.npz"
+    arrays["gains"][3, 4, 5, 6] = np.nan
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match=r"bad\.npz: 1 of \d+ numbers of the array 'gains'"):
+        load(name, path)
+
+
+@pytest.mark.parametrize("name", ["qs_nn", "ppo", "rig_nn"])
+def test_missing_and_misshapen_arrays_are_refused(name, tmp_path):
+    path = tmp_path / "bad.npz"
+    for key in arrays_of(name):
+        for strange in (None, shipped(name)[key][..., None], np.array("text")):
+            arrays = shipped(name)
+            if strange is None:
+                del arrays[key]
+            else:
+                arrays[key] = strange
+            np.savez(path, **arrays)
+            with pytest.raises(ValueError, match=r"bad\.npz"):
+                load(name, path)
+
+
+def test_networks_with_other_ends_are_refused(tmp_path):
+    """Compiled code would read beyond the arrays."""
+    path = tmp_path / "bad.npz"
+    arrays = shipped("qs_nn") | {"bias_1": np.zeros(2), "weight_1": np.zeros((2, 30))}
+    arrays |= {"output_low": np.zeros(2), "output_high": np.ones(2)}
+    np.savez(path, **arrays)
+    with pytest.raises(ValueError, match=r"bad\.npz must have 7 inputs and 3 outputs"):
+        load("qs_nn", path)
+    network, _ = Network.load(models_dir() / "qs_nn.npz")
+    with pytest.raises(ValueError, match="must have 29 inputs and 3 outputs, it has 7 and 3"):
+        NeuralPolicy(ARM, 0.01, network)
+
+
+def test_a_stiffness_of_no_robot_is_refused(tmp_path):
+    path = tmp_path / "bad.npz"
+    np.savez(path, **shipped("rig_nn") | {"about_stiffness": np.array(-1.0)})
+    with pytest.raises(ValueError, match=r"bad\.npz: .* stiffness must be finite and positive"):
+        load("rig_nn", path)
+
+
+@pytest.mark.parametrize("name", ["lqi", "qs_nn", "ppo", "rig_nn"])
+@pytest.mark.parametrize("content", [b"", b"text", b"PK\x03\x04"], ids=["empty", "text", "cut"])
+def test_other_files_are_refused(name, content, tmp_path):
+    path = tmp_path / "bad.npz"
+    path.write_bytes(content)
+    with pytest.raises(ValueError, match=r"bad\.npz is no npz file of arrays, or damaged"):
+        load(name, path)
+
+
+def test_objects_and_single_arrays_are_refused(tmp_path):
+    """Objects could run code."""
+    np.savez(tmp_path / "objects.npz", a=np.array([{}], dtype=object))
+    np.save(tmp_path / "single.npy", np.zeros(3))
+    for name in ("objects.npz", "single.npy"):
+        with pytest.raises(ValueError, match=name):
+            read_arrays(tmp_path / name)
+    with pytest.raises(FileNotFoundError):
+        read_arrays(tmp_path / "none.npz")
+
+
+def test_infinity_is_allowed_where_it_has_a_meaning():
+    arrays = Arrays("f", {"a": np.array([np.inf]), "b": np.array([np.nan]), "t": np.array("x")})
+    arrays.check_finite(infinite=("a",), unmeasured=("b",))
+    with pytest.raises(ValueError, match="'b'"):
+        arrays.check_finite(infinite=("a", "b"))
+    with pytest.raises(ValueError, match="'a'"):
+        arrays.check_finite(unmeasured=("b",))
+
+
+def test_facts_are_finite_json(tmp_path):
+    path = tmp_path / "facts.json"
+    path.write_text(json.dumps({"steps": [1, 2.5]}), encoding="utf-8")
+    assert read_facts(path) == {"steps": [1, 2.5]}
+    for text in ('{"a": NaN}', "[Infinity]", '{"a": 1', "\x00"):
+        path.write_text(text, encoding="utf-8")
+        with pytest.raises(ValueError, match=r"facts\.json"):
+            read_facts(path)
