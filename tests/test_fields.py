@@ -7,7 +7,6 @@ from typing import Annotated
 import numpy as np
 import pytest
 
-from softrobot_env.control.arm.lq_preview import Weights
 from softrobot_env.control.mpc.settings import PREVIEW as MPC_PREVIEW
 from softrobot_env.control.mpc.settings import THESIS as MPC_THESIS
 from softrobot_env.envs.rewards import TrackingReward
@@ -53,7 +52,6 @@ RECORDS = (
     Sampling(),
     MPC_THESIS,
     MPC_PREVIEW,
-    Weights(),
 )
 
 #: What no field may hold, but for the exceptions.

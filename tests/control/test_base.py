@@ -200,7 +200,7 @@ def test_policies_refuse_what_is_no_control_period(name, period):
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -1.0, "x", True], ids=str)
 def test_gains_of_feedback_and_observer_are_numbers(value):
-    for gain in ("proportional", "integral", "damping"):
+    for gain in ("proportional", "integral"):
         with pytest.raises(ValueError, match=f"{gain} must be"):
             FeedforwardPI(ARM, PERIOD, **{gain: value})
     for noise in ("curvature_noise", "force_walk"):
