@@ -5,7 +5,7 @@ from copy import copy
 import mujoco
 import numpy as np
 
-from softrobot_env.interfaces import EquilibriumError
+from softrobot_env.equilibrium import EquilibriumError
 
 _ITERATIONS = 50
 _STEP = 1e-6
