@@ -19,7 +19,8 @@ from softrobot_env.beams.numerics.linearization import (
 )
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
-from softrobot_env.beams.statics import EquilibriumError, follow_loads
+from softrobot_env.beams.statics import follow_loads
+from softrobot_env.equilibrium import checked_load_steps, require_stable, stability_asked
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
@@ -223,26 +224,32 @@ class BeamModel:
         self,
         u: np.ndarray | None = None,
         guess: np.ndarray | None = None,
-        load_step: float = 1.0,
-        check_stability: bool = True,
+        load_steps: int = 1,
+        check_stability: bool | str = True,
     ) -> np.ndarray:
         """Coordinates (n,) in equilibrium under constant inputs u (n_inputs,).
 
         Args:
             u: Inputs, zero unless given.
             guess: (n,), start; the straight pose unless given.
-            load_step: First share of the loads; smaller ones are tried where it fails. Follow
-                large loads in steps of 0.1, or Newton's method may find another branch.
-            check_stability: Refuse an equilibrium that the robot would leave by itself.
+            load_steps: Least number of equal steps in which inputs, gravity and pretension grow
+                from zero; smaller ones are taken where Newton's method fails. A robot bent far
+                has several equilibria; too few steps may find another one than the robot reaches
+                when it is loaded slowly.
+            check_stability: True or "static" refuses an equilibrium that loads at rest cannot
+                give; "dynamic" also one that flutters; False none (`equilibrium.require_stable`).
 
         Raises:
             EquilibriumError: None was found, or an unstable one.
+            ValueError: `load_steps` or `check_stability` is not one of these.
         """
+        kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
         u = self._inputs(u)
         guess = self.rest() if guess is None else self._vector(guess)
-        q = follow_loads(self._scaled_data, u, guess, load_step)
-        if check_stability:
-            self._check_stability(q, u)
+        q = follow_loads(self._scaled_data, u, guess, 1 / load_steps)
+        if kind is not None:
+            space = self.linearize(State(q, np.zeros_like(q)), u)
+            require_stable(kind, space.stiffness, space.mass, space.damping)
         return q
 
     def _scaled_data(self, factor: float) -> Any:
@@ -251,26 +258,6 @@ class BeamModel:
         actuation = actuation._replace(pretension=factor * actuation.pretension)
         scaled = self.data._replace(gravity=factor * self.data.gravity, actuation=actuation)
         return self.static_data(scaled)
-
-    def _check_stability(self, q: np.ndarray, u: np.ndarray) -> None:
-        space = self.linearize(State(q, np.zeros_like(q)), u)
-        stiffness = space.stiffness
-        size = np.max(np.abs(stiffness))
-        if np.max(np.abs(stiffness - stiffness.T)) < 1e-9 * size:
-            lowest = float(np.linalg.eigvalsh((stiffness + stiffness.T) / 2)[0])
-            if lowest < 0:
-                raise EquilibriumError(
-                    "the equilibrium is unstable: its energy is not a minimum (lowest stiffness "
-                    f"{lowest:.3g})"
-                )
-            return
-        # Forces without a potential may also make it flutter. Rounding scatters the poles.
-        growth = float(np.max(space.poles().real))
-        fastest = np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(space.mass, stiffness)))))
-        if growth > 1e-7 * fastest:
-            raise EquilibriumError(
-                f"the equilibrium is unstable: deviations grow by exp({growth:.3g} t)"
-            )
 
     def simulate(
         self,

@@ -5,7 +5,7 @@ import numpy as np
 from softrobot_env.beams.mechanics import bandwidth, iteration_matrix, residual
 from softrobot_env.beams.numerics import band
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.interfaces import EquilibriumError
+from softrobot_env.equilibrium import EquilibriumError
 
 _ITERATIONS = 60
 _LARGEST_CHANGE = 0.5  # of a coordinate's scale in one iteration

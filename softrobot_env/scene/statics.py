@@ -5,7 +5,12 @@ from copy import copy
 import mujoco
 import numpy as np
 
-from softrobot_env.interfaces import EquilibriumError
+from softrobot_env.equilibrium import (
+    EquilibriumError,
+    checked_load_steps,
+    require_stable,
+    stability_asked,
+)
 from softrobot_env.scene.tangent import StaticForces
 
 _ITERATIONS = 30
@@ -22,6 +27,7 @@ def equilibrium(
     guess: np.ndarray | None = None,
     *,
     load_steps: int = 1,
+    check_stability: bool | str = True,
     gravity: np.ndarray | None = None,
 ) -> np.ndarray:
     """Posture (nq,) in equilibrium under constant controls (nu,): the hinge angles [rad].
@@ -33,19 +39,20 @@ def equilibrium(
         model: A compiled scene; it stays as it is.
         ctrl: (nu,) controls.
         guess: (nq,) start of the iteration, straight unless given.
-        load_steps: Equal steps in which gravity and all that the controls cause grow from zero,
-            each solved from the last one's solution; a step that fails is halved. A robot bent far
-            has several equilibria; a single step may find another one than the robot reaches when
-            it is loaded slowly.
+        load_steps: Least number of equal steps in which controls, gravity and pretension grow from
+            zero; smaller ones are taken where Newton's method fails. A robot bent far has several
+            equilibria; too few steps may find another one than the robot reaches when it is loaded
+            slowly.
+        check_stability: True or "static" refuses an equilibrium that loads at rest cannot give;
+            "dynamic" also one that flutters; False none (`equilibrium.require_stable`).
         gravity: (3,) [m/s2] in place of the scene's.
 
     Raises:
         EquilibriumError: None was found, or an unstable one.
-        ValueError: An argument is not finite or not of its shape, `load_steps` is not a positive
-            whole number, or a control is out of its range, to which MuJoCo would clamp it silently.
+        ValueError: An argument is not finite, not of its shape or not one of these, or a control is
+            out of its range, to which MuJoCo would clamp it silently.
     """
-    if not (load_steps >= 1 and load_steps % 1 == 0):
-        raise ValueError(f"load_steps must be a whole number, at least one, got {load_steps}")
+    kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
     start = finite("the guess", model.qpos0 if guess is None else guess, (model.nq,))
     ctrl = finite("controls", ctrl, (model.nu,))
     _check_range(model, ctrl)
@@ -54,7 +61,8 @@ def equilibrium(
         model.opt.gravity[:] = finite("gravity", gravity, (3,))
     forces = StaticForces(model)
     q = _follow_loads(forces, ctrl, start, 1 / load_steps)
-    _check_stability(forces)
+    if kind is not None:
+        require_stable(kind, -forces.tangent(), forces.mass(), np.diag(model.dof_damping))
     return q
 
 
@@ -126,12 +134,6 @@ def _newton(
         q = _moved(model, q, turn * min(1.0, _LARGEST_TURN / largest))
         before = remaining
     return None
-
-
-def _check_stability(forces: StaticForces) -> None:
-    # Exact for forces with a potential; follower loads may also cause flutter, which this misses.
-    if np.max(np.linalg.eigvals(forces.tangent()).real) >= 0:
-        raise EquilibriumError("the equilibrium is unstable: the robot would leave it by itself")
 
 
 def _moved(model: mujoco.MjModel, q: np.ndarray, move: np.ndarray) -> np.ndarray:

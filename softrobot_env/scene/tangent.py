@@ -88,6 +88,13 @@ class StaticForces:
         self._add_springs(out)
         return out
 
+    def mass(self) -> np.ndarray:
+        """Mass matrix (nv, nv) [kg m2] in the posture of the last `force`."""
+        out = np.empty((self.model.nv, self.model.nv))
+        mujoco.mj_makeM(self.model, self._data)
+        mujoco.mj_fullM(self.model, self._data, out)
+        return out
+
     def _dead(self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray) -> np.ndarray:
         """(nv, nv) of all wrenches as if they kept their directions."""
         points, forces, moments, count = self._wrenches(tension)
