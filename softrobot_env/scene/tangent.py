@@ -14,8 +14,9 @@ for wrenches of fixed direction is
 
 so that sums from the tip to the base and three products of (nv, 3) matrices give all of it, in
 O(nv^2). The turns of one ball joint all move each other's axes. Follower loads add that their
-vectors turn, tendons that the spans between guides turn and, driven by length, that tension follows
-from length. A ball joint's spring -k theta(q) has the derivative -k J^-1 of the rotation vector.
+vectors turn, tendons that the spans between guides turn and, driven by length or held by a spring,
+that tension follows from length. A ball joint's spring -k theta(q) has the derivative -k J^-1 of
+the rotation vector.
 
 The derivative is along `mj_integratePos`; out of equilibrium a ball joint makes it unsymmetric.
 """
@@ -149,7 +150,7 @@ class StaticForces:
         return world[:, 0], world[:, 1]
 
     def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
-        """Tension (ntendon,) [N] of the tendons, and its derivative by their length [N/m]."""
+        """Tension (ntendon,) [N] that drives give, and its derivative by length [N/m]."""
         model, data, actuators = self.model, self._data, self._on_tendons
         gear = model.actuator_gear[actuators, 0]
         force, spring = data.actuator_force[actuators], model.actuator_biasprm[actuators, 1]
@@ -197,28 +198,26 @@ class StaticForces:
             out -= flat.T @ (np.repeat(np.sign(pull), 3)[:, None] * flat)
 
     def _add_rates(self, rate: np.ndarray, out: np.ndarray) -> None:
-        """Tension that follows from length."""
-        for tendon in np.flatnonzero(rate):
-            row = self._lever_arms(tendon)
-            out -= rate[tendon] * np.outer(row, row)
-
-    def _lever_arms(self, tendon: int) -> np.ndarray:
-        """(nv,) derivative of a tendon's length."""
+        """Tension that follows from length, by its derivative (ntendon,) [N/m]."""
         model, data = self.model, self._data
-        begin, size = model.ten_J_rowadr[tendon], model.ten_J_rownnz[tendon]
-        row = np.zeros(model.nv)
-        row[model.ten_J_colind[begin : begin + size]] = data.ten_J[begin : begin + size]
-        return row
+        size, begin = model.ten_J_rownnz, model.ten_J_rowadr
+        for n in np.unique(size[rate != 0]):
+            rows = np.flatnonzero((size == n) & (rate != 0))
+            place = begin[rows, None] + np.arange(n)
+            column, arm = model.ten_J_colind[place], data.ten_J[place]
+            block = (rate[rows, None] * arm)[:, :, None] * arm[:, None, :]
+            np.subtract.at(out, (column[:, :, None], column[:, None, :]), block)
 
     def _add_springs(self, out: np.ndarray) -> None:
-        """Joint springs."""
+        """Springs of joints, and those along the hinges of a station."""
         model, data = self.model, self._data
         dof, address = model.jnt_dofadr[self._hinges], model.jnt_qposadr[self._hinges]
         angle = data.qpos[address] - model.qpos_spring[address]
-        rate = model.jnt_stiffness[self._hinges].copy()
-        for power, factor in enumerate(model.jnt_stiffnesspoly[self._hinges].T, start=1):
-            rate += (power + 1) * factor * angle**power
-        out[dof, dof] -= rate
+        law = model.jnt_stiffness[self._hinges], model.jnt_stiffnesspoly[self._hinges]
+        out[dof, dof] -= _spring_rate(angle, *law)
+        stretch = data.ten_length - model.tendon_lengthspring[:, 0]
+        rate = _spring_rate(stretch, model.tendon_stiffness, model.tendon_stiffnesspoly)
+        self._add_rates(rate, out)
         for joint in self._balls:
             dof, address = model.jnt_dofadr[joint], model.jnt_qposadr[joint]
             turn = np.zeros(3)
@@ -266,6 +265,12 @@ def _dofs_below(model: mujoco.MjModel) -> np.ndarray:
     return count
 
 
+def _spring_rate(x: np.ndarray, first: np.ndarray, higher: np.ndarray) -> np.ndarray:
+    """(k,) derivative of first x + higher[0] x^2 + ..., for coefficients (k,) and (k, powers)."""
+    powers = np.arange(1, higher.shape[1] + 1)
+    return first + ((powers + 1) * higher * x[:, None] ** powers).sum(axis=1)
+
+
 def _rotation_rate(turn: np.ndarray) -> np.ndarray:
     """(3, 3) change of the rotation vector `turn` by a small rotation in the turned frame."""
     x, y, z = turn
@@ -293,7 +298,7 @@ def _check(model: mujoco.MjModel) -> None:
         "tendons along joints and sites": np.all(
             np.isin(model.wrap_type, [wrap.mjWRAP_JOINT, wrap.mjWRAP_SITE])
         ),
-        "tendons without springs": not np.any(model.tendon_stiffness),
+        "straight tendons without springs": _springs_along_joints(model),
         "actuators of tendons and sites": np.all(
             np.isin(model.actuator_trntype, [trn.mjTRN_TENDON, trn.mjTRN_SITE])
         ),
@@ -302,6 +307,14 @@ def _check(model: mujoco.MjModel) -> None:
     for what, holds in known.items():
         if not holds:
             raise ValueError(f"the static forces of a chain are known for {what} only")
+
+
+def _springs_along_joints(model: mujoco.MjModel) -> bool:
+    elastic = model.tendon_stiffness[:, None] != 0
+    elastic = np.hstack([elastic, model.tendon_stiffnesspoly != 0]).any(axis=1)
+    fixed = model.wrap_type[model.tendon_adr] == mujoco.mjtWrap.mjWRAP_JOINT
+    low, high = model.tendon_lengthspring.T
+    return not np.any(elastic & ~(fixed & (low == high)))
 
 
 def _frames_stand(model: mujoco.MjModel) -> bool:
