@@ -21,11 +21,11 @@ from softrobot_env.envs.disturbances import SensorNoise
 from softrobot_env.envs.observations.table import SENSOR_NOISE
 from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.interfaces import Measurement
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.chain import mean_curvature
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.tendons import straight_length
 
 
