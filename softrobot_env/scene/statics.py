@@ -14,7 +14,7 @@ from softrobot_env.equilibrium import (
 )
 from softrobot_env.scene.tangent import StaticForces
 
-__all__ = ["EquilibriumError", "equilibrium", "finite"]
+__all__ = ["EquilibriumError", "checked_controls", "equilibrium", "finite"]
 
 _LARGE_TURN = 2.0  # rad that all joints make together
 
@@ -51,8 +51,7 @@ def equilibrium(
     """
     kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
     guess = None if guess is None else finite("the guess", guess, (model.nq,))
-    ctrl = finite("controls", ctrl, (model.nu,))
-    _check_range(model, ctrl)
+    ctrl = checked_controls(model, ctrl)
     if gravity is not None:
         model = copy(model)  # the caller's may be simulating in another thread
         model.opt.gravity[:] = finite("gravity", gravity, (3,))
@@ -78,7 +77,13 @@ def finite(what: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return values
 
 
-def _check_range(model: mujoco.MjModel, ctrl: np.ndarray) -> None:
+def checked_controls(model: mujoco.MjModel, ctrl: np.ndarray) -> np.ndarray:
+    """A copy of controls (nu,).
+
+    Raises:
+        ValueError: They are not of that shape, not finite, or one is out of its range.
+    """
+    ctrl = finite("controls", ctrl, (model.nu,))
     low, high = model.actuator_ctrlrange.T
     beyond = np.flatnonzero(model.actuator_ctrllimited & ((ctrl < low) | (ctrl > high)))
     if len(beyond):
@@ -87,6 +92,7 @@ def _check_range(model: mujoco.MjModel, ctrl: np.ndarray) -> None:
             f"control {model.actuator(k).name!r} must lie in [{low[k]:g}, {high[k]:g}], "
             f"got {ctrl[k]:g}"
         )
+    return ctrl
 
 
 class _LoadedChain:

@@ -283,7 +283,7 @@ def test_equilibria_follow_the_branch_from_straight():
             tip("ball", force=force, load_steps=steps), turned(truth, direction), atol=1e-9
         )
     # Newton's method at once ends on the other side, where the rod would not stay in space.
-    model = loaded("ball", force=tuple(-x for x in force[:2]) + (-5.0,))[0].model
+    model = loaded("ball", force=(-force[0], -force[1], -5.0))[0].model
     other = equilibrium(model, np.ones(1))
     built = scene("ball", pieces=6, loads=(Load("load", LENGTH, force=force),))
     with pytest.raises(EquilibriumError, match="check_stability=False"):
