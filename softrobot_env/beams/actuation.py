@@ -80,6 +80,38 @@ def points_only(stations: np.ndarray, offsets: np.ndarray | None = None) -> Actu
     return _arrays((), (), "tension")._replace(point_station=stations, point_offset=offsets)
 
 
+def refuse_out_of_plane(robot: RobotParams, loads: Sequence[Load], model: str, other: str) -> None:
+    """Refuse what would drive a planar model out of the x-z plane.
+
+    Args:
+        robot, loads: As in `make_actuation`.
+        model: What the planar model is called.
+        other: What to choose instead.
+
+    Raises:
+        ValueError: Something acts across the plane; the message names it.
+    """
+    crossing = [f"tendon {t.name!r} (offset y)" for t in robot.tendons if t.offset[1]]
+    crossing += [f"load {x.name!r} (force y)" for x in loads if x.force[1]]
+    crossing += [f"load {x.name!r} (moment x or z)" for x in loads if x.moment[0] or x.moment[2]]
+    crossing += ["gravity (y)"] if robot.gravity[1] else []
+    if crossing:
+        raise ValueError(
+            f"{model} moves in the x-z plane; remove {', '.join(crossing)} or choose {other}"
+        )
+
+
+def refuse_torsion(loads: Sequence[Load], model: str, other: str) -> None:
+    """Refuse moments about z that a model without torsion cannot answer; arguments as above.
+
+    Raises:
+        ValueError: A load has one; the message names it.
+    """
+    twisting = [f"load {x.name!r} (moment z)" for x in loads if x.moment[2]]
+    if twisting:
+        raise ValueError(f"{model} cannot twist; remove {', '.join(twisting)} or choose {other}")
+
+
 def _arrays(tendons: Sequence[Tendon], loads: Sequence[Load], drive: str) -> Actuation:
     channels = [t for t in tendons if not t.guides]
     points = [(load.station, (0.0, 0.0)) for load in loads]

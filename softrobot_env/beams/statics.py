@@ -27,7 +27,7 @@ _CORRECTIONS = 8
 _FIRST_CORRECTION, _CONTRACTION = 0.3, 0.3  # beyond which a step is too long
 _FEW, _MANY = 3, 5  # corrections after which the next step is longer, or shorter
 _SHORTEST = 1e-5
-_STEPS = 400
+_STEPS = 2000
 _SHARE = 1e-2  # step of the difference by the loads' share, which most forces are linear in
 
 

@@ -163,7 +163,7 @@ def _slope(_: float, y: np.ndarray, section: SpatialSection) -> np.ndarray:
     frame = _matrix(y)
     force, moment = frame.T @ y[7:10], frame.T @ y[10:]
     stretch = np.array([1 / section.shear, 1 / section.shear, 1 / section.axial]) * force
-    along = frame @ (stretch + [0, 0, 1])
+    along = frame @ (stretch + np.array([0.0, 0.0, 1.0]))
     a, b, c = moment / [section.bending, section.bending, section.torsion] / 2
     w, x, y_, z = y[3:7]
     turn = [

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams import mechanics
-from softrobot_env.beams.actuation import Actuation
+from softrobot_env.beams.actuation import Actuation, refuse_out_of_plane, refuse_torsion
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import reference, structure
 from softrobot_env.beams.pcc import actuation, dynamics
@@ -83,8 +83,9 @@ class PCC(BeamModel):
             thesis sec. 5.2, which replace the mass of the backbone.
 
     Raises:
-        ValueError: An unknown option, or rigid bodies off the robot, of negative inertia, or too
-            few to give every coordinate inertia.
+        ValueError: An unknown option, something acts in a direction that the axes lack, or rigid
+            bodies are off the robot, of negative inertia, or too few to give every coordinate
+            inertia.
     """
 
     def __init__(
@@ -98,6 +99,10 @@ class PCC(BeamModel):
         drive: str = "tension",
     ) -> None:
         AXES.find(axes)
+        if axes == "planar":
+            refuse_out_of_plane(robot, loads, "PCC with axes 'planar'", "'spatial' or 'torsion'")
+        elif axes == "spatial":
+            refuse_torsion(loads, "PCC with axes 'spatial'", "'torsion'")
         self.axes, self.inertia = axes, inertia
         super().__init__(robot, pieces, loads, drive)
 
