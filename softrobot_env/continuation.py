@@ -21,7 +21,7 @@ _CORRECTIONS = 8
 _FIRST_CORRECTION, _CONTRACTION = 0.3, 0.3  # beyond which a step is too long
 _FEW, _MANY = 3, 5  # corrections after which the next step is longer, or shorter
 _SHORTEST = 1e-5
-_STEPS = 400
+_STEPS = 2000
 
 
 class Newton(NamedTuple):

@@ -119,6 +119,9 @@ class BeamModel:
         """Coordinates (n,) changed by (n,), exactly so to first order only."""
         return q + change
 
+    def warn_of(self, q: np.ndarray) -> None:
+        """Warn that the model is not to be trusted at q (n,), if it knows that."""
+
     def static_data(self, data: Any) -> Any:
         """Data whose static equations are regular; differs for redundant coordinates."""
         return data
@@ -226,6 +229,7 @@ class BeamModel:
         if kind is not None:
             space = self.linearize(State(q, np.zeros_like(q)), u)
             require_stable(kind, space.stiffness, space.mass, space.damping)
+        self.warn_of(q)
         return q
 
     def simulate(
@@ -278,6 +282,7 @@ class BeamModel:
                 f"{'adaptive step' if step is None else f'step {step:g} s'})",
                 reached,
             )
+        self.warn_of(out_q[-1])
         return BeamMotion(
             times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps)
         )

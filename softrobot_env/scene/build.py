@@ -1,12 +1,13 @@
 """Put a scene together: backbone, tendons, and only the optional parts that are listed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
 from softrobot_env.motion import Motion, State
+from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion
 from softrobot_env.scene import extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
@@ -65,6 +66,7 @@ class Scene:
         As `scene.statics.equilibrium`, which tells of the arguments and errors.
         """
         u = np.zeros(self.n_inputs) if u is None else u
+        gravity = None if gravity is None else self._gravity(gravity)
         return equilibrium(
             self.model,
             u,
@@ -89,6 +91,7 @@ class Scene:
         """
         from softrobot_env.scene.simulation import simulate  # which knows of scenes
 
+        gravity = None if gravity is None else self._gravity(gravity)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
 
     def positions(
@@ -129,6 +132,12 @@ class Scene:
         """(n_tendons,) [m] inside the robot at q (nq,)."""
         q = finite("q", q, (self.model.nq,))
         return kinematics.tendon_lengths(self.model, self.config.robot, q)
+
+    def _gravity(self, gravity: np.ndarray) -> np.ndarray:
+        """(3,) [m/s2] of a case."""
+        gravity = finite("gravity", gravity, (3,))
+        _refuse_what_is_not_felt(self.config, gravity)
+        return gravity
 
     def _series(self, q: np.ndarray) -> np.ndarray:
         """Postures (T, nq)."""
@@ -175,6 +184,7 @@ def scene_xml(config: SceneConfig) -> str:
 
 
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
+    _refuse_what_is_not_felt(config, config.robot.gravity)
     layout = place_hinges(config.robot.length, config.n_pieces, config.rule)
     spec = _empty_spec(config)
     kinds = joint_kinds(config.robot, config.bending, config.torsion)
@@ -193,6 +203,15 @@ def _timestep(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
         config.integrator,
         friction=config.robot.rubs,
     )
+
+
+def _refuse_what_is_not_felt(config: SceneConfig, gravity: Sequence[float]) -> None:
+    """Refuse loads and gravity in directions in which the chain does not move."""
+    if config.bending == "planar":
+        model = "a chain with bending='planar'"
+        refuse_out_of_plane(model, "bending='spatial'", config.loads, gravity)
+    elif not config.torsion:
+        refuse_torsion("a chain with torsion=False", "torsion=True", config.loads)
 
 
 def _apply(choice: TimestepChoice, option: mujoco.MjOption) -> None:

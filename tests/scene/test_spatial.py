@@ -248,11 +248,6 @@ def test_end_torque_twists_by_its_length_over_gj(kind):
     assert np.arctan2(frame[1, 0], frame[0, 0]) == pytest.approx(twist, rel=1e-9)
 
 
-def test_without_torsion_an_end_torque_does_nothing():
-    _, data = loaded("universal", moment=(0.0, 0.0, 0.05))
-    np.testing.assert_allclose(data.site("tip").xpos, [0, 0, LENGTH], atol=1e-12)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("load_steps", [1, 5])
 def test_gravity_sideways_is_gravity_in_the_plane(kind, load_steps):
@@ -314,7 +309,9 @@ def test_a_planar_follower_force_keeps_its_angle_to_the_tip():
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_spatial_follower_turns_with_the_cross_section(kind):
-    load = Load("load", LENGTH, force=(0.8, 0.6, -0.5), moment=(0.05, 0.0, 0.02), follows=True)
+    # Without torsion no moment about z is taken, which the turned moment has.
+    moment = (0.0, 0.0, 0.0) if kind == "universal" else (0.05, 0.0, 0.02)
+    load = Load("load", LENGTH, force=(0.8, 0.6, -0.5), moment=moment, follows=True)
     model = scene(kind, loads=(load,)).model
     data = posed(model, equilibrium(model, np.ones(1)))
     frame = data.site("tip").xmat.reshape(3, 3)
