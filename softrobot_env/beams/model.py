@@ -19,57 +19,31 @@ from softrobot_env.beams.numerics.linearization import (
 )
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
-from softrobot_env.beams.statics import EquilibriumError, follow_loads
+from softrobot_env.beams.statics import LoadedModel
+from softrobot_env.continuation import find_equilibrium
+from softrobot_env.equilibrium import checked_load_steps, require_stable, stability_asked
+from softrobot_env.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
 
-class IntegrationError(RuntimeError):
-    """Time integration failed.
-
-    Attributes:
-        time: [s] that was reached.
-    """
-
-    def __init__(self, message: str, time: float) -> None:
-        super().__init__(message)
-        self.time = time
-
-
-class State(NamedTuple):
-    """Coordinates and velocities (n,)."""
-
-    q: np.ndarray
-    v: np.ndarray
-
-
 @dataclass(frozen=True)
-class Motion:
-    """A simulated motion.
+class BeamMotion(Motion):
+    """A simulated motion and what it took.
 
     Attributes:
-        time: (k,) [s].
-        q, v: (k, n).
         steps, rejected: Steps taken and repeated.
         residuals, matrices: Evaluations of the equations of motion and of Newton's matrix.
         smallest_step, largest_step: [s].
     """
 
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
     steps: int
     rejected: int
     residuals: int
     matrices: int
     smallest_step: float
     largest_step: float
-
-    @property
-    def end(self) -> State:
-        """The last state."""
-        return State(self.q[-1].copy(), self.v[-1].copy())
 
 
 class ControlAffine(NamedTuple):
@@ -141,6 +115,13 @@ class BeamModel:
     def tangent(self, q: np.ndarray) -> np.ndarray:
         """Directions (n, m) that q (n,) can change in; the identity without constraints."""
         return np.eye(len(q))
+
+    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Coordinates (n,) changed by (n,), exactly so to first order only."""
+        return q + change
+
+    def warn_of(self, q: np.ndarray) -> None:
+        """Warn that the model is not to be trusted at q (n,), if it knows that."""
 
     def static_data(self, data: Any) -> Any:
         """Data whose static equations are regular; differs for redundant coordinates."""
@@ -225,54 +206,33 @@ class BeamModel:
         self,
         u: np.ndarray | None = None,
         guess: np.ndarray | None = None,
-        load_step: float = 1.0,
-        check_stability: bool = True,
+        load_steps: int = 1,
+        check_stability: bool | str = True,
     ) -> np.ndarray:
         """Coordinates (n,) in equilibrium under constant inputs u (n_inputs,).
 
         Args:
             u: Inputs, zero unless given.
-            guess: (n,), start; the straight pose unless given.
-            load_step: First share of the loads; smaller ones are tried where it fails. Follow
-                large loads in steps of 0.1, or Newton's method may find another branch.
-            check_stability: Refuse an equilibrium that the robot would leave by itself.
+            guess: (n,), where Newton's method starts. Without it, or if that fails, the path of
+                equilibria from the straight pose is followed while the loads grow.
+            load_steps: Least number of equal steps in which inputs, gravity and pretension grow
+                along that path; as many as it needs are taken anyway.
+            check_stability: True or "static" refuses an equilibrium that loads at rest cannot
+                give; "dynamic" also one that flutters; False none (`equilibrium.require_stable`).
 
         Raises:
             EquilibriumError: None was found, or an unstable one.
+            ValueError: `load_steps` or `check_stability` is not one of these.
         """
+        kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
         u = self._inputs(u)
-        guess = self.rest() if guess is None else self._vector(guess)
-        q = follow_loads(self._scaled_data, u, guess, load_step)
-        if check_stability:
-            self._check_stability(q, u)
+        guess = None if guess is None else self._vector(guess)
+        q = find_equilibrium(LoadedModel(self, u), self.rest(), guess, load_steps)
+        if kind is not None:
+            space = self.linearize(State(q, np.zeros_like(q)), u)
+            require_stable(kind, space.stiffness, space.mass, space.damping)
+        self.warn_of(q)
         return q
-
-    def _scaled_data(self, factor: float) -> Any:
-        """Static data with gravity and pretension multiplied by a factor."""
-        actuation = self.data.actuation
-        actuation = actuation._replace(pretension=factor * actuation.pretension)
-        scaled = self.data._replace(gravity=factor * self.data.gravity, actuation=actuation)
-        return self.static_data(scaled)
-
-    def _check_stability(self, q: np.ndarray, u: np.ndarray) -> None:
-        space = self.linearize(State(q, np.zeros_like(q)), u)
-        stiffness = space.stiffness
-        size = np.max(np.abs(stiffness))
-        if np.max(np.abs(stiffness - stiffness.T)) < 1e-9 * size:
-            lowest = float(np.linalg.eigvalsh((stiffness + stiffness.T) / 2)[0])
-            if lowest < 0:
-                raise EquilibriumError(
-                    "the equilibrium is unstable: its energy is not a minimum (lowest stiffness "
-                    f"{lowest:.3g})"
-                )
-            return
-        # Forces without a potential may also make it flutter. Rounding scatters the poles.
-        growth = float(np.max(space.poles().real))
-        fastest = np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(space.mass, stiffness)))))
-        if growth > 1e-7 * fastest:
-            raise EquilibriumError(
-                f"the equilibrium is unstable: deviations grow by exp({growth:.3g} t)"
-            )
 
     def simulate(
         self,
@@ -285,7 +245,7 @@ class BeamModel:
         tolerance: float | None = None,
         samples: np.ndarray | float | None = None,
         max_steps: int = 10_000_000,
-    ) -> Motion:
+    ) -> BeamMotion:
         """Simulate a motion.
 
         Args:
@@ -307,7 +267,7 @@ class BeamModel:
         """
         scheme = find_method(method, step)
         start = self.start() if start is None else start
-        times = _sample_times(duration, samples)
+        times = sample_times(duration, samples)
         q, v = (self._vector(x).copy() for x in start)
         out_q, out_v = np.empty((len(times), self.n)), np.empty((len(times), self.n))
         counters, steps = np.zeros(4, dtype=np.int64), np.zeros(2)
@@ -324,7 +284,10 @@ class BeamModel:
                 f"{'adaptive step' if step is None else f'step {step:g} s'})",
                 reached,
             )
-        return Motion(times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps))
+        self.warn_of(out_q[-1])
+        return BeamMotion(
+            times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps)
+        )
 
     @one_blas_thread()
     def linearize(self, state: State, u: np.ndarray | None = None) -> StateSpace:
@@ -455,6 +418,9 @@ class BeamModel:
         x = np.ascontiguousarray(x, dtype=float)
         if x.shape != (self.n,):
             raise ValueError(f"states of this model have shape ({self.n},), got {x.shape}")
+        if not np.all(np.isfinite(x)):
+            where = np.flatnonzero(~np.isfinite(x)).tolist()
+            raise ValueError(f"states must be finite, got {x[where[0]]} in coordinates {where}")
         return x
 
     def _inputs(self, u: np.ndarray | None) -> np.ndarray:
@@ -466,6 +432,10 @@ class BeamModel:
                 f"inputs must have shape ({self.n_inputs},) for {', '.join(self.input_names)}; "
                 f"got {u.shape}"
             )
+        if not np.all(np.isfinite(u)):
+            wrong = [f"{name!r} = {x}" for name, x in zip(self.input_names, u, strict=True)]
+            wrong = [text for text, x in zip(wrong, u, strict=True) if not np.isfinite(x)]
+            raise ValueError(f"inputs must be finite, got {', '.join(wrong)}")
         return u
 
     def _signal(self, u: np.ndarray | Signal | None) -> Signal:
@@ -476,6 +446,8 @@ class BeamModel:
                 f"the signal has {u.coefficients.shape[2]} inputs, the model {self.n_inputs}: "
                 f"{', '.join(self.input_names)}"
             )
+        if not np.all(np.isfinite(u.coefficients)):
+            raise ValueError("the signal's coefficients must be finite")
         return u
 
 
@@ -490,22 +462,6 @@ def _check_robot(robot: RobotParams, has_head: bool) -> None:
             f"robot {robot.name!r}: beam models have no anisotropy and no precurvature, only the "
             "MuJoCo chain has"
         )
-
-
-def _sample_times(duration: float, samples: np.ndarray | float | None) -> np.ndarray:
-    if not duration > 0:
-        raise ValueError(f"duration must be positive, got {duration!r}")
-    if samples is None:
-        return np.array([0.0, duration])
-    if np.ndim(samples) == 0:
-        count = round(duration / samples) if samples > 0 else 0
-        if count < 1 or abs(count * samples - duration) > 1e-9 * duration:
-            raise ValueError(f"the distance of samples must divide {duration} s, got {samples!r}")
-        return np.linspace(0.0, duration, count + 1)
-    times = np.array(samples, dtype=float)
-    if times[0] != 0 or not np.all(np.diff(times) > 0) or times[-1] != duration:
-        raise ValueError("samples must start at 0, increase and end at the duration")
-    return times
 
 
 @kernel

@@ -5,12 +5,19 @@ from copy import copy
 import mujoco
 import numpy as np
 
-from softrobot_env.interfaces import EquilibriumError
+from softrobot_env.continuation import Newton, find_equilibrium
+from softrobot_env.equilibrium import (
+    EquilibriumError,
+    checked_load_steps,
+    require_stable,
+    stability_asked,
+)
 from softrobot_env.processes import one_blas_thread
+from softrobot_env.scene.tangent import StaticForces
 
-_ITERATIONS = 50
-_STEP = 1e-6
-_LARGEST_TURN = 0.5  # rad a joint may turn in one iteration
+__all__ = ["EquilibriumError", "checked_controls", "equilibrium", "finite"]
+
+_LARGE_TURN = 2.0  # rad that all joints make together
 
 
 @one_blas_thread()
@@ -20,42 +27,65 @@ def equilibrium(
     guess: np.ndarray | None = None,
     *,
     load_steps: int = 1,
+    check_stability: bool | str = True,
+    gravity: np.ndarray | None = None,
 ) -> np.ndarray:
     """Posture (nq,) in equilibrium under constant controls (nu,): the hinge angles [rad].
 
     Of a chain on ball joints it holds their quaternions; `scene.chain.joint_angles` reads both.
-    Newton's method on the generalised forces with a difference Jacobian.
+    Newton's method with the exact derivative of `scene.tangent`, see `softrobot_env.continuation`.
 
     Args:
         model: A compiled scene; it stays as it is.
         ctrl: (nu,) controls.
-        guess: (nq,) start of the iteration, straight unless given.
-        load_steps: Equal steps in which controls and gravity grow from zero, each solved from
-            the last one's solution. A robot bent far has several equilibria; a single step may
-            find another one than the robot reaches when it is loaded slowly.
+        guess: (nq,) where Newton's method starts. Without it, or if that fails, the path of
+            equilibria from the posture without loads is followed while they grow.
+        load_steps: Least number of equal steps in which controls, gravity and pretension grow
+            along that path; as many as it needs are taken anyway.
+        check_stability: True or "static" refuses an equilibrium that loads at rest cannot give;
+            "dynamic" also one that flutters; False none (`equilibrium.require_stable`).
+        gravity: (3,) [m/s2] in place of the scene's.
 
     Raises:
-        EquilibriumError: No convergence (the message gives the remaining force), or the
-            equilibrium found is unstable.
-        ValueError: `load_steps` is not a positive whole number, or a control is out of its range,
-            to which MuJoCo would clamp it silently.
+        EquilibriumError: None was found, or an unstable one.
+        ValueError: An argument is not finite, not of its shape or not one of these, or a control is
+            out of its range, to which MuJoCo would clamp it silently.
     """
-    if not (load_steps >= 1 and load_steps % 1 == 0):
-        raise ValueError(f"load_steps must be a whole number, at least one, got {load_steps}")
-    q = np.array(model.qpos0 if guess is None else guess, dtype=float)
-    ctrl = np.asarray(ctrl, dtype=float)
-    _check_range(model, ctrl)
-    if load_steps > 1:
-        # The caller's model may be simulating in another thread.
-        gravity, model = model.opt.gravity.copy(), copy(model)
-        for share in np.arange(1, load_steps) / load_steps:
-            model.opt.gravity[:] = share * gravity
-            q = _solve(model, share * ctrl, q)
-        model.opt.gravity[:] = gravity
-    return _solve(model, ctrl, q)
+    kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
+    guess = None if guess is None else finite("the guess", guess, (model.nq,))
+    ctrl = checked_controls(model, ctrl)
+    if gravity is not None:
+        model = copy(model)  # the caller's may be simulating in another thread
+        model.opt.gravity[:] = finite("gravity", gravity, (3,))
+    forces = StaticForces(model)
+    q = find_equilibrium(_LoadedChain(forces, ctrl), model.qpos_spring, guess, load_steps)
+    if kind is not None:
+        forces.force(q, ctrl)
+        require_stable(kind, -forces.tangent(), forces.mass(), np.diag(model.dof_damping))
+    return q
 
 
-def _check_range(model: mujoco.MjModel, ctrl: np.ndarray) -> None:
+def finite(what: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """A copy of values as floats.
+
+    Raises:
+        ValueError: They are not of that shape, or not all finite; the message says what they are.
+    """
+    values = np.array(values, dtype=float)
+    if values.shape != shape:
+        raise ValueError(f"need {what} of shape {shape}, got {values.shape}")
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{what} must be finite, got {values[~np.isfinite(values)][0]}")
+    return values
+
+
+def checked_controls(model: mujoco.MjModel, ctrl: np.ndarray) -> np.ndarray:
+    """A copy of controls (nu,).
+
+    Raises:
+        ValueError: They are not of that shape, not finite, or one is out of its range.
+    """
+    ctrl = finite("controls", ctrl, (model.nu,))
     low, high = model.actuator_ctrlrange.T
     beyond = np.flatnonzero(model.actuator_ctrllimited & ((ctrl < low) | (ctrl > high)))
     if len(beyond):
@@ -64,50 +94,29 @@ def _check_range(model: mujoco.MjModel, ctrl: np.ndarray) -> None:
             f"control {model.actuator(k).name!r} must lie in [{low[k]:g}, {high[k]:g}], "
             f"got {ctrl[k]:g}"
         )
+    return ctrl
 
 
-def _solve(model: mujoco.MjModel, ctrl: np.ndarray, q: np.ndarray) -> np.ndarray:
-    data = mujoco.MjData(model)
-    data.ctrl[:] = ctrl
-    scale = np.max(model.jnt_stiffness)
-    for _ in range(_ITERATIONS):
-        force = _force(model, data, q)
-        jacobian = _jacobian(model, data, q, force)
-        if np.max(np.abs(force)) < 1e-12 * scale:
-            # Exact for forces with a potential; follower loads may also cause flutter, which this
-            # misses.
-            if np.max(np.linalg.eigvals(jacobian).real) >= 0:
-                raise EquilibriumError(
-                    "the equilibrium is unstable: the robot would leave it by itself"
-                )
-            return q
-        turn = np.linalg.solve(jacobian, -force)
-        q = _moved(model, q, turn * min(1.0, _LARGEST_TURN / np.max(np.abs(turn))))
-    raise EquilibriumError(
-        f"no equilibrium after {_ITERATIONS} iterations: {np.max(np.abs(force)):.3g} N m remain"
-    )
+class _LoadedChain:
+    """A chain under a share of its controls, gravity and pretension, for `continuation`."""
 
+    def __init__(self, forces: StaticForces, ctrl: np.ndarray) -> None:
+        self._forces, self._ctrl, self._model = forces, ctrl, forces.model
+        stations = len(np.unique(self._model.dof_bodyid))
+        self.scale = np.full(self._model.nv, _LARGE_TURN / stations)
 
-def _force(model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray) -> np.ndarray:
-    """Generalised force (nv,) on the chain at rest in posture q."""
-    data.qpos[:] = q
-    data.qvel[:] = 0
-    mujoco.mj_fwdPosition(model, data)
-    mujoco.mj_fwdVelocity(model, data)
-    mujoco.mj_fwdActuation(model, data)
-    return data.qfrc_passive + data.qfrc_actuator - data.qfrc_bias
+    def newton(self, q: np.ndarray, share: float) -> Newton | None:
+        """Newton's changes (nv,) at q (nq,), None where the stiffness is singular or not finite."""
+        force = self._forces.force(q, self._ctrl, share)
+        right = np.stack([force, self._forces.applied], axis=1)
+        try:
+            found = np.linalg.solve(-self._forces.tangent(), right)
+        except np.linalg.LinAlgError:
+            return None
+        return Newton(*found.T) if np.all(np.isfinite(found)) else None
 
-
-def _jacobian(
-    model: mujoco.MjModel, data: mujoco.MjData, q: np.ndarray, force: np.ndarray
-) -> np.ndarray:
-    moves = _STEP * np.eye(model.nv)
-    columns = [_force(model, data, _moved(model, q, move)) - force for move in moves]
-    return np.stack(columns, axis=1) / _STEP
-
-
-def _moved(model: mujoco.MjModel, q: np.ndarray, move: np.ndarray) -> np.ndarray:
-    """Posture (nq,) after the small rotations `move` (nv,) [rad] of the joints."""
-    moved = q.copy()
-    mujoco.mj_integratePos(model, moved, move, 1.0)
-    return moved
+    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Posture (nq,) after small turns (nv,) [rad] of the joints."""
+        moved = q.copy()
+        mujoco.mj_integratePos(self._model, moved, change, 1.0)
+        return moved
