@@ -103,6 +103,8 @@ class BeamModel:
         data: Reference to the structure for the kernels (`beams.mechanics`). Gravity enters it as
             a field `gravity` that all gravity forces are linear in.
         input_names: Names of the inputs.
+        warns: Whether the model warns where it knows that it is inaccurate; a study of its errors
+            need not be told.
         inertia: How the mass is distributed: a name, or rigid bodies that are all of it.
 
     Raises:
@@ -111,6 +113,7 @@ class BeamModel:
     """
 
     inertia: str | Sequence[Any] = "distributed"
+    warns: bool = True
 
     def __init__(
         self, robot: RobotParams, pieces: int | None, loads: Sequence[Load], drive: str
@@ -256,7 +259,8 @@ class BeamModel:
         if kind is not None:
             space = self.linearize(State(q, np.zeros_like(q)), u)
             require_stable(kind, space.stiffness, space.mass, space.damping)
-        self.warn_of(q)
+        if self.warns:
+            self.warn_of(q)
         return q
 
     def simulate(
@@ -309,7 +313,8 @@ class BeamModel:
                 f"{'adaptive step' if step is None else f'step {step:g} s'})",
                 reached,
             )
-        self.warn_of(out_q[-1])
+        if self.warns:
+            self.warn_of(out_q[-1])
         return Motion(times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps))
 
     def linearize(self, state: State, u: np.ndarray | None = None) -> StateSpace:
