@@ -77,6 +77,8 @@ class BeamModel:
         data: Reference to the structure for the kernels (`beams.mechanics`). Gravity enters it as
             a field `gravity` that all gravity forces are linear in.
         input_names: Names of the inputs.
+        warns: Whether the model warns where it knows that it is inaccurate; a study of its errors
+            need not be told.
         inertia: How the mass is distributed: a name, or rigid bodies that are all of it.
 
     Raises:
@@ -85,6 +87,7 @@ class BeamModel:
     """
 
     inertia: str | Sequence[Any] = "distributed"
+    warns: bool = True
 
     def __init__(
         self, robot: RobotParams, pieces: int | None, loads: Sequence[Load], drive: str
@@ -231,7 +234,8 @@ class BeamModel:
         if kind is not None:
             space = self.linearize(State(q, np.zeros_like(q)), u)
             require_stable(kind, space.stiffness, space.mass, space.damping)
-        self.warn_of(q)
+        if self.warns:
+            self.warn_of(q)
         return q
 
     def simulate(
@@ -284,7 +288,8 @@ class BeamModel:
                 f"{'adaptive step' if step is None else f'step {step:g} s'})",
                 reached,
             )
-        self.warn_of(out_q[-1])
+        if self.warns:
+            self.warn_of(out_q[-1])
         return BeamMotion(
             times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps)
         )

@@ -44,7 +44,9 @@ def make_beam(
     if kind == "cosserat":
         return CosseratRod(robot, pieces, loads=loads, **options)
     own = {"dimension": 2 if space == "planar" else 3}
-    return ANCF(robot, pieces, loads=loads, **(own | options))
+    model = ANCF(robot, pieces, loads=loads, **(own | options))
+    model.warns = False  # what it errs by is what is studied
+    return model
 
 
 def chain_scene(robot: RobotParams, rule: str, n: int, **options: Any) -> Scene:

@@ -200,6 +200,7 @@ def falling(model, **options):
     return model.simulate(0.5, samples=0.05, **options)
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
 @pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
 def test_energy_of_an_undamped_fall_is_conserved(name):
     model = models(replace(CANTILEVER_WEAK, damping_time=0.0), 3)[name]
@@ -213,6 +214,7 @@ def test_energy_of_an_undamped_fall_is_conserved(name):
     assert np.ptp(energy) < 1e-5 * exchanged
 
 
+@pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
 @pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
 def test_scipy_solves_the_same_right_hand_side(name):
     model = models(CANTILEVER_WEAK, 2)[name]

@@ -39,7 +39,24 @@ VARIANTS = [
 @pytest.fixture(params=VARIANTS, ids=lambda v: f"{v[0]}-{v[1] if isinstance(v[1], str) else 'own'}")
 def model(request):
     axes, inertia = request.param
-    return PCC(TILTED, axes=axes, inertia=inertia)
+    return fitting(TILTED, axes, inertia=inertia)
+
+
+def fitting(robot, axes, loads=(), **options):
+    """The model of a robot and loads, less what acts in directions that the axes lack."""
+    if axes == "planar":
+        gravity = robot.gravity * np.array([1, 0, 1])
+        tendons = tuple(replace(t, offset=(t.offset[0], 0.0)) for t in robot.tendons)
+        robot = replace(robot, gravity=tuple(gravity), tendons=tendons)
+    kept = {"planar": ((1, 0, 1), (0, 1, 0)), "spatial": ((1, 1, 1), (1, 1, 0))}
+    force, moment = kept.get(axes, ((1, 1, 1), (1, 1, 1)))
+    loads = [
+        replace(
+            x, force=tuple(np.multiply(x.force, force)), moment=tuple(np.multiply(x.moment, moment))
+        )
+        for x in loads
+    ]
+    return PCC(robot, axes=axes, loads=loads, **options)
 
 
 def states(model, count=2):
@@ -271,7 +288,7 @@ def test_single_planar_piece_obeys_its_handwritten_equation(turn):
     (t^2 + 2 - 2 cos t - 2 t sin t) / t^4, (m L^2 P + I) t.. + m L^2 P' t.^2 / 2
     + (EI / L) (t + mu t.) = m L g_x (t sin t - 1 + cos t) / t^2 + m L g_z (t cos t - sin t) / t^2.
     """
-    model = PCC(TILTED, 1, axes="planar")
+    model = fitting(TILTED, "planar", pieces=1)
     robot, t, rate, second = TILTED, turn, 4.0, -30.0
     length, mass = robot.length, robot.mass / 2
     turning = robot.density * robot.second_moment * length / 2
@@ -319,7 +336,7 @@ LOADS = (
 
 @pytest.mark.parametrize("axes", ["planar", "spatial", "torsion"])
 def test_forces_on_points_are_the_transpose_of_their_motion(axes):
-    model = PCC(ROUTED, axes=axes, loads=LOADS)
+    model = fitting(ROUTED, axes, LOADS)
     count = len(model.data.actuation.point_station)
     forces = np.random.default_rng(3).normal(size=(count, 3))
 
@@ -336,7 +353,7 @@ def test_forces_on_points_are_the_transpose_of_their_motion(axes):
 
 @pytest.mark.parametrize("axes", ["planar", "spatial", "torsion"])
 def test_moments_and_axes_are_those_of_the_sections(axes):
-    model = PCC(ROUTED, axes=axes, loads=LOADS)
+    model = fitting(ROUTED, axes, LOADS)
     moments = np.random.default_rng(3).normal(size=(2, 3))
     for q, _ in states(model):
         found, frames = np.ones(model.n), np.empty((2, 3, 3))
@@ -351,7 +368,7 @@ def test_moments_and_axes_are_those_of_the_sections(axes):
 
 @pytest.mark.parametrize("axes", ["planar", "spatial", "torsion"])
 def test_channels_have_their_curves_length_and_pull_along_its_slope(axes):
-    model = PCC(ROUTED, axes=axes)
+    model = fitting(ROUTED, axes)
     tension = np.array([3.0, 7.0])
 
     def lengths(q):
@@ -363,7 +380,7 @@ def test_channels_have_their_curves_length_and_pull_along_its_slope(axes):
         found = np.ones(model.n)
         pcc_actuation.add_channel_forces(model.data, q, tension, found)
         np.testing.assert_allclose(1 - found, gradient(lengths, q) @ tension, atol=1e-14)
-        for length, tendon in zip(lengths(q), ROUTED.tendons[:2], strict=True):
+        for length, tendon in zip(lengths(q), model.robot.tendons[:2], strict=True):
             assert length == pytest.approx(curve_length(model, q, tendon), rel=1e-6)
 
 

@@ -4,7 +4,6 @@ import numpy as np
 
 from softrobot_env.beams.cosserat.dynamics import (
     add_moment,
-    cell,
     curvatures,
     first_vertex,
     pull_ends,
@@ -43,6 +42,7 @@ def locate(model, q, out):
         low, high = vertex_at(q, model.base, n), vertex_at(q, model.base, n + 1)
         for i in range(3):
             out[m, i] = (1 - share) * low[i] + share * high[i]
+        out[m, 2] += model.shift[m]
         if offset[m, 0] != 0 or offset[m, 1] != 0:
             k, weight = model.section[m], model.weight[m]
             _add_director(out, m, 1 - weight, section_at(q, k), offset)
@@ -156,21 +156,32 @@ def _channel_vector(t, kappa, k, low, high, offset, c):
 
 
 @kernel
+def _lever(offset, c, x):
+    """Place of channel c in its section times its tangent x: (x, y, 0) x tangent."""
+    a, b = offset[c, 0], offset[c, 1]
+    return b * x[2], -a * x[2], a * x[1] - b * x[0]
+
+
+@kernel
 def channel_lengths(model, q, out):
     """Set out (n_channels,) [m] to the lengths of the continuous channels.
 
     Rucker and Webster (IEEE Trans. Robotics 27, 2011): the tangent of a channel at (x, y) is
     gamma + e_z + kappa x (x, y, 0). gamma is that of the segment, kappa that of the nearer
-    vertex; the half segment at the tip, which cannot bend, has none.
+    vertex; the half segment at the tip has none in the thesis' grid, where it cannot bend. The
+    stub of the other grid bends with the first vertex.
     """
     ends, offset = model.actuation.channel_end, model.actuation.channel_offset
     base, spacing, u = model.base, model.spacing, sections(q, model.pieces)
-    kappa = curvatures(u, base, spacing, model.weighting)
-    out[:] = 0
+    kappa = curvatures(u, base, model.cells, model.weighting)
+    zero = q[0] * 0
+    for c in range(len(ends)):
+        x = _channel_vector((zero, zero, zero + 1), kappa, 0, 1.0, 0.0, offset, c)
+        out[c] = min(ends[c], model.stub) * np.sqrt(dot3(x, x))
     for k in range(model.pieces):
-        t = segment_vector(q, base, k, spacing, row4(u, k + 1))
+        t = segment_vector(q, base, k, model.segments, row4(u, k + 1))
         for c in range(len(ends)):
-            low, high = _shares(ends[c] / spacing, k)
+            low, high = _shares((ends[c] - model.stub) / spacing, k)
             if low > 0:
                 x = _channel_vector(t, kappa, k, low, high, offset, c)
                 out[c] += spacing * (low + high) * np.sqrt(dot3(x, x))
@@ -181,26 +192,30 @@ def add_channel_forces(model, q, tension, out):
     """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels."""
     ends, offset = model.actuation.channel_end, model.actuation.channel_offset
     base, spacing, u = model.base, model.spacing, sections(q, model.pieces)
-    kappa = curvatures(u, base, spacing, model.weighting)
+    kappa = curvatures(u, base, model.cells, model.weighting)
     torque, moment = np.zeros_like(kappa), np.zeros_like(kappa)
     zero = q[0] * 0
+    for c in range(len(ends)):
+        x = _channel_vector((zero, zero, zero + 1), kappa, 0, 1.0, 0.0, offset, c)
+        pull = tension[c] * min(ends[c], model.stub) / np.sqrt(dot3(x, x))
+        add_scaled(moment, 0, pull, _lever(offset, c, x))
     for k in range(model.pieces):
         frame = row4(u, k + 1)
-        t, force = segment_vector(q, base, k, spacing, frame), (zero, zero, zero)
+        t, force = segment_vector(q, base, k, model.segments, frame), (zero, zero, zero)
         for c in range(len(ends)):
-            low, high = _shares(ends[c] / spacing, k)
+            low, high = _shares((ends[c] - model.stub) / spacing, k)
             if low > 0:
                 x = _channel_vector(t, kappa, k, low, high, offset, c)
                 pull = tension[c] / np.sqrt(dot3(x, x))
-                a, b, part = offset[c, 0], offset[c, 1], (low + high) * pull
+                part = (low + high) * spacing / model.segments[k] * pull
                 force = add(force, scaled(part, x))
-                lever = (b * x[2], -a * x[2], a * x[1] - b * x[0])
+                lever = _lever(offset, c, x)
                 add_scaled(moment, k, spacing * low * pull, lever)
                 add_scaled(moment, k + 1, spacing * high * pull, lever)
         pull_ends(base, k, frame, -1.0, force, out)
-        add_scaled(torque, k + 1, spacing, cross(t, force))
+        add_scaled(torque, k + 1, model.segments[k], cross(t, force))
     for n in range(first_vertex(base), model.pieces):
-        turn, scale = relative(row4(u, n), row4(u, n + 1)), 1 / cell(spacing, n)
+        turn, scale = relative(row4(u, n), row4(u, n + 1)), 1 / model.cells[n]
         xi, slope = weighting(model.weighting, turn)
         add_moment(torque, n, turn, xi, slope, scaled(scale, row3(moment, n)))
     for k in range(model.pieces):

@@ -1,9 +1,17 @@
 """Kernels of the Cosserat rod on a staggered grid (thesis sec. 2.2, the audit's corrections).
 
-The rod has N segments of length D. Vertices x_0 .. x_N carry the mass, the segments between them
-the orientations, quaternions p_1/2 .. p_N-1/2. A block of seven coordinates holds [x_n, p_n-1/2],
-n = 1 .. N. The clamp is x_0 = 0 and a fixed section at s = 0; without it x_0 follows the last
-block. In arrays of N + 1 sections, row 0 is the clamp and row k + 1 segment k.
+The rod has N segments. Vertices x_0 .. x_N carry the mass, the segments between them the
+orientations, quaternions p_1/2 .. p_N-1/2. A block of seven coordinates holds [x_n, p_n-1/2],
+n = 1 .. N, places being relative to the first vertex of the straight rod. The clamp is x_0 = 0 and
+a fixed section; without it x_0 follows the last block. In arrays of N + 1 sections, row 0 is the
+clamp and row k + 1 segment k. The rod bends at the vertices, each for a cell of it.
+
+With D the length over N there are two grids. In the thesis' the first vertex is the clamp; its
+cell is the half segment beside it, and the half segment at the tip does not bend. Bending that
+belongs to D / 4 then acts at 0, which makes the rod softer by an error of second order. In the
+other the vertices are the middles of N equal pieces, each the cell of its vertex, and the tip: a
+rigid stub of D / 2 leads to the first, and the last segment is half as long. A moment that is
+linear within a piece then bends it exactly, and segment k turns with the section at (k + 1) D.
 
 A quaternion stands for the rotation of its direction: strains, velocities and forces do not
 change when it is scaled, so a drift of its norm does no work. On unit quaternions all is as
@@ -48,11 +56,15 @@ class CosseratData(NamedTuple):
         pieces: N.
         base: Index of x_0's first coordinate, -1 if clamped.
         spacing: D [m].
+        stub: [m], place of the first vertex.
+        segments: (N,) [m], their lengths.
+        cells: (N,) [m] of rod that bend at the vertices 0 to N - 1.
         vertex_mass: (N + 1,) [kg].
-        inertia: (3,) [kg m2] of a segment.
+        inertia: (N, 3) [kg m2] of the segments.
         normal_inertia: [kg m2] that resists a change of a quaternion's norm; the value does not
             influence the motion.
-        stretching: (3,) [N], shear (2) and tension stiffness C_gamma.
+        stretching: (N, 3) [N], shear (2) and tension stiffness C_gamma of the segments; the first
+            stretches for the stub, too.
         bending: (3,) [N m2], bending (2) and torsion stiffness C_kappa.
         damping_time: [s].
         gravity: (3,) [m/s2].
@@ -61,6 +73,7 @@ class CosseratData(NamedTuple):
         baumgarte: [1/s], decay rate of a quaternion's norm to 1, 0 for none.
         norm_stiffness: [N m] that holds the norm at 1 in statics, 0 in dynamics.
         vertex, share: (n_points,), a point's centre is (1 - share) x_vertex + share x_vertex+1.
+        shift: (n_points,) [m] along z by which it lies beyond; on the stub that is all.
         section, weight: (n_points,), its directors are those of the segments `section` (-1: the
             clamp) and `section` + 1, with weights 1 - weight and weight.
         moment_weight: (n_points,), the same for moments.
@@ -74,6 +87,9 @@ class CosseratData(NamedTuple):
     pieces: int
     base: int
     spacing: float
+    stub: float
+    segments: np.ndarray
+    cells: np.ndarray
     vertex_mass: np.ndarray
     inertia: np.ndarray
     normal_inertia: float
@@ -87,6 +103,7 @@ class CosseratData(NamedTuple):
     norm_stiffness: float
     vertex: np.ndarray
     share: np.ndarray
+    shift: np.ndarray
     section: np.ndarray
     weight: np.ndarray
     moment_weight: np.ndarray
@@ -141,16 +158,10 @@ def spins(q, v, pieces):
 
 
 @kernel
-def segment_vector(q, base, k, spacing, frame):
-    """R^T (x_k+1 - x_k) / D of segment k, gamma + e_z (2.29); or of the velocities."""
+def segment_vector(q, base, k, segments, frame):
+    """R^T (x_k+1 - x_k) / length of segment k, gamma + e_z (2.29); or of the velocities."""
     low, high = vertex_at(q, base, k), vertex_at(q, base, k + 1)
-    return rotate_back(frame, scaled(1 / spacing, difference(high, low)))
-
-
-@kernel
-def cell(spacing, n):
-    """Length l_n [m] over which the sections beside vertex n < N turn against each other."""
-    return 0.5 * spacing if n == 0 else spacing
+    return rotate_back(frame, scaled(1 / segments[k], difference(high, low)))
 
 
 @kernel
@@ -160,12 +171,12 @@ def first_vertex(base):
 
 
 @kernel
-def curvatures(u, base, spacing, kind):
+def curvatures(u, base, cells, kind):
     """Curvatures kappa_n (N + 1, 3) [1/m] (2.23) between sections u, zero at free ends."""
     kappa = np.zeros((len(u), 3), u.dtype)
     for n in range(first_vertex(base), len(u) - 1):
         w = relative(row4(u, n), row4(u, n + 1))
-        factor = 2 / cell(spacing, n) * weighting(kind, w)[0]
+        factor = 2 / cells[n] * weighting(kind, w)[0]
         for i in range(3):
             kappa[n, i] = factor * w[i + 1]
     return kappa
@@ -177,13 +188,13 @@ def curvatures(u, base, spacing, kind):
 @kernel
 def internal_residual(model, q, v, a, out):
     """Set out (n,) to inertial, elastic and damping forces less gravity, (2.36) and (2.37)."""
-    base, spacing, mu = model.base, model.spacing, model.damping_time
+    base, segments, mu = model.base, model.segments, model.damping_time
     u, w = sections(q, model.pieces), spins(q, v, model.pieces)
     torque = np.zeros_like(w)
     _set_inertia(model.vertex_mass, model.gravity, base, a, out)
-    _add_stretching(model.stretching, mu, base, spacing, q, v, u, w, torque, out)
+    _add_stretching(model.stretching, mu, base, segments, q, v, u, w, torque, out)
     kind = model.weighting if model.conservative else -model.weighting
-    _add_bending(model.bending, mu, kind, base, spacing, u, w, torque)
+    _add_bending(model.bending, mu, kind, base, model.cells, u, w, torque)
     constraint = (model.normal_inertia, model.baumgarte, model.norm_stiffness)
     _set_rotation_rows(model.inertia, constraint, q, v, a, w, torque, out)
 
@@ -198,20 +209,20 @@ def _set_inertia(mass, gravity, base, a, out):
 
 
 @kernel
-def _add_stretching(c, mu, base, spacing, q, v, u, w, torque, out):
+def _add_stretching(c, mu, base, segments, q, v, u, w, torque, out):
     """Add shear and tension forces c (gamma + mu dgamma/dt) to torque and out."""
     for k in range(len(u) - 1):
         frame = row4(u, k + 1)
-        t = segment_vector(q, base, k, spacing, frame)
-        rate = segment_vector(v, base, k, spacing, frame)
+        t = segment_vector(q, base, k, segments, frame)
+        rate = segment_vector(v, base, k, segments, frame)
         turning = cross(row3(w, k + 1), t)
         force = (
-            c[0] * (t[0] + mu * (rate[0] - turning[0])),
-            c[1] * (t[1] + mu * (rate[1] - turning[1])),
-            c[2] * (t[2] - 1 + mu * (rate[2] - turning[2])),
+            c[k, 0] * (t[0] + mu * (rate[0] - turning[0])),
+            c[k, 1] * (t[1] + mu * (rate[1] - turning[1])),
+            c[k, 2] * (t[2] - 1 + mu * (rate[2] - turning[2])),
         )
         pull_ends(base, k, frame, 1.0, force, out)
-        add_scaled(torque, k + 1, spacing, cross(t, force))
+        add_scaled(torque, k + 1, segments[k], cross(t, force))
 
 
 @kernel
@@ -229,7 +240,7 @@ def pull_ends(base, k, frame, factor, force, out):
 
 
 @kernel
-def _add_bending(c, mu, kind, base, spacing, u, w, torque):
+def _add_bending(c, mu, kind, base, cells, u, w, torque):
     """Add moments c (kappa + mu dkappa/dt) to torque (N + 1, 3) [N m].
 
     The weighting is xi_kind, negative where moments act as printed.
@@ -238,7 +249,7 @@ def _add_bending(c, mu, kind, base, spacing, u, w, torque):
         turn = relative(row4(u, n), row4(u, n + 1))
         rate = relative_rate(turn, row3(w, n), row3(w, n + 1))
         xi, slope = weighting(abs(kind), turn)
-        factor = 2 / cell(spacing, n)
+        factor = 2 / cells[n]
         still, moving = factor * (xi + mu * slope * rate[0]), factor * mu * xi
         moment = (
             c[0] * (still * turn[1] + moving * rate[1]),
@@ -288,13 +299,14 @@ def _set_rotation_rows(inertia, constraint, q, v, a, w, torque, out):
         w_k, turned = row3(w, k + 1), quotient(p, ddp)
         square, radial = dot4(p, p), dot4(p, dp)
         factor = 2 / square
-        spinning = stretched(inertia, w_k)
+        body = inertia[k]
+        spinning = stretched(body, w_k)
         gyroscopic = cross(w_k, spinning)
         drag = factor * radial
         missing = (
-            factor * inertia[0] * turned[1] - drag * spinning[0] + gyroscopic[0] - torque[k + 1, 0],
-            factor * inertia[1] * turned[2] - drag * spinning[1] + gyroscopic[1] - torque[k + 1, 1],
-            factor * inertia[2] * turned[3] - drag * spinning[2] + gyroscopic[2] - torque[k + 1, 2],
+            factor * body[0] * turned[1] - drag * spinning[0] + gyroscopic[0] - torque[k + 1, 0],
+            factor * body[1] * turned[2] - drag * spinning[1] + gyroscopic[1] - torque[k + 1, 1],
+            factor * body[2] * turned[3] - drag * spinning[2] + gyroscopic[2] - torque[k + 1, 2],
         )
         excess = 0.5 * (square - 1)
         normal = norm_stiffness * excess + normal_inertia * (
@@ -317,7 +329,8 @@ def solve_mass(model, q, force, out):
         j = 7 * k + 3
         p, f = quaternion_at(q, j), quaternion_at(force, j)
         square, x = dot4(p, p), quotient(p, f)
-        turn = (0.25 * x[1] / inertia[0], 0.25 * x[2] / inertia[1], 0.25 * x[3] / inertia[2])
+        body = inertia[k]
+        turn = (0.25 * x[1] / body[0], 0.25 * x[2] / body[1], 0.25 * x[3] / body[2])
         row = times_vector(p, turn)
         radial = x[0] / (model.normal_inertia * square * square)
         for i in range(4):
@@ -348,7 +361,7 @@ def displace(model, q, change, out):
     The sum q + change would stretch a slender rod that bends, and its stiffness against that is
     larger than the one against bending by (L / r)^2.
     """
-    base, spacing = model.base, model.spacing
+    base, segments = model.base, model.segments
     x = vertex_at(q, base, 0)
     if base >= 0:
         x = add(x, vertex_at(change, base, 0))
@@ -358,7 +371,8 @@ def displace(model, q, change, out):
         u, dp = section_at(q, k), quaternion_at(change, j + 3)
         norm = np.sqrt(dot4(quaternion_at(q, j + 3), quaternion_at(q, j + 3)))
         turn = scaled(1 / norm, quotient(u, dp)[1:])  # half the rotation vector
-        t, dt = segment_vector(q, base, k, spacing, u), segment_vector(change, base, k, spacing, u)
+        t = segment_vector(q, base, k, segments, u)
+        dt = segment_vector(change, base, k, segments, u)
         strain = difference(add(t, dt), scaled(2.0, cross(turn, t)))
         angle = np.sqrt(dot3(turn, turn))
         part = np.sin(angle) / angle if angle > 0 else 1.0
@@ -367,7 +381,7 @@ def displace(model, q, change, out):
         out[j + 4] = np.cos(angle) * u[1] + row[1]
         out[j + 5] = np.cos(angle) * u[2] + row[2]
         out[j + 6] = np.cos(angle) * u[3] + row[3]
-        x = add(x, scaled(spacing, rotate(unit(quaternion_at(out, j + 3)), strain)))
+        x = add(x, scaled(segments[k], rotate(unit(quaternion_at(out, j + 3)), strain)))
         out[j], out[j + 1], out[j + 2] = x
 
 
@@ -377,19 +391,21 @@ def displace(model, q, change, out):
 @kernel
 def potential(model, q):
     """Elastic and gravitational energy [J]; gravity's is zero in the straight pose."""
-    base, spacing, u = model.base, model.spacing, sections(q, model.pieces)
-    kappa = curvatures(u, base, spacing, model.weighting)
-    total = q[0] * 0
+    base, segments, u = model.base, model.segments, sections(q, model.pieces)
+    kappa = curvatures(u, base, model.cells, model.weighting)
+    total, place = q[0] * 0, 0.0
     for n in range(model.pieces + 1):
-        x, place = vertex_at(q, base, n), spacing * n
+        x = vertex_at(q, base, n)
         fall = dot3(x, model.gravity) - place * model.gravity[2]
         total -= model.vertex_mass[n] * fall
-        for i in range(3):
-            total += 0.5 * cell(spacing, n) * model.bending[i] * kappa[n, i] * kappa[n, i]
+        if n < model.pieces:
+            place += segments[n]
+            for i in range(3):
+                total += 0.5 * model.cells[n] * model.bending[i] * kappa[n, i] * kappa[n, i]
     for k in range(model.pieces):
-        t, c = segment_vector(q, base, k, spacing, row4(u, k + 1)), model.stretching
+        t, c = segment_vector(q, base, k, segments, row4(u, k + 1)), model.stretching[k]
         squares = c[0] * t[0] * t[0] + c[1] * t[1] * t[1] + c[2] * (t[2] - 1) * (t[2] - 1)
-        total += 0.5 * spacing * squares
+        total += 0.5 * segments[k] * squares
     return total
 
 
@@ -399,12 +415,13 @@ def momentum(model, q, v, out):
     out[:] = 0
     for n in range(model.pieces + 1):
         mass, dx = model.vertex_mass[n], vertex_at(v, model.base, n)
-        turning = cross(vertex_at(q, model.base, n), dx)
+        x, y, z = vertex_at(q, model.base, n)
+        turning = cross((x, y, z + model.stub), dx)
         for i in range(3):
             out[i] += mass * dx[i]
             out[i + 3] += mass * turning[i]
     w, inertia = spins(q, v, model.pieces), model.inertia
     for k in range(model.pieces):
-        turning = rotate(section_at(q, k), stretched(inertia, row3(w, k + 1)))
+        turning = rotate(section_at(q, k), stretched(inertia[k], row3(w, k + 1)))
         for i in range(3):
             out[i + 3] += turning[i]

@@ -13,6 +13,8 @@ from softrobot_env.beams.model import BeamModel
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
+#: Where the rod bends; see `cosserat.dynamics`.
+GRIDS = ("middles", "thesis")
 #: How the moments act on the sections.
 MOMENTS = ("conservative", "printed")
 
@@ -23,10 +25,10 @@ class CosseratRod(BeamModel):
     Coordinates come in blocks of seven, [x_n (3), p_n-1/2 (4)] for n = 1 .. pieces: the end of
     each segment and the quaternion of its section. A free base adds a last block [x_0 (3)].
 
-    Loads and tendons: directors are interpolated linearly between the sections and extrapolated
-    to the tip. A moment at the tip acts on the last section, half a segment before it (audit), so
-    under a tip moment that section turns by 1 - 1 / (2 pieces) of the tip's angle. Tendon discs
-    beyond that section turn with it.
+    Loads and tendons: directors are interpolated linearly between the sections. In the thesis'
+    grid they are extrapolated to the tip: a moment there acts on the last section, half a segment
+    before it (audit), so under a tip moment that section turns by 1 - 1 / (2 pieces) of the tip's
+    angle. Tendon discs beyond that section turn with it.
     """
 
     def __init__(
@@ -34,6 +36,7 @@ class CosseratRod(BeamModel):
         robot: RobotParams,
         pieces: int | None = None,
         *,
+        grid: str | None = None,
         weighting: int = 5,
         moments: str = "conservative",
         shear_coefficient: float = 0.75,
@@ -46,6 +49,9 @@ class CosseratRod(BeamModel):
 
         Args:
             robot, pieces, loads, drive: As in `BeamModel`; the pieces are the rod's segments.
+            grid: "middles" of the pieces, where the rod bends unless given, or that of the
+                "thesis", the only one of a free rod: bending beside the clamp acts at the clamp.
+                See `cosserat.dynamics`.
             weighting: 1 to 5, the xi of sec. 2.2.5; the thesis uses 2. The default 5 makes the
                 curvature the angle per length, so that a pure moment M bends to M / EI at any
                 number of pieces. Of the conservative ones it has the smallest largest error:
@@ -73,20 +79,38 @@ class CosseratRod(BeamModel):
             raise ValueError(f"shear_coefficient must be positive, got {shear_coefficient!r}")
         if not 0 <= baumgarte < np.inf:
             raise ValueError(f"baumgarte must be zero or a positive rate, got {baumgarte!r}")
-        self.weighting, self.moments = int(weighting), moments
+        if grid is None:
+            grid = "middles" if clamped else "thesis"
+        if grid not in GRIDS:
+            raise ValueError(f"unknown grid {grid!r}; choose from {', '.join(GRIDS)}")
+        if grid == "middles" and not clamped:
+            raise ValueError("a free rod has the grid 'thesis', with a vertex at each end")
+        self.grid, self.weighting, self.moments = grid, int(weighting), moments
         self.shear_coefficient, self.baumgarte = float(shear_coefficient), float(baumgarte)
         self.clamped = bool(clamped)
         super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> CosseratData:
         robot, pieces = self.robot, self.pieces
-        spacing = robot.length / pieces
-        mass = np.full(pieces + 1, robot.mass_per_length * spacing)
-        mass[[0, -1]] /= 2
+        spacing, half = robot.length / pieces, robot.length / pieces / 2
+        segments, cells = np.full(pieces, spacing), np.full(pieces, spacing)
+        stub = half if self.grid == "middles" else 0.0
+        if stub:
+            segments[-1] = half
+        else:
+            cells[0] = half
+        mass = np.zeros(pieces + 1)
+        mass[:-1] += robot.mass_per_length * segments / 2
+        mass[1:] += robot.mass_per_length * segments / 2
         shear = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio)) * robot.area
-        rotary = robot.density * robot.second_moment * spacing
+        stretching = np.array(
+            [self.shear_coefficient * shear] * 2 + [robot.youngs_modulus * robot.area]
+        )
+        # All of the rod stretches: the first segment for the stub, too.
+        stiffening = np.where(np.arange(pieces) == 0, segments / (segments + stub), 1.0)
+        rotary = robot.density * robot.second_moment
         scale = np.tile([robot.length] * 3 + [1.0] * 4, pieces)
-        places = _places(actuation, spacing, pieces, self.clamped)
+        places = self._places(actuation, spacing)
         return CosseratData(
             n=7 * pieces + (0 if self.clamped else 3),
             block=7,
@@ -96,12 +120,13 @@ class CosseratRod(BeamModel):
             pieces=pieces,
             base=-1 if self.clamped else 7 * pieces,
             spacing=spacing,
+            stub=stub,
+            segments=segments,
+            cells=cells,
             vertex_mass=mass,
-            inertia=rotary * np.array([1.0, 1.0, 2.0]),
-            normal_inertia=4 * rotary,
-            stretching=np.array(
-                [self.shear_coefficient * shear] * 2 + [robot.youngs_modulus * robot.area]
-            ),
+            inertia=rotary * np.outer(segments, [1.0, 1.0, 2.0]),
+            normal_inertia=4 * rotary * spacing,
+            stretching=np.outer(stiffening, stretching),
             bending=np.array([robot.bending_stiffness] * 2 + [robot.torsional_stiffness]),
             damping_time=robot.damping_time,
             gravity=np.array(robot.gravity, dtype=float),
@@ -111,6 +136,12 @@ class CosseratRod(BeamModel):
             norm_stiffness=0.0,
             **places,
         )
+
+    def _places(self, actuation: Actuation, spacing: float) -> dict[str, np.ndarray]:
+        """Fields of `CosseratData` about the actuation's points."""
+        if self.grid == "middles":
+            return _middle_places(actuation, spacing, self.pieces)
+        return _thesis_places(actuation, spacing, self.pieces, self.clamped)
 
     def _reach(
         self,
@@ -153,7 +184,7 @@ class CosseratRod(BeamModel):
         """Coordinates (n,) of the straight pose."""
         q = np.zeros(self.data.n)
         blocks = q[: 7 * self.pieces].reshape(-1, 7)
-        blocks[:, 2] = self.data.spacing * np.arange(1, self.pieces + 1)
+        blocks[:, 2] = np.cumsum(self.data.segments)
         blocks[:, 3] = 1
         return q
 
@@ -176,10 +207,12 @@ class CosseratRod(BeamModel):
     def curvature(self, q: np.ndarray) -> np.ndarray:
         """Curvature (pieces, 3) [1/m] about x, y, z of each segment.
 
-        The mean of its two vertices. The last segment, and the first of a free rod, have that of
-        their inner vertex, which is exact where the curvature is constant.
+        In the thesis' grid the mean of its two vertices; the last segment, and the first of a free
+        rod, have that of their inner vertex, which is exact where the curvature is constant.
         """
         kappa = self.vertex_curvature(q)
+        if self.grid == "middles":
+            return kappa
         mean = kappa.copy()
         mean[:-1] = (kappa[:-1] + kappa[1:]) / 2
         if not self.clamped and self.pieces > 1:
@@ -189,10 +222,12 @@ class CosseratRod(BeamModel):
     def twist(self, q: np.ndarray) -> float:
         """Torsion angle [rad] from clamp to tip.
 
-        A moment at the tip acts on the last section, half a segment before it. The angle there is
-        extrapolated to the tip, exactly for constant torsion.
+        In the thesis' grid a moment at the tip acts on the last section, half a segment before
+        it. The angle there is extrapolated to the tip, exactly for constant torsion.
         """
         kappa = self._curvatures(q, 5)[:, 2]
+        if self.grid == "middles":
+            return float(self.data.cells @ kappa)
         turns = self.data.spacing * kappa
         return float(turns.sum() - turns[0] / 2 + turns[-1] / 2)
 
@@ -203,32 +238,57 @@ class CosseratRod(BeamModel):
 
     def _curvatures(self, q: np.ndarray, weighting: int) -> np.ndarray:
         u = dynamics.sections(np.ascontiguousarray(q, dtype=float), self.pieces)
-        return dynamics.curvatures(u, self.data.base, self.data.spacing, weighting)[:-1]
+        return dynamics.curvatures(u, self.data.base, self.data.cells, weighting)[:-1]
 
 
-def _places(
+def _middle_places(actuation: Actuation, spacing: float, pieces: int) -> dict[str, np.ndarray]:
+    """Fields of `CosseratData` about the actuation's points, in the grid "middles".
+
+    Segment k turns with the section at (k + 1) spacing.
+    """
+    at = _snapped(actuation.point_station / spacing)
+    vertex = np.clip(np.floor(at - 0.5).astype(int), 0, pieces - 1)
+    length = np.where(vertex == pieces - 1, 0.5, 1.0)
+    on_stub = at < 0.5
+    section = np.minimum(at.astype(int), pieces - 1) - 1
+    weight = at - section - 1
+    return {
+        "vertex": vertex,
+        "share": np.where(on_stub, 0.0, (at - 0.5 - vertex) / length),
+        "shift": spacing * np.minimum(at, 0.5),
+        "section": section,
+        "weight": weight,
+        "moment_weight": weight,
+    }
+
+
+def _thesis_places(
     actuation: Actuation, spacing: float, pieces: int, clamped: bool
 ) -> dict[str, np.ndarray]:
-    """Fields of `CosseratData` about the actuation's points.
+    """Fields of `CosseratData` about the actuation's points, in the grid "thesis".
 
     Directors are interpolated linearly between the clamp and the middles of the segments and
     extrapolated beyond the last. The discs of a tendon beyond it turn with the last section: the
     half segment at the tip cannot bend, and a moment on extrapolated directors would bend the
     last vertex half as much again.
     """
-    at = actuation.point_station / spacing
-    at = np.where(np.abs(at - np.round(at)) < 1e-9, np.round(at), at)
+    at = _snapped(actuation.point_station / spacing)
     vertex = np.minimum(at.astype(int), pieces - 1)
     lowest = -1 if clamped or pieces == 1 else 0
     section = np.maximum(np.minimum(np.floor(at - 0.5).astype(int), pieces - 2), lowest)
     weight = np.where(section < 0, 2 * at, at - 0.5 - section)
     if pieces == 1 and not clamped:
         weight = np.ones_like(at)  # one section for all
-    out = {"vertex": vertex, "share": at - vertex, "section": section, "weight": weight}
-    out["moment_weight"] = np.clip(weight, 0.0, 1.0)
+    out = {"vertex": vertex, "share": at - vertex, "shift": np.zeros_like(at)}
+    out |= {"section": section, "weight": weight, "moment_weight": np.clip(weight, 0.0, 1.0)}
     discs = slice(actuation.first[0], actuation.first[-1])
     weight[discs] = np.minimum(weight[discs], 1.0)
     return out
+
+
+def _snapped(at: np.ndarray) -> np.ndarray:
+    """Places in pieces without the rounding error of those at their ends."""
+    return np.where(np.abs(at - np.round(at)) < 1e-9, np.round(at), at)
 
 
 mechanics.implement(CosseratData, dynamics, actuation)

@@ -78,7 +78,7 @@ def build(
     """A model as the thesis sets it up, with n pieces.
 
     Args:
-        model: One of `MODELS`. The Cosserat rod has xi_2, the moments as printed and
+        model: One of `MODELS`. The Cosserat rod has its grid, xi_2, the moments as printed and
             kappa = 3/4; it is always spatial. ANCF's integrals are exact.
         robot: The robot.
         n: Number of pieces.
@@ -87,6 +87,7 @@ def build(
         **options: Further options of the model's class, instead of those named.
     """
     if model == "cosserat":
-        printed = {"weighting": 2, "moments": "printed", "shear_coefficient": SHEAR_COEFFICIENT}
+        printed = {"grid": "thesis", "weighting": 2, "moments": "printed"}
+        printed["shear_coefficient"] = SHEAR_COEFFICIENT
         options = printed | options
     return make_beam(model, robot, n, loads, "planar" if planar else "torsion", **options)
