@@ -26,8 +26,15 @@ from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.timestep import TimestepWarning
 
-#: Accuracy [share of the length] that is asked for.
+#: Accuracy [share of the length] that is asked for where a scene says nothing.
 ASKED = 0.01
+
+
+def asked(drawn: RandomScene) -> float:
+    """Accuracy [m] that is asked for."""
+    length = drawn.config.robot.length
+    return getattr(drawn.config, "wanted_accuracy", ASKED * length)
+
 
 #: A truth is good enough if it is known to this share of the accuracy asked for, or of the error.
 _CLEAR, _CLEARLY_WRONG = 0.25, 0.1
@@ -46,6 +53,7 @@ class OwnRun:
         tips: (1 + periods, 3) [m]; None if the run failed or was not made.
         failure: Why it failed, or None.
         wall_time: [s] of the steps.
+        estimate: [m], the package's own estimate of the error in time; None if it gives none.
     """
 
     scene: Scene | None
@@ -53,11 +61,7 @@ class OwnRun:
     tips: np.ndarray | None = None
     failure: str | None = None
     wall_time: float | None = None
-
-    @property
-    def estimate(self) -> float | None:
-        """The package's own estimate of the tip's error [m]; None if it gives none."""
-        return None if self.scene is None else getattr(self.scene.timestep, "estimate", None)
+    estimate: float | None = None
 
 
 def judge(drawn: RandomScene, **forced: Any) -> Row:
@@ -77,7 +81,7 @@ def judge(drawn: RandomScene, **forced: Any) -> Row:
         truth = _truth(drawn, own)
     error = None if own.tips is None or truth.tips is None else distance(own.tips, truth.tips)
     verdict = _verdict(drawn, own, truth, error)
-    return row_of(drawn, own, truth, verdict, error, ASKED)
+    return row_of(drawn, own, truth, verdict, error, asked(drawn))
 
 
 def _own_run(drawn: RandomScene) -> OwnRun:
@@ -89,9 +93,12 @@ def _own_run(drawn: RandomScene) -> OwnRun:
     cost = step_cost(scene.model.nv, choice.integrator) * choice.substeps * len(drawn.controls)
     if cost > _DEAREST:
         return OwnRun(scene)
+    simulation = Simulation(scene)
     begin = perf_counter()
-    tips, failure = _advance(Simulation(scene), start_posture(scene, drawn), drawn.controls)
-    return OwnRun(scene, None, tips, failure, perf_counter() - begin)
+    tips, failure = _advance(simulation, start_posture(scene, drawn), drawn.controls)
+    wall_time = perf_counter() - begin
+    estimate = getattr(simulation, "integration_error", None)
+    return OwnRun(scene, None, tips, failure, wall_time, estimate)
 
 
 def _advance(
@@ -111,13 +118,12 @@ def _advance(
 
 def _truth(drawn: RandomScene, own: OwnRun) -> Refined:
     """Refined runs, as fine as it takes to judge the own one."""
-    length = drawn.config.robot.length
     if own.scene is None or (own.tips is None and own.failure is None):
         return Refined(None, None, 0, "none")
 
     def enough(tips: np.ndarray, uncertainty: float) -> bool:
         error = 0.0 if own.tips is None else distance(own.tips, tips)
-        return uncertainty <= max(_CLEAR * ASKED * length, _CLEARLY_WRONG * error)
+        return uncertainty <= max(_CLEAR * asked(drawn), _CLEARLY_WRONG * error)
 
     truth = refine(neutral_scene(drawn.config), drawn, enough)
     clear = truth.tips is not None and enough(truth.tips, truth.uncertainty)
@@ -129,9 +135,9 @@ def _verdict(drawn: RandomScene, own: OwnRun, truth: Refined, error: float | Non
         return REPORTED
     if error is None:
         return UNJUDGED
-    length = drawn.config.robot.length
-    if error <= ASKED * length:
+    if error <= asked(drawn):
         return ACCURATE
     if own.warning is not None:
         return WARNED
-    return WRONG if not error <= WRONG_SHARE * length else INACCURATE
+    # Not: beyond it, as a tip that is not a number is wrong too.
+    return INACCURATE if error <= WRONG_SHARE * drawn.config.robot.length else WRONG

@@ -123,7 +123,7 @@ def row_of(
     error: float | None,
     asked: float,
 ) -> Row:
-    """The row of a judged scene; error in m, `asked` as a share of the length."""
+    """The row of a judged scene; error and what was asked for in m."""
     length = drawn.config.robot.length
     judged = own.failure is None and error is not None
     estimate = own.estimate
@@ -135,7 +135,7 @@ def row_of(
         refined_fine=None if own.failure is None or own.scene is None else truth.tips is not None,
         error=error,
         error_share=None if error is None else error / length,
-        asked_share=asked,
+        asked_share=asked / length,
         estimate_share=None if estimate is None else estimate / length,
         warning=own.warning,
         wall_time=own.wall_time,
