@@ -1,4 +1,4 @@
-"""Protocols, and an error, shared by environments, controllers, learned policies and models."""
+"""Protocols shared by environments, controllers, learned policies and models."""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol
@@ -11,10 +11,6 @@ Observation = dict[str, np.ndarray]
 
 #: Told how far a long piece of work is: a description, how much is done and how much there is.
 Show = Callable[[str, int, int], None]
-
-
-class EquilibriumError(RuntimeError):
-    """No static equilibrium was found, or only an unstable one."""
 
 
 class Measurement(NamedTuple):

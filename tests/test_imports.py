@@ -22,6 +22,7 @@ FOUNDATION = {
     "robots",
     "tasks",
     "interfaces",
+    "equilibrium",
     "registries",
     "paths",
     "processes",

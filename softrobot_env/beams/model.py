@@ -19,7 +19,8 @@ from softrobot_env.beams.numerics.linearization import (
 )
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
-from softrobot_env.beams.statics import EquilibriumError, follow_loads
+from softrobot_env.beams.statics import find_equilibrium
+from softrobot_env.equilibrium import checked_load_steps, require_stable, stability_asked
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
@@ -141,6 +142,10 @@ class BeamModel:
         """Directions (n, m) that q (n,) can change in; the identity without constraints."""
         return np.eye(len(q))
 
+    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Coordinates (n,) changed by (n,), exactly so to first order only."""
+        return q + change
+
     def static_data(self, data: Any) -> Any:
         """Data whose static equations are regular; differs for redundant coordinates."""
         return data
@@ -223,54 +228,32 @@ class BeamModel:
         self,
         u: np.ndarray | None = None,
         guess: np.ndarray | None = None,
-        load_step: float = 1.0,
-        check_stability: bool = True,
+        load_steps: int = 1,
+        check_stability: bool | str = True,
     ) -> np.ndarray:
         """Coordinates (n,) in equilibrium under constant inputs u (n_inputs,).
 
         Args:
             u: Inputs, zero unless given.
-            guess: (n,), start; the straight pose unless given.
-            load_step: First share of the loads; smaller ones are tried where it fails. Follow
-                large loads in steps of 0.1, or Newton's method may find another branch.
-            check_stability: Refuse an equilibrium that the robot would leave by itself.
+            guess: (n,), where Newton's method starts. Without it, or if that fails, the path of
+                equilibria from the straight pose is followed while the loads grow.
+            load_steps: Least number of equal steps in which inputs, gravity and pretension grow
+                along that path; as many as it needs are taken anyway.
+            check_stability: True or "static" refuses an equilibrium that loads at rest cannot
+                give; "dynamic" also one that flutters; False none (`equilibrium.require_stable`).
 
         Raises:
             EquilibriumError: None was found, or an unstable one.
+            ValueError: `load_steps` or `check_stability` is not one of these.
         """
+        kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
         u = self._inputs(u)
-        guess = self.rest() if guess is None else self._vector(guess)
-        q = follow_loads(self._scaled_data, u, guess, load_step)
-        if check_stability:
-            self._check_stability(q, u)
+        guess = None if guess is None else self._vector(guess)
+        q = find_equilibrium(self, u, guess, load_steps)
+        if kind is not None:
+            space = self.linearize(State(q, np.zeros_like(q)), u)
+            require_stable(kind, space.stiffness, space.mass, space.damping)
         return q
-
-    def _scaled_data(self, factor: float) -> Any:
-        """Static data with gravity and pretension multiplied by a factor."""
-        actuation = self.data.actuation
-        actuation = actuation._replace(pretension=factor * actuation.pretension)
-        scaled = self.data._replace(gravity=factor * self.data.gravity, actuation=actuation)
-        return self.static_data(scaled)
-
-    def _check_stability(self, q: np.ndarray, u: np.ndarray) -> None:
-        space = self.linearize(State(q, np.zeros_like(q)), u)
-        stiffness = space.stiffness
-        size = np.max(np.abs(stiffness))
-        if np.max(np.abs(stiffness - stiffness.T)) < 1e-9 * size:
-            lowest = float(np.linalg.eigvalsh((stiffness + stiffness.T) / 2)[0])
-            if lowest < 0:
-                raise EquilibriumError(
-                    "the equilibrium is unstable: its energy is not a minimum (lowest stiffness "
-                    f"{lowest:.3g})"
-                )
-            return
-        # Forces without a potential may also make it flutter. Rounding scatters the poles.
-        growth = float(np.max(space.poles().real))
-        fastest = np.sqrt(np.max(np.abs(np.linalg.eigvals(np.linalg.solve(space.mass, stiffness)))))
-        if growth > 1e-7 * fastest:
-            raise EquilibriumError(
-                f"the equilibrium is unstable: deviations grow by exp({growth:.3g} t)"
-            )
 
     def simulate(
         self,
@@ -452,6 +435,9 @@ class BeamModel:
         x = np.ascontiguousarray(x, dtype=float)
         if x.shape != (self.n,):
             raise ValueError(f"states of this model have shape ({self.n},), got {x.shape}")
+        if not np.all(np.isfinite(x)):
+            where = np.flatnonzero(~np.isfinite(x)).tolist()
+            raise ValueError(f"states must be finite, got {x[where[0]]} in coordinates {where}")
         return x
 
     def _inputs(self, u: np.ndarray | None) -> np.ndarray:
@@ -463,6 +449,10 @@ class BeamModel:
                 f"inputs must have shape ({self.n_inputs},) for {', '.join(self.input_names)}; "
                 f"got {u.shape}"
             )
+        if not np.all(np.isfinite(u)):
+            wrong = [f"{name!r} = {x}" for name, x in zip(self.input_names, u, strict=True)]
+            wrong = [text for text, x in zip(wrong, u, strict=True) if not np.isfinite(x)]
+            raise ValueError(f"inputs must be finite, got {', '.join(wrong)}")
         return u
 
     def _signal(self, u: np.ndarray | Signal | None) -> Signal:
@@ -473,6 +463,8 @@ class BeamModel:
                 f"the signal has {u.coefficients.shape[2]} inputs, the model {self.n_inputs}: "
                 f"{', '.join(self.input_names)}"
             )
+        if not np.all(np.isfinite(u.coefficients)):
+            raise ValueError("the signal's coefficients must be finite")
         return u
 
 

@@ -11,7 +11,7 @@ from softrobot_env.beams.numerics.compilation import kernel, reference
 from softrobot_env.beams.numerics.integration import DONE, FAILURES, Control, integrate, workspace
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import constant
-from softrobot_env.beams.statics import EquilibriumError
+from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.interfaces import Measurement
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load

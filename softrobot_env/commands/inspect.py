@@ -67,11 +67,12 @@ def run(args: argparse.Namespace) -> int:
 def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, str]) -> Table:
     """What every scene has, what else a robot leaves out, and rows of its own."""
     scene, model = env.scene, env.model
+    tendons = len(scene.config.robot.tendons)
     left_out = [*(name for name, has in _OPTIONAL.items() if not has(model)), *left_out]
     rows = {
         "DOFs": f"{model.nv} hinges in {scene.layout.pieces} pieces, rule {scene.config.rule}",
         "bodies": f"{model.nbody - 1} links",
-        "tendons, actuators": f"{model.ntendon}, {model.nu} ({scene.config.actuation})",
+        "tendons, actuators": f"{tendons}, {model.nu} ({scene.config.actuation})",
         "sensors": ", ".join(model.sensor(i).name for i in range(model.nsensor)) or "none",
         "left out": "; ".join(left_out),
         **_timing(scene),

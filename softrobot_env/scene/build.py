@@ -9,6 +9,7 @@ from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
+from softrobot_env.scene.springs import add_springs
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import SAFETY, TimestepChoice, choose_timestep, linearize
 
@@ -72,6 +73,7 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
     kinds = joint_kinds(config.robot, config.bending, config.torsion)
     chain = add_chain(spec, config.robot, layout, kinds)
     add_tendons(chain, config.robot, config.actuation)
+    add_springs(chain, config.robot)
     _add_parts(chain, config)
     return spec, layout
 

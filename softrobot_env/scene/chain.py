@@ -8,12 +8,14 @@ Each station of the hinge rule gets one joint, which represents a share of the b
   else three hinges in one body.
 
 MuJoCo's spring of a ball joint acts along the rotation vector, with one stiffness: bending is the
-same in all directions. In a universal joint the springs' angles b and g make the bend t with
-cos t = cos b cos g, so that it is stiffer between its axes, by b^2 g^2 / 3 in t^2, and twists by
-b g / 2. Both are errors of the order of the rules. The order of the hinges reverses from station
-to station, and the twists of neighbours cancel. A continuous tendon channel sums up hinge angles,
-which a ball joint has none of: a robot with channels gets hinges. So does one that is not alike in
-all directions; its hinges' axes are turned to the directions of the principal stiffnesses.
+same in all directions. Hinges need the springs of `scene.springs` for that. A continuous tendon
+channel sums up hinge angles, which a ball joint has none of: a robot with channels gets hinges. So
+does one that is not alike in all directions; its hinges' axes are turned to the directions of the
+principal stiffnesses.
+
+A universal joint also twists, by half the product of its angles, to the side that the order of its
+hinges tells. The order goes hinge, side, side, hinge and so on: the twists of two neighbours
+cancel, and the small sideways turn that is left of one pair cancels that of the next.
 
 A head is a body of its own, fixed to the last link, and carries the tip site at its output point.
 """
@@ -71,6 +73,12 @@ class Chain:
         index = int(np.searchsorted(self.layout.stations, station, side="right"))
         origin = self.layout.stations[index - 1] if index else 0.0
         return self.bodies[index], station - origin
+
+
+def order_of(kinds: tuple[str, ...], index: int) -> tuple[str, ...]:
+    """What a station's joint is made of, from the base outwards; see the module."""
+    swapped = ("side", "hinge", *kinds[2:])
+    return swapped if len(kinds) > 1 and index % 4 in (1, 2) else kinds
 
 
 def joint_kinds(robot: RobotParams, bending: str, torsion: bool) -> tuple[str, ...]:
@@ -192,7 +200,7 @@ def add_chain(
         origin = stations[index + 1] - stations[index]
         body = bodies[-1].add_body(name=f"link{index}", pos=[0, 0, origin])
         _set_inertia(body, robot, stations[index + 2] - stations[index + 1])
-        for kind in reversed(kinds) if index % 2 else kinds:  # see the module
+        for kind in order_of(kinds, index):
             _add_joint(body, f"{kind}{index}", kind, robot, weight, azimuth)
         bodies.append(body)
     chain = Chain(spec, layout, robot.length, tuple(bodies), kinds, azimuth)

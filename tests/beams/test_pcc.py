@@ -425,7 +425,7 @@ def test_tip_moment_bends_to_the_exact_circle(pieces, turns):
     load = Load("end", 0.5, moment=(0.0, moment, 0.0))
     robot = replace(CANTILEVER_WEAK, gravity=(0, 0, 0))
     model = PCC(robot, pieces, loads=[load])
-    q = model.equilibrium(np.ones(1), load_step=0.1, check_stability=False)
+    q = model.equilibrium(np.ones(1), load_steps=10, check_stability=False)
     expected = analytic.arc_tip(robot.length, 2 * np.pi * turns / robot.length)
     np.testing.assert_allclose(model.tip(q)[[0, 2]], expected, atol=1e-9)
     np.testing.assert_allclose(model.tip(q)[1], 0, atol=1e-12)
@@ -438,7 +438,7 @@ def test_tip_moment_bends_and_twists_to_the_exact_helix(pieces):
     moment = np.array([0.5, -1.0, 1.6])
     load = Load("end", 0.5, moment=tuple(moment))
     model = PCC(robot, pieces, axes="torsion", loads=[load])
-    q = model.equilibrium(np.ones(1), load_step=0.1, check_stability=False)
+    q = model.equilibrium(np.ones(1), load_steps=10, check_stability=False)
     strain = moment / robot.bending_stiffness
     np.testing.assert_allclose(model.curvature(q), np.tile(strain, (pieces, 1)), rtol=1e-7)
     # Helix about the moment: the tangent turns about it, t = n (n t0) + ...

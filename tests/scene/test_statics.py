@@ -168,10 +168,36 @@ def test_simulation_settles_in_the_equilibrium():
     np.testing.assert_allclose(data.qpos, posture, atol=1e-6)
 
 
-def test_no_equilibrium_is_reported():
+def test_no_equilibrium_is_reported(monkeypatch):
+    """None so bad is known; what remains is to forbid iterations."""
+    monkeypatch.setattr("softrobot_env.scene.statics._ITERATIONS", 1)
+    with pytest.raises(EquilibriumError, match=r"no equilibrium beyond 0\.0% of the loads"):
+        solve(CANTILEVER_WEAK, 12, "balanced2")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"ctrl": np.full(6, np.nan)}, "controls must be finite, got nan"),
+        ({"ctrl": np.zeros(5)}, r"need controls of shape \(6,\), got \(5,\)"),
+        ({"guess": np.full(12, np.inf)}, "the guess must be finite, got inf"),
+        ({"gravity": (0.0, np.nan, 0.0)}, "gravity must be finite, got nan"),
+        ({"gravity": (0.0, 9.81)}, r"need gravity of shape \(3,\)"),
+    ],
+)
+def test_arguments_must_be_finite_and_of_their_shape(arguments, message):
     model = build_scene(SceneConfig(ARM)).model
-    with pytest.raises(EquilibriumError, match="no equilibrium after"):
-        equilibrium(model, np.zeros(6), guess=np.full(12, np.nan))
+    with pytest.raises(ValueError, match=message):
+        equilibrium(model, **{"ctrl": np.zeros(6), **arguments})
+
+
+def test_gravity_of_a_case_is_gravity_of_the_robot():
+    turned = (2.0, 0.0, -5.0)
+    model = build_scene(SceneConfig(replace(WEIGHTLESS, gravity=turned))).model
+    truth, weightless = equilibrium(model, np.zeros(0)), build_scene(SceneConfig(WEIGHTLESS)).model
+    found = equilibrium(weightless, np.zeros(0), gravity=turned)
+    np.testing.assert_array_equal(found, truth)
+    np.testing.assert_array_equal(weightless.opt.gravity, 0.0)
 
 
 def test_unstable_equilibria_are_refused():

@@ -17,6 +17,7 @@ import numpy as np
 from softrobot_env.beams.actuation import Actuation
 from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.beams.numerics.quaternions import (
+    add,
     add_scaled,
     cross,
     difference,
@@ -338,6 +339,36 @@ def project(model, q, v):
         for i in range(4):
             q[j + i] = scale * p[i]
             v[j + i] = scale * (dp[i] - radial * p[i])
+
+
+@kernel
+def displace(model, q, change, out):
+    """Set out (n,) to q after a change (n,), with strains and rotations that change by it exactly.
+
+    The sum q + change would stretch a slender rod that bends, and its stiffness against that is
+    larger than the one against bending by (L / r)^2.
+    """
+    base, spacing = model.base, model.spacing
+    x = vertex_at(q, base, 0)
+    if base >= 0:
+        x = add(x, vertex_at(change, base, 0))
+        out[base], out[base + 1], out[base + 2] = x
+    for k in range(model.pieces):
+        j = 7 * k
+        u, dp = section_at(q, k), quaternion_at(change, j + 3)
+        norm = np.sqrt(dot4(quaternion_at(q, j + 3), quaternion_at(q, j + 3)))
+        turn = scaled(1 / norm, quotient(u, dp)[1:])  # half the rotation vector
+        t, dt = segment_vector(q, base, k, spacing, u), segment_vector(change, base, k, spacing, u)
+        strain = difference(add(t, dt), scaled(2.0, cross(turn, t)))
+        angle = np.sqrt(dot3(turn, turn))
+        part = np.sin(angle) / angle if angle > 0 else 1.0
+        row = times_vector(u, scaled(part, turn))
+        out[j + 3] = np.cos(angle) * u[0] + row[0]
+        out[j + 4] = np.cos(angle) * u[1] + row[1]
+        out[j + 5] = np.cos(angle) * u[2] + row[2]
+        out[j + 6] = np.cos(angle) * u[3] + row[3]
+        x = add(x, scaled(spacing, rotate(unit(quaternion_at(out, j + 3)), strain)))
+        out[j], out[j + 1], out[j + 2] = x
 
 
 # ---------------------------------------------------------------- energy and momentum

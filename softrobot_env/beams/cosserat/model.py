@@ -139,6 +139,12 @@ class CosseratRod(BeamModel):
             spans += [span(pair) for pair in pairwise(range(start, end))]
         return min(self.pieces, max(spans))
 
+    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Coordinates (n,) changed by (n,) in their strains and rotations."""
+        out = np.empty(self.n)
+        dynamics.displace(self.data, q, change, out)
+        return out
+
     def static_data(self, data: CosseratData) -> CosseratData:
         """Data with a stiffness of the quaternions' norm, which statics leave free otherwise."""
         return data._replace(norm_stiffness=4 * self.robot.bending_stiffness / data.spacing)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.beams.mechanics import add_applied, locate, residual
+from softrobot_env.beams.mechanics import add_applied, bandwidth, locate, residual
 from softrobot_env.beams.numerics.compilation import kernel
 
 #: Imaginary step: its square vanishes beside one, so the derivatives are exact to rounding.
@@ -49,19 +49,55 @@ def _store(vector, j, out):
 
 
 @kernel
+def _derivative_band(model, q, v, a, u, x, out):
+    """Set out (n, 3 k + 1), laid out for `band`, to the derivative of the residual by x.
+
+    Columns whose rows do not overlap share one step, so the cost does not grow with n where the
+    coupling is local.
+
+    Args:
+        model: Data of a model.
+        q, v, a, u: Complex, without imaginary parts.
+        x: One of q, v and a.
+        out: With k = bandwidth(model).
+    """
+    n, width = model.n, bandwidth(model)
+    block, reach = model.block, model.reach
+    group = min(n, (2 * reach + 1) * block)
+    moved = np.empty(n, np.complex128)
+    out[:] = 0.0
+    for first in range(group):
+        for j in range(first, n, group):
+            x[j] += _STEP * 1j
+        residual(model, q, v, a, u, moved)
+        for j in range(first, n, group):
+            home = j // block
+            for i in range(max(0, (home - reach) * block), min(n, (home + reach + 1) * block)):
+                out[i, j - i + width] = moved[i].imag / _STEP
+            x[j] -= _STEP * 1j
+
+
+@kernel
+def stiffness_band(model, q, u, out):
+    """Set out (n, 3 k + 1), laid out for `band`, to the stiffness at rest under inputs u."""
+    zero = np.zeros(model.n, np.complex128)
+    q1, u1 = q.astype(np.complex128), u.astype(np.complex128)
+    _derivative_band(model, q1, zero, zero, u1, q1, out)
+
+
+@kernel
 def residual_derivatives(model, q, v, a, u, by_q, by_v, by_a):
     """Set (n, n) derivatives of the residual by q, v and a."""
-    n = model.n
-    out = np.empty(n, np.complex128)
+    n, width = model.n, bandwidth(model)
+    rows = np.empty((n, 3 * width + 1))
     q1, v1, a1 = q.astype(np.complex128), v.astype(np.complex128), a.astype(np.complex128)
     u1 = u.astype(np.complex128)
     for x, by_x in ((q1, by_q), (v1, by_v), (a1, by_a)):
-        for j in range(n):
-            still = x[j]
-            x[j] += _STEP * 1j
-            residual(model, q1, v1, a1, u1, out)
-            _store(out, j, by_x)
-            x[j] = still
+        _derivative_band(model, q1, v1, a1, u1, x, rows)
+        by_x[:] = 0.0
+        for i in range(n):
+            for j in range(max(0, i - width), min(n, i + width + 1)):
+                by_x[i, j] = rows[i, j - i + width]
 
 
 @kernel

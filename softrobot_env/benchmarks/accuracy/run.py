@@ -67,7 +67,7 @@ FIXED_STEPS = {"implicit_euler": (1e-2, 2.5e-3), "sdirk2": (2e-2, 1e-2, 5e-3)}
 #: Error of the run that measures the error in time, far below those of the others.
 _CONVERGED = 1e-8
 
-_LOAD_STEP = 0.2
+_LOAD_STEPS = 5
 
 #: Motions in which a step of the chain costs the same throughout.
 _EVEN = (tension_step.CASE, *RIG_MOTIONS)
@@ -141,7 +141,7 @@ def _static_rows(case: StaticCase, quick: bool, repeats: int) -> list[Row]:
             model = contestant.build(case.robot, n, case.loads)
 
             def solve(model: Any = model) -> np.ndarray:
-                return model.equilibrium(case.ctrl, load_step=_LOAD_STEP, check_stability=False)
+                return model.equilibrium(case.ctrl, load_steps=_LOAD_STEPS, check_stability=False)
 
             solve()  # compiles
             wall_time, q = best_of(solve, repeats)

@@ -87,7 +87,7 @@ class ChainReadout:
         self.curvature_rate = lambda: mean.dot(rates)
         self.tendon_tension = data.actuator_force.copy
         if servos is None:
-            inside, length = data.ten_length, _full_length(robot)
+            inside, length = data.ten_length[: len(robot.tendons)], _full_length(robot)
             self.tendon_length = self.true_length = lambda: inside + length
         else:
             self.tendon_length, self.true_length = (
@@ -128,6 +128,7 @@ class BatchReadout:
         self._simulation, scene = simulation, simulation.scene
         self._mean = mean_curvature(scene.model, scene.layout, scene.layout.pieces).T
         self._limit, full_length = robot.curvature_limit, _full_length(robot)
+        inside = simulation.ten_length[:, : len(robot.tendons)]
         self._nobody = np.zeros(simulation.count, dtype=bool)
         self._nobody.flags.writeable = False
         self.tip_position = lambda: self.tip
@@ -135,7 +136,7 @@ class BatchReadout:
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: simulation.qvel @ self._mean
         self.tendon_tension = simulation.actuator_force.copy
-        self.tendon_length = self.true_length = lambda: simulation.ten_length + full_length
+        self.tendon_length = self.true_length = lambda: inside + full_length
         self.update()
 
     def update(self, _which: np.ndarray | None = None) -> None:

@@ -11,6 +11,8 @@ from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
 #: Model fields that are proportional to parameters of the robot.
 _PROPORTIONAL = {
     "jnt_stiffness": ("youngs_modulus",),
+    "jnt_stiffnesspoly": ("youngs_modulus",),
+    "tendon_stiffnesspoly": ("youngs_modulus",),
     "dof_damping": ("youngs_modulus", "damping_time"),
     "body_mass": ("density",),
     "body_inertia": ("density",),
@@ -52,6 +54,9 @@ class BatchSimulation:
         self._nobody = np.zeros(count, dtype=bool)
         self._nobody.flags.writeable = False
         self._varied = self._rubs = False
+        # The robot's tendons come before those that hold springs.
+        wraps = scene.model.tendon_num[: len(scene.config.robot.tendons)]
+        self._lever_arms = slice(int(wraps.sum()))
 
     def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
@@ -74,9 +79,10 @@ class BatchSimulation:
         model = self.scene.model
         for field, names in _PROPORTIONAL.items():
             factor = np.prod([values[name] for name in names], axis=0)
-            nominal = getattr(model, field)
+            own = self._lever_arms if field == "wrap_prm" else slice(None)
+            nominal = getattr(model, field)[own]
             expanded = self._batch.expand(field)
-            expanded[which] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
+            expanded[which, own] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
         self._rub(which, values["tendon_friction"])
         self._batch.set_const(which)
 
@@ -88,13 +94,15 @@ class BatchSimulation:
             self._rubs = True
             self._batch.expand("tendon_solimp_fri")[:] = FRICTION_IMPEDANCE
             self._batch.expand("tendon_solref_fri")[:] = FRICTION_REFERENCE
-        loss = self.scene.model.tendon_frictionloss + friction[:, None]
+        model = self.scene.model
+        own = np.arange(model.ntendon) < len(self.scene.config.robot.tendons)
+        loss = model.tendon_frictionloss + friction[:, None] * own
         self._batch.expand("tendon_frictionloss")[which] = loss
-        flags = self.scene.model.opt.disableflags | _NO_CONSTRAINT
+        flags = model.opt.disableflags | _NO_CONSTRAINT
         rubbing = loss.any(axis=1)
         self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * rubbing)
         if self.scene.config.integrator is None:
-            nominal = self.scene.model.opt.integrator
+            nominal = model.opt.integrator
             self._batch.expand("opt.integrator")[which] = np.where(rubbing, _DISCRETE, nominal)
 
     @property

@@ -101,7 +101,7 @@ def test_static_tensions_hold_the_general_model():
     model = PCC(RIG, 1, axes="spatial", inertia=SUBPIECES)
     for z in ([0.0, 0.0], [0.09, 0.0], [-0.07, 0.1]):
         (tension,) = SERVO.plan(np.array([z]), *np.zeros((2, 1, 2))).tension
-        q = model.equilibrium(tension, load_step=0.1)
+        q = model.equilibrium(tension, load_steps=10)
         np.testing.assert_allclose(outputs(q[None])[0], z, atol=1e-9)
 
 

@@ -87,7 +87,7 @@ def slender_static_rows(case: StaticCase) -> list[Row]:
     for contestant in CONTESTANTS:
         if contestant.physics == CONTINUUM:
             model = contestant.build(robot, _FINE, case.loads)
-            q = model.equilibrium(case.ctrl, load_step=0.2, check_stability=False)
+            q = model.equilibrium(case.ctrl, load_steps=5, check_stability=False)
             truth, text = case.truth(BENDING)
             gap = distance(model.tip(q)[[0, 2]], truth)
             name, length = f"{contestant.name}, slender", robot.length

@@ -40,7 +40,7 @@ def chain_motion(
 def beam_motion(contestant: Contestant, n: int, robot: RobotParams = ARM) -> BeamMotion:
     """The step of a beam model, with tips (300, 2) in (x, z)."""
     beam = contestant.build(robot, n)
-    q = beam.equilibrium(tensions(robot, START), load_step=0.2, check_stability=False)
+    q = beam.equilibrium(tensions(robot, START), load_steps=5, check_stability=False)
     rest, inputs = State(q, np.zeros_like(q)), tensions(robot, END)
 
     def tips(q: np.ndarray) -> np.ndarray:

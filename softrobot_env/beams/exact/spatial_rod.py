@@ -1,0 +1,175 @@
+"""Rods bent and twisted in space, exactly: helices under a moment, and rods under any wrenches.
+
+A uniform rod of bending stiffness EI and torsional stiffness GJ is clamped at the origin, straight
+along +z (frame as in `robots`). Its sections have the directors d1, d2, d3, the columns of R(s).
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+from softrobot_env.robots.loads import Load
+
+_RTOL, _ATOL = 1e-11, 1e-13
+
+
+@dataclass(frozen=True)
+class SpatialSection:
+    """Stiffness of a cross-section that is alike in all directions.
+
+    Attributes:
+        bending, torsion: EI and GJ [N m2].
+        shear, axial: k G A and EA [N], infinite without shear and extension.
+    """
+
+    bending: float
+    torsion: float
+    shear: float = np.inf
+    axial: float = np.inf
+
+
+@dataclass(frozen=True)
+class SpatialShape:
+    """Shape of a rod in space.
+
+    Attributes:
+        station: (k,) [m], arc length of the straight rod.
+        position: (k, 3) [m].
+        frame: (k, 3, 3), columns are the directors.
+    """
+
+    station: np.ndarray
+    position: np.ndarray
+    frame: np.ndarray
+
+    @property
+    def tip(self) -> np.ndarray:
+        """(3,) [m], position at the last station."""
+        return self.position[-1]
+
+
+def helix(
+    length: float,
+    section: SpatialSection,
+    moment: np.ndarray,
+    stations: np.ndarray,
+    follows: bool = False,
+) -> SpatialShape:
+    """The helix that a moment at the tip makes of a rod without forces (Kirchhoff 1859).
+
+    The moment M is the same in every section, so d3' = M x d3 / EI: the tangent turns about M at a
+    constant rate whatever the torsional stiffness is, and M . d3 / GJ is the constant twist. With
+    the cross products [a] b = a x b
+
+        R(s) = exp([M] s / EI) exp([e_z] s (1 / GJ - 1 / EI) M_z).
+
+    A moment that follows the tip's section with components m is R(L) m in the world, hence m
+    turned about e_z by L (1 / GJ - 1 / EI) m_z.
+
+    Args:
+        length: L [m].
+        section: The section; shear and extension play no part.
+        moment: (3,) [N m], in the world, or in the tip's section if it follows.
+        stations: (k,) [m].
+        follows: Whether it follows.
+    """
+    moment, s = np.asarray(moment, dtype=float), np.asarray(stations, dtype=float)
+    rate = (1 / section.torsion - 1 / section.bending) * moment[2]
+    if follows:
+        moment = Rotation.from_rotvec([0, 0, length * rate]).apply(moment)
+    bend = moment / section.bending
+    turned = Rotation.from_rotvec(s[:, None] * bend)
+    frames = turned * Rotation.from_rotvec(s[:, None] * [0, 0, rate])
+    return SpatialShape(s, _turned_axis(bend, s), frames.as_matrix())
+
+
+def _turned_axis(rate: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Integrals (k, 3) from 0 to s (k,) of e_z turned at a rate (3,) [rad/m]."""
+    speed, axis = np.linalg.norm(rate), np.array([0.0, 0.0, 1.0])
+    if speed == 0:
+        return s[:, None] * axis
+    about = rate / speed
+    along, side = about * (about @ axis), np.cross(about, axis)
+    around, half = axis - along, speed * s / 2
+    chord = s * np.sinc(half / np.pi)
+    turning = (chord * np.cos(half))[:, None] * around + (chord * np.sin(half))[:, None] * side
+    return s[:, None] * along + turning
+
+
+def followed_rod(
+    length: float, section: SpatialSection, loads: Sequence[Load], stations: np.ndarray
+) -> SpatialShape:
+    """Equilibrium of a rod under forces and moments that follow its sections, however large.
+
+    Seen from the tip's section such loads are known, so one initial-value problem from the tip to
+    the clamp gives the shape: no equations are solved. With the force N and the moment M in a
+    section, both in one fixed frame (Antman, Nonlinear Problems of Elasticity, ch. VIII),
+
+        x' = R (e_z + C_n^-1 R^T N),   R' = R [C_m^-1 R^T M],   M' = N x x'.
+
+    Args:
+        length: L [m].
+        section: The section.
+        loads: Loads; all are taken to follow, `dead_loads` gives those that do not.
+        stations: (k,) [m], increasing.
+    """
+    s = np.asarray(stations, dtype=float)
+    y = np.concatenate([np.zeros(3), [1.0, 0, 0, 0], np.zeros(6)])
+    places = sorted({0.0, length, *s.tolist(), *(x.station for x in loads)}, reverse=True)
+    states = {}
+    for above, here in zip([None, *places], places, strict=False):
+        if above is not None:
+            y = solve_ivp(
+                _slope, (above, here), y, "DOP853", rtol=_RTOL, atol=_ATOL, args=(section,)
+            ).y[:, -1]
+        states[here] = y
+        for load in loads:
+            if load.station == here:
+                y = y + np.concatenate(
+                    [np.zeros(7), _matrix(y) @ load.force, _matrix(y) @ load.moment]
+                )
+    base = states[0.0]
+    back = _matrix(base).T
+    found = [states[x] for x in s.tolist()]
+    position = np.array([back @ (y[:3] - base[:3]) for y in found])
+    return SpatialShape(s, position, np.array([back @ _matrix(y) for y in found]))
+
+
+def dead_loads(loads: Sequence[Load], shape: SpatialShape) -> list[Load]:
+    """Loads of fixed direction that hold a rod in the same shape as those that follow.
+
+    Args:
+        loads: Loads that follow.
+        shape: The shape, with their stations among its own.
+    """
+    found = []
+    for load in loads:
+        frame = shape.frame[shape.station.tolist().index(load.station)]
+        force, moment = (tuple((frame @ x).tolist()) for x in (load.force, load.moment))
+        found.append(replace(load, force=force, moment=moment, follows=False))
+    return found
+
+
+def _matrix(y: np.ndarray) -> np.ndarray:
+    """Directors (3, 3) of a state: position, quaternion (real part first), force and moment."""
+    w, x, y_, z = y[3:7] / np.linalg.norm(y[3:7])
+    return Rotation.from_quat([x, y_, z, w]).as_matrix()
+
+
+def _slope(_: float, y: np.ndarray, section: SpatialSection) -> np.ndarray:
+    frame = _matrix(y)
+    force, moment = frame.T @ y[7:10], frame.T @ y[10:]
+    stretch = np.array([1 / section.shear, 1 / section.shear, 1 / section.axial]) * force
+    along = frame @ (stretch + [0, 0, 1])
+    a, b, c = moment / [section.bending, section.bending, section.torsion] / 2
+    w, x, y_, z = y[3:7]
+    turn = [
+        -x * a - y_ * b - z * c,
+        w * a + y_ * c - z * b,
+        w * b + z * a - x * c,
+        w * c + x * b - y_ * a,
+    ]
+    return np.concatenate([along, turn, np.zeros(3), np.cross(y[7:10], along)])

@@ -1,0 +1,96 @@
+"""Springs between the hinges of a station, with which it bends alike in all directions.
+
+A station's hinges turn by b (towards +x), g (towards +y) and, with torsion, t (about the axis). A
+share of beam stores k / 2 times the square of its bend and k_t / 2 times that of its twist, the
+hinges' own springs k (b^2 + g^2) / 2 + k_t t^2 / 2. But hinges that share a point act one after the
+other: the rotation vector of three of them is, to second order,
+
+    (b + g t / 2) towards +x,    (g - b t / 2) towards +y,    (t + s b g / 2) about the axis,
+
+s = 1 where the first of them bends towards +x, else -1. Carried on to fourth order, the hinges'
+springs lack
+
+    s k_t / 2 b g t + (k_t / 8 - k / 6) b^2 g^2 + (k / 24 - k_t / 12) (b^2 + g^2) t^2.
+
+Without the first term a bent station twists for nothing. A chain without torsion lacks
+-k / 6 b^2 g^2: its universal joints, which tilt by the root of b^2 + g^2 - b^2 g^2 / 3, are stiffer
+between their axes. Fixed tendons along b +- g +- l t with springs of third and fourth order store
+what is missing; nothing changes in a plane through an axis, nor for small angles.
+
+A continuous channel counts hinge angles, which are more than the bend by a share of the same order.
+With all of the term in b^2 g^2 it bends too much between the axes, by a share of up to theta^2 / 8
+for stations that bend by theta; without it, too little by theta^2 / 24, and a load by theta^2 / 6.
+Robots with channels get half of it: theta^2 / 24 and theta^2 / 12.
+"""
+
+from math import sqrt
+
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.chain import Chain, order_of
+
+#: Of the term in b^2 g^2, for robots with channels.
+_WITH_CHANNELS = 0.5
+
+#: Signs (k, 2) of g and t in the tendons of a station without and with torsion.
+_BENDING = ((1, 0), (-1, 0))
+_TWISTING = ((1, 1), (1, -1), (-1, 1), (-1, -1))
+
+
+def add_springs(chain: Chain, robot: RobotParams) -> None:
+    """Add what the hinges' own springs lack to a chain that bends in space on hinges."""
+    if "side" not in chain.kinds:
+        return
+    share = 1.0 if all(tendon.guides for tendon in robot.tendons) else _WITH_CHANNELS
+    for index, weight in enumerate(chain.layout.weights):
+        if "twist" in chain.kinds:
+            _couple_three(chain, robot, index, weight, share)
+        else:
+            _couple_two(chain, robot.bending_stiffness / weight, index, share)
+
+
+def _couple_two(chain: Chain, bend: float, index: int, share: float) -> None:
+    """(b + g)^4 + (b - g)^4 = 2 b^4 + 12 b^2 g^2 + 2 g^4."""
+    fourth = -share * bend / 6 / 12
+    for number, (side, _) in enumerate(_BENDING):
+        joints = {"hinge": 1.0, "side": side}
+        _add_spring(chain, index, number, joints, 0.0, 4 * fourth)
+    for kind in ("hinge", "side"):
+        chain.spec.joint(f"{kind}{index}").stiffness[2] -= 8 * fourth
+
+
+def _couple_three(
+    chain: Chain, robot: RobotParams, index: int, weight: float, share: float
+) -> None:
+    """Sums over the four tendons x = b + u g + v l t, u and v = +-1:
+
+    of u v x^3 = 24 l b g t, of x^4 = 4 b^4 + 4 g^4 + 4 l^4 t^4
+    + 24 (b^2 g^2 + l^2 b^2 t^2 + l^2 g^2 t^2).
+    """
+    towards, across = robot.principal_stiffnesses
+    bend, twist = robot.bending_stiffness / weight, robot.torsional_stiffness / weight
+    sign = 1 if order_of(chain.kinds, index)[0] == "hinge" else -1
+    both, each = twist / 8 - share * bend / 6, bend / 24 - twist / 12
+    # Where no l makes both terms, it makes the first.
+    lever = sqrt(each / both) if 0 < each * both <= both**2 else 1.0
+    third = ((towards - across) / weight + sign * twist) / 2 / (24 * lever)
+    fourth = both / 24
+    for number, (side, turn) in enumerate(_TWISTING):
+        joints = {"hinge": 1.0, "side": side, "twist": turn * lever}
+        _add_spring(chain, index, number, joints, 3 * side * turn * third, 4 * fourth)
+    for kind, arm in (("hinge", 1.0), ("side", 1.0), ("twist", lever)):
+        chain.spec.joint(f"{kind}{index}").stiffness[2] -= 16 * fourth * arm**4
+
+
+def _add_spring(
+    chain: Chain,
+    index: int,
+    number: int,
+    joints: dict[str, float],
+    square: float,
+    cube: float,
+) -> None:
+    """Tendon along the hinges of a station, with the force of a power law of its length."""
+    tendon = chain.spec.add_tendon(name=f"spring{index}_{number}")
+    for kind, arm in joints.items():
+        tendon.wrap_joint(f"{kind}{index}", arm)
+    tendon.stiffness[1:3] = square, cube

@@ -1,0 +1,322 @@
+"""Static forces of a chain in any posture, and their exact derivative.
+
+At rest the generalised force on the joints is that of their springs and of wrenches that act on the
+links: weights, loads, and the pull of tendons on their guides, plus the tendons in channels, whose
+lever arms are constant. Turn k of a joint, about the unit axis a_k through p_k, feels
+
+    f_k = a_k . N_k,    N_k = sum over the wrenches beyond k of  m + r_k x F,    r_k = x - p_k,
+
+and another turn l moves what lies beyond it. With K_k = sum of r_k F^T - (r_k . F) I the derivative
+for wrenches of fixed direction is
+
+    d f_k / d l = a_k . K_l a_l                       where l lies beyond k, else
+                  a_k . K_k a_l + a_l . (a_k x N_k),
+
+so that sums from the tip to the base and three products of (nv, 3) matrices give all of it, in
+O(nv^2). The turns of one ball joint all move each other's axes. Follower loads add that their
+vectors turn, tendons that the spans between guides turn and, driven by length or held by a spring,
+that tension follows from length. A ball joint's spring -k theta(q) has the derivative -k J^-1 of
+the rotation vector.
+
+The derivative is along `mj_integratePos`; out of equilibrium a ball joint makes it unsymmetric.
+"""
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+
+class StaticForces:
+    """Forces on a chain at rest and their derivative, for postures of one compiled scene.
+
+    Attributes:
+        model: The scene's model; its gravity may change between calls.
+    """
+
+    def __init__(self, model: mujoco.MjModel) -> None:
+        """Look up what moves what.
+
+        Raises:
+            ValueError: The model is no chain, or has parts whose static forces are not known here.
+        """
+        _check(model)
+        self.model, self._data, self._share = model, mujoco.MjData(model), 1.0
+        self._moving = _dofs_below(model)  # number of turns that move a body
+        joint = model.dof_jntid
+        index = np.arange(model.nv)
+        first = model.jnt_dofadr[joint]
+        # Whether turn l moves the axis of turn k.
+        size = np.where(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL, 3, 0)
+        self._moves = index[None, :] < np.maximum(index, first + size)[:, None]
+        self._before = index[None, :] <= index[:, None]
+        self._hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
+        self._balls = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
+        self._spans = _spans(model)
+        trn, kind = model.actuator_trnid, model.actuator_trntype
+        self._on_sites = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_SITE)
+        self._on_tendons = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_TENDON)
+        self._tendon_of = trn[self._on_tendons, 0]
+
+    def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
+        """Generalised force (nv,) [N m] on the chain at rest.
+
+        Args:
+            qpos: (nq,) posture.
+            ctrl: (nu,) controls.
+            share: Factor on all forces but those of the joints' springs.
+        """
+        model, data = self.model, self._data
+        self._share = share
+        data.qpos[:], data.ctrl[:] = qpos, ctrl
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        mujoco.mj_transmission(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        return data.qfrc_passive + share * (data.qfrc_actuator - data.qfrc_bias)
+
+    def tangent(self) -> np.ndarray:
+        """Derivative (nv, nv) [N m] of the last `force` by small turns (nv,) of the joints."""
+        axes, anchors = self._data.cdof[:, :3], self._data.xanchor[self.model.dof_jntid]
+        tension, rate = self._tensions()
+        out = self._dead(axes, anchors, tension)
+        self._add_followers(axes, anchors, out)
+        self._add_spans(axes, anchors, tension, out)
+        self._add_rates(rate, out)
+        out *= self._share
+        self._add_springs(out)
+        return out
+
+    def mass(self) -> np.ndarray:
+        """Mass matrix (nv, nv) [kg m2] in the posture of the last `force`."""
+        out = np.empty((self.model.nv, self.model.nv))
+        mujoco.mj_makeM(self.model, self._data)
+        mujoco.mj_fullM(self.model, self._data, out)
+        return out
+
+    def _dead(self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray) -> np.ndarray:
+        """(nv, nv) of all wrenches as if they kept their directions."""
+        points, forces, moments, count = self._wrenches(tension)
+        total = np.zeros((self.model.nv + 1, 3))
+        dyad, moment = np.zeros((self.model.nv + 1, 3, 3)), total.copy()
+        np.add.at(total, count, forces)
+        np.add.at(moment, count, moments)
+        np.add.at(dyad, count, points[:, :, None] * forces[:, None, :])
+        # Turn k moves what more than k turns move.
+        total, moment, dyad = (np.cumsum(x[::-1], axis=0)[-2::-1] for x in (total, moment, dyad))
+        dyad = dyad - anchors[:, :, None] * total[:, None, :]  # sum of r F^T
+        moment = moment + np.stack(
+            [
+                dyad[:, 1, 2] - dyad[:, 2, 1],
+                dyad[:, 2, 0] - dyad[:, 0, 2],
+                dyad[:, 0, 1] - dyad[:, 1, 0],
+            ],
+            axis=1,
+        )
+        trace = np.trace(dyad, axis1=1, axis2=2)
+        by_own = np.einsum("ki,kij->kj", axes, dyad) - trace[:, None] * axes
+        by_other = np.einsum("kij,kj->ki", dyad, axes) - trace[:, None] * axes
+        out = np.where(self._before, by_own @ axes.T, axes @ by_other.T)
+        return out + self._moves * (np.cross(axes, moment) @ axes.T)
+
+    def _wrenches(self, tension: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Points, forces, moments (k, 3) on the links, and how many turns (k,) move each."""
+        model, data = self.model, self._data
+        site, frames = model.actuator_trnid[self._on_sites, 0], self._load_frames()
+        force, moment = self._loads(frames)
+        start, end = self._spans.start, self._spans.end
+        span = data.site_xpos[end] - data.site_xpos[start]
+        pull = tension[self._spans.tendon, None] * _unit(span)
+        sites = np.concatenate([site, start, end])
+        forces = np.concatenate([model.body_mass[:, None] * model.opt.gravity, force, pull, -pull])
+        moments = np.zeros_like(forces)
+        moments[model.nbody : model.nbody + len(site)] = moment
+        points = np.concatenate([data.xipos, data.site_xpos[sites]])
+        body = np.concatenate([np.arange(model.nbody), model.site_bodyid[sites]])
+        return points, forces, moments, self._moving[body]
+
+    def _load_frames(self) -> np.ndarray:
+        """(loads, 3, 3) axes in which each load is given."""
+        site, reference = self.model.actuator_trnid[self._on_sites].T
+        return self._data.site_xmat[np.where(reference >= 0, reference, site)].reshape(-1, 3, 3)
+
+    def _loads(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Forces and moments (loads, 3) in the world's axes."""
+        gear = self.model.actuator_gear[self._on_sites].reshape(-1, 2, 3)
+        scaled = self._data.actuator_force[self._on_sites, None, None] * gear
+        world = scaled @ frames.transpose(0, 2, 1)
+        return world[:, 0], world[:, 1]
+
+    def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tension (ntendon,) [N] that drives give, and its derivative by length [N/m]."""
+        model, data, actuators = self.model, self._data, self._on_tendons
+        gear = model.actuator_gear[actuators, 0]
+        force, spring = data.actuator_force[actuators], model.actuator_biasprm[actuators, 1]
+        low, high = model.actuator_forcerange[actuators].T
+        free = ~model.actuator_forcelimited[actuators].astype(bool) | (
+            (low < force) & (force < high)
+        )
+        tension, rate = np.zeros(model.ntendon), np.zeros(model.ntendon)
+        np.add.at(tension, self._tendon_of, -gear * force)
+        np.add.at(rate, self._tendon_of, -(gear**2) * spring * free)
+        return tension, rate
+
+    def _add_followers(self, axes: np.ndarray, anchors: np.ndarray, out: np.ndarray) -> None:
+        """The turning of loads that follow their cross-section."""
+        model, data = self.model, self._data
+        force, moment = self._loads(self._load_frames())
+        for actuator, f, m in zip(self._on_sites, force, moment, strict=True):
+            site, reference = model.actuator_trnid[actuator]
+            n = self._moving[model.site_bodyid[site]]
+            if reference < 0 and n:
+                a, arm = axes[:n], data.site_xpos[site] - anchors[:n]
+                out[:n, :n] += a @ np.cross(a, m).T + np.cross(a, arm) @ np.cross(a, f).T
+
+    def _add_spans(
+        self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray, out: np.ndarray
+    ) -> None:
+        """The turning of the spans between guides: tension times the curvature of length."""
+        if not len(self._spans.tendon):
+            return
+        data, spans = self._data, self._spans
+        start, end = data.site_xpos[spans.start], data.site_xpos[spans.end]
+        span = end - start
+        length = np.linalg.norm(span, axis=1)
+        # A turn below both guides turns the span, one between them moves its end.
+        arm = np.where(spans.both[:, :, None], span[:, None], end[:, None] - anchors)
+        moved = np.cross(axes, arm) * spans.moved[:, :, None]
+        unit = span / length[:, None]
+        moved -= (moved @ unit[:, :, None]) * unit[:, None]
+        pull = tension[spans.tendon]
+        moved *= np.sqrt(np.abs(pull) / length)[:, None, None]
+        flat = moved.transpose(0, 2, 1).reshape(-1, self.model.nv)
+        if np.all(pull >= 0):
+            out -= flat.T @ flat
+        else:
+            out -= flat.T @ (np.repeat(np.sign(pull), 3)[:, None] * flat)
+
+    def _add_rates(self, rate: np.ndarray, out: np.ndarray) -> None:
+        """Tension that follows from length, by its derivative (ntendon,) [N/m]."""
+        model, data = self.model, self._data
+        size, begin = model.ten_J_rownnz, model.ten_J_rowadr
+        for n in np.unique(size[rate != 0]):
+            rows = np.flatnonzero((size == n) & (rate != 0))
+            place = begin[rows, None] + np.arange(n)
+            column, arm = model.ten_J_colind[place], data.ten_J[place]
+            block = (rate[rows, None] * arm)[:, :, None] * arm[:, None, :]
+            np.subtract.at(out, (column[:, :, None], column[:, None, :]), block)
+
+    def _add_springs(self, out: np.ndarray) -> None:
+        """Springs of joints, and those along the hinges of a station."""
+        model, data = self.model, self._data
+        dof, address = model.jnt_dofadr[self._hinges], model.jnt_qposadr[self._hinges]
+        angle = data.qpos[address] - model.qpos_spring[address]
+        law = model.jnt_stiffness[self._hinges], model.jnt_stiffnesspoly[self._hinges]
+        out[dof, dof] -= _spring_rate(angle, *law)
+        stretch = data.ten_length - model.tendon_lengthspring[:, 0]
+        rate = _spring_rate(stretch, model.tendon_stiffness, model.tendon_stiffnesspoly)
+        self._add_rates(rate, out)
+        for joint in self._balls:
+            dof, address = model.jnt_dofadr[joint], model.jnt_qposadr[joint]
+            turn = np.zeros(3)
+            four = slice(address, address + 4)
+            mujoco.mju_subQuat(turn, data.qpos[four], model.qpos_spring[four])
+            block = slice(dof, dof + 3)
+            out[block, block] -= model.jnt_stiffness[joint] * _rotation_rate(turn)
+
+
+@dataclass(frozen=True)
+class _Spans:
+    """Straight pieces of the tendons between their guides.
+
+    Attributes:
+        tendon: (k,) index.
+        start, end: (k,) sites, from base to tip.
+        both: (k, nv) whether a turn moves both ends.
+        moved: (k, nv) whether it moves any.
+    """
+
+    tendon: np.ndarray
+    start: np.ndarray
+    end: np.ndarray
+    both: np.ndarray
+    moved: np.ndarray
+
+
+def _spans(model: mujoco.MjModel) -> _Spans:
+    sites = model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE
+    tendon = np.repeat(np.arange(model.ntendon), model.tendon_num)
+    first = np.flatnonzero((tendon[:-1] == tendon[1:]) & sites[:-1] & sites[1:])
+    pairs = model.wrap_objid[np.stack([first, first + 1])]
+    count = _dofs_below(model)[model.site_bodyid[pairs]]
+    start, end = np.where(count[0] > count[1], pairs[::-1], pairs)  # from base to tip
+    both, moved = np.arange(model.nv) < np.sort(count, axis=0)[:, :, None]
+    return _Spans(tendon[first], start, end, both, moved)
+
+
+def _dofs_below(model: mujoco.MjModel) -> np.ndarray:
+    """(nbody,) how many turns move each body."""
+    count = np.zeros(model.nbody, dtype=int)
+    for body in range(1, model.nbody):
+        own = model.body_dofadr[body] + model.body_dofnum[body]
+        count[body] = own if model.body_dofnum[body] else count[model.body_parentid[body]]
+    return count
+
+
+def _spring_rate(x: np.ndarray, first: np.ndarray, higher: np.ndarray) -> np.ndarray:
+    """(k,) derivative of first x + higher[0] x^2 + ..., for coefficients (k,) and (k, powers)."""
+    powers = np.arange(1, higher.shape[1] + 1)
+    return first + ((powers + 1) * higher * x[:, None] ** powers).sum(axis=1)
+
+
+def _rotation_rate(turn: np.ndarray) -> np.ndarray:
+    """(3, 3) change of the rotation vector `turn` by a small rotation in the turned frame."""
+    x, y, z = turn
+    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = np.linalg.norm(turn)
+    # 1 / t^2 - cot(t / 2) / (2 t), whose difference cancels for small angles.
+    second = 1 / 12 + angle**2 / 720
+    if angle > 1e-2:
+        second = (1 - angle / 2 / np.tan(angle / 2)) / angle**2
+    return np.eye(3) + skew / 2 + second * skew @ skew
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+def _check(model: mujoco.MjModel) -> None:
+    """Refuse what a scene never builds and this module does not know."""
+    joint, wrap, trn = mujoco.mjtJoint, mujoco.mjtWrap, mujoco.mjtTrn
+    balls = model.jnt_type == joint.mjJNT_BALL
+    known = {
+        "one chain of joints": np.all(model.dof_parentid == np.arange(-1, model.nv - 1)),
+        "hinges and ball joints": np.all(balls | (model.jnt_type == joint.mjJNT_HINGE)),
+        "ball joints with linear springs": not np.any(model.jnt_stiffnesspoly[balls]),
+        "tendons along joints and sites": np.all(
+            np.isin(model.wrap_type, [wrap.mjWRAP_JOINT, wrap.mjWRAP_SITE])
+        ),
+        "straight tendons without springs": _springs_along_joints(model),
+        "actuators of tendons and sites": np.all(
+            np.isin(model.actuator_trntype, [trn.mjTRN_TENDON, trn.mjTRN_SITE])
+        ),
+        "frames of loads in the world": _frames_stand(model),
+    }
+    for what, holds in known.items():
+        if not holds:
+            raise ValueError(f"the static forces of a chain are known for {what} only")
+
+
+def _springs_along_joints(model: mujoco.MjModel) -> bool:
+    elastic = model.tendon_stiffness[:, None] != 0
+    elastic = np.hstack([elastic, model.tendon_stiffnesspoly != 0]).any(axis=1)
+    fixed = model.wrap_type[model.tendon_adr] == mujoco.mjtWrap.mjWRAP_JOINT
+    low, high = model.tendon_lengthspring.T
+    return not np.any(elastic & ~(fixed & (low == high)))
+
+
+def _frames_stand(model: mujoco.MjModel) -> bool:
+    reference = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE, 1]
+    return not np.any(_dofs_below(model)[model.site_bodyid[reference[reference >= 0]]])

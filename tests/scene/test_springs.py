@@ -1,0 +1,153 @@
+"""Springs between the hinges of a station: they store what a share of beam does, in all directions.
+
+The truth is the energy of the rotation vector, and the chain on ball joints, which has it exactly.
+"""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.robots import CANTILEVER_WEAK, Tendon
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.statics import equilibrium
+from softrobot_env.scene.tangent import StaticForces
+
+ROBOT = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
+LENGTH = ROBOT.length
+CHANNEL = (Tendon("t", (0.02, 0.0), LENGTH, 0, 80.0),)
+TWISTING = {"bending": "spatial", "torsion": True}
+
+
+def turn_of(model, q, station):
+    """Rotation vector (3,) of a station's link against the one below."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    below, above = (data.body(f"link{k}").xmat.reshape(3, 3) for k in (station - 1, station))
+    quaternion, turn = np.zeros(4), np.zeros(3)
+    mujoco.mju_mat2Quat(quaternion, (below.T @ above).ravel())
+    mujoco.mju_quat2Vel(turn, quaternion, 1.0)
+    return turn
+
+
+def tilt_of(model, q, station):
+    """(3,) along the turn that tilts a station's axis, as long as its angle."""
+    turn = turn_of(model, q, station)
+    quaternion, axis = np.zeros(4), np.zeros(3)
+    mujoco.mju_axisAngle2Quat(quaternion, turn / np.linalg.norm(turn), np.linalg.norm(turn))
+    mujoco.mju_rotVecQuat(axis, np.array([0.0, 0.0, 1.0]), quaternion)
+    across = np.cross([0.0, 0.0, 1.0], axis)
+    return across / np.linalg.norm(across) * np.arccos(axis[2])
+
+
+def missing_force(built, station, size, read, stiffness):
+    """Largest error of the spring forces at a station whose hinges turn by about `size` [rad]."""
+    model, forces = built.model, StaticForces(built.model)
+    dofs = [k for k in range(model.nv) if model.dof_bodyid[k] == station + 1]
+    directions, worst = np.random.default_rng(3).normal(size=(8, len(dofs))), 0.0
+    for direction in directions:
+        q = np.zeros(model.nq)
+        q[dofs] = size * direction / np.linalg.norm(direction)
+        found = forces.force(q, np.zeros(model.nu))[dofs]
+        for dof, force in zip(dofs, found, strict=True):
+            low, high = q.copy(), q.copy()
+            low[dof], high[dof] = q[dof] - 1e-5, q[dof] + 1e-5
+            energies = [stiffness @ read(model, x, station) ** 2 / 2 for x in (low, high)]
+            worst = max(worst, abs(force + (energies[1] - energies[0]) / 2e-5))
+    return worst
+
+
+@pytest.mark.parametrize("poisson_ratio", [0.0, 0.25, 0.5])
+@pytest.mark.parametrize("station", [3, 4, 5, 6])
+def test_three_hinges_store_the_energy_of_the_rotation_vector(poisson_ratio, station):
+    """To fourth order: the force is right to third, for both orders of the hinges."""
+    # Barely off zero the robot is one of ball joints, but gets hinges.
+    robot = replace(ROBOT, poisson_ratio=poisson_ratio or 1e-12)
+    built = build_scene(SceneConfig(robot, **TWISTING))
+    bend, twist = robot.bending_stiffness, robot.torsional_stiffness
+    stiffness = np.array([bend, bend, twist]) / built.layout.weights[station]
+    errors = [missing_force(built, station, h, turn_of, stiffness) for h in (0.4, 0.2)]
+    assert errors[1] < 1e-2 * stiffness[0] * 0.2**3
+    assert np.log2(errors[0] / errors[1]) > 3.8
+
+
+@pytest.mark.parametrize("station", [3, 5])
+def test_universal_joints_store_the_energy_of_the_tilt(station):
+    built = build_scene(SceneConfig(ROBOT, bending="spatial"))
+    stiffness = np.full(3, ROBOT.bending_stiffness) / built.layout.weights[station]
+    errors = [missing_force(built, station, h, tilt_of, stiffness) for h in (0.4, 0.2)]
+    assert errors[1] < 2e-2 * stiffness[0] * 0.2**3
+    assert np.log2(errors[0] / errors[1]) == pytest.approx(5, abs=0.2)
+
+
+def wrench_tips(robot, pieces, wrenches):
+    """Tips (k, 3) [m] under wrenches (k, 12) in the middle and at the tip."""
+    unit = np.eye(6)
+    loads = [
+        Load(f"{place}{i}", station, tuple(row[:3]), tuple(row[3:]))
+        for place, station in (("middle", LENGTH / 2), ("tip", LENGTH))
+        for i, row in enumerate(unit)
+    ]
+    model = build_scene(SceneConfig(robot, pieces=pieces, loads=tuple(loads), **TWISTING)).model
+    data, tips = mujoco.MjData(model), []
+    for wrench in wrenches:
+        data.qpos[:] = equilibrium(model, wrench, load_steps=3)
+        mujoco.mj_kinematics(model, data)
+        tips.append(data.site("tip").xpos.copy())
+    return np.array(tips)
+
+
+def random_wrenches(count, seed):
+    """Of a size that bends by about a radian."""
+    size = np.repeat([ROBOT.bending_stiffness / LENGTH**2, ROBOT.bending_stiffness / LENGTH], 3)
+    directions = np.random.default_rng(seed).normal(size=(count, 4, 3))
+    unit = directions / np.linalg.norm(directions, axis=2, keepdims=True)
+    return unit.reshape(count, 12) * np.tile(size, 2)
+
+
+def test_three_hinges_are_a_ball_joint_to_fourth_order():
+    """The same rod on hinges and on ball joints, under random wrenches in space."""
+    wrenches, hinged = random_wrenches(6, 5), replace(ROBOT, poisson_ratio=1e-12)
+    errors = [
+        np.linalg.norm(
+            wrench_tips(hinged, pieces, wrenches) - wrench_tips(ROBOT, pieces, wrenches), axis=1
+        ).mean()
+        for pieces in (3, 6)
+    ]
+    assert errors[1] < 0.02e-3  # without these springs 1.1 mm
+    assert np.log2(errors[0] / errors[1]) > 3.5
+
+
+@pytest.mark.parametrize("options", [{"bending": "spatial"}, TWISTING])
+def test_gravity_bends_alike_in_all_directions(options):
+    robot = replace(ROBOT, poisson_ratio=0.4)
+    model = build_scene(SceneConfig(robot, **options)).model
+    data, tips = mujoco.MjData(model), []
+    for azimuth in np.radians([0.0, 20.0, 45.0, 70.0]):
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        data.qpos[:] = equilibrium(model, np.zeros(0), gravity=(9.81 * c, 9.81 * s, 0.0))
+        mujoco.mj_kinematics(model, data)
+        x, y, z = data.site("tip").xpos
+        tips.append((x * c + y * s, y * c - x * s, z))
+    # 2.4 mm at 45 degrees without these springs.
+    np.testing.assert_allclose(tips, np.tile(tips[0], (4, 1)), atol=0.05e-3)
+
+
+@pytest.mark.parametrize("options", [{"bending": "spatial"}, TWISTING])
+def test_a_channel_and_a_load_share_the_error_between_the_axes(options):
+    """As the module says: a channel bends by theta^2 / 24 more, a load by theta^2 / 12 less."""
+    robot = replace(ROBOT, tendons=CHANNEL, poisson_ratio=0.4)
+    model = build_scene(SceneConfig(robot, pieces=1, rule="midpoint", **options)).model
+    theta, stiffness = 0.2, robot.bending_stiffness / LENGTH
+    each = np.arccos(np.sqrt(np.cos(theta)))  # of two hinges that tilt by theta
+    q = np.array([each, each, -(each**2) / 2][: model.nq])  # the twist that it takes to have none
+    spring = -StaticForces(model).force(q, np.zeros(1))
+    # A channel towards 45 degrees balances each hinge by its offset's component.
+    assert stiffness * theta / np.sqrt(2) / spring[0] - 1 == pytest.approx(theta**2 / 24, rel=0.1)
+    # A moment across works on the tilt; cos(theta) = cos(each)^2 gives the hinges' share of it.
+    moment = spring[:2].sum() * np.sin(theta) / np.sin(2 * each)
+    assert stiffness * theta / moment - 1 == pytest.approx(-(theta**2) / 12, rel=0.1)

@@ -1,0 +1,148 @@
+"""The exact derivative of a chain's static forces, against differences and in Newton's method."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.robots import CANTILEVER_WEAK, Head, Tendon
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.tangent import StaticForces
+
+LENGTH = CANTILEVER_WEAK.length
+HEAD = Head(mass=0.2, centre=0.03, inertia=(1e-4, 1e-4, 1e-4), output=0.05)
+LOADS = (
+    Load("dead", 0.4 * LENGTH, (1.0, 2.0, -0.5), (0.1, -0.2, 0.1)),
+    Load("follower", LENGTH, (0.7, -1.0, 2.0), (0.2, 0.1, -0.3), follows=True),
+    Load("on_the_base", 0.0, (1.0, 1.0, 1.0)),
+)
+BENDING = {
+    "planar": {},
+    "universal": {"bending": "spatial"},
+    "twisting": {"bending": "spatial", "torsion": True},
+}
+
+
+def robot(guides, **changes):
+    """Bends under gravity from aside, and has three tendons, one of which ends early."""
+    tendons = tuple(
+        Tendon(
+            f"t{i}",
+            (0.02 * np.cos(a), 0.02 * np.sin(a)),
+            end * LENGTH,
+            0,
+            12.0,
+            guides=tuple(end * LENGTH * np.array(guides)),
+            stiffness=900.0,
+            pretension=2.0,
+        )
+        for i, (a, end) in enumerate(((0.0, 1.0), (2.1, 1.0), (4.2, 0.5)))
+    )
+    return replace(CANTILEVER_WEAK, gravity=(1.0, -4.0, 3.0), tendons=tendons, **changes)
+
+
+def moved(model, q, turns):
+    q = q.copy()
+    mujoco.mj_integratePos(model, q, turns, 1.0)
+    return q
+
+
+def differences(forces, q, ctrl, step=1e-5):
+    """Central differences of the force (nv, nv)."""
+    model = forces.model
+    columns = [
+        forces.force(moved(model, q, move), ctrl) - forces.force(moved(model, q, -move), ctrl)
+        for move in step * np.eye(model.nv)
+    ]
+    return np.stack(columns, axis=1) / (2 * step)
+
+
+def worst(config, ctrl, seed=0):
+    """Largest error of the tangent in two postures, relative to its largest entry."""
+    forces, rng = StaticForces(build_scene(config).model), np.random.default_rng(seed)
+    errors = []
+    for _ in range(2):
+        q = moved(forces.model, forces.model.qpos0, rng.normal(0, 0.3, forces.model.nv))
+        truth = differences(forces, q, ctrl)
+        forces.force(q, ctrl)
+        errors.append(np.max(np.abs(forces.tangent() - truth)) / np.max(np.abs(truth)))
+    return max(errors)
+
+
+@pytest.mark.parametrize("bending", BENDING)
+@pytest.mark.parametrize("poisson_ratio", [0.0, 0.4])
+@pytest.mark.parametrize("guides", [(), (0.2, 0.4, 0.7)], ids=["channels", "guides"])
+def test_tangent_is_the_derivative_of_the_force(bending, poisson_ratio, guides):
+    params = robot(guides, poisson_ratio=poisson_ratio, head=HEAD)
+    options = {"pieces": 4, "loads": LOADS, **BENDING[bending]}
+    assert worst(SceneConfig(params, **options), np.array([10, 4, 0, 1, 0.6, 1])) < 1e-9
+    # One tendon is slack, one taut, and one pulls as much as it may.
+    ctrl = np.array([0.05, -0.05, 0.002, 1, 0.6, 1])
+    assert worst(SceneConfig(params, actuation="length", **options), ctrl) < 1e-9
+
+
+@pytest.mark.parametrize("anisotropy", [0.0, 0.3])
+def test_tangent_of_a_precurved_robot(anisotropy):
+    params = robot((), anisotropy=anisotropy, stiff_azimuth=0.7, precurvature=(1.0, -0.5))
+    config = SceneConfig(params, pieces=4, bending="spatial", torsion=True)
+    assert worst(config, np.array([10.0, 4, 0])) < 1e-9
+
+
+@pytest.mark.parametrize("bending", BENDING)
+def test_newtons_method_converges_quadratically(bending):
+    """The error of each iteration is that of the last one squared."""
+    params = robot((0.2, 0.4, 0.7), poisson_ratio=0.4)
+    forces = StaticForces(build_scene(SceneConfig(params, **BENDING[bending])).model)
+    q, turns = forces.model.qpos0, []
+    for _ in range(12):
+        force = forces.force(q, np.array([9.0, 3.0, 2.0]))
+        turn = np.linalg.solve(forces.tangent(), -force)
+        q = moved(forces.model, q, turn)
+        turns.append(np.max(np.abs(turn)))
+    near = [k for k, turn in enumerate(turns) if 1e-7 < turn < 0.1]
+    assert len(near) >= 2
+    for k in near:
+        assert turns[k + 1] < 10 * turns[k] ** 2 + 1e-12
+    assert turns[-1] < 1e-11
+
+
+def test_share_scales_all_but_the_joints_springs():
+    config = SceneConfig(robot((0.3,)), pieces=4, loads=LOADS, bending="spatial")
+    forces = StaticForces(build_scene(config).model)
+    q = moved(forces.model, forces.model.qpos0, np.full(forces.model.nv, 0.1))
+    ctrl = np.array([3.0, 2.0, 1.0, 1.0, 1.0, 1.0])
+    parts = []
+    for share in (0.0, 0.25, 1.0):
+        parts.append((forces.force(q, ctrl, share), forces.tangent()))
+    (springs, stiffness), quarter, full = parts
+    joints = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
+    alone = StaticForces(build_scene(SceneConfig(joints, pieces=4, bending="spatial")).model)
+    np.testing.assert_allclose(springs, alone.force(q, np.zeros(0)), rtol=1e-12)
+    np.testing.assert_allclose(stiffness, alone.tangent(), rtol=1e-12)
+    for one, other, none in zip(quarter, full, (springs, stiffness), strict=True):
+        np.testing.assert_allclose(one, 0.75 * none + 0.25 * other, rtol=1e-12, atol=1e-12)
+
+
+def test_what_no_scene_has_is_refused():
+    slider = "<mujoco><worldbody><body><joint type='slide'/><geom size='1'/></body></worldbody>"
+    with pytest.raises(ValueError, match="known for hinges and ball joints only"):
+        StaticForces(mujoco.MjModel.from_xml_string(slider + "</mujoco>"))
+    legs = "<body><joint/><geom size='1'/></body>"
+    branched = f"<mujoco><worldbody><body><joint/><geom size='1'/>{2 * legs}</body></worldbody>"
+    with pytest.raises(ValueError, match="known for one chain of joints only"):
+        StaticForces(mujoco.MjModel.from_xml_string(branched + "</mujoco>"))
+
+
+def test_mass_is_that_of_a_motion_from_the_posture():
+    forces = StaticForces(build_scene(SceneConfig(robot(()), pieces=4, bending="spatial")).model)
+    model = forces.model
+    q = moved(model, model.qpos0, np.linspace(-0.2, 0.3, model.nv))
+    forces.force(q, np.zeros(3))
+    data, truth = mujoco.MjData(model), np.empty((model.nv, model.nv))
+    data.qpos[:] = q
+    mujoco.mj_forward(model, data)
+    mujoco.mj_fullM(model, data, truth)
+    np.testing.assert_allclose(forces.mass(), truth, rtol=1e-12)
