@@ -48,10 +48,6 @@ def name_of(case: str, robot: RobotParams) -> str:
     return f"{case}_{robot.name}"
 
 
-#: All names in the report -> their headings.
-NAMES = {name_of(c, r): f"{heading}" for r in ROBOTS for c, heading in HEADINGS.items()}
-
-
 def jobs(quick: bool = False) -> Iterator[Job]:
     """A job for each robot and case."""
     for robot in ROBOTS:
