@@ -23,6 +23,8 @@ FOUNDATION = {
     "tasks",
     "interfaces",
     "equilibrium",
+    "continuation",
+    "motion",
     "registries",
     "paths",
     "processes",

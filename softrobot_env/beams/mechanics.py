@@ -267,14 +267,14 @@ def iteration_matrix(model, q, v, a, u, damping, mass, out):
     """
     out[:] = 0.0
     if add_internal_tangent(model, q, v, damping, mass, out):
-        if _applied_forces_turn(model):
+        if applied_forces_turn(model):
             _add_differences(model, q, v, a, u, damping, mass, True, out)
     else:
         _add_differences(model, q, v, a, u, damping, mass, False, out)
 
 
 @kernel
-def _applied_forces_turn(model):
+def applied_forces_turn(model):
     """Whether loads or tendons depend on the coordinates, beyond dead forces on points."""
     actuation = model.actuation
     return actuation.moments or actuation.followers or len(actuation.guided) > 0

@@ -19,57 +19,30 @@ from softrobot_env.beams.numerics.linearization import (
 )
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
-from softrobot_env.beams.statics import find_equilibrium
+from softrobot_env.beams.statics import LoadedModel
+from softrobot_env.continuation import find_equilibrium
 from softrobot_env.equilibrium import checked_load_steps, require_stable, stability_asked
+from softrobot_env.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 
 
-class IntegrationError(RuntimeError):
-    """Time integration failed.
-
-    Attributes:
-        time: [s] that was reached.
-    """
-
-    def __init__(self, message: str, time: float) -> None:
-        super().__init__(message)
-        self.time = time
-
-
-class State(NamedTuple):
-    """Coordinates and velocities (n,)."""
-
-    q: np.ndarray
-    v: np.ndarray
-
-
 @dataclass(frozen=True)
-class Motion:
-    """A simulated motion.
+class BeamMotion(Motion):
+    """A simulated motion and what it took.
 
     Attributes:
-        time: (k,) [s].
-        q, v: (k, n).
         steps, rejected: Steps taken and repeated.
         residuals, matrices: Evaluations of the equations of motion and of Newton's matrix.
         smallest_step, largest_step: [s].
     """
 
-    time: np.ndarray
-    q: np.ndarray
-    v: np.ndarray
     steps: int
     rejected: int
     residuals: int
     matrices: int
     smallest_step: float
     largest_step: float
-
-    @property
-    def end(self) -> State:
-        """The last state."""
-        return State(self.q[-1].copy(), self.v[-1].copy())
 
 
 class ControlAffine(NamedTuple):
@@ -145,6 +118,9 @@ class BeamModel:
     def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Coordinates (n,) changed by (n,), exactly so to first order only."""
         return q + change
+
+    def warn_of(self, q: np.ndarray) -> None:
+        """Warn that the model is not to be trusted at q (n,), if it knows that."""
 
     def static_data(self, data: Any) -> Any:
         """Data whose static equations are regular; differs for redundant coordinates."""
@@ -249,10 +225,11 @@ class BeamModel:
         kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
         u = self._inputs(u)
         guess = None if guess is None else self._vector(guess)
-        q = find_equilibrium(self, u, guess, load_steps)
+        q = find_equilibrium(LoadedModel(self, u), self.rest(), guess, load_steps)
         if kind is not None:
             space = self.linearize(State(q, np.zeros_like(q)), u)
             require_stable(kind, space.stiffness, space.mass, space.damping)
+        self.warn_of(q)
         return q
 
     def simulate(
@@ -266,7 +243,7 @@ class BeamModel:
         tolerance: float | None = None,
         samples: np.ndarray | float | None = None,
         max_steps: int = 10_000_000,
-    ) -> Motion:
+    ) -> BeamMotion:
         """Simulate a motion.
 
         Args:
@@ -288,7 +265,7 @@ class BeamModel:
         """
         scheme = find_method(method, step)
         start = self.start() if start is None else start
-        times = _sample_times(duration, samples)
+        times = sample_times(duration, samples)
         q, v = (self._vector(x).copy() for x in start)
         out_q, out_v = np.empty((len(times), self.n)), np.empty((len(times), self.n))
         counters, steps = np.zeros(4, dtype=np.int64), np.zeros(2)
@@ -305,7 +282,10 @@ class BeamModel:
                 f"{'adaptive step' if step is None else f'step {step:g} s'})",
                 reached,
             )
-        return Motion(times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps))
+        self.warn_of(out_q[-1])
+        return BeamMotion(
+            times, out_q, out_v, *(int(c) for c in counters), *(float(h) for h in steps)
+        )
 
     def linearize(self, state: State, u: np.ndarray | None = None) -> StateSpace:
         """Linear model about a state under inputs u (n_inputs,).
@@ -479,22 +459,6 @@ def _check_robot(robot: RobotParams, has_head: bool) -> None:
             f"robot {robot.name!r}: beam models have no anisotropy and no precurvature, only the "
             "MuJoCo chain has"
         )
-
-
-def _sample_times(duration: float, samples: np.ndarray | float | None) -> np.ndarray:
-    if not duration > 0:
-        raise ValueError(f"duration must be positive, got {duration!r}")
-    if samples is None:
-        return np.array([0.0, duration])
-    if np.ndim(samples) == 0:
-        count = round(duration / samples) if samples > 0 else 0
-        if count < 1 or abs(count * samples - duration) > 1e-9 * duration:
-            raise ValueError(f"the distance of samples must divide {duration} s, got {samples!r}")
-        return np.linspace(0.0, duration, count + 1)
-    times = np.array(samples, dtype=float)
-    if times[0] != 0 or not np.all(np.diff(times) > 0) or times[-1] != duration:
-        raise ValueError("samples must start at 0, increase and end at the duration")
-    return times
 
 
 @kernel

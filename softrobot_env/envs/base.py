@@ -13,9 +13,9 @@ from softrobot_env.envs.rendering.renderer import Frame, make_renderer
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import Setting
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
-from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.interfaces import Observation
 from softrobot_env.scene.build import Scene
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.

@@ -11,12 +11,12 @@ from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Measu
 from softrobot_env.envs.rendering.lifting import lifted
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import DEFAULT_RULE, LengthSetting
-from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
 

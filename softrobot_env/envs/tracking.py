@@ -20,8 +20,8 @@ from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import DEFAULT_RULE, Start, TensionSetting
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
-from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.interfaces import Observation, PlantFactory
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
 #: [s].

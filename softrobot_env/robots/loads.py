@@ -1,6 +1,10 @@
 """Loads on a robot, the same for the MuJoCo scene and the beam models."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from math import isfinite
+
+from softrobot_env.robots.parameters import Tendon
 
 
 @dataclass(frozen=True)
@@ -8,6 +12,9 @@ class Load:
     """Force and moment at arc length `station` [m].
 
     Becomes an input of the same name whose value scales the load (1: as given).
+
+    Raises:
+        ValueError: A number is not finite.
 
     Attributes:
         name: Unique name.
@@ -23,3 +30,50 @@ class Load:
     force: tuple[float, float, float] = (0.0, 0.0, 0.0)
     moment: tuple[float, float, float] = (0.0, 0.0, 0.0)
     follows: bool = False
+
+    def __post_init__(self) -> None:
+        if not all(isfinite(x) for x in (self.station, *self.force, *self.moment)):
+            raise ValueError(
+                f"load {self.name!r}: station, force and moment must be finite, got "
+                f"{self.station} m, {self.force} N and {self.moment} N m"
+            )
+
+
+def refuse_out_of_plane(
+    model: str,
+    other: str,
+    loads: Sequence[Load] = (),
+    gravity: Sequence[float] = (0.0, 0.0, 0.0),
+    tendons: Sequence[Tendon] = (),
+) -> None:
+    """Refuse what would drive a planar model out of the x-z plane.
+
+    Args:
+        model: What the planar model is called.
+        other: What to choose instead.
+        loads: On the robot.
+        gravity: (3,) [m/s2].
+        tendons: Of the robot.
+
+    Raises:
+        ValueError: Something acts across the plane; the message names it.
+    """
+    crossing = [f"tendon {t.name!r} (offset y)" for t in tendons if t.offset[1]]
+    crossing += [f"load {x.name!r} (force y)" for x in loads if x.force[1]]
+    crossing += [f"load {x.name!r} (moment x or z)" for x in loads if x.moment[0] or x.moment[2]]
+    crossing += ["gravity (y)"] if gravity[1] else []
+    if crossing:
+        raise ValueError(
+            f"{model} moves in the x-z plane; remove {', '.join(crossing)} or choose {other}"
+        )
+
+
+def refuse_torsion(model: str, other: str, loads: Sequence[Load]) -> None:
+    """Refuse moments about z that a model without torsion cannot answer; arguments as above.
+
+    Raises:
+        ValueError: A load has one; the message names it.
+    """
+    twisting = [f"load {x.name!r} (moment z)" for x in loads if x.moment[2]]
+    if twisting:
+        raise ValueError(f"{model} cannot twist; remove {', '.join(twisting)} or choose {other}")

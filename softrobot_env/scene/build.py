@@ -1,17 +1,25 @@
 """Put a scene together: backbone, tendons, and only the optional parts that are listed."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
+import numpy as np
 
-from softrobot_env.scene import extras
+from softrobot_env.motion import Motion, State
+from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion
+from softrobot_env.scene import extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 from softrobot_env.scene.springs import add_springs
+from softrobot_env.scene.statics import equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import SAFETY, TimestepChoice, choose_timestep, linearize
+
+#: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
+Inputs = np.ndarray | Callable[[float], np.ndarray] | None
 
 
 @dataclass(frozen=True)
@@ -29,6 +37,114 @@ class Scene:
     layout: HingeLayout
     timestep: TimestepChoice
     model: mujoco.MjModel
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs: tensions [N] (or lengths pulled in [m]), then loads' amplitudes."""
+        return tuple(self.model.actuator(k).name for k in range(self.model.nu))
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return self.model.nu
+
+    def start(self) -> State:
+        """The straight pose at rest."""
+        return State(self.model.qpos0.copy(), np.zeros(self.model.nv))
+
+    def equilibrium(
+        self,
+        u: np.ndarray | None = None,
+        guess: np.ndarray | None = None,
+        load_steps: int = 1,
+        check_stability: bool | str = True,
+        *,
+        gravity: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Posture (nq,) in equilibrium under constant inputs u (n_inputs,), zero unless given.
+
+        As `scene.statics.equilibrium`, which tells of the arguments and errors.
+        """
+        u = np.zeros(self.n_inputs) if u is None else u
+        gravity = None if gravity is None else self._gravity(gravity)
+        return equilibrium(
+            self.model,
+            u,
+            guess,
+            load_steps=load_steps,
+            check_stability=check_stability,
+            gravity=gravity,
+        )
+
+    def simulate(
+        self,
+        duration: float,
+        u: Inputs = None,
+        start: State | None = None,
+        *,
+        samples: np.ndarray | float | None = None,
+        gravity: np.ndarray | None = None,
+    ) -> Motion:
+        """Simulate a motion in the steps that environments take.
+
+        As `scene.simulation.simulate`, which tells of the arguments and errors.
+        """
+        from softrobot_env.scene.simulation import simulate  # which knows of scenes
+
+        gravity = None if gravity is None else self._gravity(gravity)
+        return simulate(self, duration, u, start, samples=samples, gravity=gravity)
+
+    def positions(
+        self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Material points at arc lengths (k,) [m], offsets (k, 2) [m] in the section.
+
+        Args:
+            q: (nq,) or (T, nq).
+            stations, offsets: Places; on the centreline unless offset.
+
+        Returns:
+            (k, 3) or (T, k, 3) [m].
+
+        Raises:
+            ValueError: A point is off the robot, or a shape does not fit.
+        """
+        where = kinematics.places(self.config.robot, self.layout, stations, offsets)
+        out = kinematics.positions(self.model, self._series(q), *where)
+        return out if np.ndim(q) == 2 else out[0]
+
+    def tip(self, q: np.ndarray) -> np.ndarray:
+        """Tip (3,) or (T, 3) [m] for q (nq,) or (T, nq); with a head, its output point."""
+        out = kinematics.tips(self.model, self._series(q))
+        return out if np.ndim(q) == 2 else out[0]
+
+    def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
+        """Velocity (k, 3) [m/s] of the centreline at arc lengths (k,) [m] in state q, v."""
+        q, v = finite("q", q, (self.model.nq,)), finite("v", v, (self.model.nv,))
+        where = kinematics.places(self.config.robot, self.layout, stations, None)
+        return kinematics.velocities(self.model, q, v, *where)
+
+    def curvature(self, q: np.ndarray) -> np.ndarray:
+        """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece at q (nq,)."""
+        return kinematics.curvature(self.model, self.layout, finite("q", q, (self.model.nq,)))
+
+    def tendon_length(self, q: np.ndarray) -> np.ndarray:
+        """(n_tendons,) [m] inside the robot at q (nq,)."""
+        q = finite("q", q, (self.model.nq,))
+        return kinematics.tendon_lengths(self.model, self.config.robot, q)
+
+    def _gravity(self, gravity: np.ndarray) -> np.ndarray:
+        """(3,) [m/s2] of a case."""
+        gravity = finite("gravity", gravity, (3,))
+        _refuse_what_is_not_felt(self.config, gravity)
+        return gravity
+
+    def _series(self, q: np.ndarray) -> np.ndarray:
+        """Postures (T, nq)."""
+        series = np.atleast_2d(np.asarray(q, dtype=float))
+        if series.shape[1:] != (self.model.nq,):
+            raise ValueError(f"need postures of {self.model.nq} numbers each, got {np.shape(q)}")
+        return series
 
 
 def build_scene(config: SceneConfig) -> Scene:
@@ -68,6 +184,7 @@ def scene_xml(config: SceneConfig) -> str:
 
 
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
+    _refuse_what_is_not_felt(config, config.robot.gravity)
     layout = place_hinges(config.robot.length, config.n_pieces, config.rule)
     spec = _empty_spec(config)
     kinds = joint_kinds(config.robot, config.bending, config.torsion)
@@ -86,6 +203,15 @@ def _timestep(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
         config.integrator,
         friction=config.robot.rubs,
     )
+
+
+def _refuse_what_is_not_felt(config: SceneConfig, gravity: Sequence[float]) -> None:
+    """Refuse loads and gravity in directions in which the chain does not move."""
+    if config.bending == "planar":
+        model = "a chain with bending='planar'"
+        refuse_out_of_plane(model, "bending='spatial'", config.loads, gravity)
+    elif not config.torsion:
+        refuse_torsion("a chain with torsion=False", "torsion=True", config.loads)
 
 
 def _apply(choice: TimestepChoice, option: mujoco.MjOption) -> None:

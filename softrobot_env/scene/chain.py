@@ -220,13 +220,24 @@ def _add_tip(chain: Chain, head: Head | None) -> None:
 
 
 def _set_inertia(body: mujoco.MjsBody, robot: RobotParams, length: float) -> None:
-    """Mass and inertia of a hollow cylinder of `length` [m] above the body's origin."""
+    """Mass and inertia of a hollow cylinder of `length` [m] above the body's origin.
+
+    Raises:
+        ValueError: They are smaller than what MuJoCo takes.
+    """
     mass = robot.mass_per_length * length
     square = robot.outer_radius**2 + robot.inner_radius**2
     lateral = mass * (3 * square + length**2) / 12
     body.mass = mass
     body.ipos = [0, 0, length / 2]
     body.inertia = [lateral, lateral, mass * square / 2]
+    least = min(mass, *body.inertia)
+    if least < mujoco.mjMINVAL:
+        raise ValueError(
+            f"robot {robot.name!r}: a link of {length:.3g} m has a mass of {mass:.3g} kg and "
+            f"inertias down to {min(body.inertia):.3g} kg m2, MuJoCo takes {mujoco.mjMINVAL:g} or "
+            "more: take fewer pieces, a denser or thicker robot, or a beam model"
+        )
     body.explicitinertial = True
 
 

@@ -5,6 +5,7 @@ from copy import copy
 import mujoco
 import numpy as np
 
+from softrobot_env.continuation import Newton, find_equilibrium
 from softrobot_env.equilibrium import (
     EquilibriumError,
     checked_load_steps,
@@ -13,12 +14,9 @@ from softrobot_env.equilibrium import (
 )
 from softrobot_env.scene.tangent import StaticForces
 
-_ITERATIONS = 30
-_LARGEST_TURN = 0.5  # rad a joint may turn in one iteration
-_SMALLEST_LOAD_STEP = 1 / 256
-#: Of the softest joint's stiffness, the force that may remain.
-_CONVERGED = 1e-12
-_STALLED = 1e-8  # rad of a correction that is rounding error where it no longer shrinks
+__all__ = ["EquilibriumError", "checked_controls", "equilibrium", "finite"]
+
+_LARGE_TURN = 2.0  # rad that all joints make together
 
 
 def equilibrium(
@@ -33,16 +31,15 @@ def equilibrium(
     """Posture (nq,) in equilibrium under constant controls (nu,): the hinge angles [rad].
 
     Of a chain on ball joints it holds their quaternions; `scene.chain.joint_angles` reads both.
-    Newton's method with the exact derivative of `scene.tangent`.
+    Newton's method with the exact derivative of `scene.tangent`, see `softrobot_env.continuation`.
 
     Args:
         model: A compiled scene; it stays as it is.
         ctrl: (nu,) controls.
-        guess: (nq,) start of the iteration, straight unless given.
-        load_steps: Least number of equal steps in which controls, gravity and pretension grow from
-            zero; smaller ones are taken where Newton's method fails. A robot bent far has several
-            equilibria; too few steps may find another one than the robot reaches when it is loaded
-            slowly.
+        guess: (nq,) where Newton's method starts. Without it, or if that fails, the path of
+            equilibria from the posture without loads is followed while they grow.
+        load_steps: Least number of equal steps in which controls, gravity and pretension grow
+            along that path; as many as it needs are taken anyway.
         check_stability: True or "static" refuses an equilibrium that loads at rest cannot give;
             "dynamic" also one that flutters; False none (`equilibrium.require_stable`).
         gravity: (3,) [m/s2] in place of the scene's.
@@ -53,15 +50,15 @@ def equilibrium(
             out of its range, to which MuJoCo would clamp it silently.
     """
     kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
-    start = finite("the guess", model.qpos0 if guess is None else guess, (model.nq,))
-    ctrl = finite("controls", ctrl, (model.nu,))
-    _check_range(model, ctrl)
+    guess = None if guess is None else finite("the guess", guess, (model.nq,))
+    ctrl = checked_controls(model, ctrl)
     if gravity is not None:
         model = copy(model)  # the caller's may be simulating in another thread
         model.opt.gravity[:] = finite("gravity", gravity, (3,))
     forces = StaticForces(model)
-    q = _follow_loads(forces, ctrl, start, 1 / load_steps)
+    q = find_equilibrium(_LoadedChain(forces, ctrl), model.qpos_spring, guess, load_steps)
     if kind is not None:
+        forces.force(q, ctrl)
         require_stable(kind, -forces.tangent(), forces.mass(), np.diag(model.dof_damping))
     return q
 
@@ -80,7 +77,13 @@ def finite(what: str, values: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     return values
 
 
-def _check_range(model: mujoco.MjModel, ctrl: np.ndarray) -> None:
+def checked_controls(model: mujoco.MjModel, ctrl: np.ndarray) -> np.ndarray:
+    """A copy of controls (nu,).
+
+    Raises:
+        ValueError: They are not of that shape, not finite, or one is out of its range.
+    """
+    ctrl = finite("controls", ctrl, (model.nu,))
     low, high = model.actuator_ctrlrange.T
     beyond = np.flatnonzero(model.actuator_ctrllimited & ((ctrl < low) | (ctrl > high)))
     if len(beyond):
@@ -89,55 +92,29 @@ def _check_range(model: mujoco.MjModel, ctrl: np.ndarray) -> None:
             f"control {model.actuator(k).name!r} must lie in [{low[k]:g}, {high[k]:g}], "
             f"got {ctrl[k]:g}"
         )
+    return ctrl
 
 
-def _follow_loads(
-    forces: StaticForces, ctrl: np.ndarray, q: np.ndarray, first: float
-) -> np.ndarray:
-    """Equilibrium under all loads, reached in steps that are halved where Newton's method fails."""
-    reached, step = 0.0, first
-    while reached < 1:
-        share = min(1.0, reached + step)
-        share = 1.0 if share > 1 - 1e-12 else share
-        found = _newton(forces, ctrl, q, share)
-        if found is not None:
-            q, reached, step = found, share, min(2 * step, first)
-        elif step > _SMALLEST_LOAD_STEP:
-            step /= 2
-        else:
-            raise EquilibriumError(
-                f"no equilibrium beyond {reached:.1%} of the loads: Newton's method fails for "
-                f"steps of {step:.2%} of them"
-            )
-    return q
+class _LoadedChain:
+    """A chain under a share of its controls, gravity and pretension, for `continuation`."""
 
+    def __init__(self, forces: StaticForces, ctrl: np.ndarray) -> None:
+        self._forces, self._ctrl, self._model = forces, ctrl, forces.model
+        stations = len(np.unique(self._model.dof_bodyid))
+        self.scale = np.full(self._model.nv, _LARGE_TURN / stations)
 
-def _newton(
-    forces: StaticForces, ctrl: np.ndarray, q: np.ndarray, share: float
-) -> np.ndarray | None:
-    """Posture (nq,) in equilibrium under a share of the loads; None if not found."""
-    model = forces.model
-    tolerance = _CONVERGED * np.min(model.jnt_stiffness)
-    largest = before = np.inf
-    for _ in range(_ITERATIONS):
-        force = forces.force(q, ctrl, share)
-        remaining = np.max(np.abs(force))
-        if remaining < tolerance or (largest < _STALLED and remaining > before / 2):
-            return q
+    def newton(self, q: np.ndarray, share: float) -> Newton | None:
+        """Newton's changes (nv,) at q (nq,), None where the stiffness is singular or not finite."""
+        force = self._forces.force(q, self._ctrl, share)
+        right = np.stack([force, self._forces.applied], axis=1)
         try:
-            turn = np.linalg.solve(forces.tangent(), -force)
+            found = np.linalg.solve(-self._forces.tangent(), right)
         except np.linalg.LinAlgError:
             return None
-        largest = np.max(np.abs(turn))
-        if not np.isfinite(largest):
-            return None
-        q = _moved(model, q, turn * min(1.0, _LARGEST_TURN / largest))
-        before = remaining
-    return None
+        return Newton(*found.T) if np.all(np.isfinite(found)) else None
 
-
-def _moved(model: mujoco.MjModel, q: np.ndarray, move: np.ndarray) -> np.ndarray:
-    """Posture (nq,) after the small rotations `move` (nv,) [rad] of the joints."""
-    moved = q.copy()
-    mujoco.mj_integratePos(model, moved, move, 1.0)
-    return moved
+    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Posture (nq,) after small turns (nv,) [rad] of the joints."""
+        moved = q.copy()
+        mujoco.mj_integratePos(self._model, moved, change, 1.0)
+        return moved

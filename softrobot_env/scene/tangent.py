@@ -32,6 +32,7 @@ class StaticForces:
 
     Attributes:
         model: The scene's model; its gravity may change between calls.
+        applied: (nv,) [N m], of the last `force` all but that of springs, at a share of 1.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -53,10 +54,22 @@ class StaticForces:
         self._hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
         self._balls = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
         self._spans = _spans(model)
-        trn, kind = model.actuator_trnid, model.actuator_trntype
+        kind, (site, self._frame) = model.actuator_trntype, model.actuator_trnid.T
+        self._frame = np.where(self._frame >= 0, self._frame, site)
         self._on_sites = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_SITE)
+        self._followers = np.flatnonzero((self._frame == site)[self._on_sites])
         self._on_tendons = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_TENDON)
-        self._tendon_of = trn[self._on_tendons, 0]
+        self._sites = np.concatenate([site[self._on_sites], self._spans.start, self._spans.end])
+        self._sort_wrenches()
+
+    def _sort_wrenches(self) -> None:
+        """Put the points of weights, loads and guides in order from the tip to the base."""
+        model = self.model
+        body = np.concatenate([np.arange(model.nbody), model.site_bodyid[self._sites]])
+        count = self._moving[body]
+        self._from_tip = np.argsort(-count, kind="stable")
+        # How many of them each turn moves.
+        self._beyond = np.searchsorted(np.sort(-count), -np.arange(model.nv))
 
     def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
         """Generalised force (nv,) [N m] on the chain at rest.
@@ -75,7 +88,8 @@ class StaticForces:
         mujoco.mj_transmission(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
-        return data.qfrc_passive + share * (data.qfrc_actuator - data.qfrc_bias)
+        self.applied = data.qfrc_actuator - data.qfrc_bias
+        return data.qfrc_passive + share * self.applied
 
     def tangent(self) -> np.ndarray:
         """Derivative (nv, nv) [N m] of the last `force` by small turns (nv,) of the joints."""
@@ -98,53 +112,39 @@ class StaticForces:
 
     def _dead(self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray) -> np.ndarray:
         """(nv, nv) of all wrenches as if they kept their directions."""
-        points, forces, moments, count = self._wrenches(tension)
-        total = np.zeros((self.model.nv + 1, 3))
-        dyad, moment = np.zeros((self.model.nv + 1, 3, 3)), total.copy()
-        np.add.at(total, count, forces)
-        np.add.at(moment, count, moments)
-        np.add.at(dyad, count, points[:, :, None] * forces[:, None, :])
-        # Turn k moves what more than k turns move.
-        total, moment, dyad = (np.cumsum(x[::-1], axis=0)[-2::-1] for x in (total, moment, dyad))
+        points, forces, moments = self._wrenches(tension)
+        dyads = (points[:, :, None] * forces[:, None, :]).reshape(-1, 9)
+        parts = np.concatenate([forces, moments, dyads], axis=1)[self._from_tip]
+        sums = np.concatenate([np.zeros((1, 15)), np.cumsum(parts, axis=0)])[self._beyond]
+        total, moment, dyad = sums[:, :3], sums[:, 3:6], sums[:, 6:].reshape(-1, 3, 3)
         dyad = dyad - anchors[:, :, None] * total[:, None, :]  # sum of r F^T
-        moment = moment + np.stack(
-            [
-                dyad[:, 1, 2] - dyad[:, 2, 1],
-                dyad[:, 2, 0] - dyad[:, 0, 2],
-                dyad[:, 0, 1] - dyad[:, 1, 0],
-            ],
-            axis=1,
-        )
-        trace = np.trace(dyad, axis1=1, axis2=2)
-        by_own = np.einsum("ki,kij->kj", axes, dyad) - trace[:, None] * axes
-        by_other = np.einsum("kij,kj->ki", dyad, axes) - trace[:, None] * axes
+        flat = dyad.reshape(-1, 9)
+        moment = moment + flat[:, [5, 6, 1]] - flat[:, [7, 2, 3]]
+        traced = (flat[:, 0] + flat[:, 4] + flat[:, 8])[:, None] * axes
+        by_own = (axes[:, None] @ dyad)[:, 0] - traced
+        by_other = (dyad @ axes[:, :, None])[:, :, 0] - traced
         out = np.where(self._before, by_own @ axes.T, axes @ by_other.T)
-        return out + self._moves * (np.cross(axes, moment) @ axes.T)
+        return out + self._moves * (_cross(axes, moment) @ axes.T)
 
-    def _wrenches(self, tension: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Points, forces, moments (k, 3) on the links, and how many turns (k,) move each."""
+    def _wrenches(self, tension: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points, forces and moments (k, 3) on the links: weights, loads, and guides."""
         model, data = self.model, self._data
-        site, frames = model.actuator_trnid[self._on_sites, 0], self._load_frames()
-        force, moment = self._loads(frames)
-        start, end = self._spans.start, self._spans.end
-        span = data.site_xpos[end] - data.site_xpos[start]
-        pull = tension[self._spans.tendon, None] * _unit(span)
-        sites = np.concatenate([site, start, end])
-        forces = np.concatenate([model.body_mass[:, None] * model.opt.gravity, force, pull, -pull])
-        moments = np.zeros_like(forces)
-        moments[model.nbody : model.nbody + len(site)] = moment
-        points = np.concatenate([data.xipos, data.site_xpos[sites]])
-        body = np.concatenate([np.arange(model.nbody), model.site_bodyid[sites]])
-        return points, forces, moments, self._moving[body]
+        points = np.concatenate([data.xipos, data.site_xpos[self._sites]])
+        forces, moments = np.zeros((2, len(points), 3))
+        forces[: model.nbody] = model.body_mass[:, None] * model.opt.gravity
+        n, m, k = model.nbody, len(self._on_sites), len(self._spans.tendon)
+        if m:
+            forces[n : n + m], moments[n : n + m] = self._loads()
+        if k:
+            span = points[-k:] - points[-2 * k : -k]
+            pull = (tension[self._spans.tendon] / np.linalg.norm(span, axis=1))[:, None] * span
+            forces[-2 * k : -k], forces[-k:] = pull, -pull
+        return points, forces, moments
 
-    def _load_frames(self) -> np.ndarray:
-        """(loads, 3, 3) axes in which each load is given."""
-        site, reference = self.model.actuator_trnid[self._on_sites].T
-        return self._data.site_xmat[np.where(reference >= 0, reference, site)].reshape(-1, 3, 3)
-
-    def _loads(self, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def _loads(self) -> tuple[np.ndarray, np.ndarray]:
         """Forces and moments (loads, 3) in the world's axes."""
         gear = self.model.actuator_gear[self._on_sites].reshape(-1, 2, 3)
+        frames = self._data.site_xmat[self._frame[self._on_sites]].reshape(-1, 3, 3)
         scaled = self._data.actuator_force[self._on_sites, None, None] * gear
         world = scaled @ frames.transpose(0, 2, 1)
         return world[:, 0], world[:, 1]
@@ -159,20 +159,21 @@ class StaticForces:
             (low < force) & (force < high)
         )
         tension, rate = np.zeros(model.ntendon), np.zeros(model.ntendon)
-        np.add.at(tension, self._tendon_of, -gear * force)
-        np.add.at(rate, self._tendon_of, -(gear**2) * spring * free)
+        tendon = model.actuator_trnid[actuators, 0]
+        np.add.at(tension, tendon, -gear * force)
+        np.add.at(rate, tendon, -(gear**2) * spring * free)
         return tension, rate
 
     def _add_followers(self, axes: np.ndarray, anchors: np.ndarray, out: np.ndarray) -> None:
         """The turning of loads that follow their cross-section."""
-        model, data = self.model, self._data
-        force, moment = self._loads(self._load_frames())
-        for actuator, f, m in zip(self._on_sites, force, moment, strict=True):
-            site, reference = model.actuator_trnid[actuator]
-            n = self._moving[model.site_bodyid[site]]
-            if reference < 0 and n:
-                a, arm = axes[:n], data.site_xpos[site] - anchors[:n]
-                out[:n, :n] += a @ np.cross(a, m).T + np.cross(a, arm) @ np.cross(a, f).T
+        if not len(self._followers):
+            return
+        force, moment = self._loads()
+        for load in self._followers:
+            site, f, m = self._sites[load], force[load], moment[load]
+            n = self._moving[self.model.site_bodyid[site]]
+            a, arm = axes[:n], self._data.site_xpos[site] - anchors[:n]
+            out[:n, :n] += a @ _cross(a, m).T + _cross(a, arm) @ _cross(a, f).T
 
     def _add_spans(
         self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray, out: np.ndarray
@@ -186,7 +187,7 @@ class StaticForces:
         length = np.linalg.norm(span, axis=1)
         # A turn below both guides turns the span, one between them moves its end.
         arm = np.where(spans.both[:, :, None], span[:, None], end[:, None] - anchors)
-        moved = np.cross(axes, arm) * spans.moved[:, :, None]
+        moved = _cross(axes, arm) * spans.moved[:, :, None]
         unit = span / length[:, None]
         moved -= (moved @ unit[:, :, None]) * unit[:, None]
         pull = tension[spans.tendon]
@@ -201,6 +202,8 @@ class StaticForces:
         """Tension that follows from length, by its derivative (ntendon,) [N/m]."""
         model, data = self.model, self._data
         size, begin = model.ten_J_rownnz, model.ten_J_rowadr
+        if not rate.any():
+            return
         for n in np.unique(size[rate != 0]):
             rows = np.flatnonzero((size == n) & (rate != 0))
             place = begin[rows, None] + np.arange(n)
@@ -215,9 +218,10 @@ class StaticForces:
         angle = data.qpos[address] - model.qpos_spring[address]
         law = model.jnt_stiffness[self._hinges], model.jnt_stiffnesspoly[self._hinges]
         out[dof, dof] -= _spring_rate(angle, *law)
-        stretch = data.ten_length - model.tendon_lengthspring[:, 0]
-        rate = _spring_rate(stretch, model.tendon_stiffness, model.tendon_stiffnesspoly)
-        self._add_rates(rate, out)
+        if model.ntendon:
+            stretch = data.ten_length - model.tendon_lengthspring[:, 0]
+            law = model.tendon_stiffness, model.tendon_stiffnesspoly
+            self._add_rates(_spring_rate(stretch, *law), out)
         for joint in self._balls:
             dof, address = model.jnt_dofadr[joint], model.jnt_qposadr[joint]
             turn = np.zeros(3)
@@ -283,8 +287,10 @@ def _rotation_rate(turn: np.ndarray) -> np.ndarray:
     return np.eye(3) + skew / 2 + second * skew @ skew
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Cross products (..., 3), in a fifth of the time of NumPy's."""
+    ahead, back = [1, 2, 0], [2, 0, 1]
+    return a[..., ahead] * b[..., back] - a[..., back] * b[..., ahead]
 
 
 def _check(model: mujoco.MjModel) -> None:

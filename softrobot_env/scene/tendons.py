@@ -6,6 +6,7 @@ Every actuator has gear -1, so that a positive force shortens its tendon; no oth
 import math
 
 import mujoco
+import numpy as np
 
 from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.scene.chain import Chain, seen_from_hinges
@@ -82,6 +83,11 @@ def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsT
 def straight_length(tendon: Tendon) -> float:
     """Length [m] MuJoCo reports in the straight pose (a channel counts from zero)."""
     return tendon.end if tendon.guides else 0.0
+
+
+def full_length(robot: RobotParams) -> np.ndarray:
+    """(n_tendons,) [m] inside the straight robot, less those that MuJoCo tells."""
+    return np.array([t.end - straight_length(t) for t in robot.tendons])
 
 
 def _add_actuator(spec: mujoco.MjSpec, tendon: Tendon) -> mujoco.MjsActuator:

@@ -195,10 +195,30 @@ def test_integrator_and_timestep_asked_for_are_compiled(name):
         ({"pieces": 4}, "multiple of their length"),
         ({"actuation": "length"}, "finite stiffness"),
         ({"loads": (Load("push", 0.51),)}, r"\[0, 0.5\] m"),
-        ({"loads": (Load("push", float("nan")),)}, r"\[0, 0.5\] m"),
+        ({"loads": (Load("push", 0.5, force=(1.0, 1.0, 0.0)),)}, r"'push' \(force y\) or choose"),
+        ({"loads": (Load("push", 0.5, moment=(1.0, 0.0, 0.0)),)}, r"moment x or z.*='spatial'"),
+        (
+            {"loads": (Load("push", 0.5, moment=(0.0, 0.0, 1.0)),), "bending": "spatial"},
+            r"cannot twist; remove load 'push' \(moment z\) or choose torsion=True",
+        ),
     ],
     ids=lambda value: next(iter(value)) if isinstance(value, dict) else "",
 )
 def test_bad_scenes_name_what_is_allowed(options, message):
     with pytest.raises(ValueError, match=message):
         build_scene(SceneConfig(ARM, **options))
+
+
+def test_gravity_across_the_plane_is_refused():
+    aside = replace(ARM, gravity=(0.0, 1.0, 9.81))
+    with pytest.raises(ValueError, match=r"remove gravity \(y\) or choose bending='spatial'"):
+        build_scene(SceneConfig(aside))
+    with pytest.raises(ValueError, match="gravity"):
+        build_scene(SceneConfig(ARM)).equilibrium(gravity=aside.gravity)
+    build_scene(SceneConfig(aside, bending="spatial")).equilibrium(check_stability=False)
+
+
+def test_links_too_light_for_mujoco_are_named():
+    fibre = replace(ARM, name="fibre", outer_radius=1e-6, inner_radius=0.0, tendons=())
+    with pytest.raises(ValueError, match=r"robot 'fibre': a link of .* take fewer pieces"):
+        build_scene(SceneConfig(fibre))

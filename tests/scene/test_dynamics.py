@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.exact.analytic import euler_bernoulli_frequency, rayleigh_frequency
-from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES, place_hinges
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning, linearize
 
 FREE = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0), damping_time=0.0)

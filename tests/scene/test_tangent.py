@@ -14,11 +14,6 @@ from softrobot_env.scene.tangent import StaticForces
 
 LENGTH = CANTILEVER_WEAK.length
 HEAD = Head(mass=0.2, centre=0.03, inertia=(1e-4, 1e-4, 1e-4), output=0.05)
-LOADS = (
-    Load("dead", 0.4 * LENGTH, (1.0, 2.0, -0.5), (0.1, -0.2, 0.1)),
-    Load("follower", LENGTH, (0.7, -1.0, 2.0), (0.2, 0.1, -0.3), follows=True),
-    Load("on_the_base", 0.0, (1.0, 1.0, 1.0)),
-)
 BENDING = {
     "planar": {},
     "universal": {"bending": "spatial"},
@@ -26,8 +21,8 @@ BENDING = {
 }
 
 
-def robot(guides, **changes):
-    """Bends under gravity from aside, and has three tendons, one of which ends early."""
+def robot(guides, bending="twisting", **changes):
+    """Has gravity from all sides where it moves, and three tendons, one of which ends early."""
     tendons = tuple(
         Tendon(
             f"t{i}",
@@ -41,7 +36,23 @@ def robot(guides, **changes):
         )
         for i, (a, end) in enumerate(((0.0, 1.0), (2.1, 1.0), (4.2, 0.5)))
     )
-    return replace(CANTILEVER_WEAK, gravity=(1.0, -4.0, 3.0), tendons=tendons, **changes)
+    gravity = (1.0, 0.0 if bending == "planar" else -4.0, 3.0)
+    return replace(CANTILEVER_WEAK, gravity=gravity, tendons=tendons, **changes)
+
+
+def loads(bending):
+    """Dead and follower loads, in all directions that a chain moves in."""
+    force = np.array([1.0, bending != "planar", 1.0])
+    moment = np.array([bending != "planar", 1.0, bending == "twisting"])
+
+    def load(name, station, f, m, follows=False):
+        return Load(name, station, tuple(force * f), tuple(moment * m), follows)
+
+    return (
+        load("dead", 0.4 * LENGTH, (1.0, 2.0, -0.5), (0.1, -0.2, 0.1)),
+        load("follower", LENGTH, (0.7, -1.0, 2.0), (0.2, 0.1, -0.3), follows=True),
+        load("on_the_base", 0.0, (1.0, 1.0, 1.0), (0.0, 0.0, 0.0)),
+    )
 
 
 def moved(model, q, turns):
@@ -76,8 +87,8 @@ def worst(config, ctrl, seed=0):
 @pytest.mark.parametrize("poisson_ratio", [0.0, 0.4])
 @pytest.mark.parametrize("guides", [(), (0.2, 0.4, 0.7)], ids=["channels", "guides"])
 def test_tangent_is_the_derivative_of_the_force(bending, poisson_ratio, guides):
-    params = robot(guides, poisson_ratio=poisson_ratio, head=HEAD)
-    options = {"pieces": 4, "loads": LOADS, **BENDING[bending]}
+    params = robot(guides, bending, poisson_ratio=poisson_ratio, head=HEAD)
+    options = {"pieces": 4, "loads": loads(bending), **BENDING[bending]}
     assert worst(SceneConfig(params, **options), np.array([10, 4, 0, 1, 0.6, 1])) < 1e-9
     # One tendon is slack, one taut, and one pulls as much as it may.
     ctrl = np.array([0.05, -0.05, 0.002, 1, 0.6, 1])
@@ -94,7 +105,7 @@ def test_tangent_of_a_precurved_robot(anisotropy):
 @pytest.mark.parametrize("bending", BENDING)
 def test_newtons_method_converges_quadratically(bending):
     """The error of each iteration is that of the last one squared."""
-    params = robot((0.2, 0.4, 0.7), poisson_ratio=0.4)
+    params = robot((0.2, 0.4, 0.7), bending, poisson_ratio=0.4)
     forces = StaticForces(build_scene(SceneConfig(params, **BENDING[bending])).model)
     q, turns = forces.model.qpos0, []
     for _ in range(12):
@@ -110,7 +121,7 @@ def test_newtons_method_converges_quadratically(bending):
 
 
 def test_share_scales_all_but_the_joints_springs():
-    config = SceneConfig(robot((0.3,)), pieces=4, loads=LOADS, bending="spatial")
+    config = SceneConfig(robot((0.3,)), pieces=4, loads=loads("universal"), bending="spatial")
     forces = StaticForces(build_scene(config).model)
     q = moved(forces.model, forces.model.qpos0, np.full(forces.model.nv, 0.1))
     ctrl = np.array([3.0, 2.0, 1.0, 1.0, 1.0, 1.0])

@@ -169,8 +169,8 @@ def _matrix(y: np.ndarray) -> np.ndarray:
 def _slope(_: float, y: np.ndarray, section: SpatialSection, weight: np.ndarray) -> np.ndarray:
     frame = _matrix(y)
     force, moment = frame.T @ y[7:10], frame.T @ y[10:]
-    shear_x, shear_y, stretch = force / [section.shear, section.shear, section.axial]
-    along = frame @ [shear_x, shear_y, 1 + stretch]
+    stretch = np.array([1 / section.shear, 1 / section.shear, 1 / section.axial]) * force
+    along = frame @ (stretch + np.array([0.0, 0.0, 1.0]))
     a, b, c = moment / [section.bending, section.bending, section.torsion] / 2
     w, x, y_, z = y[3:7]
     turn = [

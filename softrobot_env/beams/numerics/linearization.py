@@ -4,7 +4,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.beams.mechanics import add_applied, bandwidth, locate, residual
+from softrobot_env.beams.mechanics import (
+    add_applied,
+    add_internal_tangent,
+    applied_forces_turn,
+    bandwidth,
+    locate,
+    residual,
+)
 from softrobot_env.beams.numerics.compilation import kernel
 
 #: Imaginary step: its square vanishes beside one, so the derivatives are exact to rounding.
@@ -49,8 +56,8 @@ def _store(vector, j, out):
 
 
 @kernel
-def _derivative_band(model, q, v, a, u, x, out):
-    """Set out (n, 3 k + 1), laid out for `band`, to the derivative of the residual by x.
+def _add_derivative(model, q, v, a, u, x, applied_only, out):
+    """Add to out (n, 3 k + 1), laid out for `band`, the derivative of the residual by x.
 
     Columns whose rows do not overlap share one step, so the cost does not grow with n where the
     coupling is local.
@@ -59,30 +66,38 @@ def _derivative_band(model, q, v, a, u, x, out):
         model: Data of a model.
         q, v, a, u: Complex, without imaginary parts.
         x: One of q, v and a.
+        applied_only: Whether only the part of it that loads and tendons cause.
         out: With k = bandwidth(model).
     """
     n, width = model.n, bandwidth(model)
     block, reach = model.block, model.reach
     group = min(n, (2 * reach + 1) * block)
     moved = np.empty(n, np.complex128)
-    out[:] = 0.0
+    sign = -1.0 if applied_only else 1.0
     for first in range(group):
         for j in range(first, n, group):
             x[j] += _STEP * 1j
-        residual(model, q, v, a, u, moved)
+        if applied_only:
+            moved[:] = 0.0
+            add_applied(model, q, u, moved)
+        else:
+            residual(model, q, v, a, u, moved)
         for j in range(first, n, group):
             home = j // block
             for i in range(max(0, (home - reach) * block), min(n, (home + reach + 1) * block)):
-                out[i, j - i + width] = moved[i].imag / _STEP
-            x[j] -= _STEP * 1j
+                out[i, j - i + width] += sign * moved[i].imag / _STEP
+            x[j] = x[j].real
 
 
 @kernel
 def stiffness_band(model, q, u, out):
     """Set out (n, 3 k + 1), laid out for `band`, to the stiffness at rest under inputs u."""
-    zero = np.zeros(model.n, np.complex128)
+    still, zero = np.zeros(model.n), np.zeros(model.n, np.complex128)
     q1, u1 = q.astype(np.complex128), u.astype(np.complex128)
-    _derivative_band(model, q1, zero, zero, u1, q1, out)
+    out[:] = 0.0
+    known = add_internal_tangent(model, q, still, 0.0, 0.0, out)
+    if not known or applied_forces_turn(model):
+        _add_derivative(model, q1, zero, zero, u1, q1, known, out)
 
 
 @kernel
@@ -93,7 +108,8 @@ def residual_derivatives(model, q, v, a, u, by_q, by_v, by_a):
     q1, v1, a1 = q.astype(np.complex128), v.astype(np.complex128), a.astype(np.complex128)
     u1 = u.astype(np.complex128)
     for x, by_x in ((q1, by_q), (v1, by_v), (a1, by_a)):
-        _derivative_band(model, q1, v1, a1, u1, x, rows)
+        rows[:] = 0.0
+        _add_derivative(model, q1, v1, a1, u1, x, False, rows)
         by_x[:] = 0.0
         for i in range(n):
             for j in range(max(0, i - width), min(n, i + width + 1)):

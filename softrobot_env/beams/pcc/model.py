@@ -13,7 +13,7 @@ from softrobot_env.beams.numerics.compilation import reference, structure
 from softrobot_env.beams.pcc import actuation, dynamics
 from softrobot_env.registries import Registry
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.loads import Load
+from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion
 
 #: Number of coordinates per piece by the choice of `axes`.
 AXES = Registry("axes", {"planar": 1, "spatial": 2, "torsion": 3})
@@ -83,8 +83,9 @@ class PCC(BeamModel):
             thesis sec. 5.2, which replace the mass of the backbone.
 
     Raises:
-        ValueError: An unknown option, or rigid bodies off the robot, of negative inertia, or too
-            few to give every coordinate inertia.
+        ValueError: An unknown option, something acts in a direction that the axes lack, or rigid
+            bodies are off the robot, of negative inertia, or too few to give every coordinate
+            inertia.
     """
 
     def __init__(
@@ -98,6 +99,16 @@ class PCC(BeamModel):
         drive: str = "tension",
     ) -> None:
         AXES.find(axes)
+        if axes == "planar":
+            refuse_out_of_plane(
+                "PCC with axes 'planar'",
+                "'spatial' or 'torsion'",
+                loads,
+                robot.gravity,
+                robot.tendons,
+            )
+        elif axes == "spatial":
+            refuse_torsion("PCC with axes 'spatial'", "'torsion'", loads)
         self.axes, self.inertia = axes, inertia
         super().__init__(robot, pieces, loads, drive)
 

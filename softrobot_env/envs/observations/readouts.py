@@ -21,12 +21,12 @@ from softrobot_env.envs.disturbances import SensorNoise
 from softrobot_env.envs.observations.table import SENSOR_NOISE
 from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.interfaces import Measurement
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.chain import mean_curvature
-from softrobot_env.scene.tendons import straight_length
+from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.tendons import full_length
 
 
 def left_workspace(what: str, time: float) -> str:
@@ -43,11 +43,6 @@ def sharp_bend(curvature: np.ndarray, limit: float, time: float) -> str | None:
     return left_workspace(
         f"curvature {curvature[piece]:.4g} 1/m {where} is beyond +-{limit:g} 1/m", time
     )
-
-
-def _full_length(robot: RobotParams) -> np.ndarray:
-    """Lengths [m] of the tendons inside the straight robot, less those that MuJoCo tells."""
-    return np.array([t.end - straight_length(t) for t in robot.tendons])
 
 
 class ChainReadout:
@@ -87,7 +82,7 @@ class ChainReadout:
         self.curvature_rate = lambda: mean.dot(rates)
         self.tendon_tension = data.actuator_force.copy
         if servos is None:
-            inside, length = data.ten_length[: len(robot.tendons)], _full_length(robot)
+            inside, length = data.ten_length[: len(robot.tendons)], full_length(robot)
             self.tendon_length = self.true_length = lambda: inside + length
         else:
             self.tendon_length, self.true_length = (
@@ -127,7 +122,7 @@ class BatchReadout:
         """Bind to simulations of `robot` or of variations of it."""
         self._simulation, scene = simulation, simulation.scene
         self._mean = mean_curvature(scene.model, scene.layout, scene.layout.pieces).T
-        self._limit, full_length = robot.curvature_limit, _full_length(robot)
+        self._limit, straight = robot.curvature_limit, full_length(robot)
         inside = simulation.ten_length[:, : len(robot.tendons)]
         self._nobody = np.zeros(simulation.count, dtype=bool)
         self._nobody.flags.writeable = False
@@ -136,7 +131,7 @@ class BatchReadout:
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: simulation.qvel @ self._mean
         self.tendon_tension = simulation.actuator_force.copy
-        self.tendon_length = self.true_length = lambda: inside + full_length
+        self.tendon_length = self.true_length = lambda: inside + straight
         self.update()
 
     def update(self, _which: np.ndarray | None = None) -> None:

@@ -6,12 +6,12 @@ import numpy as np
 
 from softrobot_env.envs.observations.readouts import ChainReadout
 from softrobot_env.envs.reference import PLANE, TOP
-from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, at_timestep_of, build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
 
 

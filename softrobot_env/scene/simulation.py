@@ -1,12 +1,16 @@
 """Stepping a scene without ever hiding a diverged state."""
 
+from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import mujoco
 import numpy as np
 from mujoco import mj_step, mj_step1, mj_step2
 
-from softrobot_env.scene.build import Scene
+from softrobot_env.motion import IntegrationError, Motion, State, sample_times
+from softrobot_env.scene.build import Inputs, Scene
+from softrobot_env.scene.statics import checked_controls, finite
 
 _DIVERGED = {
     int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
@@ -130,3 +134,98 @@ class Simulation:
             f"finite or huge are {kinds} ({self.scene.timestep.integrator}, timestep "
             f"{self.model.opt.timestep:g} s)"
         )
+
+
+def simulate(
+    scene: Scene,
+    duration: float,
+    u: Inputs = None,
+    start: State | None = None,
+    *,
+    samples: np.ndarray | float | None = None,
+    gravity: np.ndarray | None = None,
+) -> Motion:
+    """Simulate a motion of a scene.
+
+    Args:
+        scene: The scene; it stays as it is.
+        duration: [s], a multiple of the control period.
+        u: Inputs; zero unless given. Constant (n_inputs,), rows (k, n_inputs) that hold for one
+            control period each, or a steady function of the time [s] that returns (n_inputs,).
+        start: Initial state; the straight pose at rest unless given.
+        samples: Instants (k,) [s] from 0 to the duration, or their distance [s], multiples of the
+            control period; start and end unless given.
+        gravity: (3,) [m/s2] in place of the scene's.
+
+    Raises:
+        ValueError: A time is no multiple of the control period, an argument is not finite or not
+            of its shape, or an input is out of its range.
+        IntegrationError: The motion diverged; the message says what and when.
+    """
+    model, period = scene.model, scene.config.control_period
+    times = sample_times(duration, samples)
+    ends = _periods(times, period)
+    controls = _controls(model, u, int(ends[-1]), period)
+    q, v = scene.start() if start is None else start
+    q, v = finite("start.q", q, (model.nq,)), finite("start.v", v, (model.nv,))
+    if gravity is not None:
+        model = copy(model)  # the caller's may be simulating in another thread
+        model.opt.gravity[:] = finite("gravity", gravity, (3,))
+        scene = replace(scene, model=model)
+    simulation = Simulation(scene)
+    simulation.reset(q, controls(0, np.zeros(1))[0])
+    simulation.data.qvel[:] = v
+    mujoco.mj_forward(model, simulation.data)
+    return Motion(times, *_followed(simulation, controls, ends))
+
+
+def _followed(
+    simulation: Simulation, controls: Callable[..., np.ndarray], ends: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """States (k, nq), (k, nv) after the numbers of control periods `ends` (k,)."""
+    data, instants = simulation.data, np.concatenate(([0.0], simulation.step_times))
+    rows = {0: (data.qpos.copy(), data.qvel.copy())}
+    for number in range(int(ends[-1])):
+        path = controls(number, instants)
+        if len(path) == 1:
+            simulation.ctrl[:] = path[0]
+        healthy = simulation.advance() if len(path) == 1 else simulation.advance_through(path)
+        if not healthy:
+            raise IntegrationError(simulation.failure() or "diverged", simulation.time)
+        if number + 1 in ends:
+            rows[number + 1] = data.qpos.copy(), data.qvel.copy()
+    q, v = zip(*(rows[int(end)] for end in ends), strict=True)
+    return np.stack(q), np.stack(v)
+
+
+def _periods(times: np.ndarray, period: float) -> np.ndarray:
+    """Numbers (k,) of control periods until times (k,) [s]."""
+    ends = np.round(times / period)
+    off = np.abs(ends * period - times) > 1e-9 * period + 1e-12 * times
+    if off.any():
+        raise ValueError(
+            f"duration and samples must be multiples of the control period of {period:g} s, got "
+            f"{times[off][0]:g} s"
+        )
+    return ends.astype(int)
+
+
+def _controls(
+    model: mujoco.MjModel, u: Inputs, periods: int, period: float
+) -> Callable[..., np.ndarray]:
+    """Function of the number of a period, and of instants (k,) [s] since its start.
+
+    Returns rows of controls (k, nu) at those instants, or one if they hold for the period.
+    """
+    if callable(u):
+        return lambda number, instants: np.stack(
+            [checked_controls(model, u(number * period + t)) for t in instants]
+        )
+    values = np.zeros(model.nu) if u is None else np.asarray(u, dtype=float)
+    if values.ndim < 2:
+        held = checked_controls(model, values)[None]
+        return lambda number, instants: held
+    if len(values) != periods:
+        raise ValueError(f"need a row of inputs for each of {periods} periods, got {len(values)}")
+    rows = np.stack([checked_controls(model, row) for row in values])
+    return lambda number, instants: rows[number : number + 1]

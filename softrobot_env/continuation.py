@@ -1,0 +1,179 @@
+"""How an equilibrium is found, alike for every model: along the path of growing loads.
+
+The path of equilibria from the robot at rest is followed by predictor and corrector, its length
+being the parameter instead of the loads' share (Riks 1979; Allgower and Georg, Introduction to
+Numerical Continuation Methods): it may turn back where the robot snaps. The steps are as long as
+Newton's method contracts fast, so that it stays on the branch that slow loading leads to.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from softrobot_env.equilibrium import EquilibriumError
+
+_ITERATIONS = 40  # from a guess
+_LARGEST_CHANGE = 0.5  # of a coordinate's scale in one iteration or step
+_CONVERGED = 1e-10
+_STALLED = 1e-7  # where a change that no longer shrinks is rounding error
+_NEAR = 1e-7  # of the path: a slender rod resists a stretch of 1e-4 with all its strength
+_CORRECTIONS = 8
+_FIRST_CORRECTION, _CONTRACTION = 0.3, 0.3  # beyond which a step is too long
+_FEW, _MANY = 3, 5  # corrections after which the next step is longer, or shorter
+_SHORTEST = 1e-5
+_STEPS = 2000
+
+
+class Newton(NamedTuple):
+    """Changes (n,) by Newton's method: to balance the forces, and per share of the loads."""
+
+    balance: np.ndarray
+    per_share: np.ndarray
+
+
+class Loaded(Protocol):
+    """A model under a share of its inputs, gravity and pretension.
+
+    Attributes:
+        scale: (n,) size of a large change of each coordinate.
+    """
+
+    scale: np.ndarray
+
+    def newton(self, q: np.ndarray, share: float) -> Newton | None:
+        """Newton's changes at q, None where the stiffness is singular or not finite."""
+
+    def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Coordinates changed by (n,)."""
+
+
+class _Point(NamedTuple):
+    """An equilibrium q (n,) under a share of the loads, and the path's direction there."""
+
+    q: np.ndarray
+    share: float
+    turn: np.ndarray
+    growth: float
+
+
+def find_equilibrium(
+    loaded: Loaded, rest: np.ndarray, guess: np.ndarray | None, load_steps: int
+) -> np.ndarray:
+    """Equilibrium under full loads, near a guess or else where slow loading leads.
+
+    Args:
+        loaded: The model and its loads.
+        rest: Coordinates in equilibrium without loads.
+        guess: Coordinates, tried first.
+        load_steps: Least number of equal steps of the loads.
+
+    Raises:
+        EquilibriumError: The path does not reach the loads, or could not be followed.
+    """
+    q = None if guess is None else _near(loaded, guess)
+    return _follow(loaded, rest, load_steps) if q is None else q
+
+
+def _size(loaded: Loaded, change: np.ndarray) -> float:
+    """Largest change of a coordinate relative to its scale."""
+    return float(np.max(np.abs(change) / loaded.scale))
+
+
+def _near(loaded: Loaded, q: np.ndarray) -> np.ndarray | None:
+    """Equilibrium (n,) under full loads by damped iterations, None if they do not converge."""
+    before = np.inf
+    for _ in range(_ITERATIONS):
+        change = loaded.newton(q, 1.0)
+        if change is None:
+            return None
+        size = _size(loaded, change.balance)
+        share = min(1.0, _LARGEST_CHANGE / size) if size > 0 else 1.0
+        q = loaded.moved(q, share * change.balance)
+        if _converged(size, before):
+            return q
+        before = size
+    return None
+
+
+def _converged(size: float, before: float) -> bool:
+    return size < _CONVERGED or (size < _STALLED and size > 0.5 * before)
+
+
+def _follow(loaded: Loaded, rest: np.ndarray, load_steps: int) -> np.ndarray:
+    """Equilibrium (n,) under full loads at the end of the path from rest."""
+    tangent = loaded.newton(rest, 0.0)
+    if tangent is None:
+        raise EquilibriumError("nothing holds the robot: its stiffness at rest is singular")
+    point = _point(loaded, rest, 0.0, tangent.per_share, None)
+    length, furthest = _LARGEST_CHANGE, 0.0
+    for _ in range(_STEPS):
+        length = min(length, 1 / load_steps / max(abs(point.growth), 1e-12))
+        found, corrections = _step(loaded, point, length)
+        if found is None:
+            length /= 2
+            if length < _SHORTEST:
+                raise EquilibriumError(_lost(furthest, "could not be followed any further"))
+            continue
+        if found.share == 1.0:
+            return found.q
+        point, furthest = found, max(furthest, found.share)
+        if point.share < 0:
+            raise EquilibriumError(_lost(furthest, "turns back there and never reaches them"))
+        if corrections <= _FEW:
+            length = min(2 * length, _LARGEST_CHANGE)
+        elif corrections >= _MANY:
+            length /= 1.5
+    raise EquilibriumError(_lost(furthest, f"goes on for more than {_STEPS} steps"))
+
+
+def _lost(share: float, why: str) -> str:
+    return (
+        f"no equilibrium beyond {share:.1%} of the loads: the path of equilibria that growing "
+        f"loads lead along {why}"
+    )
+
+
+def _point(
+    loaded: Loaded, q: np.ndarray, share: float, per_share: np.ndarray, old: _Point | None
+) -> _Point:
+    """A point whose direction has size one and goes on from an old one."""
+    size = max(_size(loaded, per_share), 1.0)
+    turn, growth = per_share / size, 1 / size
+    if old is not None:
+        weights = loaded.scale**-2
+        if turn @ (weights * old.turn) + growth * old.growth < 0:
+            turn, growth = -turn, -growth
+    return _Point(q, share, turn, growth)
+
+
+def _step(loaded: Loaded, start: _Point, length: float) -> tuple[_Point | None, int]:
+    """The next point, None if the step is too long, and the corrections it took.
+
+    Newton's method runs across the path's direction, or at full loads where they would be passed.
+    """
+    final = start.share + length * start.growth >= 1
+    if final:
+        length = (1 - start.share) / start.growth
+    q = loaded.moved(start.q, length * start.turn)
+    share = 1.0 if final else start.share + length * start.growth
+    weights, before = loaded.scale**-2 * start.turn, np.inf
+    for correction in range(_CORRECTIONS):
+        change = loaded.newton(q, share)
+        if change is None:
+            return None, correction
+        rise = 0.0
+        if not final:
+            ahead = weights @ change.per_share + start.growth
+            rise = -(weights @ change.balance) / ahead
+        moved = change.balance + rise * change.per_share
+        size = max(_size(loaded, moved), abs(rise))
+        contracts = size < _CONTRACTION * before or size < _STALLED
+        if not (size < _FIRST_CORRECTION and contracts):
+            return None, correction
+        q, share = loaded.moved(q, moved), share + rise
+        if _converged(size, before) if final else size < _NEAR:
+            if share > 1:  # the loads were passed by
+                return None, correction
+            return _point(loaded, q, share, change.per_share, start), correction
+        before = size
+    return None, _CORRECTIONS

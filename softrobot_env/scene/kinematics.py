@@ -1,0 +1,89 @@
+"""Places on a chain in a posture, how they move, and how long its tendons are."""
+
+import mujoco
+import numpy as np
+
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.chain import TIP_SITE, joint_angles
+from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.tendons import full_length
+
+
+def places(
+    robot: RobotParams, layout: HingeLayout, stations: np.ndarray, offsets: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Bodies (k,) that carry points of the robot, and the points (k, 3) [m] in their axes.
+
+    Args:
+        robot, layout: Of the chain. A station on a hinge belongs to the link above it.
+        stations: (k,) [m] from 0 to the robot's length.
+        offsets: (k, 2) [m] in the section; on the centreline if None.
+
+    Raises:
+        ValueError: A point is off the robot, or the shapes do not fit.
+    """
+    stations = np.atleast_1d(np.asarray(stations, dtype=float))
+    on = (stations >= 0) & (stations <= robot.length * (1 + 1e-12))
+    if not np.all(on):
+        raise ValueError(f"stations must lie between 0 and {robot.length} m, got {stations[~on]}")
+    if offsets is not None and np.shape(offsets) != (len(stations), 2):
+        raise ValueError(f"offsets must have shape ({len(stations)}, 2), got {np.shape(offsets)}")
+    body = np.searchsorted(layout.stations, stations, side="right")
+    points = np.zeros((len(stations), 3))
+    points[:, 2] = stations - np.concatenate(([0.0], layout.stations))[body]
+    if offsets is not None:
+        points[:, :2] = offsets
+    return body, points
+
+
+def positions(
+    model: mujoco.MjModel, q: np.ndarray, body: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """Positions (T, k, 3) [m] of points (k, 3) of bodies (k,) in postures (T, nq)."""
+    data, out = mujoco.MjData(model), np.empty((len(q), len(body), 3))
+    for posture, row in zip(q, out, strict=True):
+        data.qpos[:] = posture
+        mujoco.mj_kinematics(model, data)
+        axes = data.xmat[body].reshape(-1, 3, 3)
+        row[:] = data.xpos[body] + (axes @ points[:, :, None])[:, :, 0]
+    return out
+
+
+def tips(model: mujoco.MjModel, q: np.ndarray) -> np.ndarray:
+    """Positions (T, 3) [m] of the tip in postures (T, nq): of a head, its output point."""
+    site = model.site(TIP_SITE)
+    return positions(model, q, site.bodyid, site.pos[None])[:, 0]
+
+
+def velocities(
+    model: mujoco.MjModel, q: np.ndarray, v: np.ndarray, body: np.ndarray, points: np.ndarray
+) -> np.ndarray:
+    """Velocities (k, 3) [m/s] of points (k, 3) of bodies (k,) at q (nq,), v (nv,)."""
+    data, jacobian = mujoco.MjData(model), np.empty((3, model.nv))
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    out = np.empty((len(body), 3))
+    for row, number, point in zip(out, body, points, strict=True):
+        place = data.xpos[number] + data.xmat[number].reshape(3, 3) @ point
+        mujoco.mj_jac(model, data, jacobian, None, place, number)
+        row[:] = jacobian @ v
+    return out
+
+
+def curvature(model: mujoco.MjModel, layout: HingeLayout, q: np.ndarray) -> np.ndarray:
+    """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece in a posture (nq,)."""
+    angles = joint_angles(model, q)
+    out = np.zeros((layout.pieces, 3))
+    for column, (axis, sign) in enumerate(((1, 1), (0, -1), (2, 1))[: angles.shape[1]]):
+        np.add.at(out[:, axis], layout.piece, sign * angles[:, column])
+    return out / layout.piece_length
+
+
+def tendon_lengths(model: mujoco.MjModel, robot: RobotParams, q: np.ndarray) -> np.ndarray:
+    """Lengths (n_tendons,) [m] inside the robot in a posture (nq,)."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = q
+    for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
+        compute(model, data)
+    return data.ten_length[: len(robot.tendons)] + full_length(robot)

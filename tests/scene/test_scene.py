@@ -1,0 +1,218 @@
+"""What a scene offers to Python, in the words of the beam models: places, motions, equilibria."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.beams.exact.analytic import rayleigh_frequency
+from softrobot_env.motion import IntegrationError, State
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, Head, Tendon
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.chain import posture
+from softrobot_env.scene.config import SceneConfig
+
+WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
+LENGTH = WEIGHTLESS.length
+TWISTING = {"bending": "spatial", "torsion": True}
+KINDS = {
+    "planar": (WEIGHTLESS, {}),
+    "universal": (WEIGHTLESS, {"bending": "spatial"}),
+    "ball": (WEIGHTLESS, TWISTING),
+    "three_hinges": (replace(WEIGHTLESS, poisson_ratio=0.4), TWISTING),
+}
+
+
+def scene(kind="planar", robot=None, **options):
+    default, bending = KINDS[kind]
+    return build_scene(SceneConfig(robot or default, **bending, **options))
+
+
+def bent(built, seed=0):
+    """A posture."""
+    q = built.model.qpos0.copy()
+    turns = np.random.default_rng(seed).normal(0, 0.2, built.model.nv)
+    mujoco.mj_integratePos(built.model, q, turns, 1.0)
+    return q
+
+
+# --- places -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_positions_are_those_of_sites_at_the_stations(kind):
+    loads = tuple(Load(f"l{k}", s) for k, s in enumerate((0.0, 0.21, 0.5, LENGTH)))
+    built = scene(kind, loads=loads)
+    q = bent(built)
+    data = mujoco.MjData(built.model)
+    data.qpos[:] = q
+    mujoco.mj_forward(built.model, data)
+    truth = [data.site(f"{load.name}_point").xpos for load in loads]
+    stations = np.array([load.station for load in loads])
+    np.testing.assert_allclose(built.positions(q, stations), truth, atol=1e-14)
+    np.testing.assert_allclose(built.tip(q), truth[-1], atol=1e-14)
+    series = np.stack([q, built.start().q])
+    np.testing.assert_allclose(built.positions(series, stations)[0], truth, atol=1e-14)
+    straight = np.outer(stations, [0, 0, 1])
+    np.testing.assert_allclose(built.positions(series, stations)[1], straight, atol=1e-14)
+    assert built.tip(series).shape == (2, 3)
+
+
+def test_offsets_are_material_points_of_the_section():
+    built = scene("three_hinges")
+    q, station = bent(built), np.array([0.37])
+    sides = [built.positions(q, station, np.array([o])) for o in ((0.02, 0.0), (0.0, 0.01))]
+    along_x, along_y = (side[0] - built.positions(q, station)[0] for side in sides)
+    assert np.linalg.norm(along_x) == pytest.approx(0.02)
+    assert np.linalg.norm(along_y) == pytest.approx(0.01)
+    assert along_x @ along_y == pytest.approx(0, abs=1e-15)
+
+
+def test_tip_of_a_head_is_its_output_point():
+    head = Head(mass=0.1, centre=0.02, inertia=(1e-4, 1e-4, 1e-4), output=0.05)
+    built = scene(robot=replace(WEIGHTLESS, head=head))
+    np.testing.assert_allclose(built.tip(built.start().q), [0, 0, LENGTH + 0.05])
+    np.testing.assert_allclose(built.positions(built.start().q, LENGTH), [[0, 0, LENGTH]])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_velocities_are_the_rate_of_the_positions(kind):
+    built, step = scene(kind), 1e-6
+    q, v = bent(built), np.random.default_rng(1).normal(size=built.model.nv)
+    stations, ends = np.array([0.0, 0.2, LENGTH]), []
+    for time in (-step, step):
+        end = q.copy()
+        mujoco.mj_integratePos(built.model, end, v, time)
+        ends.append(built.positions(end, stations))
+    truth = (ends[1] - ends[0]) / (2 * step)
+    np.testing.assert_allclose(built.velocities(q, v, stations), truth, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_curvature_is_about_x_y_and_z(kind):
+    """Pieces of constant curvature towards +x, +y and about the axis."""
+    built = scene(kind)
+    n = {"planar": 1, "universal": 2}.get(kind, 3)
+    towards = np.random.default_rng(2).uniform(-1, 1, (built.layout.pieces, 3))[:, :n]
+    angles = towards[built.layout.piece] * built.layout.weights[:, None]
+    truth = np.zeros((built.layout.pieces, 3))
+    for axis, column in zip((1, 0, 2), towards.T, strict=False):
+        truth[:, axis] = column
+    truth[:, 0] *= -1
+    found = built.curvature(posture(built.model, angles))
+    np.testing.assert_allclose(found, truth, atol=1e-12)
+
+
+@pytest.mark.parametrize("guides", [(), (0.2, 0.4)], ids=["channel", "guides"])
+def test_tendon_length_is_what_is_inside(guides):
+    tendon = Tendon("t", (0.02, 0.0), LENGTH, 0, 80.0, guides=guides)
+    built = scene("universal", replace(WEIGHTLESS, tendons=(tendon,)))
+    assert built.tendon_length(built.start().q) == pytest.approx([LENGTH])
+    q = bent(built)
+    if guides:
+        stations, offset = np.array([0.0, *guides, LENGTH]), np.tile([0.02, 0.0], (4, 1))
+        spans = np.diff(built.positions(q, stations, offset), axis=0)
+        truth = np.linalg.norm(spans, axis=1).sum()
+    else:
+        truth = LENGTH - 0.02 * built.curvature(q)[:, 1].sum() * built.layout.piece_length
+    assert built.tendon_length(q) == pytest.approx([truth])
+
+
+# --- equilibria and motions -------------------------------------------------------------------
+
+
+def test_inputs_are_tendons_then_loads():
+    built = build_scene(SceneConfig(ARM, loads=(Load("push", 0.3, (1.0, 0, 0)),)))
+    assert built.input_names == (*(t.name for t in ARM.tendons), "push")
+    assert built.n_inputs == len(ARM.tendons) + 1
+    np.testing.assert_allclose(built.equilibrium(), 0, atol=1e-3 if ARM.gravity[0] else 1e-12)
+
+
+def test_a_small_swing_has_the_beams_frequency():
+    """Half a period after it was let go at rest the first mode is on the other side."""
+    robot = replace(WEIGHTLESS, damping_time=0.0)
+    rotary = robot.density * robot.second_moment
+    stiffness = robot.bending_stiffness
+    half = 0.5 / rayleigh_frequency(LENGTH, stiffness, robot.mass_per_length, rotary)
+    built = scene(robot=robot, control_period=half / 50, pieces=12)
+    first = SceneConfig(robot, pieces=12, loads=(Load("pull", LENGTH, (1e-3, 0, 0)),))
+    # What a force on the tip bends is the first mode to 3 %, and starts slow.
+    start = build_scene(first).equilibrium(np.ones(1))
+    motion = built.simulate(2 * half, start=State(start, np.zeros(built.model.nv)), samples=half)
+    tips = built.tip(motion.q)[:, 0]
+    np.testing.assert_allclose(tips[1:] / tips[0], [-1, 1], atol=0.06)
+    np.testing.assert_allclose(motion.time, [0, half, 2 * half])
+    assert motion.q.shape == (3, built.model.nq)
+    np.testing.assert_array_equal(motion.end.v, motion.v[-1])
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_damped_motion_ends_in_the_equilibrium_of_its_gravity(kind):
+    robot = replace(KINDS[kind][0], damping_time=0.3)
+    built, gravity = scene(kind, robot, pieces=2), np.array([4.0, 0.0, -2.0])
+    truth = built.equilibrium(gravity=gravity)
+    end = built.simulate(12.0, gravity=gravity).end
+    np.testing.assert_allclose(end.q, truth, atol=1e-5)
+    np.testing.assert_array_equal(built.model.opt.gravity, 0.0)
+
+
+def test_inputs_may_be_held_or_steady():
+    """Rows at the middle of short periods come to the motion that a function gives.
+
+    But for the half timestep by which integrators of first order let held forces act early.
+    """
+    load = Load("push", LENGTH, (1.0, 0.0, 0.0))
+    built = scene(pieces=3, loads=(load,), control_period=1e-3)
+
+    def ramp(time):
+        return np.array([np.sin(3 * time)])
+
+    truth = built.tip(built.simulate(0.2, ramp).end.q)
+    rows = np.stack([ramp((k + 0.5) * 1e-3) for k in range(200)])
+    held = built.tip(built.simulate(0.2, rows).end.q)
+    still = built.tip(built.simulate(0.2, np.zeros(1)).end.q)
+    assert np.linalg.norm(truth - still) > 5e-3
+    speed = np.linalg.norm(truth - built.tip(built.simulate(0.199, ramp).end.q)) / 1e-3
+    assert np.linalg.norm(held - truth) < 0.6e-3 * speed
+    constant = built.simulate(0.2, np.ones(1))
+    np.testing.assert_array_equal(built.simulate(0.2, np.ones((200, 1))).q, constant.q)
+
+
+def test_a_motion_goes_on_where_another_ended():
+    load = Load("push", LENGTH, (1.0, 0.0, 0.0))
+    built = scene("ball", pieces=3, loads=(load,))
+    whole = built.simulate(0.2, np.ones(1), samples=0.1)
+    part = built.simulate(0.1, np.ones(1), start=State(whole.q[1], whole.v[1]))
+    np.testing.assert_allclose(part.q[-1], whole.q[-1], atol=1e-6)
+
+
+def test_divergence_is_an_error():
+    with pytest.warns(UserWarning, match="stability limit"):
+        built = scene(integrator="Euler", timestep=0.05, control_period=0.05)
+    v = np.full(built.model.nv, 50.0)
+    with pytest.raises(IntegrationError, match="diverged") as error:
+        built.simulate(5.0, start=State(built.start().q, v))
+    assert 0 < error.value.time < 5
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s: s.simulate(0.015), "multiples of the control period of 0.01 s, got 0.015 s"),
+        (lambda s: s.simulate(-1.0), "duration must be positive"),
+        (lambda s: s.simulate(0.1, np.full(1, np.nan)), "controls must be finite"),
+        (lambda s: s.simulate(0.1, lambda t: np.full(1, np.inf)), "controls must be finite"),
+        (lambda s: s.simulate(0.1, np.zeros((3, 1))), "a row of inputs for each of 10 periods"),
+        (lambda s: s.simulate(0.1, gravity=[0, 0]), "need gravity of shape"),
+        (lambda s: s.simulate(0.1, start=State(np.zeros(3), np.zeros(12))), "need start.q"),
+        (lambda s: s.positions(np.zeros(12), 2.0), "stations must lie between 0 and"),
+        (lambda s: s.positions(np.zeros(3), 0.1), "need postures of 12 numbers each"),
+        (lambda s: s.positions(np.zeros(12), [0.1], [[0, 0, 0]]), "offsets must have shape"),
+        (lambda s: s.equilibrium(np.zeros(3)), r"need controls of shape \(1,\)"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(call, message):
+    with pytest.raises(ValueError, match=message):
+        call(scene(loads=(Load("push", LENGTH, (1.0, 0, 0)),)))
