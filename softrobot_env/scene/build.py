@@ -23,7 +23,6 @@ from softrobot_env.scene.timestep import (
     linearize,
 )
 
-
 _RUBS = "discrete includes the damping where tendons rub"
 
 

@@ -5,7 +5,7 @@ from math import cos, inf, nan, sin
 
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
-from softrobot_env.scene.timestep import EXTRAPOLATION, SHARE
+from softrobot_env.scene.timestep import EXTRAPOLATION
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")
@@ -18,6 +18,9 @@ INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete", "implicit", "Euler", "
 
 #: Name of the camera that a visible scene has.
 FRONT_CAMERA = "front"
+
+#: Accuracy in time unless another is wanted.
+DEFAULT_SHARE = "0.1%"
 
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
@@ -120,7 +123,7 @@ class SceneConfig:
     appearance: Appearance | None = None
     bending: str = "planar"
     torsion: bool = False
-    accuracy: float | str = f"{SHARE:.1%}"
+    accuracy: float | str = DEFAULT_SHARE
 
     def __post_init__(self) -> None:
         chosen = {"actuation": ACTUATIONS, "bending": BENDING}

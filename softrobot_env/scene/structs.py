@@ -14,7 +14,7 @@ import mujoco
 _SMALL = """<mujoco><worldbody><body><joint type="ball" stiffness="1"/><geom size="1"/>
 <body><joint name="k"/><geom size="1"/></body></body></worldbody>
 <tendon><fixed name="t"><joint joint="k" coef="1"/></fixed></tendon>
-<actuator><motor tendon="t"/></actuator></mujoco>"""
+<actuator><motor tendon="t"/></actuator><sensor><jointpos joint="k"/></sensor></mujoco>"""
 
 _WORD = 8
 _SEARCHED = 20_000  # bytes after which a structure has ended

@@ -49,15 +49,11 @@ FRICTION_STEP = 2e-3
 #: Our own integrator, of `scene.integration`.
 EXTRAPOLATION = "extrapolation"
 
-#: Default of the wanted accuracy, as a share of the length.
-SHARE = 1e-3
+#: The rate of `scene.extrapolation` over the first angular frequency [1].
+RATE = 5.0
 
-#: An error of the acceleration that lasts a step moves the tip by less than 1 / (this times the
-#: first angular frequency)^2 of it.
-_MEMORY = 8.0
-
-#: [s], longest steps, also of tendons that servos wind up.
-LONGEST, LONGEST_WINDING = 1e-2, 5e-3
+#: [s], longest timestep where servos wind up tendons: their way is told once a timestep.
+LONGEST_WINDING = 5e-3
 
 
 class TimestepWarning(UserWarning):
@@ -77,7 +73,7 @@ class TimestepChoice:
         reason: One sentence for people.
         accuracy: [m], error of the backbone's position that is wanted; None where the integrator
             does not look at its error.
-        tolerance: [m/s2], error of an acceleration that a step may have.
+        rate: [1/s], see `scene.extrapolation`.
     """
 
     integrator: str
@@ -87,7 +83,7 @@ class TimestepChoice:
     stability_limit: float
     reason: str
     accuracy: float | None = None
-    tolerance: float = inf
+    rate: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -250,9 +246,8 @@ def extrapolation(
         winding: Whether tendons are driven by length.
     """
     frequency = slowest(robot, winding)
-    longest = timestep or (LONGEST_WINDING if winding else LONGEST)
+    longest = timestep or (LONGEST_WINDING if winding else control_period)
     substeps = max(1, ceil(control_period / longest - 1e-9))
-    tolerance = accuracy * (_MEMORY * frequency) ** 2
     return TimestepChoice(
         integrator=EXTRAPOLATION,
         timestep=control_period / substeps,
@@ -262,7 +257,7 @@ def extrapolation(
         reason=f"steps are as long as {1e3 * accuracy:.3g} mm allow, at most "
         f"{1e3 * control_period / substeps:.3g} ms",
         accuracy=accuracy,
-        tolerance=tolerance,
+        rate=RATE * frequency,
     )
 
 

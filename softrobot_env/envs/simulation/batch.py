@@ -6,7 +6,6 @@ import numpy as np
 from softrobot_env.envs.simulation.pool import Pool
 from softrobot_env.robots import NEUTRAL, VARIABLE
 from softrobot_env.scene.build import Scene, choice_of
-from softrobot_env.scene.integration import Integration, advance
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
 from softrobot_env.scene.timestep import EXTRAPOLATION
 
@@ -43,10 +42,16 @@ class BatchSimulation:
         """
         self.scene = scene
         self._batch = Pool(scene.model, count, threads)
+        from softrobot_env.scene.integration import TOLD_FIELDS, Integration
+
         self._integration = Integration(scene.model, scene.timestep, count)
-        names = ("qpos", "qvel", "ctrl", "sensordata", "ten_length", "actuator_force")
-        for name in names:
+        for name in ("qpos", "qvel", "ctrl"):
             setattr(self, name, self._batch.bind(name))
+        example = mujoco.MjData(scene.model)
+        told = {name: np.zeros((count, *getattr(example, name).shape)) for name in TOLD_FIELDS}
+        for name, array in told.items():
+            setattr(self, name, array)
+        self._integration.tell(**told)
         self._warnings = self._batch.warnings
         self._no_warnings = bytes(self._warnings.nbytes)
         self._nobody = np.zeros(count, dtype=bool)
@@ -110,6 +115,14 @@ class BatchSimulation:
             self._batch.expand("opt.integrator")[which] = np.where(rubbing, _DISCRETE, nominal)
 
     @property
+    def integration_error(self) -> np.ndarray | None:
+        """Estimated errors (n,) [m] in time since the resets; None with MuJoCo's integrators.
+
+        Zero for robots with tendon friction, which MuJoCo integrates.
+        """
+        return self._integration.error(self.scene.timestep)
+
+    @property
     def count(self) -> int:
         """Number of simulations."""
         return self._batch.count
@@ -124,7 +137,7 @@ class BatchSimulation:
         """
         self._batch.reset(which)
         self.qpos[which], self.ctrl[which] = qpos, ctrl
-        self._batch.forward(which)
+        self._batch.apply(which, self._integration.refresh, self._integration.header)
         self._integration.restart(which)
 
     def advance(self, which: np.ndarray | None = None) -> np.ndarray:
@@ -136,7 +149,7 @@ class BatchSimulation:
         Returns:
             (n,) bool, whether each has diverged; read-only.
         """
-        self._batch.apply(which, advance.address, self._integration.header)
+        self._batch.apply(which, self._integration.advance, self._integration.header)
         if self._warnings.tobytes() == self._no_warnings:
             return self._nobody
         return self._warnings[:, :, 1].any(axis=1)

@@ -7,7 +7,6 @@ import mujoco
 import numpy as np
 
 from softrobot_env.scene.build import Scene
-from softrobot_env.scene.integration import MISSED, Integration, advance
 from softrobot_env.scene.timestep import TimestepWarning
 
 _DIVERGED = {
@@ -30,6 +29,8 @@ class Simulation:
         self.scene = scene
         self.model = scene.model
         self.data = mujoco.MjData(scene.model)
+        from softrobot_env.scene.integration import Integration  # compiled, takes time to load
+
         self._integration = Integration(scene.model, scene.timestep)
         self._warned = False
         self._connect()
@@ -37,12 +38,13 @@ class Simulation:
     def _connect(self) -> None:
         """Take views and addresses, which a copy has of its own."""
         self._warnings = self.data.warning.number
-        self._memory = self._integration.memory[0]
-        addresses = self.model._address, self.data._address, 0, self._integration.header
-        self._arguments = addresses
+        integration = self._integration
+        self._missed = integration.missed
+        self._compiled = integration.advance
+        self._arguments = self.model._address, self.data._address, 0, integration.header
 
     def __getstate__(self) -> dict:
-        views = {"_warnings", "_memory", "_arguments"}
+        views = {"_warnings", "_missed", "_compiled", "_arguments"}
         return {k: v for k, v in self.__dict__.items() if k not in views}
 
     def __setstate__(self, state: dict) -> None:
@@ -83,8 +85,8 @@ class Simulation:
         Returns:
             Whether all went well; if not, `failure` says what happened.
         """
-        _advance(*self._arguments)
-        if self._memory[MISSED]:
+        self._compiled(*self._arguments)
+        if self._missed[0]:
             self._tell()
         return self._warnings.tobytes() == _HEALTHY
 
@@ -142,6 +144,3 @@ class Simulation:
             f"simulation diverged in the control period ending at t = {self.data.time:.3f} s: not "
             f"finite or huge are {kinds} ({choice.integrator}, timestep {choice.timestep:g} s)"
         )
-
-
-_advance = advance.ctypes

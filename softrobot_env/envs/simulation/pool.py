@@ -40,10 +40,8 @@ def _library() -> ctypes.CDLL:
         ("nstate", whole, (pointer,)),
         ("stateComponent", pointer, (pointer, whole, sizes)),
         ("warning", pointer, (pointer,)),
-        ("output", pointer, (pointer, text, sizes, sizes)),
         ("expand", pointer, (pointer, text, sizes, sizes)),
         ("setConst", whole, (pointer, pointer, whole)),
-        ("forward", whole, (pointer, pointer, whole, whole)),
         ("reset", whole, (pointer, pointer, whole, pointer, whole)),
         ("apply", whole, (pointer, pointer, whole, pointer, pointer, whole)),
         ("error", text, (pointer, whole)),
@@ -73,7 +71,6 @@ class Pool:
             RuntimeError: What MuJoCo says.
         """
         self._c, self.count, self._model = _library(), count, model
-        self._data = mujoco.MjData(model)
         settings, error = _Settings(threads, True), ctypes.create_string_buffer(_ERROR)
         self._batch = self._c.mjb_makeBatch(
             model._address, count, ctypes.byref(settings), error, _ERROR
@@ -90,30 +87,11 @@ class Pool:
             self._c.mjb_deleteBatch(self._batch)
 
     def bind(self, name: str) -> np.ndarray:
-        """Array (n, ...) of a field of `MjData`, current after every call; a state to be written to.
-
-        Raises:
-            ValueError: There is none.
-        """
-        like = getattr(self._data, name)
-        size, bytes_ = ctypes.c_int(), ctypes.c_int()
-        if name in _STATE:
-            row = self._c.mjb_nstate(self._batch)
-            start = self._c.mjb_stateComponent(
-                self._batch, int(_STATE[name]), ctypes.byref(size)
-            )
-            # The row from this component on, a row's length apart.
-            flat = np.ctypeslib.as_array(
-                ctypes.cast(start, ctypes.POINTER(ctypes.c_double)),
-                ((self.count - 1) * row + size.value,),
-            )
-            return np.lib.stride_tricks.as_strided(
-                flat, (self.count, size.value), (8 * row, 8)
-            )
-        start = self._c.mjb_output(
-            self._batch, name.encode(), ctypes.byref(size), ctypes.byref(bytes_)
-        )
-        return self._field(start, name, like)
+        """Array (n, k) of a part of the state, "qpos", "qvel" or "ctrl", to be written to."""
+        size, row = ctypes.c_int(), self._c.mjb_nstate(self._batch)
+        start = self._c.mjb_stateComponent(self._batch, int(_STATE[name]), ctypes.byref(size))
+        flat = _view(start, ((self.count - 1) * row + size.value,), float)
+        return np.lib.stride_tricks.as_strided(flat, (self.count, size.value), (8 * row, 8))
 
     def expand(self, name: str) -> np.ndarray:
         """Array (n, ...) of a field of the model, from now on of every simulation's own.
@@ -144,14 +122,14 @@ class Pool:
         """Set simulations `which` (k,) to their start, without computing anything."""
         self._call(self._c.mjb_reset, which, None, int(mujoco.mjtStage.mjSTAGE_NONE))
 
-    def forward(self, which: np.ndarray) -> None:
-        """Compute everything of simulations `which` (k,) up to the accelerations."""
-        self._call(self._c.mjb_forward, which, int(mujoco.mjtStage.mjSTAGE_ACC))
-
-    def apply(self, which: np.ndarray | None, function: int, argument: int) -> None:
+    def apply(self, which: np.ndarray | None, function: Any, argument: int) -> None:
         """Run a C function (model, data, number, argument) on simulations `which` (k,)."""
         self._call(
-            self._c.mjb_apply, self._everyone if which is None else which, function, argument, 1
+            self._c.mjb_apply,
+            self._everyone if which is None else which,
+            ctypes.cast(function, ctypes.c_void_p),
+            argument,
+            1,
         )
 
     def _call(self, function: Any, which: np.ndarray, *arguments: Any) -> None:
