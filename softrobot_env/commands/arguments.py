@@ -37,7 +37,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         "--accuracy",
         metavar="A",
         help="wanted accuracy in time of any point of the robot: m, or a share of its length; "
-        f"default: {DEFAULT_SHARE}",
+        f"default: {DEFAULT_SHARE}".replace("%", "%%"),
     )
     group.add_argument("--integrator", help=f"out of {', '.join(INTEGRATORS)}; default: by rule")
 
