@@ -373,23 +373,25 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
                     )
                     if error <= 1:
                         break
-            if error <= 1 or h <= memory[SHORTEST]:
+            if error <= 1 or not h > memory[SHORTEST]:
                 break
             ratio = 1 / error  # not a number where the step has blown up
             h *= max(0.25, 0.9 * ratio ** (1 / (used - 1))) if ratio > 0 else 0.25
             h = (duration - time) / np.ceil((duration - time) / max(h, memory[SHORTEST]))
+        best = used - 1
         if not error <= 1:
             memory[MISSED] += 1
+            best = 0  # plain Euler steps, which are stable
         memory[WORST] = max(memory[WORST], error) if error == error else np.inf
         memory[STEPS] += 1
         accel = _reals(data, header[_QACC], nv)
         q[:] = q0
-        _integrate(model, q.ctypes.data, turn[used - 1].ctypes.data, 1.0)
+        _integrate(model, q.ctypes.data, turn[best].ctypes.data, 1.0)
         for i in range(nv):
-            v[i] = speed[used - 1, i]
+            v[i] = speed[best, i]
             accel[i] = (v[i] - v0[i]) / h
         time += h
-        growth = 0.8 * (1 / max(error, 1e-300)) ** (1 / (used - 1))
+        growth = 0.8 * (1 / max(error, 1e-300)) ** (1 / (used - 1)) if error < np.inf else 0.5
         # A row too many costs less than an interval too short.
         length = h * min(max(growth, 0.5), 2.0)
         length = min(max(length, memory[SHORTEST]), memory[LONGEST])
