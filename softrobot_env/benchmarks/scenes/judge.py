@@ -22,19 +22,9 @@ from softrobot_env.benchmarks.scenes.rows import (
     row_of,
 )
 from softrobot_env.benchmarks.stability.runs import neutral_scene, silent_warnings
-from softrobot_env.envs.simulation.mujoco import Simulation
 from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning
-
-#: Accuracy [share of the length] that is asked for where a scene says nothing.
-ASKED = 0.01
-
-
-def asked(drawn: RandomScene) -> float:
-    """Accuracy [m] that is asked for."""
-    length = drawn.config.robot.length
-    return getattr(drawn.config, "wanted_accuracy", ASKED * length)
-
 
 #: A truth is good enough if it is known to this share of the accuracy asked for, or of the error.
 _CLEAR, _CLEARLY_WRONG = 0.25, 0.1
@@ -81,7 +71,7 @@ def judge(drawn: RandomScene, **forced: Any) -> Row:
         truth = _truth(drawn, own)
     error = None if own.tips is None or truth.tips is None else distance(own.tips, truth.tips)
     verdict = _verdict(drawn, own, truth, error)
-    return row_of(drawn, own, truth, verdict, error, asked(drawn))
+    return row_of(drawn, own, truth, verdict, error, drawn.config.wanted_accuracy)
 
 
 def _own_run(drawn: RandomScene) -> OwnRun:
@@ -97,7 +87,7 @@ def _own_run(drawn: RandomScene) -> OwnRun:
     begin = perf_counter()
     tips, failure = _advance(simulation, start_posture(scene, drawn), drawn.controls)
     wall_time = perf_counter() - begin
-    estimate = getattr(simulation, "integration_error", None)
+    estimate = simulation.integration_error
     return OwnRun(scene, None, tips, failure, wall_time, estimate)
 
 
@@ -123,7 +113,7 @@ def _truth(drawn: RandomScene, own: OwnRun) -> Refined:
 
     def enough(tips: np.ndarray, uncertainty: float) -> bool:
         error = 0.0 if own.tips is None else distance(own.tips, tips)
-        return uncertainty <= max(_CLEAR * asked(drawn), _CLEARLY_WRONG * error)
+        return uncertainty <= max(_CLEAR * drawn.config.wanted_accuracy, _CLEARLY_WRONG * error)
 
     truth = refine(neutral_scene(drawn.config), drawn, enough)
     clear = truth.tips is not None and enough(truth.tips, truth.uncertainty)
@@ -135,7 +125,7 @@ def _verdict(drawn: RandomScene, own: OwnRun, truth: Refined, error: float | Non
         return REPORTED
     if error is None:
         return UNJUDGED
-    if error <= asked(drawn):
+    if error <= drawn.config.wanted_accuracy:
         return ACCURATE
     if own.warning is not None:
         return WARNED
