@@ -178,11 +178,11 @@ def _tendons(
             (lever * cos(angle), lever * sin(angle) if spatial else 0.0),
             end,
             index // 2,
-            tension_limit=limit,
+            tension_limit=float(limit),
             guides=tuple(map(float, guides)),
             stiffness=stiffness * robot.bending_stiffness / (end * lever**2),
-            pretension=pretension * limit,
-            friction=friction * limit,
+            pretension=float(pretension * limit),
+            friction=float(friction * limit),
         )
         out.append(tendon if length_drive else replace(tendon, stiffness=float("inf")))
     return tuple(out)
