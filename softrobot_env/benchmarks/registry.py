@@ -27,17 +27,21 @@ class Benchmark:
         tables: Records as tables of a terminal.
         plot: Draws records to a PNG of the given path, and others beside it; None if there is no
             picture.
+        options: Further keywords of `run`, out of those of `softrobot benchmark`.
     """
 
     run: Callable[..., Records]
     tables: Callable[[Records], Group]
     plot: Callable[[Records, Path], None] | None = None
+    options: tuple[str, ...] = ()
 
 
-def _found_at(run: str, tables: str, plot: str | None = None) -> Callable[[], Benchmark]:
+def _found_at(
+    run: str, tables: str, plot: str | None = None, options: tuple[str, ...] = ()
+) -> Callable[[], Benchmark]:
     """What loads a benchmark whose functions are at these paths."""
     paths = (run, tables) if plot is None else (run, tables, plot)
-    return lambda: Benchmark(*map(load, paths))
+    return lambda: Benchmark(*map(load, paths), options=options)
 
 
 #: Name -> function that loads the benchmark.
@@ -73,6 +77,12 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
             "softrobot_env.benchmarks.rig_networks.run:run_on_twin",
             "softrobot_env.benchmarks.rig_networks.tables:tables",
             "softrobot_env.benchmarks.rig_networks.plots:plot",
+        ),
+        "scenes": _found_at(
+            "softrobot_env.benchmarks.scenes.run:run",
+            "softrobot_env.benchmarks.scenes.tables:tables",
+            "softrobot_env.benchmarks.scenes.plots:plot",
+            options=("count", "seed"),
         ),
         "speed": _found_at(
             "softrobot_env.benchmarks.speed.run:run",

@@ -8,7 +8,7 @@ from pathlib import Path
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import FEEDBACKS, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
-from softrobot_env.scene.config import INTEGRATORS
+from softrobot_env.scene.config import DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 
 _RULE = "balanced2"
@@ -33,12 +33,18 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         help=f"hinge rule out of {', '.join(RULES)}; default: balanced2",
     )
     group.add_argument("--timestep", type=positive, metavar="S", help="default: by rule")
+    group.add_argument(
+        "--accuracy",
+        metavar="A",
+        help="wanted accuracy in time of any point of the robot: m, or a share of its length; "
+        f"default: {DEFAULT_SHARE}".replace("%", "%%"),
+    )
     group.add_argument("--integrator", help=f"out of {', '.join(INTEGRATORS)}; default: by rule")
 
 
 def scene_options(args: argparse.Namespace) -> dict[str, object]:
     """Keyword arguments of an environment from `add_scene`."""
-    names = ("control_period", "pieces", "rule", "timestep", "integrator")
+    names = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
     given = {name: getattr(args, name) for name in names}
     return {name: value for name, value in given.items() if value is not None}
 
@@ -63,6 +69,7 @@ def plant_options(args: argparse.Namespace, policy: str) -> dict[str, object]:
     if args.plant == MUJOCO:
         return policy_environment(policy) | scene_options(args)
     given = {"rule": args.rule != _RULE, "timestep": args.timestep, "integrator": args.integrator}
+    given["accuracy"] = args.accuracy
     foreign = [f"--{name}" for name, value in given.items() if value]
     if foreign:
         raise ValueError(f"{', '.join(foreign)}: only with --plant {MUJOCO}")

@@ -1,4 +1,4 @@
-"""`softrobot benchmark`: models, controllers of arm and rig, speed, stability, thesis' figures."""
+"""`softrobot benchmark`: models, controllers, random scenes, speed, stability, thesis' figures."""
 
 import argparse
 from io import StringIO
@@ -7,10 +7,16 @@ from rich.console import Console, Group
 from rich.progress import Progress
 
 from softrobot_env.benchmarks.registry import BENCHMARKS
-from softrobot_env.commands.arguments import add_out
+from softrobot_env.commands.arguments import add_out, seed
 from softrobot_env.evaluation.report import write_json
 
 EXAMPLE = "softrobot benchmark speed --quick"
+
+#: Options of some benchmarks -> help.
+_OPTIONS = {
+    "count": "scenes only: number of random scenes; default: 200, 20 of a quick run",
+    "seed": "scenes only: what they are drawn from; default: 0",
+}
 
 _WIDTH = 110  # characters of a report
 
@@ -19,22 +25,25 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument("what", choices=tuple(BENCHMARKS))
     parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
+    for name, what in _OPTIONS.items():
+        parser.add_argument(f"--{name}", type=seed, metavar="N", help=what)
     add_out(parser, "out/benchmark", "; a folder of what is measured is made in it")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
+    benchmark = BENCHMARKS.find(args.what)()
+    options = _own_options(args, benchmark.options)
     console = Console()
     out = args.out / args.what
     out.mkdir(parents=True, exist_ok=True)
-    benchmark = BENCHMARKS.find(args.what)()
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(args.what, total=None)
 
         def show(description: str, done: int, total: int) -> None:
             progress.update(bar, description=description, completed=done, total=total)
 
-        records = benchmark.run(args.quick, show)
+        records = benchmark.run(args.quick, show, **options)
     write_json(out / "report.json", [record.row() for record in records], args.command_line)
     tables = benchmark.tables(records)
     console.print(tables)
@@ -43,6 +52,19 @@ def run(args: argparse.Namespace) -> int:
         benchmark.plot(records, out / f"{args.what}.png")
     console.print(f"Wrote {', '.join(sorted(path.name for path in out.iterdir()))} to {out}")
     return 0
+
+
+def _own_options(args: argparse.Namespace, known: tuple[str, ...]) -> dict[str, int]:
+    """Options that were given.
+
+    Raises:
+        ValueError: The benchmark does not have one of them.
+    """
+    given = {name: getattr(args, name) for name in _OPTIONS if getattr(args, name) is not None}
+    foreign = [f"--{name}" for name in given if name not in known]
+    if foreign:
+        raise ValueError(f"the benchmark {args.what} takes no {', '.join(foreign)}")
+    return given
 
 
 def _markdown(what: str, tables: Group, command: str) -> str:

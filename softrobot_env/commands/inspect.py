@@ -7,7 +7,6 @@ import mujoco
 from rich.console import Console
 from rich.table import Table
 
-from softrobot_env.benchmarks.timing import step_cost
 from softrobot_env.commands.arguments import add_scene, add_twin, scene_options
 from softrobot_env.commands.setups import RigSetup
 from softrobot_env.commands.task_options import add_task, one_task
@@ -81,21 +80,26 @@ def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, s
 
 
 def _timing(scene: Scene) -> dict[str, str]:
-    choice = scene.timestep
-    cost = step_cost(scene.model)
-    per_control = cost * choice.substeps
+    """Integrator and timestep, and what a hard motion showed."""
+    from softrobot_env.scene.probe import probe  # compiled code takes time to load
+
+    choice, found = scene.timestep, probe(scene)
     limit = "none" if isinf(choice.stability_limit) else f"{1e3 * choice.stability_limit:.4g} ms"
+    wanted = "" if choice.accuracy is None else f"{1e3 * choice.accuracy:.3g} mm wanted, "
     return {
         "integrator": choice.integrator,
-        "timestep": f"{1e3 * choice.timestep:.4g} ms, {choice.substeps} per control period",
+        "timestep": f"at most {1e3 * choice.timestep:.4g} ms, {choice.substeps} or more per "
+        "control period"
+        if choice.accuracy
+        else f"{1e3 * choice.timestep:.4g} ms, {choice.substeps} per control period",
         "timestep rule": choice.reason,
         "first mode": f"{1 / choice.first_period:.3f} Hz",
         "stability limit": f"{limit} (linearised)",
-        "cost per step": f"{1e6 * cost:.1f} µs",
-        "cost per control period": (
-            f"{1e6 * per_control:.1f} µs, {scene.config.control_period / per_control:.0f} x "
-            "real time"
-        ),
+        "error in time": f"{wanted}{1e3 * found.error:.2g} mm in random steps of all drives over "
+        "half of their range",
+        "cost per control period": f"{1e6 * found.cost:.1f} µs in that motion, "
+        f"{scene.config.control_period / found.cost:.0f} x real time, "
+        f"{found.evaluations:.1f} force evaluations",
     }
 
 

@@ -236,6 +236,9 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
             "tendon_length": readout.true_length(),
             "reward_terms": terms,
         }
+        estimate = self._simulation.integration_error
+        if estimate is not None:
+            info["integration_error"] = estimate
         return info if readout.truth is None else info | readout.truth()
 
     # ------------------------------------------------------------------ pictures

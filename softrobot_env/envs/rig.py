@@ -11,7 +11,7 @@ from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Measu
 from softrobot_env.envs.options import ResetOptions
 from softrobot_env.envs.rendering.renderer import lifted
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_RULE, LengthSetting, Start
+from softrobot_env.envs.setting import DEFAULT_ACCURACY, DEFAULT_RULE, LengthSetting, Start
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.robots.twin import Twin
@@ -77,6 +77,7 @@ class RigEnv(EpisodeEnv):
         rule: str = DEFAULT_RULE,
         timestep: float | None = None,
         integrator: str | None = None,
+        accuracy: float | str = DEFAULT_ACCURACY,
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
@@ -94,8 +95,8 @@ class RigEnv(EpisodeEnv):
             observe: Names of the observables in an observation, or "all".
             preview: Times [s] ahead of now of `reference_preview`.
             reward: Weights and scales of the reward.
-            pieces, rule, timestep, integrator: Of the MuJoCo chain, see `SceneConfig`; pieces must
-                be a multiple of the robot's.
+            pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`;
+                pieces must be a multiple of the robot's.
             render_mode: None, "rgb_array" or "human".
             width, height: Size of a frame in pixels.
             **task_options: Of a task given by name, see `tasks.make_task`.
@@ -114,6 +115,7 @@ class RigEnv(EpisodeEnv):
             rule=rule,
             timestep=timestep,
             integrator=integrator,
+            accuracy=accuracy,
         )
         self.twin = twin = setting.twin
         self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)

@@ -34,10 +34,11 @@ from softrobot_env.robots.twin import (
     rig3d_twin,
     twin_or_ideal,
 )
+from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.tasks import RIG_TASKS, Task, make_task
 
-DEFAULT_RULE = "balanced2"
+DEFAULT_RULE, DEFAULT_ACCURACY = "balanced2", DEFAULT_SHARE
 
 
 class Start(NamedTuple):
@@ -122,11 +123,13 @@ class TensionSetting(Setting):
         rule: str = DEFAULT_RULE,
         timestep: float | None = None,
         integrator: str | None = None,
+        accuracy: float | str = DEFAULT_ACCURACY,
     ) -> None:
         """Arguments as those of `TrackingEnv`."""
         chain = {"pieces": pieces, "rule": rule, "timestep": timestep, "integrator": integrator}
         check_argument("task", task, str | Task)
         check_argument("plant", plant, Callable | None)
+        chain["accuracy"] = accuracy
         task = make_task(task) if isinstance(task, str) else task
         super().__init__(task, control_period, preview)
         robot = task.robot
@@ -173,7 +176,7 @@ def _tension_plant(
 ) -> MujocoPlant | BeamPlant:
     if factory is None:
         return MujocoPlant(robot, control_period, **chain)
-    given = {k: v for k, v in chain.items() if v not in (None, DEFAULT_RULE)}
+    given = {k: v for k, v in chain.items() if v not in (None, DEFAULT_RULE, DEFAULT_ACCURACY)}
     if given:
         raise ValueError(
             f"{', '.join(given)} belong to the MuJoCo chain; another plant has its own options"

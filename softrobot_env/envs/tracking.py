@@ -18,7 +18,7 @@ from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Measured
 from softrobot_env.envs.options import ResetOptions
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_RULE, Start, TensionSetting
+from softrobot_env.envs.setting import DEFAULT_ACCURACY, DEFAULT_RULE, Start, TensionSetting
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import PlantFactory
@@ -97,6 +97,7 @@ class TrackingEnv(EpisodeEnv):
         rule: str = DEFAULT_RULE,
         timestep: float | None = None,
         integrator: str | None = None,
+        accuracy: float | str = DEFAULT_ACCURACY,
         plant: PlantFactory | None = None,
         render_mode: str | None = None,
         width: int = 640,
@@ -112,7 +113,7 @@ class TrackingEnv(EpisodeEnv):
             reward: Weights and scales of the reward.
             randomization: Ranges of what varies, drawn by `np_random` for every episode that is
                 reset without `vary`, and told in `info["variation"]`.
-            pieces, rule, timestep, integrator: Of the MuJoCo chain, see `SceneConfig`.
+            pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`.
             plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
                 `beams.registry.BeamPlant("pcc")`.
             render_mode: None, "rgb_array" or "human".
@@ -136,6 +137,7 @@ class TrackingEnv(EpisodeEnv):
             rule=rule,
             timestep=timestep,
             integrator=integrator,
+            accuracy=accuracy,
         )
         self._tendon_map, self.input_scale = setting.tendon_map, setting.input_scale
         self._pull = setting.tendon_map.per_action().tension

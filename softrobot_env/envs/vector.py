@@ -21,7 +21,7 @@ from softrobot_env.envs.options import parse_mask, parse_seeds, parse_variation
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.reference import instants
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_RULE, TensionSetting
+from softrobot_env.envs.setting import DEFAULT_ACCURACY, DEFAULT_RULE, TensionSetting
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.fields import Count, Whole, check_argument
 from softrobot_env.interfaces import Observation
@@ -72,6 +72,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         rule: str = DEFAULT_RULE,
         timestep: float | None = None,
         integrator: str | None = None,
+        accuracy: float | str = DEFAULT_ACCURACY,
     ) -> None:
         """Build the environments.
 
@@ -81,7 +82,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 `TrackingEnv`.
             threads: Of the pool, 0 for one per core.
             autoreset_mode: One of `AutoresetMode`, or its value.
-            pieces, rule, timestep, integrator: As those of `TrackingEnv`.
+            pieces, rule, timestep, integrator, accuracy: As those of `TrackingEnv`.
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
@@ -101,6 +102,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             rule=rule,
             timestep=timestep,
             integrator=integrator,
+            accuracy=accuracy,
         )
         self.num_envs, self.task = int(num_envs), setting.task
         self.control_period, self.input_scale = control_period, setting.input_scale
@@ -383,6 +385,9 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             "tendon_length": self._exact.true_length(),
             "_tendon_length": everyone,
         }
+        estimate = self._simulation.integration_error
+        if estimate is not None:
+            info |= {"integration_error": estimate, "_integration_error": everyone}
         if self._randomization is not None:
             variation = {name: v.copy() for name, v in self._variation.items()}
             info |= {"variation": variation, "_variation": everyone}

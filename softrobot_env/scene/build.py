@@ -1,7 +1,9 @@
 """Put a scene together: backbone, tendons, and only the optional parts that are listed."""
 
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import ceil, inf
 
 import mujoco
 import numpy as np
@@ -16,7 +18,18 @@ from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 from softrobot_env.scene.springs import add_springs
 from softrobot_env.scene.statics import equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
-from softrobot_env.scene.timestep import SAFETY, TimestepChoice, choose_timestep, linearize
+from softrobot_env.scene.timestep import (
+    EXTRAPOLATION,
+    FRICTION_STEP,
+    SAFETY,
+    TimestepChoice,
+    TimestepWarning,
+    choose_timestep,
+    extrapolation,
+    linearize,
+)
+
+_RUBS = "discrete includes the damping where tendons rub"
 
 #: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
 Inputs = np.ndarray | Callable[[float], np.ndarray] | None
@@ -158,28 +171,78 @@ def build_scene(config: SceneConfig) -> Scene:
     """
     spec, layout = _assemble(config)
     model = spec.compile()
-    choice = _timestep(config, model)
+    choice = _mujocos(config, model)
     _apply(choice, model.opt)
+    if is_extrapolated(config):
+        choice = _extrapolated(config)
     return Scene(config, layout, choice, model)
 
 
-def at_timestep_of(scene: Scene, other: Scene) -> Scene:
-    """The scene, from now on with the timestep of another one of the same control period.
+def is_extrapolated(config: SceneConfig) -> bool:
+    """Whether our own integrator advances the scene: where no other is asked for, and no friction.
 
-    It stays as it is if that timestep would be near its own stability limit.
+    Dry friction is a constraint, which MuJoCo's steps solve.
     """
-    choice, wanted = scene.timestep, other.timestep
-    if wanted.timestep > SAFETY * choice.stability_limit:
-        return scene
-    kept = replace(choice, timestep=wanted.timestep, substeps=wanted.substeps)
-    _apply(kept, scene.model.opt)
-    return replace(scene, timestep=kept)
+    return config.integrator in (None, EXTRAPOLATION) and not config.robot.rubs
+
+
+def _extrapolated(config: SceneConfig) -> TimestepChoice:
+    winding = config.actuation == "length"
+    return extrapolation(
+        config.robot,
+        config.control_period,
+        config.wanted_accuracy,
+        config.timestep,
+        winding=winding,
+    )
+
+
+def choice_of(scene: Scene, variation: dict[str, float]) -> TimestepChoice:
+    """How a variation of a scene's robot is integrated, by values as `RobotParams.vary` takes them.
+
+    Our own integrator looks after its error. MuJoCo's keep the scene's timestep: were it chosen
+    anew, variations would differ by its error too.
+    """
+    config = replace(scene.config, robot=scene.config.robot.vary(**variation))
+    if is_extrapolated(config):
+        return _extrapolated(config)
+    if scene.timestep.integrator != EXTRAPOLATION:
+        return scene.timestep
+    # Nothing but friction is new.
+    step = min(FRICTION_STEP, scene.model.opt.timestep)
+    substeps = ceil(config.control_period / step - 1e-9)
+    return TimestepChoice(
+        integrator="discrete",
+        timestep=config.control_period / substeps,
+        substeps=substeps,
+        first_period=scene.timestep.first_period,
+        stability_limit=inf,
+        reason=_RUBS,
+    )
+
+
+def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:
+    """The scene of a varied robot, integrated as `choice_of` says.
+
+    Where MuJoCo's timestep would be near its own stability limit it is chosen anew.
+    """
+    varied = build_scene(replace(scene.config, robot=scene.config.robot.vary(**variation)))
+    choice = choice_of(scene, variation)
+    if choice.integrator == EXTRAPOLATION or _near_its_limit(varied, choice):
+        return varied
+    _apply(choice, varied.model.opt)
+    return replace(varied, timestep=choice)
+
+
+def _near_its_limit(scene: Scene, choice: TimestepChoice) -> bool:
+    own = scene.timestep
+    return own.integrator == choice.integrator and choice.timestep > SAFETY * own.stability_limit
 
 
 def scene_xml(config: SceneConfig) -> str:
     """The scene as MJCF, ready for any MuJoCo viewer."""
     spec, _ = _assemble(config)
-    _apply(_timestep(config, spec.compile()), spec.option)
+    _apply(_mujocos(config, spec.compile()), spec.option)
     return spec.to_xml()
 
 
@@ -195,14 +258,18 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
     return spec, layout
 
 
-def _timestep(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
-    return choose_timestep(
-        linearize(model),
-        config.control_period,
-        config.timestep,
-        config.integrator,
-        friction=config.robot.rubs,
-    )
+def _mujocos(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
+    """What MuJoCo's own steps of the model take: those of viewers, and of whoever steps it."""
+    with warnings.catch_warnings():
+        if is_extrapolated(config):
+            warnings.simplefilter("ignore", TimestepWarning)
+        return choose_timestep(
+            linearize(model),
+            config.control_period,
+            config.timestep,
+            None if config.integrator == EXTRAPOLATION else config.integrator,
+            friction=config.robot.rubs,
+        )
 
 
 def _refuse_what_is_not_felt(config: SceneConfig, gravity: Sequence[float]) -> None:

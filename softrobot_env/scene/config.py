@@ -1,12 +1,13 @@
 """What a scene contains. A part that is not listed is not built."""
 
 from dataclasses import dataclass, replace
-from math import cos, sin
+from math import cos, inf, nan, sin
 
 from softrobot_env.fields import Positive, Share, check_fields, check_unique
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces
+from softrobot_env.scene.timestep import EXTRAPOLATION
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")
@@ -14,11 +15,14 @@ ACTUATIONS = ("tension", "length")
 #: How a chain can bend: in the x-z plane only, or in space.
 BENDING = ("planar", "spatial")
 
-#: Integrators a scene can use, by MuJoCo's names.
-INTEGRATORS = ("implicitfast", "discrete", "implicit", "Euler", "RK4")
+#: Integrators a scene can use: our own one, and MuJoCo's by their names.
+INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete", "implicit", "Euler", "RK4")
 
 #: Name of the camera that a visible scene has.
 FRONT_CAMERA = "front"
+
+#: Accuracy in time unless another is wanted.
+DEFAULT_SHARE = "0.1%"
 
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
@@ -111,6 +115,8 @@ class SceneConfig:
         control_period: [s], the timestep divides it.
         timestep: [s], chosen by rule (`scene.timestep`) unless given.
         integrator: One of `INTEGRATORS`, chosen by rule unless given.
+        accuracy: Error in time of any point of the backbone that is wanted: [m], or a share of the
+            length as text, "0.1%". Only "extrapolation" looks at its error.
         sensors, cameras, markers, paths, loads, appearance: The optional parts.
         bending: "planar" (in the x-z plane only) or "spatial".
         torsion: Whether a spatial chain twists about its axis too; else it is rigid in torsion.
@@ -131,6 +137,7 @@ class SceneConfig:
     appearance: Appearance | None = None
     bending: str = "planar"
     torsion: bool = False
+    accuracy: float | str = DEFAULT_SHARE
 
     def __post_init__(self) -> None:
         check_fields(self, "scene")
@@ -150,11 +157,40 @@ class SceneConfig:
             )
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
+        _ = self.wanted_accuracy
+
+    @property
+    def wanted_accuracy(self) -> float:
+        """The accuracy [m].
+
+        Raises:
+            ValueError: It is neither a positive length nor a share.
+        """
+        return parse_accuracy(self.accuracy, self.robot.length)
 
     @property
     def n_pieces(self) -> int:
         """Number of pieces really used."""
         return self.robot.pieces if self.pieces is None else self.pieces
+
+
+def parse_accuracy(accuracy: float | str, length: float) -> float:
+    """An accuracy [m], given in m or as a share of a length [m] such as "0.1%".
+
+    Raises:
+        ValueError: It is neither.
+    """
+    text = str(accuracy).strip()
+    try:
+        value = length * float(text[:-1]) / 100 if text.endswith("%") else float(text)
+    except ValueError:
+        value = nan
+    if not 0 < value < inf or isinstance(accuracy, bool):
+        raise ValueError(
+            "accuracy must be a positive length [m] or a share of the robot's length such as "
+            f"'0.1%', got {accuracy!r}"
+        )
+    return value
 
 
 def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:

@@ -1,16 +1,17 @@
 """Stepping a scene without ever hiding a diverged state."""
 
+import warnings
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 
 import mujoco
 import numpy as np
-from mujoco import mj_step, mj_step1, mj_step2
 
 from softrobot_env.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.scene.build import Inputs, Scene
 from softrobot_env.scene.statics import checked_controls, finite
+from softrobot_env.scene.timestep import TimestepWarning
 
 _DIVERGED = {
     int(mujoco.mjtWarning.mjWARN_BADQPOS): "position",
@@ -24,32 +25,40 @@ class Simulation:
     """A scene's model and data, advanced one control period at a time.
 
     MuJoCo evaluates kinematics and sensors at the start of a step, so after `mj_step` they lag
-    the state by one timestep. Here the last half step of a period is done at its end and the
-    rest of it at the start of the next one: the same work, and all read-outs are current.
+    the state by one timestep. Here they are evaluated at the end of a period, and the next one
+    starts from them: the same work, and all read-outs are current.
     """
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.model = scene.model
         self.data = mujoco.MjData(scene.model)
-        self._substeps = scene.timestep.substeps
-        # mj_step1/2 do not split a Runge-Kutta step.
-        self._splits = scene.timestep.integrator != "RK4"
+        from softrobot_env.scene.integration import Integration  # compiled, takes time to load
+
+        self._integration = Integration(scene.model, scene.timestep)
+        self._warned = False
+        self._connect()
+
+    def _connect(self) -> None:
+        """Take views and addresses, which a copy has of its own."""
         self._warnings = self.data.warning.number
+        integration = self._integration
+        self._missed = integration.missed
+        self._compiled = integration.advance
+        self._arguments = self.model._address, self.data._address, 0, integration.header
 
     def __getstate__(self) -> dict:
-        # The view into MjData has to be taken anew in the copy.
-        return {k: v for k, v in self.__dict__.items() if k != "_warnings"}
+        views = {"_warnings", "_missed", "_compiled", "_arguments"}
+        return {k: v for k, v in self.__dict__.items() if k not in views}
 
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
         self.model = self.data.model
         self.scene = replace(self.scene, model=self.model)
-        self._warnings = self.data.warning.number
-        if self.scene.timestep.integrator == "discrete":
-            # A pickle leaves out what the first half of a step prepares for the second.
-            mujoco.mj_fwdPosition(self.model, self.data)
-            mujoco.mj_fwdVelocity(self.model, self.data)
+        self._connect()
+        # A pickle leaves out what the start of a period takes from the end of the one before.
+        mujoco.mj_fwdPosition(self.model, self.data)
+        mujoco.mj_fwdVelocity(self.model, self.data)
 
     @property
     def ctrl(self) -> np.ndarray:
@@ -72,6 +81,7 @@ class Simulation:
         self.data.qpos[:] = qpos
         self.data.ctrl[:] = ctrl
         mujoco.mj_forward(self.model, self.data)
+        self._integration.restart()
 
     def advance(self) -> bool:
         """Integrate over one control period with the controls in `data.ctrl`.
@@ -79,46 +89,50 @@ class Simulation:
         Returns:
             Whether all went well; if not, `failure` says what happened.
         """
-        model, data, substeps = self.model, self.data, self._substeps
-        if self._splits:
-            mj_step2(model, data)
-            substeps -= 1
-        if substeps:
-            mj_step(model, data, substeps)
-        mj_step1(model, data)
+        self._compiled(*self._arguments)
+        if self._missed[0]:
+            self._tell()
         return self._warnings.tobytes() == _HEALTHY
 
-    def advance_through(self, controls: np.ndarray) -> bool:
-        """Integrate over one control period with controls (k, nu), one row per timestep.
+    def advance_through(self, path: np.ndarray) -> bool:
+        """Integrate over one control period with controls (1 + k, nu): now and at `step_times`.
 
-        At most one row more than the period has timesteps. The last row holds for the rest of the
-        period, and is in force at its end. Rows at the timesteps' starts are the most accurate for
-        controls that change steadily: they come half a step late, which makes up for the half step
-        by which the integrator lets forces act early.
+        At most as many as the period has timesteps, and the last row holds for the rest of it. In
+        between the controls change steadily, or with MuJoCo's integrators keep the value at the
+        start of each timestep, which comes half a step late and makes up for the half step by
+        which they let forces act early.
 
         Returns:
             Whether all went well; if not, `failure` says what happened.
         """
-        model, data, ctrl = self.model, self.data, self.data.ctrl
-        for index, row in enumerate(controls[:-1]):
-            ctrl[:] = row
-            if index == 0 and self._splits:
-                mj_step2(model, data)
-            else:
-                mj_step(model, data)
-        ctrl[:] = controls[-1]
-        taken = len(controls) - 1
-        if not taken:
-            return self.advance()
-        if self._substeps > taken:
-            mj_step(model, data, self._substeps - taken)
-        mj_step1(model, data)
-        return self._warnings.tobytes() == _HEALTHY
+        self._integration.follow(path)
+        healthy = self.advance()
+        self._integration.follow(None)
+        return healthy
+
+    def _tell(self) -> None:
+        """Warn once that the accuracy was not kept."""
+        if not self._warned and self._warnings.tobytes() == _HEALTHY:
+            self._warned = True
+            warnings.warn(
+                f"{self.scene.config.robot.name!r}: steps of {self._integration.shortest:.3g} s do "
+                f"not keep the accuracy of {1e3 * self.scene.timestep.accuracy:.3g} mm at t = "
+                f"{self.time:.3f} s, the estimate is {1e3 * self.integration_error:.3g} mm",
+                TimestepWarning,
+                stacklevel=4,
+            )
+
+    @property
+    def integration_error(self) -> float | None:
+        """Estimated error [m] in time since the reset; None with MuJoCo's integrators."""
+        error = self._integration.error(self.scene.timestep)
+        return None if error is None else error[0]
 
     @property
     def step_times(self) -> np.ndarray:
         """Times [s] of the ends of a control period's timesteps, since its start."""
-        return self.model.opt.timestep * np.arange(1, self._substeps + 1)
+        choice = self.scene.timestep
+        return choice.timestep * np.arange(1, choice.substeps + 1)
 
     def failure(self) -> str | None:
         """What diverged and when, or None. MuJoCo's own reset is switched off in our scenes."""
@@ -129,10 +143,10 @@ class Simulation:
         if not raised:
             return None
         kinds = ", ".join(f"{name} of DOF {w.lastinfo}" for name, w in raised.items())
+        choice = self.scene.timestep
         return (
             f"simulation diverged in the control period ending at t = {self.data.time:.3f} s: not "
-            f"finite or huge are {kinds} ({self.scene.timestep.integrator}, timestep "
-            f"{self.model.opt.timestep:g} s)"
+            f"finite or huge are {kinds} ({choice.integrator}, timestep {choice.timestep:g} s)"
         )
 
 

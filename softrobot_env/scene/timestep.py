@@ -29,12 +29,13 @@ place of 3 mm (2 ms, friction of 0.5 N).
 
 import warnings
 from dataclasses import dataclass
-from math import ceil, inf, pi
+from math import ceil, hypot, inf, pi, sqrt
 
 import mujoco
 import numpy as np
 
 from softrobot_env.processes import one_blas_thread
+from softrobot_env.robots import RobotParams
 
 ACCURACY = 1 / 500
 SAFETY = 0.5
@@ -44,6 +45,16 @@ SAFETY_IMPLICIT = 0.4
 MAX_SUBSTEPS_RATIO = 32
 #: [s], largest timestep with dry friction. MuJoCo makes friction softer in longer ones.
 FRICTION_STEP = 2e-3
+
+
+#: Our own integrator, of `scene.integration`.
+EXTRAPOLATION = "extrapolation"
+
+#: The rate of `scene.extrapolation` over the first angular frequency [1].
+RATE = 5.0
+
+#: [s], longest timestep where servos wind up tendons: their way is told once a timestep.
+LONGEST_WINDING = 5e-3
 
 
 class TimestepWarning(UserWarning):
@@ -61,6 +72,9 @@ class TimestepChoice:
         first_period: [s] of the slowest mode.
         stability_limit: [s], largest stable timestep of the linearised chain; may be inf.
         reason: One sentence for people.
+        accuracy: [m], error of the backbone's position that is wanted; None where the integrator
+            does not look at its error.
+        rate: [1/s], see `scene.extrapolation`.
     """
 
     integrator: str
@@ -69,6 +83,8 @@ class TimestepChoice:
     first_period: float
     stability_limit: float
     reason: str
+    accuracy: float | None = None
+    rate: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -213,3 +229,51 @@ def _choose_integrator(chain: LinearChain, accurate: float) -> tuple[str, str]:
         stacklevel=5,
     )
     return "discrete", "implicitfast would need very small steps, discrete damps fast modes"
+
+
+def extrapolation(
+    robot: RobotParams,
+    control_period: float,
+    accuracy: float,
+    timestep: float | None = None,
+    *,
+    winding: bool = False,
+) -> TimestepChoice:
+    """The choice of our own integrator.
+
+    Args:
+        robot: The robot.
+        control_period: [s].
+        accuracy: [m], wanted.
+        timestep: [s], longest step, if asked for.
+        winding: Whether tendons are driven by length.
+    """
+    frequency = slowest(robot, winding)
+    longest = timestep or (LONGEST_WINDING if winding else control_period)
+    substeps = max(1, ceil(control_period / longest - 1e-9))
+    return TimestepChoice(
+        integrator=EXTRAPOLATION,
+        timestep=control_period / substeps,
+        substeps=substeps,
+        first_period=2 * pi / frequency,
+        stability_limit=inf,
+        reason=f"steps are as long as {1e3 * accuracy:.3g} mm allow, at most "
+        f"{1e3 * control_period / substeps:.3g} ms",
+        accuracy=accuracy,
+        rate=RATE * frequency,
+    )
+
+
+def slowest(robot: RobotParams, winding: bool) -> float:
+    """About the first angular frequency [rad/s], by Rayleigh's quotient of a bent beam.
+
+    Gravity counts only where it stiffens: an upright robot is as fast as without it.
+    """
+    head = 0.0 if robot.head is None else robot.head.mass
+    mass = 33 / 140 * robot.mass + head
+    bending = robot.bending_stiffness
+    if winding:
+        bending += sum(t.stiffness * hypot(*t.offset) ** 2 * t.end for t in robot.tendons) / 2
+    stiffness = 3 * bending / robot.length**3
+    pull = max(robot.gravity[2], 0.0) * (3 / 8 * robot.mass + 6 / 5 * head) / robot.length
+    return sqrt((stiffness + pull) / mass)

@@ -105,7 +105,7 @@ def test_a_failed_episode_sets_the_exit_status(tmp_path):
 def test_inspect_tells_what_a_scene_leaves_out(capsys):
     assert main(["inspect", "--task", "swing"]) == 0
     out = capsys.readouterr().out
-    for text in ("12 hinges", "contacts", "constraint solver", "implicitfast", "pair1_up", "µs"):
+    for text in ("12 hinges", "contacts", "constraint solver", "extrapolation", "pair1_up", "µs"):
         assert text in out
 
 

@@ -14,7 +14,7 @@ from softrobot_env.scene.timestep import linearize
 #: [rad/s2], beyond MuJoCo's bound of 1e10; after a step of 10 ms the velocity is within it.
 ACCELERATION = 3e10
 
-STEP = {"timestep": 0.01, "control_period": 0.01}
+STEP = {"timestep": 0.01, "control_period": 0.01, "integrator": "implicitfast"}
 
 
 @pytest.fixture(autouse=True)

@@ -286,7 +286,7 @@ def test_vary_is_not_kept_by_reference(make_env):
 
 def test_a_varied_robot_is_checked_against_the_timestep(make_env):
     """20 ms suits the damped arm (2 mu = 0.1 s), not the undamped one."""
-    env = make_env(STEP, control_period=0.02, timestep=0.02)
+    env = make_env(STEP, control_period=0.02, timestep=0.02, integrator="implicitfast")
     with pytest.warns(TimestepWarning, match="beyond the stability limit"):
         env.reset(options={"vary": {"damping_time": 0.0}})
 

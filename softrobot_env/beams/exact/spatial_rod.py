@@ -100,7 +100,11 @@ def _turned_axis(rate: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 def followed_rod(
-    length: float, section: SpatialSection, loads: Sequence[Load], stations: np.ndarray
+    length: float,
+    section: SpatialSection,
+    loads: Sequence[Load],
+    stations: np.ndarray,
+    weight: np.ndarray | None = None,
 ) -> SpatialShape:
     """Equilibrium of a rod under forces and moments that follow its sections, however large.
 
@@ -108,14 +112,17 @@ def followed_rod(
     the clamp gives the shape: no equations are solved. With the force N and the moment M in a
     section, both in one fixed frame (Antman, Nonlinear Problems of Elasticity, ch. VIII),
 
-        x' = R (e_z + C_n^-1 R^T N),   R' = R [C_m^-1 R^T M],   M' = N x x'.
+        x' = R (e_z + C_n^-1 R^T N),   R' = R [C_m^-1 R^T M],   M' = N x x',   N' = -w.
 
     Args:
         length: L [m].
         section: The section.
         loads: Loads; all are taken to follow, `dead_loads` gives those that do not.
         stations: (k,) [m], increasing.
+        weight: (3,) [N/m], dead load per length seen from the tip's section: `frame[-1] @ weight`
+            in the world, if the tip is the last station; none unless given.
     """
+    w = np.zeros(3) if weight is None else np.asarray(weight, dtype=float)
     s = np.asarray(stations, dtype=float)
     y = np.concatenate([np.zeros(3), [1.0, 0, 0, 0], np.zeros(6)])
     places = sorted({0.0, length, *s.tolist(), *(x.station for x in loads)}, reverse=True)
@@ -123,7 +130,7 @@ def followed_rod(
     for above, here in zip([None, *places], places, strict=False):
         if above is not None:
             y = solve_ivp(
-                _slope, (above, here), y, "DOP853", rtol=_RTOL, atol=_ATOL, args=(section,)
+                _slope, (above, here), y, "DOP853", rtol=_RTOL, atol=_ATOL, args=(section, w)
             ).y[:, -1]
         states[here] = y
         for load in loads:
@@ -159,7 +166,7 @@ def _matrix(y: np.ndarray) -> np.ndarray:
     return Rotation.from_quat([x, y_, z, w]).as_matrix()
 
 
-def _slope(_: float, y: np.ndarray, section: SpatialSection) -> np.ndarray:
+def _slope(_: float, y: np.ndarray, section: SpatialSection, weight: np.ndarray) -> np.ndarray:
     frame = _matrix(y)
     force, moment = frame.T @ y[7:10], frame.T @ y[10:]
     stretch = np.array([1 / section.shear, 1 / section.shear, 1 / section.axial]) * force
@@ -172,4 +179,4 @@ def _slope(_: float, y: np.ndarray, section: SpatialSection) -> np.ndarray:
         w * b + z * a - x * c,
         w * c + x * b - y_ * a,
     ]
-    return np.concatenate([along, turn, np.zeros(3), np.cross(y[7:10], along)])
+    return np.concatenate([along, turn, -weight, np.cross(y[7:10], along)])

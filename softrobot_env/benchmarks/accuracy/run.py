@@ -37,6 +37,7 @@ from softrobot_env.benchmarks.accuracy.rows import (
     Row,
     static_row,
 )
+from softrobot_env.benchmarks.accuracy.space import statics as space_statics
 from softrobot_env.benchmarks.beams import chain_scene
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.records import groups
@@ -87,10 +88,10 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
 
     def reach_goals() -> list[Row]:
         _share_step_times(rows)
-        return goals.rows(rows, quick)
+        return [*goals.rows(rows, quick), *space_statics.goal_rows(rows)]
 
     jobs = [*_static_jobs(quick), *_number_jobs(quick), *_dynamic_jobs(quick)]
-    jobs += [*rig_statics.jobs(quick), *rig_motions.jobs(quick)]
+    jobs += [*space_statics.jobs(quick), *rig_statics.jobs(quick), *rig_motions.jobs(quick)]
     jobs.append(("PyElastica", lambda: pyelastica_rod.rows(quick)))
     jobs.append(("goals", reach_goals))
     return run_jobs(jobs, progress, rows)

@@ -12,6 +12,8 @@ from softrobot_env.benchmarks.accuracy.cases import pyelastica_rod, spiral, tens
 from softrobot_env.benchmarks.accuracy.rig.cases import CASES as RIG_CASES
 from softrobot_env.benchmarks.accuracy.rig.cases import CIRCLE, STEP
 from softrobot_env.benchmarks.accuracy.rows import DURATION, Row, front
+from softrobot_env.benchmarks.accuracy.space.cases import HEADINGS
+from softrobot_env.benchmarks.accuracy.space.statics import ROBOTS, name_of
 from softrobot_env.benchmarks.records import groups, select
 from softrobot_env.rendering.tables import Column, make_table, new_table, number, verdict
 
@@ -50,6 +52,9 @@ _RIG_LENGTHS = {
     CIRCLE: "circle",
 }
 
+#: Case of a rod in space -> its heading.
+_SPACE = {name_of(case, robot): text for robot in ROBOTS for case, text in HEADINGS.items()}
+
 _CAPTION = "Errors in mm; step: of the integrator in ms, or its tolerance where it adapts"
 
 
@@ -57,11 +62,14 @@ def tables(rows: list[Row]) -> Group:
     """Errors by model and resolution, the best motions, agreement of the models, and goals."""
     rig = [row for row in rows if row.case in RIG_CASES]
     rows = [row for row in rows if row.case not in RIG_CASES]
+    space = [row for row in rows if row.case in _SPACE and row.kind in ("static", "note")]
+    rows = [row for row in rows if row not in space]
     static = [row for row in select(rows, kind="static") if row.n in _SHOWN]
     numbers = [row for row in select(rows, kind="number") if row.n in _SHOWN]
     parts = [
         _pivot("Static tip error in mm", static, lambda row: 1e3 * row.e_mean),
         _pivot("Error of frequencies and twist in %", numbers, lambda row: 100 * row.e_relative),
+        *(_in_space(space) if space else ()),
         *_motions(rows, MOTIONS, (Column("physics"),), ()),
         _static_agreement(rows),
         _agreement(rows),
@@ -83,11 +91,32 @@ def _pivot(title: str, rows: list[Row], error: Callable[[Row], float]) -> Table:
     return out
 
 
+def _in_space(rows: list[Row]) -> Iterator[Table]:
+    """A table for each rod; a model that did not solve a case has a word in place of its error."""
+    for robot in ROBOTS:
+        names = {name_of(case, robot): case for case in HEADINGS}
+        mine = [row for row in rows if row.case in names]
+        out = new_table(
+            f"{robot.name.upper()} rod in space, length / radius "
+            f"{robot.length / robot.outer_radius:.0f}: static tip error in mm (wrenches: mean)",
+            ("model",),
+            ("n", *(_heading(name) for name in names)),
+        )
+        for (model, n), line in groups(sorted(mine, key=lambda r: r.model), "model", "n").items():
+            cells = {row.case: _unsolved(row) or _small(1e3 * row.e_mean, False) for row in line}
+            out.add_row(model, n, *(cells.get(name) for name in names))
+        yield out
+
+
+def _unsolved(row: Row) -> Text | None:
+    return Text("unsolved", "red") if row.kind == "note" else None
+
+
 def _heading(case: str) -> str:
     """Short name of a case, in narrow lines."""
     if case in _RIG_LENGTHS:
         return _RIG_LENGTHS[case]
-    what, *which = (STATIC | NUMBERS)[case].split(", ")
+    what, *which = (STATIC | NUMBERS | _SPACE)[case].split(", ")
     return "\n".join([*what.replace("-", "- ").split(), *which])
 
 

@@ -73,5 +73,6 @@ def _batched(count: int, threads: int) -> tuple[Callable[[], object], Callable[[
     # A moving arm costs more than one at rest: both start bent, and swing without tension.
     bare.bind("qpos")[:] = single.data.qpos
     bare.forward()
-    substeps, stage = scene.timestep.substeps, int(mujoco.mjtStage.mjSTAGE_VEL)
+    substeps = round(single.control_period / scene.model.opt.timestep)
+    stage = int(mujoco.mjtStage.mjSTAGE_VEL)
     return lambda: env.step(actions), lambda: bare.step(nstep=substeps, stage=stage)

@@ -2,11 +2,12 @@
 
 import mujoco
 import numpy as np
-from mujoco.batch import Batch
 
-from softrobot_env.robots import NEUTRAL
-from softrobot_env.scene.build import Scene
+from softrobot_env.envs.simulation.pool import Pool
+from softrobot_env.robots import NEUTRAL, VARIABLE
+from softrobot_env.scene.build import Scene, choice_of
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
+from softrobot_env.scene.timestep import EXTRAPOLATION
 
 #: Model fields that are proportional to parameters of the robot.
 _PROPORTIONAL = {
@@ -21,8 +22,6 @@ _PROPORTIONAL = {
 
 _NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 _DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
-_STAGE = int(mujoco.mjtStage.mjSTAGE_VEL)
-_NO_STAGE = int(mujoco.mjtStage.mjSTAGE_NONE)
 
 
 class BatchSimulation:
@@ -44,12 +43,18 @@ class BatchSimulation:
             threads: Of the pool, 0 for one per core.
         """
         self.scene = scene
-        self._batch = Batch(scene.model, count, threads, persistent=True)
-        self._substeps = scene.timestep.substeps
-        names = ("qpos", "qvel", "ctrl", "sensordata", "ten_length", "actuator_force")
-        for name in names:
+        self._batch = Pool(scene.model, count, threads)
+        from softrobot_env.scene.integration import TOLD_FIELDS, Integration
+
+        self._integration = Integration(scene.model, scene.timestep, count)
+        for name in ("qpos", "qvel", "ctrl"):
             setattr(self, name, self._batch.bind(name))
-        self._warnings = self._batch.warning
+        example = mujoco.MjData(scene.model)
+        told = {name: np.zeros((count, *getattr(example, name).shape)) for name in TOLD_FIELDS}
+        for name, array in told.items():
+            setattr(self, name, array)
+        self._integration.tell(**told)
+        self._warnings = self._batch.warnings
         self._no_warnings = bytes(self._warnings.nbytes)
         self._nobody = np.zeros(count, dtype=bool)
         self._nobody.flags.writeable = False
@@ -61,7 +66,7 @@ class BatchSimulation:
     def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
 
-        The timestep stays that of the scene, and its integrator where tendons do not rub.
+        Each is integrated as a single simulation of the same variation.
 
         Args:
             which: (k,) int, increasing, the simulations.
@@ -84,7 +89,19 @@ class BatchSimulation:
             expanded = self._batch.expand(field)
             expanded[which, own] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
         self._rub(which, values["tendon_friction"])
+        self._choose(which, values)
         self._batch.set_const(which)
+
+    def _choose(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
+        """Integrate every robot as its own scene would be."""
+        timestep = None
+        for at, i in enumerate(which.tolist()):
+            variation = {name: float(values[name][at]) for name in VARIABLE}
+            choice = choice_of(self.scene, variation)
+            self._integration.set(i, choice)
+            if choice.accuracy is None and choice.timestep != self.scene.model.opt.timestep:
+                timestep = self._batch.expand("opt.timestep") if timestep is None else timestep
+                timestep[i] = choice.timestep
 
     def _rub(self, which: np.ndarray, friction: np.ndarray) -> None:
         """Add friction (k,) [N] to the tendons, as `scene.build` and `scene.tendons` would."""
@@ -101,14 +118,22 @@ class BatchSimulation:
         flags = model.opt.disableflags | _NO_CONSTRAINT
         rubbing = loss.any(axis=1)
         self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * rubbing)
-        if self.scene.config.integrator is None:
+        if self.scene.config.integrator in (None, EXTRAPOLATION):
             nominal = model.opt.integrator
             self._batch.expand("opt.integrator")[which] = np.where(rubbing, _DISCRETE, nominal)
 
     @property
+    def integration_error(self) -> np.ndarray | None:
+        """Estimated errors (n,) [m] in time since the resets; None with MuJoCo's integrators.
+
+        Zero for robots with tendon friction, which MuJoCo integrates.
+        """
+        return self._integration.error(self.scene.timestep)
+
+    @property
     def count(self) -> int:
         """Number of simulations."""
-        return self._batch.nsim
+        return self._batch.count
 
     def reset(self, which: np.ndarray, qpos: np.ndarray, ctrl: np.ndarray) -> None:
         """Set postures at rest, with controls in force.
@@ -118,9 +143,10 @@ class BatchSimulation:
             qpos: (k, nq) [rad].
             ctrl: (k, nu).
         """
-        self._batch.reset(which, stage=_NO_STAGE)
+        self._batch.reset(which)
         self.qpos[which], self.ctrl[which] = qpos, ctrl
-        self._batch.forward(which, stage=int(mujoco.mjtStage.mjSTAGE_ACC))
+        self._batch.apply(which, self._integration.refresh, self._integration.header)
+        self._integration.restart(which)
 
     def advance(self, which: np.ndarray | None = None) -> np.ndarray:
         """Integrate over one control period with the controls in `ctrl`.
@@ -131,7 +157,7 @@ class BatchSimulation:
         Returns:
             (n,) bool, whether each has diverged; read-only.
         """
-        self._batch.step(which, nstep=self._substeps, stage=_STAGE)
+        self._batch.apply(which, self._integration.advance, self._integration.header)
         if self._warnings.tobytes() == self._no_warnings:
             return self._nobody
         return self._warnings[:, :, 1].any(axis=1)

@@ -8,7 +8,7 @@ from softrobot_env.envs.observations.readouts import ChainReadout
 from softrobot_env.envs.reference import PLANE, TOP
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import Scene, at_timestep_of, build_scene
+from softrobot_env.scene.build import Scene, build_scene, vary_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.simulation import Simulation
@@ -62,14 +62,10 @@ class MujocoPlant:
         return curvature[self.layout.piece] * self.layout.weights
 
     def simulation(self, vary: dict[str, float]) -> Simulation:
-        """New simulation of the nominal robot, or of a variation of it at the same timestep.
-
-        Were the timestep chosen anew, variations would differ by its error too, and from those of
-        many environments, which share one. It is chosen anew only where it would be unstable.
-        """
+        """New simulation of the nominal robot, or of a variation of it."""
         if not vary:
             return Simulation(self.nominal)
-        return Simulation(at_timestep_of(self._build(self.robot.vary(**vary)), self.nominal))
+        return Simulation(vary_scene(self.nominal, vary))
 
     def adopt(self, simulation: Simulation) -> None:
         """Share the scene of a copied simulation of the nominal robot."""

@@ -1,0 +1,1 @@
+"""Random scenes, stepped as environments step them, judged against refined runs."""

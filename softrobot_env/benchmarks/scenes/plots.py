@@ -1,0 +1,123 @@
+"""The random scenes as a picture: error against what was asked, over what it hangs on, and cost."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from softrobot_env.benchmarks.records import select
+from softrobot_env.benchmarks.scenes.rows import (
+    ACCURATE,
+    GOOD_FACTOR,
+    INACCURATE,
+    REPORTED,
+    UNJUDGED,
+    WARNED,
+    WRONG,
+    WRONG_SHARE,
+    Row,
+)
+from softrobot_env.rendering.figures import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    add_legend,
+    entry,
+    new_figure,
+    save,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+#: Verdict -> colour and marker, the worst last, on top.
+_STYLES = {
+    UNJUDGED: (GREY, "x"),
+    ACCURATE: (GREEN, "o"),
+    REPORTED: (PURPLE, "s"),
+    WARNED: (BLUE, "v"),
+    INACCURATE: (ORANGE, "^"),
+    WRONG: (VERMILLION, "D"),
+}
+
+#: Errors [share of the length] at the lower end of the axes; smaller ones stand there.
+_LEAST_ERROR, _MOST_ERROR = 1e-7, 10.0
+
+#: Where scenes without gravity stand.
+_WEIGHTLESS = 1e-6
+
+Value = Callable[[Row], float | None]
+
+
+def plot(rows: Sequence[Row], path: Path | str) -> None:
+    """Draw where the timestep rule is what it says, as PNG."""
+    figure, axes = new_figure(2, 2, (12, 9.5))
+    figure.suptitle(
+        f"Where the timestep rule is what it says: {len(rows)} random scenes of seed "
+        f"{rows[0].seed}, tip errors against refined runs"
+    )
+    _against_estimate(axes[0, 0], rows)
+    _map(axes[0, 1], rows)
+    _against(axes[1, 0], rows, lambda r: max(r.weight_load, _WEIGHTLESS), "rho A g L^3 / EI")
+    _against(axes[1, 1], rows, _cost, "run time / simulated time")
+    counts = {verdict: len(select(rows, verdict=verdict)) for verdict in _STYLES}
+    add_legend(
+        figure,
+        [
+            entry(f"{verdict} ({counts[verdict]})", color=colour, marker=marker, linestyle="")
+            for verdict, (colour, marker) in _STYLES.items()
+        ],
+    )
+    save(figure, path)
+
+
+def _cost(row: Row) -> float | None:
+    return None if row.wall_time is None else row.wall_time / row.duration
+
+
+def _error(row: Row) -> float | None:
+    if row.error_share is None:
+        return None
+    return min(max(row.error_share, _LEAST_ERROR), _MOST_ERROR)
+
+
+def _scatter(axis: "Axes", rows: Sequence[Row], x: Value, y: Value) -> None:
+    """Points by verdict on logarithmic axes; rows without a value are left out."""
+    for verdict, (colour, marker) in _STYLES.items():
+        points = [(x(row), y(row)) for row in select(rows, verdict=verdict)]
+        known = np.array([p for p in points if None not in p], dtype=float).reshape(-1, 2)
+        axis.scatter(*known.T, s=26, c=colour, marker=marker, linewidths=1.0, alpha=0.8)
+    axis.set(xscale="log", yscale="log")
+
+
+def _bounds(axis: "Axes", rows: Sequence[Row]) -> None:
+    """Lines of the accuracy asked for and of what is wrong."""
+    axis.axhline(rows[0].asked_share, color=BLACK, linewidth=0.9, linestyle="--")
+    axis.axhline(WRONG_SHARE, color=VERMILLION, linewidth=0.9, linestyle="--")
+    axis.set_ylabel("tip error / length (dashed: asked for; wrong)")
+
+
+def _against(axis: "Axes", rows: Sequence[Row], x: Value, label: str) -> None:
+    _scatter(axis, rows, x, _error)
+    _bounds(axis, rows)
+    axis.set_xlabel(label)
+
+
+def _against_estimate(axis: "Axes", rows: Sequence[Row]) -> None:
+    """Error found over the package's estimate; over what was asked for where it gives none."""
+    _scatter(axis, rows, lambda r: r.estimate_share or r.asked_share, _error)
+    _bounds(axis, rows)
+    line = np.array([_LEAST_ERROR, _MOST_ERROR])
+    axis.plot(line, line, color=GREY, linewidth=0.9)
+    axis.fill_between(line, line / GOOD_FACTOR, line * GOOD_FACTOR, color="0.93", zorder=0)
+    axis.set_xlabel("the package's estimate / length (asked for, where it gives none)")
+
+
+def _map(axis: "Axes", rows: Sequence[Row]) -> None:
+    _scatter(axis, rows, lambda r: max(r.weight_load, _WEIGHTLESS), lambda r: r.damping_ratio)
+    axis.set(xlabel="rho A g L^3 / EI", ylabel="damping ratio of the first elastic mode")

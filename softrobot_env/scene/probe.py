@@ -1,0 +1,104 @@
+"""How accurate and how costly a scene is to simulate, measured in one hard motion.
+
+All drives take random steps over half of their range, each held for a while, from the equilibrium
+without tension on. The same motion is computed more accurately, and the points of the backbone are
+compared.
+"""
+
+from dataclasses import dataclass, replace
+from math import ceil, inf
+from time import process_time
+
+import mujoco
+import numpy as np
+
+from softrobot_env.interfaces import EquilibriumError
+from softrobot_env.scene.build import Scene
+from softrobot_env.scene.integration import Integration
+from softrobot_env.scene.statics import equilibrium
+from softrobot_env.scene.timestep import TimestepChoice
+
+#: [s], length of the motion and of one step of the drives, in control periods at least one.
+DURATION, HELD = 2.0, 0.1
+
+#: Share [1] of the drives' range.
+AMPLITUDE = 0.5
+
+#: Factors by which the comparison is more accurate, or has shorter timesteps.
+_SHARPER, _SHORTER = 1 / 16, 4
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What was measured.
+
+    Attributes:
+        error: [m], largest distance of a point of the backbone from the more accurate motion; inf
+            where one of the two diverged.
+        evaluations: Of the forces in a control period, in the mean.
+        cost: [s], processor time of a control period, in the mean.
+    """
+
+    error: float
+    evaluations: float
+    cost: float
+
+
+def probe(scene: Scene, seed: int = 0) -> Probe:
+    """Measure a scene.
+
+    Args:
+        scene: The scene; its model is shared, not changed.
+        seed: Of the random steps.
+    """
+    choice = scene.timestep
+    controls = _controls(scene, seed)
+    found, evaluations, cost = _motion(scene, choice, controls)
+    truth, *_ = _motion(scene, _finer(choice), controls)
+    distance = np.linalg.norm(found - truth, axis=-1)
+    error = float(distance.max()) if np.all(np.isfinite(distance)) else inf
+    return Probe(error, evaluations, cost)
+
+
+def _finer(choice: TimestepChoice) -> TimestepChoice:
+    if choice.accuracy is not None:
+        return replace(choice, accuracy=choice.accuracy * _SHARPER)
+    return replace(choice, timestep=choice.timestep / _SHORTER, substeps=choice.substeps * _SHORTER)
+
+
+def _controls(scene: Scene, seed: int) -> np.ndarray:
+    """Controls (periods, nu) of all control periods."""
+    low, high = scene.model.actuator_ctrlrange.T
+    middle = np.clip(0.0, low, high)
+    period, rng = scene.config.control_period, np.random.default_rng(seed)
+    held = max(1, round(HELD / period))
+    shares = rng.uniform(-1, 1, (ceil(DURATION / period / held), scene.model.nu)) * AMPLITUDE
+    steps = middle + np.where(shares > 0, (high - middle) * shares, (middle - low) * shares)
+    return np.repeat(steps, held, axis=0)
+
+
+def _motion(
+    scene: Scene, choice: TimestepChoice, controls: np.ndarray
+) -> tuple[np.ndarray, float, float]:
+    """Positions (periods, bodies, 3) [m] of the links, evaluations and time [s] of a period."""
+    model = scene.model.__copy__()
+    model.opt.timestep = choice.timestep
+    data, integration = mujoco.MjData(model), Integration(model, choice)
+    data.qpos[:] = _rest(model)
+    mujoco.mj_forward(model, data)
+    positions = np.empty((len(controls), model.nbody, 3))
+    begin = process_time()
+    for k, control in enumerate(controls):
+        data.ctrl[:] = control
+        integration.advance(model._address, data._address, 0, integration.header)
+        positions[k] = data.xpos
+    spent = process_time() - begin
+    return positions, integration.evaluations[0] / len(controls), spent / len(controls)
+
+
+def _rest(model: mujoco.MjModel) -> np.ndarray:
+    """Equilibrium (nq,) without drives; straight where there is none that is stable."""
+    try:
+        return equilibrium(model, np.clip(np.zeros(model.nu), *model.actuator_ctrlrange.T))
+    except EquilibriumError:
+        return model.qpos0.copy()
