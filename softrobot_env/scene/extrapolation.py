@@ -118,7 +118,7 @@ MEMORY_SIZE = 16  # of a simulation; its shadow's, alike, follows
 EXTRAPOLATED, SPLIT, WHOLE = range(3)
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
-LARGEST_SHARE, SMALLEST_SHARE = 0.5, 0.003
+LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
 
 _HUGE = 1e10  # MuJoCo's bound of a state that has not diverged
 
