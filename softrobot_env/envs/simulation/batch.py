@@ -128,7 +128,9 @@ class BatchSimulation:
 
         Zero for robots with tendon friction, which MuJoCo integrates.
         """
-        return self._integration.error(self.scene.timestep)
+        if self.scene.timestep.accuracy is None:
+            return None
+        return self._integration.estimates.copy()
 
     @property
     def count(self) -> int:
