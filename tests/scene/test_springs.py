@@ -153,3 +153,14 @@ def test_a_channel_and_a_load_share_the_error_between_the_axes(options):
     # A moment across works on the tilt; cos(theta) = cos(each)^2 gives the hinges' share of it.
     moment = spring[:2].sum() * np.sin(theta) / np.sin(2 * each)
     assert stiffness * theta / moment - 1 == pytest.approx(-(theta**2) / 12, rel=0.1)
+
+
+@pytest.mark.parametrize("options", [{"bending": "spatial"}, TWISTING])
+@pytest.mark.parametrize("poisson_ratio", [-0.5, 1e-12, 0.5])
+def test_a_station_resists_all_angles_up_to_more_than_a_right_angle(options, poisson_ratio):
+    robot = replace(ROBOT, poisson_ratio=poisson_ratio)
+    model = build_scene(SceneConfig(robot, pieces=1, rule="midpoint", **options)).model
+    forces, directions = StaticForces(model), np.random.default_rng(4).normal(size=(60, model.nq))
+    for direction in directions / np.linalg.norm(directions, axis=1)[:, None]:
+        for angle in (0.5, 1.5, 2.3):
+            assert forces.force(angle * direction, np.zeros(0)) @ direction < 0
