@@ -119,8 +119,8 @@ def joint_angles(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
         (stations, k) [rad]: beta (towards +x), gamma (towards +y) and torsion, as many as the
         chain has. Of a ball joint they are the components of its rotation vector, of hinges their
         angles; divided by a station's weight they are the curvatures. Hinges that bend to two
-        sides at once also twist, by half the product of their angles: three of them undo that with
-        their torsion, to the other side at every second pair of stations.
+        sides at once also twist, by half the product of their angles, and the torsion of three
+        hinges undoes that.
     """
     joints = _joints(model)
     if BALL in joints:
