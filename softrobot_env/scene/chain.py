@@ -118,7 +118,9 @@ def joint_angles(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
     Returns:
         (stations, k) [rad]: beta (towards +x), gamma (towards +y) and torsion, as many as the
         chain has. Of a ball joint they are the components of its rotation vector, of hinges their
-        angles; divided by a station's weight they are the curvatures.
+        angles; divided by a station's weight they are the curvatures. Hinges that bend to two
+        sides at once also twist, by half the product of their angles, and the torsion of three
+        hinges undoes that.
     """
     joints = _joints(model)
     if BALL in joints:

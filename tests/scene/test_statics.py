@@ -214,3 +214,18 @@ def test_controls_out_of_range_are_refused_rather_than_clamped():
     for value in (-1.0, 80.1):
         with pytest.raises(ValueError, match=r"'pair1_up' must lie in \[0, 80\]"):
             equilibrium(model, np.array([value, 0, 0, 0, 0, 0]))
+
+
+@pytest.mark.parametrize("bending", ["planar", "spatial"])
+def test_becks_column_flutters_at_its_follower_force(bending):
+    """At 20.05 EI / L^2 (M. Beck, ZAMP 3, 1952), and never buckles at rest."""
+    thin = replace(WEIGHTLESS, outer_radius=2e-3, inner_radius=0.0, damping_time=0.0)
+    force = thin.bending_stiffness / LENGTH**2
+    load = Load("push", LENGTH, force=(0.0, 0.0, -force), follows=True)
+    scene = build_scene(SceneConfig(thin, pieces=8, bending=bending, loads=(load,)))
+    for share, kinds in ((19.7, ("static", "dynamic")), (20.4, ("static",))):
+        for kind in kinds:
+            posture = scene.equilibrium(np.array([share]), check_stability=kind)
+            np.testing.assert_array_equal(posture, 0.0)
+    with pytest.raises(EquilibriumError, match="check_stability='static'"):
+        scene.equilibrium(np.array([20.4]), check_stability="dynamic")
