@@ -492,8 +492,8 @@ def _check_robot(robot: RobotParams, has_head: bool) -> None:
 
 
 def _sample_times(duration: float, samples: np.ndarray | float | None) -> np.ndarray:
-    if not duration > 0:
-        raise ValueError(f"duration must be positive, got {duration!r}")
+    if not 0 < duration < np.inf:
+        raise ValueError(f"duration must be positive and finite, got {duration!r}")
     if samples is None:
         return np.array([0.0, duration])
     if np.ndim(samples) == 0:
