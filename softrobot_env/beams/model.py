@@ -254,7 +254,7 @@ class BeamModel:
         """
         kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
         u = self._inputs(u)
-        guess = None if guess is None else self._vector(guess)
+        guess = None if guess is None else self._finite(guess)
         q = find_equilibrium(self, u, guess, load_steps)
         if kind is not None:
             space = self.linearize(State(q, np.zeros_like(q)), u)
@@ -297,7 +297,7 @@ class BeamModel:
         scheme = find_method(method, step)
         start = self.start() if start is None else start
         times = _sample_times(duration, samples)
-        q, v = (self._vector(x).copy() for x in start)
+        q, v = (self._finite(x).copy() for x in start)
         out_q, out_v = np.empty((len(times), self.n)), np.empty((len(times), self.n))
         counters, steps = np.zeros(4, dtype=np.int64), np.zeros(2)
         # An adaptive method finds its step within a few steps of any small one.
@@ -326,7 +326,7 @@ class BeamModel:
         Raises:
             ValueError: The coordinates are redundant and the state moves.
         """
-        q, v = (self._vector(x).copy() for x in state)
+        q, v = (self._finite(x).copy() for x in state)
         u, n = self._inputs(u), self.n
         by_q, by_v, by_a = np.empty((3, n, n))
         a = self.acceleration(q, v, u)
@@ -445,9 +445,14 @@ class BeamModel:
         x = np.ascontiguousarray(x, dtype=float)
         if x.shape != (self.n,):
             raise ValueError(f"states of this model have shape ({self.n},), got {x.shape}")
-        if not np.all(np.isfinite(x)):
-            where = np.flatnonzero(~np.isfinite(x)).tolist()
-            raise ValueError(f"states must be finite, got {x[where[0]]} in coordinates {where}")
+        return x
+
+    def _finite(self, x: np.ndarray) -> np.ndarray:
+        """As `_vector`, of a state to start from; read-outs show a diverged one as it is."""
+        x = self._vector(x)
+        wrong = np.flatnonzero(~np.isfinite(x))
+        if len(wrong):
+            raise ValueError(f"states must be finite, got {x[wrong[0]]} in coordinate {wrong[0]}")
         return x
 
     def _inputs(self, u: np.ndarray | None) -> np.ndarray:
