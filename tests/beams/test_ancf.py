@@ -1,5 +1,6 @@
 """ANCF beam against closed forms, the audit's numbers and integrals done point by point."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from scipy.linalg import eigh
 from scipy.spatial.transform import Rotation
 
-from softrobot_env.beams.ancf import ANCF
+from softrobot_env.beams.ancf import ANCF, LockingWarning
 from softrobot_env.beams.ancf import actuation as ancf_actuation
 from softrobot_env.beams.ancf.tangent import add_internal_tangent
 from softrobot_env.beams.exact import analytic
@@ -625,3 +626,35 @@ def test_planar_model_refuses_what_acts_across_its_plane():
 def test_incompressible_material_is_refused():
     with pytest.raises(ValueError, match="Poisson"):
         ANCF(replace(RING, poisson_ratio=0.5))
+
+
+# ---------------------------------------------------------------- locking
+
+
+@pytest.mark.parametrize("dimension", DIMENSIONS)
+@pytest.mark.parametrize(
+    ("ratio", "pieces", "turn"), [(0.01, 6, 1.0), (0.003, 12, np.pi), (0.001, 24, 1.0)]
+)
+def test_slender_beams_lock_as_the_rule_says_and_warn(dimension, ratio, pieces, turn):
+    """A moment bends to turn / (1 + share); the rule counts the bend that is left."""
+    robot = replace(WEIGHTLESS["weak"], outer_radius=0.5 * ratio, inner_radius=0.0)
+    moment = turn * robot.bending_stiffness / 0.5
+    load = Load("m", 0.5, moment=(0.0, moment, 0.0))
+    model = ANCF(robot, pieces, dimension=dimension, loads=[load])
+    with pytest.warns(LockingWarning, match=rf"with {pieces} elements locks .* or more elements"):
+        q = model.equilibrium([1.0])
+    share = turn / (0.5 * model.curvature(q)[:, 1].mean()) - 1
+    assert share > 0.03
+    assert model.locking(q) == pytest.approx(share, rel=0.2)
+
+
+def test_the_elements_that_the_warning_asks_for_do_not_lock():
+    robot = replace(WEIGHTLESS["weak"], outer_radius=0.005, inner_radius=0.0)
+    load = Load("m", 0.5, moment=(0.0, robot.bending_stiffness / 0.5, 0.0))
+    with pytest.warns(LockingWarning, match="take 10 or more"):
+        ANCF(robot, 6, dimension=2, loads=[load]).equilibrium([1.0])
+    model = ANCF(robot, 11, dimension=2, loads=[load])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        q = model.equilibrium([1.0])
+    assert 0.5 * model.curvature(q)[:, 1].mean() == pytest.approx(1.0, abs=0.01)

@@ -185,6 +185,43 @@ def test_unstable_equilibrium_is_refused():
         model.equilibrium([1.02 * critical])
 
 
+@pytest.mark.parametrize("name", ["pcc", "cosserat"])
+def test_becks_column_flutters_and_never_buckles(name):
+    """A follower force along the tip: flutter from 20.05 EI / L^2 on, undamped (Beck 1952)."""
+    robot = replace(WEIGHTLESS, damping_time=0.0, outer_radius=LENGTH / 400, inner_radius=0.0)
+    critical = 20.05 * robot.bending_stiffness / LENGTH**2
+    load = Load("press", LENGTH, force=(0.0, 0.0, -1.0), follows=True)
+    make = {
+        "pcc": lambda: PCC(robot, 12, axes="planar", inertia="distributed", loads=(load,)),
+        "cosserat": lambda: CosseratRod(robot, 24, loads=(load,)),
+    }
+    model = make[name]()
+    model.equilibrium([0.98 * critical], check_stability="dynamic")
+    model.equilibrium([1.02 * critical])
+    with pytest.raises(EquilibriumError, match=r"flutters.*check_stability='static'"):
+        model.equilibrium([1.02 * critical], check_stability="dynamic")
+
+
+@pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
+def test_what_is_not_finite_is_refused_by_name(name):
+    load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
+    model = models(WEIGHTLESS, 3, loads=(load,))[name]
+    rest = model.rest()
+    for wrong in (np.nan, np.inf):
+        with pytest.raises(ValueError, match="inputs must be finite, got 'push'"):
+            model.equilibrium([wrong])
+        with pytest.raises(ValueError, match="inputs must be finite"):
+            model.simulate(0.1, [wrong])
+        with pytest.raises(ValueError, match="states must be finite"):
+            model.equilibrium([1.0], guess=np.full(model.n, wrong))
+        with pytest.raises(ValueError, match="states must be finite"):
+            model.simulate(0.1, start=State(rest, np.full(model.n, wrong)))
+        with pytest.raises(ValueError, match="coefficients must be finite"):
+            model.simulate(0.1, signals.held(np.array([[0.0], [wrong]]), 0.1))
+        with pytest.raises(ValueError, match="'bad': station, force and moment must be finite"):
+            Load("bad", LENGTH, moment=(0.0, wrong, 0.0))
+
+
 def test_statics_say_where_they_failed():
     """A follower force that has no equilibrium: the rod would spin (tip force along a lever)."""
     load = Load("push", LENGTH, force=(0.0, 0.0, -1.0), follows=True)
@@ -395,6 +432,8 @@ def test_shapes_and_places_are_checked():
         model.simulate(1.0, samples=[0, 0.2])
     with pytest.raises(ValueError, match="whole number"):
         model.equilibrium(load_steps=0)
+    with pytest.raises(ValueError, match="True, False, 'static', 'dynamic'"):
+        model.equilibrium(check_stability="both")
 
 
 @pytest.mark.parametrize("pieces", [8, 48])

@@ -578,6 +578,14 @@ def test_rig_of_chapter_5_has_the_audits_stiffness_and_mass():
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (
+            {"axes": "planar", "loads": [Load("side", 0.1, force=(0.0, 1.0, 0.0))]},
+            r"x-z plane; remove load 'side' \(force y\) or choose 'spatial'",
+        ),
+        (
+            {"axes": "spatial", "loads": [Load("turn", 0.1, moment=(0.0, 0.0, 1.0))]},
+            r"cannot twist; remove load 'turn' \(moment z\) or choose 'torsion'",
+        ),
         ({"axes": "all"}, "unknown axes 'all'; choose from planar, spatial, torsion"),
         ({"inertia": "point"}, "unknown inertia 'point'; choose from lumped, distributed"),
         ({"pieces": 0}, "at least one, got 0"),

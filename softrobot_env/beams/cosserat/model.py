@@ -25,6 +25,9 @@ class CosseratRod(BeamModel):
     Coordinates come in blocks of seven, [x_n (3), p_n-1/2 (4)] for n = 1 .. pieces: the end of
     each segment and the quaternion of its section. A free base adds a last block [x_0 (3)].
 
+    All errors are of second order in the pieces, but for a moment that follows a section inside a
+    piece: it turns with the mean of its neighbours, which is a first-order error.
+
     Loads and tendons: directors are interpolated linearly between the sections. In the thesis'
     grid they are extrapolated to the tip: a moment there acts on the last section, half a segment
     before it (audit), so under a tip moment that section turns by 1 - 1 / (2 pieces) of the tip's
