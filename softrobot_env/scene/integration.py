@@ -24,8 +24,8 @@ from softrobot_env.scene.extrapolation import (
     METHOD,
     MODEL_FIELDS,
     MOST,
-    NBODY,
     NEXT,
+    NTENDON,
     OFFSETS,
     PATH,
     PERIOD,
@@ -73,7 +73,7 @@ class Integration:
         self._lengths = backbone_lengths(model)
         self.memory = np.zeros((count, 2, MEMORY_SIZE))
         self._states = np.zeros((count, 2, model.nq + model.nv))
-        self._sizes = (model.nq, model.nv, model.nu, model.nbody)
+        self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         self._path = np.zeros((1, model.nu))
         self.set(slice(None), choice)
         self._connect()
@@ -137,7 +137,7 @@ class Integration:
 
     def _connect(self) -> None:
         self._header = np.zeros(HEADER, dtype=np.int64)
-        self._header[: NBODY + 1] = self._sizes
+        self._header[: NTENDON + 1] = self._sizes
         self._header[OFFSETS:] = (
             *model_offsets(*MODEL_FIELDS),
             *data_offsets(*DATA_FIELDS),
