@@ -3,6 +3,7 @@
 Loading compiled code takes time: the first simulation imports this module.
 """
 
+import ctypes
 from typing import Any
 
 import mujoco
@@ -45,6 +46,8 @@ from softrobot_env.scene.extrapolation import (
 )
 from softrobot_env.scene.structs import data_offsets, model_offsets, time_offset
 from softrobot_env.scene.timestep import EXTRAPOLATION, TimestepChoice
+
+_LOCKED = ctypes.PYFUNCTYPE(None, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_int32, ctypes.c_size_t)
 
 _METHODS = {EXTRAPOLATION: EXTRAPOLATED, "RK4": WHOLE}
 
@@ -109,8 +112,12 @@ class Integration:
 
     @property
     def advance(self) -> Any:
-        """C function (model, data, number, header) that advances a simulation."""
-        return advance.ctypes
+        """C function (model, data, number, header) that advances a simulation.
+
+        It keeps Python's lock: a thread that simulates while Python exits must not run compiled
+        code that is being unloaded.
+        """
+        return _LOCKED(advance.address)
 
     @property
     def refresh(self) -> Any:
