@@ -131,8 +131,8 @@ class Integration:
 
     @property
     def evaluations(self) -> np.ndarray:
-        """View (n,): evaluations of all forces since the last restart."""
-        return self.memory[:, 0, EVALUATIONS]
+        """Evaluations (n,) of all forces since the last restart, the shadows' too."""
+        return self.memory[:, :, EVALUATIONS].sum(axis=1)
 
     def follow(self, path: np.ndarray | None) -> None:
         """Take controls from a path (k, nu), a row a timestep; None: as the data has them."""

@@ -52,9 +52,9 @@ def probe(scene: Scene, seed: int = 0) -> Probe:
         seed: Of the random steps.
     """
     choice = scene.timestep
-    controls = _controls(scene, seed)
-    found, evaluations, cost = _motion(scene, choice, controls)
-    truth, *_ = _motion(scene, _finer(choice), controls)
+    controls = controls_of(scene, seed)
+    found, evaluations, cost = motion(scene, controls)
+    truth, *_ = motion(replace(scene, timestep=_finer(choice)), controls)
     distance = np.linalg.norm(found - truth, axis=-1)
     error = float(distance.max()) if np.all(np.isfinite(distance)) else inf
     return Probe(error, evaluations, cost)
@@ -66,7 +66,7 @@ def _finer(choice: TimestepChoice) -> TimestepChoice:
     return replace(choice, timestep=choice.timestep / _SHORTER, substeps=choice.substeps * _SHORTER)
 
 
-def _controls(scene: Scene, seed: int) -> np.ndarray:
+def controls_of(scene: Scene, seed: int) -> np.ndarray:
     """Controls (periods, nu) of all control periods."""
     low, high = scene.model.actuator_ctrlrange.T
     middle = np.clip(0.0, low, high)
@@ -77,11 +77,14 @@ def _controls(scene: Scene, seed: int) -> np.ndarray:
     return np.repeat(steps, held, axis=0)
 
 
-def _motion(
-    scene: Scene, choice: TimestepChoice, controls: np.ndarray
-) -> tuple[np.ndarray, float, float]:
-    """Positions (periods, bodies, 3) [m] of the links, evaluations and time [s] of a period."""
-    model = scene.model.__copy__()
+def motion(scene: Scene, controls: np.ndarray) -> tuple[np.ndarray, float, float]:
+    """Run a scene under controls (periods, nu), from its rest.
+
+    Returns:
+        Positions (periods, bodies, 3) [m] of the links, evaluations of all forces in a control
+        period and its processor time [s].
+    """
+    model, choice = scene.model.__copy__(), scene.timestep
     model.opt.timestep = choice.timestep
     data, integration = mujoco.MjData(model), Integration(model, choice)
     data.qpos[:] = _rest(model)

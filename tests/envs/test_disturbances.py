@@ -102,8 +102,8 @@ def test_friction_under_jittering_tension_is_that_of_fine_steps():
     fine = build_scene(SceneConfig(robot, timestep=5e-5, integrator="implicitfast", **sensors))
     found, truth = jittering(coarse, posture), jittering(fine, posture)
     without = jittering(free, posture)
-    # MuJoCo's friction is a little softer than Coulomb's.
-    assert np.linalg.norm(found - truth, axis=1).max() < 1.5e-3
+    # MuJoCo's friction is softer than Coulomb's, which ours is.
+    assert np.linalg.norm(found - truth, axis=1).max() < 4e-3
     assert np.linalg.norm(without - truth, axis=1).max() > 20e-3
 
 

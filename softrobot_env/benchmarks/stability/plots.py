@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.benchmarks.stability.front import FrontRow
+from softrobot_env.benchmarks.stability.front import figure as front_figure
 from softrobot_env.benchmarks.stability.map import MOST_STEPS
 from softrobot_env.benchmarks.stability.rig import cases as rig
 from softrobot_env.benchmarks.stability.rig.runs import (
@@ -56,9 +58,13 @@ def plot(rows: list[Row], path: Path | str) -> None:
     Args:
         rows: Rows of `benchmarks.stability.run`.
         path: File of the first model's picture; the others get the model's name appended, that of
-            the rig "_rig".
+            the rig "_rig", and that of error against cost "_integrators".
     """
+    costs = [row for row in rows if isinstance(row, FrontRow)]
+    rows = [row for row in rows if not isinstance(row, FrontRow)]
     path = Path(path)
+    if costs:
+        save(front_figure(costs), path.with_stem(f"{path.stem}_integrators"))
     lines = ("damping_ratio", "damping ratio {:.2g}"), ("stiffness_scale", "stiffness / arm's")
     for index, ((model, n), cells) in enumerate(
         groups(select(rows, case="map"), "model", "n").items()

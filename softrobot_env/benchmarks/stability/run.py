@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from itertools import product
 
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
-from softrobot_env.benchmarks.stability import extremes
+from softrobot_env.benchmarks.stability import extremes, front
 from softrobot_env.benchmarks.stability.map import ALL_DAMPINGS, NOMINAL, SOME_DAMPINGS, Family
 from softrobot_env.benchmarks.stability.map import jobs as map_jobs
 from softrobot_env.benchmarks.stability.rig import runs as rig
@@ -39,7 +39,8 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     Returns:
         Rows. Their case is "map", "rule" (what the timestep rule picks), "rule_asked" (the rule
         with a fixed integrator), "limit" (around the stability limit of the linearised chain), or
-        the name of an extreme case, or one of the rig's `CASES`, of rows with further fields.
+        the name of an extreme case, or one of the rig's `CASES`, of rows with further fields;
+        and rows of the integrators' error against cost.
     """
     return run_jobs(list(_quick_jobs() if quick else _full_jobs()), progress)
 
@@ -51,6 +52,7 @@ def _full_jobs() -> Iterator[Job]:
         yield from map_jobs(Family(name, n), dampings)
     yield from extremes.jobs(BEAMS)
     yield from rig.jobs()
+    yield from front.jobs()
 
 
 def _quick_jobs() -> Iterator[Job]:
@@ -59,3 +61,4 @@ def _quick_jobs() -> Iterator[Job]:
         yield from map_jobs(family, *grid)
     yield from extremes.jobs(BEAMS, quick=True)
     yield from rig.jobs(quick=True)
+    yield from front.jobs(quick=True)

@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.benchmarks.stability.front import FrontRow, table
 from softrobot_env.benchmarks.stability.rig.runs import ASKED, MAP, RULE, RigRow
 from softrobot_env.benchmarks.stability.rig.runs import CASES as RIG_CASES
 from softrobot_env.benchmarks.stability.runs import (
@@ -27,10 +28,12 @@ _SHORT = {CHAIN: "chain", "implicit_euler": "impl. Euler"}
 
 def tables(rows: list[Row]) -> Group:
     """Shares of the maps, the rule, how sharp its limit is, extreme cases, and the rig's."""
+    costs = [row for row in rows if isinstance(row, FrontRow)]
+    rows = [row for row in rows if not isinstance(row, FrontRow)]
     rig = [row for row in rows if isinstance(row, RigRow)]
     parts = [_shares(rows), _rule(rows), _limits(rows), _extremes(rows)]
     parts += [_rig_safe(rig), _rig_rule(rig), _rig_failures(rig)] if rig else []
-    return Group(*parts)
+    return Group(*parts, *([table(costs)] if costs else []))
 
 
 def first_period(row: Row) -> float:
