@@ -299,7 +299,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             for term in terms.values():
                 term[ended] = 0.0
         if terminated.any():
-            failures = self._fail(terminated, terms, before)
+            failures = self._fail(terminated, failed, terms, before)
         info = self._info(terms)
         if failures is not None:
             info |= {"failure": failures, "_failure": terminated.copy()}
@@ -309,22 +309,27 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         return self._observation, sum(terms.values()), terminated, truncated, info
 
     def _fail(
-        self, failed: np.ndarray, terms: dict[str, np.ndarray], before: Observation
+        self,
+        failed: np.ndarray,
+        diverged: np.ndarray,
+        terms: dict[str, np.ndarray],
+        before: Observation,
     ) -> np.ndarray:
         """Penalise failed episodes, show what was seen before, and say what happened."""
         out = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(failed):
-            out[i] = self._what_failed(i)
+            out[i] = self._what_failed(i, diverged[i])
         for name, value in self._reward.failed_terms().items():
             terms[name][failed] = value
         for name, value in self._observation.items():
             value[failed] = before[name][failed]
         return out
 
-    def _what_failed(self, i: int) -> str:
+    def _what_failed(self, i: int, diverged: bool) -> str:
         time = self._index[i] * self.control_period
-        left = self._exact.what_left(i, time)
-        return left or f"simulation diverged in the control period ending at t = {time:.3f} s"
+        if diverged:
+            return f"simulation diverged in the control period ending at t = {time:.3f} s"
+        return self._exact.what_left(i, time)
 
     def _restart(self, last: dict[str, Any]) -> dict[str, Any]:
         """Reset ended episodes within the step; `info` of the new ones, and `last` of the ends."""

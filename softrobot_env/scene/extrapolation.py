@@ -17,6 +17,10 @@ backbone. Its share of the accuracy may be (rate H)^2, as that of an acceleratio
 `LARGEST_SHARE`. An interval beyond that gets another row, and then is divided; the next one is as
 long as its error lets it be.
 
+Local errors alone say nothing of motions that part from each other: snapping, swinging upside down,
+chaos. So each simulation has a shadow, the same with `integration.SHADOW` times the accuracy. How
+far it strays, times the ratio of the sums of the local errors, estimates the error in time.
+
 Everything is one C function for any robot, called by single simulations and by the threads of
 `batch`; joints whose positions are no vectors are handled by `mj_integratePos`.
 """
@@ -83,7 +87,9 @@ def _pointer(typing, address):
 # ---------------------------------------------------------------- what is passed
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
-NQ, NV, NU, NBODY, MEMORY, STRIDE, LENGTHS, PATH, ROWS, TOLD, TELL, OFFSETS = range(12)
+NQ, NV, NU, NBODY, MEMORY, STRIDE, LENGTHS, PATH, ROWS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(
+    13
+)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
@@ -105,14 +111,14 @@ HEADER = OFFSETS + len(MODEL_FIELDS) + len(DATA_FIELDS) + 1  # and the time
 
 #: Places in a simulation's `memory` (float64): settings, then what it remembers and tells.
 METHOD, SUBSTEPS, PERIOD, LONGEST, SHORTEST, ACCURACY, RATE, FEWEST, MOST = range(9)
-NEXT, WORST, MISSED, EVALUATIONS, STEPS = range(9, 14)
-MEMORY_SIZE = 16
+NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(9, 16)
+MEMORY_SIZE = 16  # of a simulation; its shadow's, alike, follows
 
 #: Values of METHOD: ours, MuJoCo's in two halves, MuJoCo's Runge-Kutta.
 EXTRAPOLATED, SPLIT, WHOLE = range(3)
 
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
-LARGEST_SHARE, SMALLEST_SHARE = 0.5, 0.003
+LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
 
 _HUGE = 1e10  # MuJoCo's bound of a state that has not diverged
 
@@ -383,6 +389,8 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
             memory[MISSED] += 1
             best = 0  # plain Euler steps, which are stable
         memory[WORST] = max(memory[WORST], error) if error == error else np.inf
+        share = min((memory[RATE] * h) ** 2, LARGEST_SHARE) + SMALLEST_SHARE
+        memory[SUM] += error * share * memory[ACCURACY]
         memory[STEPS] += 1
         accel = _reals(data, header[_QACC], nv)
         q[:] = q0
@@ -421,6 +429,58 @@ def _finish(model, data):
 
 
 @_jit
+def _integrate_period(model, data, header, memory, path, rows, held):
+    """Advance by a control period along a path (rows, nu) of controls, whose end is `held`."""
+    substeps = int(memory[SUBSTEPS])
+    tick = memory[PERIOD] / substeps
+    for k in range(rows - 1):
+        if k:
+            _evaluate(model, data, header)
+        _integrate_segment(model, data, header, memory, path[k], path[k + 1], tick)
+    if rows - 1 < substeps:
+        if rows > 1:
+            _evaluate(model, data, header)
+        rest = memory[PERIOD] - max(rows - 1, 0) * tick
+        _integrate_segment(model, data, header, memory, held, held, rest)
+
+
+@_jit
+def _states(header, number):
+    """Where a simulation and its shadow were at the end of the last period, (2, nq + nv)."""
+    size = header[NQ] + header[NV]
+    start = int(header[SHADOW_STATES] + number * 16 * size)
+    return numba.carray(_pointer(np.uint64(start)), (2, size), np.float64)
+
+
+@_jit
+def _follow(states, q, v):
+    """Let the shadow start anew where the simulation is, if that was moved."""
+    for i in range(q.size + v.size):
+        now = q[i] if i < q.size else v[i - q.size]
+        if states[0, i] != now or not abs(states[1, i]) <= _HUGE:
+            states[1, : q.size], states[1, q.size :] = q, v
+            break
+
+
+@_jit
+def _compare(model, data, header, memory, shadowed, states):
+    """Estimate the error from how far the shadow has strayed."""
+    nq, nv = header[NQ], header[NV]
+    lengths = numba.carray(_pointer(np.uint64(header[LENGTHS])), (nv,), np.float64)
+    turn = np.empty(nv)
+    here, there = states[0, :nq].ctypes.data, states[1, :nq].ctypes.data
+    _differentiate(model, turn.ctypes.data, 1.0, here, there)
+    strayed = _displacement(data, header, nv, lengths, turn)
+    if not strayed < np.inf:
+        estimate = np.inf
+    elif shadowed[SUM] > 0:
+        estimate = strayed * memory[SUM] / shadowed[SUM]
+    else:
+        estimate = 0.0
+    memory[ESTIMATE] = max(memory[ESTIMATE], estimate)
+
+
+@_jit
 def _advance(model, data, number, header_address):
     header = numba.carray(_pointer(header_address), (HEADER,), np.int64)
     nu = header[NU]
@@ -433,21 +493,24 @@ def _advance(model, data, number, header_address):
     path = numba.carray(_pointer(np.uint64(header[PATH])), (max(rows, 1), nu), np.float64)
     substeps = int(memory[SUBSTEPS])
     if memory[METHOD] == EXTRAPOLATED:
-        tick = memory[PERIOD] / substeps
-        done = 0.0
-        for k in range(rows - 1):
-            _integrate_segment(model, data, header, memory, path[k], path[k + 1], tick)
-            done += tick
-            _evaluate(model, data, header)
-        if rows:
-            ctrl[:] = path[rows - 1]
-        if rows - 1 < substeps:
-            held = ctrl.copy()
-            _integrate_segment(model, data, header, memory, held, held, memory[PERIOD] - done)
+        start = int(header[MEMORY] + number * header[STRIDE] + 8 * MEMORY_SIZE)
+        shadowed = numba.carray(_pointer(np.uint64(start)), (MEMORY_SIZE,), np.float64)
+        q, v = _reals(data, header[_QPOS], header[NQ]), _reals(data, header[_QVEL], header[NV])
+        states = _states(header, number)
+        _follow(states, q, v)
+        held = path[rows - 1].copy() if rows else ctrl.copy()
+        _integrate_period(model, data, header, memory, path, rows, held)
+        states[0, : q.size], states[0, q.size :] = q, v
+        q[:], v[:] = states[1, : q.size], states[1, q.size :]
+        _evaluate(model, data, header)
+        _integrate_period(model, data, header, shadowed, path, rows, held)
+        states[1, : q.size], states[1, q.size :] = q, v
+        q[:], v[:] = states[0, : q.size], states[0, q.size :]
         numba.carray(_pointer(data), (header[_TIME] + 1,), np.float64)[header[_TIME]] += memory[
             PERIOD
         ]
         _finish(model, data)
+        _compare(model, data, header, memory, shadowed, states)
     else:
         for k in range(substeps):
             if rows:

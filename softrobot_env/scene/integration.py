@@ -12,6 +12,7 @@ from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.extrapolation import (
     ACCURACY,
     DATA_FIELDS,
+    ESTIMATE,
     EVALUATIONS,
     EXTRAPOLATED,
     FEWEST,
@@ -21,7 +22,6 @@ from softrobot_env.scene.extrapolation import (
     MEMORY,
     MEMORY_SIZE,
     METHOD,
-    MISSED,
     MODEL_FIELDS,
     MOST,
     NBODY,
@@ -31,9 +31,9 @@ from softrobot_env.scene.extrapolation import (
     PERIOD,
     RATE,
     ROWS,
+    SHADOW_STATES,
     SHORTEST,
     SPLIT,
-    STEPS,
     STRIDE,
     SUBSTEPS,
     TELL,
@@ -50,6 +50,9 @@ _METHODS = {EXTRAPOLATION: EXTRAPOLATED, "RK4": WHOLE}
 
 #: Rows of the extrapolation: the first that may do, and the last that is tried.
 FEWEST_ROWS, MOST_ROWS = 3, 4
+
+#: The shadow of a simulation is as many times less accurate.
+SHADOW = 20.0
 
 #: Intervals into which a control period is divided at most.
 MOST_INTERVALS = 256
@@ -68,7 +71,8 @@ class Integration:
 
     def __init__(self, model: mujoco.MjModel, choice: TimestepChoice, count: int = 1) -> None:
         self._lengths = backbone_lengths(model)
-        self.memory = np.zeros((count, MEMORY_SIZE))
+        self.memory = np.zeros((count, 2, MEMORY_SIZE))
+        self._states = np.zeros((count, 2, model.nq + model.nv))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody)
         self._path = np.zeros((1, model.nu))
         self.set(slice(None), choice)
@@ -84,7 +88,9 @@ class Integration:
         chosen[..., SHORTEST] = choice.timestep * choice.substeps / MOST_INTERVALS
         chosen[..., ACCURACY] = choice.accuracy or np.inf
         chosen[..., RATE] = choice.rate
+        chosen[..., 1, ACCURACY] *= SHADOW
         chosen[..., FEWEST], chosen[..., MOST] = FEWEST_ROWS, MOST_ROWS
+        chosen[..., 1, FEWEST] = FEWEST_ROWS - 1
         self.memory[which] = chosen
 
     def tell(self, **arrays: np.ndarray) -> None:
@@ -97,8 +103,9 @@ class Integration:
 
     def restart(self, which: Any = slice(None)) -> None:
         """Forget the motion so far."""
-        self.memory[which, NEXT] = self.memory[which, LONGEST]
-        self.memory[which, WORST : STEPS + 1] = 0.0
+        self.memory[which, :, NEXT] = self.memory[which, :, LONGEST]
+        self.memory[which, :, WORST:] = 0.0
+        self._states[which] = np.nan
 
     @property
     def advance(self) -> Any:
@@ -111,25 +118,14 @@ class Integration:
         return refresh.ctypes
 
     @property
-    def missed(self) -> np.ndarray:
-        """View (n,): steps of the last control period that were beyond the accuracy."""
-        return self.memory[:, MISSED]
+    def estimates(self) -> np.ndarray:
+        """View (n,): estimated errors [m] in time since the last restart; 0 of MuJoCo's."""
+        return self.memory[:, 0, ESTIMATE]
 
     @property
     def evaluations(self) -> np.ndarray:
         """View (n,): evaluations of all forces since the last restart."""
-        return self.memory[:, EVALUATIONS]
-
-    def error(self, choice: TimestepChoice) -> np.ndarray | None:
-        """Estimated errors (n,) [m] in time since the last restart; None if not estimated."""
-        if choice.accuracy is None:
-            return None
-        return choice.accuracy * self.memory[:, WORST]
-
-    @property
-    def shortest(self) -> float:
-        """[s], shortest step."""
-        return float(self.memory[:, SHORTEST].min())
+        return self.memory[:, 0, EVALUATIONS]
 
     def follow(self, path: np.ndarray | None) -> None:
         """Take controls from a path (k, nu), a row a timestep; None: as the data has them."""
@@ -147,7 +143,8 @@ class Integration:
             *data_offsets(*DATA_FIELDS),
             time_offset(),
         )
-        self._header[MEMORY], self._header[STRIDE] = self.memory.ctypes.data, 8 * MEMORY_SIZE
+        self._header[MEMORY], self._header[STRIDE] = self.memory.ctypes.data, 16 * MEMORY_SIZE
+        self._header[SHADOW_STATES] = self._states.ctypes.data
         self._header[LENGTHS], self._header[PATH] = (
             self._lengths.ctypes.data,
             self._path.ctypes.data,
@@ -165,10 +162,12 @@ class Integration:
 def backbone_lengths(model: mujoco.MjModel) -> np.ndarray:
     """Length (nv,) [m] of the link that the last DOF of each body moves; the others have none."""
     lengths, beyond = np.zeros(model.nv), float(np.linalg.norm(model.site(TIP_SITE).pos))
-    for body in range(model.nbody - 1, 0, -1):
+    body = int(model.site(TIP_SITE).bodyid[0])
+    while body:
         dofs, first = int(model.body_dofnum[body]), int(model.body_dofadr[body])
         if dofs:
             lengths[first + dofs - 1] = beyond
             beyond = 0.0
         beyond += float(np.linalg.norm(model.body_pos[body]))
+        body = int(model.body_parentid[body])
     return lengths

@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
+from math import inf
 
 import mujoco
 import numpy as np
@@ -19,6 +20,20 @@ _DIVERGED = {
     int(mujoco.mjtWarning.mjWARN_BADQACC): "acceleration",
 }
 _HEALTHY = bytes(4 * int(mujoco.mjtWarning.mjNWARNING))
+
+
+#: Times the accuracy that is wanted, an estimate is worth a warning: motions that part from each
+#: other make it up to some ten times too large.
+WORRYING = 3.0
+
+
+def inaccuracy(scene: Scene, estimate: float, time: float) -> TimestepWarning:
+    """The warning that an estimate [m] at a time [s] is far beyond the accuracy."""
+    return TimestepWarning(
+        f"robot {scene.config.robot.name!r}: by t = {time:.3f} s the motion may be "
+        f"{1e3 * estimate:.3g} mm off, {1e3 * scene.timestep.accuracy:.3g} mm are wanted: small "
+        "errors grow in it (a smaller `accuracy` may help)"
+    )
 
 
 class Simulation:
@@ -43,12 +58,13 @@ class Simulation:
         """Take views and addresses, which a copy has of its own."""
         self._warnings = self.data.warning.number
         integration = self._integration
-        self._missed = integration.missed
+        self._estimate = integration.estimates
+        self._worrying = WORRYING * (self.scene.timestep.accuracy or inf)
         self._compiled = integration.advance
         self._arguments = self.model._address, self.data._address, 0, integration.header
 
     def __getstate__(self) -> dict:
-        views = {"_warnings", "_missed", "_compiled", "_arguments"}
+        views = {"_warnings", "_estimate", "_worrying", "_compiled", "_arguments"}
         return {k: v for k, v in self.__dict__.items() if k not in views}
 
     def __setstate__(self, state: dict) -> None:
@@ -90,8 +106,8 @@ class Simulation:
             Whether all went well; if not, `failure` says what happened.
         """
         self._compiled(*self._arguments)
-        if self._missed[0]:
-            self._tell()
+        if self._estimate[0] > self._worrying:
+            self._warn()
         return self._warnings.tobytes() == _HEALTHY
 
     def advance_through(self, path: np.ndarray) -> bool:
@@ -110,23 +126,16 @@ class Simulation:
         self._integration.follow(None)
         return healthy
 
-    def _tell(self) -> None:
-        """Warn once that the accuracy was not kept."""
+    def _warn(self) -> None:
+        """Tell once that the accuracy is not kept."""
         if not self._warned and self._warnings.tobytes() == _HEALTHY:
             self._warned = True
-            warnings.warn(
-                f"{self.scene.config.robot.name!r}: steps of {self._integration.shortest:.3g} s do "
-                f"not keep the accuracy of {1e3 * self.scene.timestep.accuracy:.3g} mm at t = "
-                f"{self.time:.3f} s, the estimate is {1e3 * self.integration_error:.3g} mm",
-                TimestepWarning,
-                stacklevel=4,
-            )
+            warnings.warn(inaccuracy(self.scene, self._estimate[0], self.time), stacklevel=4)
 
     @property
     def integration_error(self) -> float | None:
         """Estimated error [m] in time since the reset; None with MuJoCo's integrators."""
-        error = self._integration.error(self.scene.timestep)
-        return None if error is None else error[0]
+        return None if self.scene.timestep.accuracy is None else self._estimate[0]
 
     @property
     def step_times(self) -> np.ndarray:

@@ -28,7 +28,9 @@ place of 3 mm (2 ms, friction of 0.5 N).
 """
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, hypot, inf, pi, sqrt
 
 import mujoco
@@ -54,6 +56,10 @@ RATE = 5.0
 
 #: [s], longest timestep where servos wind up tendons: their way is told once a timestep.
 LONGEST_WINDING = 5e-3
+
+
+#: DOFs up to which all frequencies are computed, and steps of Lanczos' method beyond.
+_DENSE, _LANCZOS = 64, 60
 
 
 class TimestepWarning(UserWarning):
@@ -106,11 +112,71 @@ class LinearChain:
         coupled = np.any(self.stiffness != np.diag(np.diag(self.stiffness)))
         return bool(coupled) and not np.any(self.damping)
 
+    @cached_property
+    def extremes(self) -> tuple[float, float]:
+        """Smallest and largest undamped angular frequency [rad/s].
+
+        Of many DOFs by Lanczos' method, and without BLAS: its threads take seconds for milliseconds
+        of work on a busy machine.
+        """
+        if len(self.mass) <= _DENSE:
+            found = self.frequencies()
+            return float(found[0]), float(found[-1])
+        mass, stiffness = _factor(self.mass), _factor(self.stiffness)
+        slow = _largest(lambda x: _solved(stiffness, _times(self.mass, x)), self.mass)
+        fast = _largest(lambda x: _solved(mass, _times(self.stiffness, x)), self.stiffness)
+        return 1 / sqrt(slow), sqrt(fast)
+
+    @property
+    def damping_time(self) -> float | None:
+        """mu [s] where the damping is mu K, else None."""
+        if not np.any(self.damping):
+            return 0.0
+        mu = float(np.max(self.damping) / np.max(np.diag(self.stiffness)))
+        return mu if np.allclose(self.damping, mu * self.stiffness, rtol=1e-9, atol=0) else None
+
     def frequencies(self) -> np.ndarray:
         """Undamped angular frequencies (nv,) [rad/s], increasing."""
         # As 1 / w^2, so that the slow modes are the accurate ones.
         half = np.linalg.inv(np.linalg.cholesky(self.stiffness))
         return 1 / np.sqrt(np.linalg.eigvalsh(half @ self.mass @ half.T)[::-1])
+
+
+def _factor(matrix: np.ndarray) -> np.ndarray:
+    factor = matrix.copy()
+    mujoco.mju_cholFactor(factor, 0.0)
+    return factor
+
+
+def _solved(factor: np.ndarray, x: np.ndarray) -> np.ndarray:
+    out = np.empty_like(x)
+    mujoco.mju_cholSolve(out, factor, x)
+    return out
+
+
+def _times(matrix: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.einsum("ij,j->i", matrix, x)
+
+
+def _largest(apply: Callable[[np.ndarray], np.ndarray], metric: np.ndarray) -> float:
+    """Largest eigenvalue of an operator that is symmetric in a metric (n, n), by Lanczos."""
+    x = np.random.default_rng(0).standard_normal(len(metric))
+    basis, images, diagonal, beside = [], [], [], []
+    for _ in range(_LANCZOS):
+        for _ in range(2):  # twice is enough
+            for known, image in zip(basis, images, strict=True):
+                x = x - np.sum(image * x) * known
+        image = _times(metric, x)
+        size = sqrt(np.sum(x * image))
+        if beside and size < 1e-12 * diagonal[0]:
+            break
+        beside.append(size)
+        basis.append(x / size)
+        images.append(image / size)
+        x = apply(basis[-1])
+        diagonal.append(float(np.sum(images[-1] * x)))
+    band = np.diag(diagonal) + np.diag(beside[1:], 1) + np.diag(beside[1:], -1)
+    return float(np.linalg.eigvalsh(band)[-1])
 
 
 def linearize(model: mujoco.MjModel) -> LinearChain:
@@ -126,7 +192,9 @@ def linearize(model: mujoco.MjModel) -> LinearChain:
         )
     springs = -model.actuator_biasprm[:, 1]  # force per length [N/m], zero for tension drives
     joints = np.diag(model.jnt_stiffness[model.dof_jntid])
-    stiffness = joints + moment.T @ (springs[:, None] * moment)
+    stiffness = joints
+    if springs.any():
+        stiffness = joints + moment.T @ (springs[:, None] * moment)
     return LinearChain(mass, stiffness, np.diag(model.dof_damping))
 
 
@@ -134,9 +202,16 @@ def stability_limit(integrator: str, chain: LinearChain) -> float:
     """Largest stable timestep [s] of the linearised chain, inf where there is none."""
     if integrator == "discrete":
         return inf
+    mu = chain.damping_time
+    if integrator == "RK4" and mu == 0:
+        return sqrt(8) / chain.extremes[1]
     if integrator == "RK4":
         roots = _quadratic_roots(chain.mass, chain.damping, chain.stiffness)
         return float(min(_rk4_limit(root) for root in roots))
+    if mu is not None:  # each mode by itself
+        return mu + sqrt(mu**2 + 4 / chain.extremes[1] ** 2)
+    if len(chain.mass) > _DENSE:
+        return 2 / chain.extremes[1]  # damping only helps
     # 4 M x^2 + 2 D x - K turns singular at x = 1 / h; half of the roots are positive.
     roots = _quadratic_roots(4 * chain.mass, 2 * chain.damping, -chain.stiffness)
     return float(1 / np.max(roots.real))
@@ -179,7 +254,7 @@ def choose_timestep(
     Warns:
         TimestepWarning: The choice is outside the stability bound, or stiffness forced discrete.
     """
-    period = float(2 * pi / chain.frequencies()[0])
+    period = 2 * pi / chain.extremes[0]
     accurate = min(ACCURACY * period, control_period)
     if integrator is None and chain.is_undamped_spring:
         integrator, reason = "RK4", "RK4 neither damps nor drives undamped motion"

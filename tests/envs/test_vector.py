@@ -512,3 +512,42 @@ def test_bad_variations_are_refused(vary, reason):
     env = VectorTrackingEnv(COUNT, SHORT)
     with pytest.raises(ValueError, match=reason):
         env.reset(options={"vary": vary})
+
+
+@pytest.mark.parametrize(
+    "vary",
+    [
+        {"damping_time": 0.02},
+        {"damping_time": 0.0},
+        {"youngs_modulus": 100.0, "damping_time": 0.01},
+        {"youngs_modulus": 0.5, "damping_time": 0.1, "density": 2.0},
+    ],
+)
+@pytest.mark.filterwarnings("ignore:robot 'arm'")
+def test_robots_far_from_the_nominal_one_are_equal(vary):
+    """Each robot takes the steps that it needs, alone or among others.
+
+    Products of several factors are rounded differently, which lively motions amplify.
+    """
+    many, single = VectorTrackingEnv(COUNT, "swing"), TrackingEnv("swing")
+    arrays = {name: np.where(np.arange(COUNT) == 1, v, 1.0) for name, v in vary.items()}
+    many.reset(options={"vary": arrays})
+    single.reset(options={"vary": vary})
+    for action in actions(60):
+        *_, terminated, _, _ = many.step(action)
+        single.step(action[1])
+        assert not terminated.any()
+    np.testing.assert_allclose(many._simulation.qpos[1], single.data.qpos, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(many._simulation.qvel[1], single.data.qvel, rtol=0, atol=1e-7)
+    estimate = many._simulation.integration_error[1]
+    assert estimate == pytest.approx(single._simulation.integration_error, rel=1e-6)
+
+
+def test_a_divergence_of_one_is_called_so():
+    """A state beyond MuJoCo's bound, though its curvature is beyond the workspace too."""
+    many = VectorTrackingEnv(COUNT, "swing")
+    many.reset()
+    many._simulation.qvel[1] = 1e12
+    *_, terminated, _, info = many.step(np.zeros((COUNT, 3), np.float32))
+    assert terminated.tolist() == [False, True, False, False]
+    assert info["failure"][1].startswith("simulation diverged")

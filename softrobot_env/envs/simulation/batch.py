@@ -1,8 +1,12 @@
 """Many simulations of one scene, stepped on a thread pool, none hiding a diverged state."""
 
+import warnings
+from math import inf
+
 import mujoco
 import numpy as np
 
+from softrobot_env.envs.simulation.mujoco import WORRYING, inaccuracy
 from softrobot_env.envs.simulation.pool import Pool
 from softrobot_env.robots import NEUTRAL, VARIABLE
 from softrobot_env.scene.build import Scene, choice_of
@@ -58,10 +62,22 @@ class BatchSimulation:
         self._no_warnings = bytes(self._warnings.nbytes)
         self._nobody = np.zeros(count, dtype=bool)
         self._nobody.flags.writeable = False
-        self._varied = self._rubs = False
+        self._varied = self._rubs = self._warned = False
+        self._estimates = self._integration.estimates
+        self._worrying = WORRYING * (scene.timestep.accuracy or inf)
+        self._periods = 0
         # The robot's tendons come before those that hold springs.
         wraps = scene.model.tendon_num[: len(scene.config.robot.tendons)]
         self._lever_arms = slice(int(wraps.sum()))
+
+    def _warn(self) -> None:
+        """Tell once that a robot does not keep the accuracy."""
+        healthy = ~self._warnings[:, :, 1].any(axis=1)
+        found = np.where(healthy, self._estimates, 0.0).max()
+        if found > self._worrying:
+            self._warned = True
+            time = self._periods * self.scene.config.control_period
+            warnings.warn(inaccuracy(self.scene, found, time), stacklevel=5)
 
     def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
@@ -128,7 +144,9 @@ class BatchSimulation:
 
         Zero for robots with tendon friction, which MuJoCo integrates.
         """
-        return self._integration.error(self.scene.timestep)
+        if self.scene.timestep.accuracy is None:
+            return None
+        return self._integration.estimates.copy()
 
     @property
     def count(self) -> int:
@@ -158,6 +176,9 @@ class BatchSimulation:
             (n,) bool, whether each has diverged; read-only.
         """
         self._batch.apply(which, self._integration.advance, self._integration.header)
+        self._periods += 1
+        if not self._warned and self._estimates.max() > self._worrying:
+            self._warn()
         if self._warnings.tobytes() == self._no_warnings:
             return self._nobody
         return self._warnings[:, :, 1].any(axis=1)

@@ -1,0 +1,240 @@
+"""Our own integrator against MuJoCo's Runge-Kutta steps, and against its own promises."""
+
+import warnings
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.envs.simulation.mujoco import Simulation
+from softrobot_env.robots import ARM, RIG, RobotParams
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig, TipSensors
+from softrobot_env.scene.extrapolation import FEWEST as FEWEST_PLACE
+from softrobot_env.scene.extrapolation import MOST, RATE, WORST
+from softrobot_env.scene.integration import backbone_lengths
+from softrobot_env.scene.probe import probe
+from softrobot_env.scene.timestep import TimestepWarning, linearize, slowest
+
+PERIOD = 0.01
+MAP = TendonMap(ARM)
+
+
+def steps(periods, seed=0, amplitude=0.5):
+    """Tensions (periods, 6) [N]: random steps of +-amplitude, held for 100 ms."""
+    rng = np.random.default_rng(seed)
+    reduced = rng.uniform(-amplitude, amplitude, (periods // 10, 3)) * MAP.input_scale
+    return np.repeat(MAP.tensions(reduced), 10, axis=0)
+
+
+def scene(robot=ARM, **options):
+    return build_scene(SceneConfig(robot, sensors=(TipSensors(),), **options))
+
+
+def tips(built, controls):
+    """Tip (periods, 3) [m] from the straight pose, and the simulation."""
+    simulation = Simulation(built)
+    simulation.reset(built.model.qpos0, controls[0])
+    found = np.empty((len(controls), 3))
+    for k, row in enumerate(controls):
+        simulation.ctrl[:] = row
+        assert simulation.advance()
+        found[k] = simulation.data.sensordata[:3]
+    return found, simulation
+
+
+def runge_kutta(built, controls, substeps):
+    """The same by MuJoCo's steps of order four."""
+    model = built.model.__copy__()
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, PERIOD / substeps
+    data, found = mujoco.MjData(model), np.empty((len(controls), 3))
+    for k, row in enumerate(controls):
+        data.ctrl[:] = row
+        mujoco.mj_step(model, data, substeps)
+        mujoco.mj_forward(model, data)
+        found[k] = data.sensordata[:3]
+    return found
+
+
+def distance(one, other):
+    """[m]"""
+    return np.linalg.norm(one - other, axis=1).max()
+
+
+VARIATIONS = [
+    {},
+    {"damping_time": 0.5, "youngs_modulus": 0.5},
+    {"damping_time": 0.1, "youngs_modulus": 0.5},
+    {"damping_time": 0.1, "youngs_modulus": 0.5, "density": 2.0},
+    {"damping_time": 0.25, "density": 0.5},
+]
+
+
+@pytest.mark.parametrize("variation", VARIATIONS)
+def test_accuracy_is_kept_against_runge_kutta(variation):
+    """Where implicitfast's 2 ms are 3 to 200 mm off; the truth has steps of 50 µs or less."""
+    built, controls = scene(ARM.vary(**variation)), steps(60)
+    truth = runge_kutta(built, controls, 400)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimestepWarning)
+        found, simulation = tips(built, controls)
+    error = distance(found, truth)
+    assert error < 0.5e-3
+    assert error < 3 * simulation.integration_error
+
+
+@pytest.mark.parametrize("rows", [2, 3, 4])
+def test_rows_of_the_extrapolation_are_its_order(rows):
+    """With steps of equal length and no jump of a control within the motion."""
+    soft = ARM.vary(damping_time=0.5)
+    controls = np.repeat(steps(10)[:1], 40, axis=0)
+
+    def error(substeps):
+        config = SceneConfig(
+            soft, sensors=(TipSensors(),), control_period=PERIOD / substeps, accuracy=1e3
+        )
+        simulation = Simulation(build_scene(config))
+        simulation._integration.memory[0, :, FEWEST_PLACE] = rows
+        simulation._integration.memory[0, :, MOST] = rows
+        bent = 0.05 * np.ones(simulation.model.nq)
+        simulation.reset(bent, 0 * controls[0])
+        for _ in range(20 * substeps):
+            simulation.advance()
+        return np.append(simulation.data.qpos, simulation.data.qvel)
+
+    truth = error(32)
+    coarse, fine = (np.abs(error(k) - truth).max() for k in (2, 4))
+    assert np.log2(coarse / fine) == pytest.approx(rows, abs=0.45)
+
+
+def test_the_wanted_accuracy_buys_cost():
+    controls = steps(60)
+    truth, _ = tips(scene(accuracy="0.001%"), controls)
+    errors, costs = [], []
+    for accuracy in ("2%", "0.1%", "0.01%"):
+        found, simulation = tips(scene(accuracy=accuracy), controls)
+        errors.append(distance(found, truth))
+        costs.append(simulation._integration.evaluations[0])
+    assert errors[0] > errors[1] > errors[2]
+    assert costs[0] < costs[1] < costs[2]
+
+
+def test_the_estimate_finds_motions_that_part():
+    """Full tensions make a hardly damped arm snap: far off at default, and it says so."""
+    wild = ARM.vary(damping_time=0.1, youngs_modulus=0.5)
+    controls = np.sign(steps(120, seed=0)) * 80.0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimestepWarning)
+        truth, _ = tips(scene(wild, accuracy=2e-6), controls)
+    with pytest.warns(TimestepWarning, match=r"may be .* mm off, 0\.5 mm are wanted"):
+        found, simulation = tips(scene(wild), controls)
+    assert simulation.integration_error > distance(found, truth) / 5
+
+
+def test_a_bounded_cost_is_told_and_stays_stable():
+    """Stiff, undamped, on stiff tendons: no step of a 256th period is short enough."""
+    tendons = tuple(replace(t, stiffness=1e7, tension_limit=1e5) for t in ARM.tendons)
+    robot = replace(ARM, tendons=tendons, damping_time=0.0, youngs_modulus=1e9)
+    built = scene(robot, actuation="length")
+    simulation = Simulation(built)
+    simulation.reset(built.model.qpos0, np.zeros(6))
+    with pytest.warns(TimestepWarning, match="small errors grow"):
+        for k in range(12):
+            simulation.ctrl[0] = 0.01 * (k % 2)
+            assert simulation.advance()
+    assert simulation._integration.memory[0, 0, WORST] > 1
+    assert np.abs(simulation.data.qpos).max() < 10
+
+
+@pytest.mark.parametrize("bending", ["planar", "spatial"])
+def test_ball_joints_and_gravity(bending):
+    """A hanging rod whose positions are quaternions, against Runge-Kutta."""
+    rod = RobotParams("rod", 0.4, 4e-3, 0.0, 2e6, 1100.0, 5e-3, 4, gravity=(0.0, 0.0, 9.81))
+    torsion = bending == "spatial"
+    built = scene(rod, bending=bending, torsion=torsion)
+    assert (built.model.nq > built.model.nv) == torsion
+    kick = np.random.default_rng(0).standard_normal(built.model.nv)
+    model = built.model.__copy__()
+    model.opt.integrator, model.opt.timestep = mujoco.mjtIntegrator.mjINT_RK4, 5e-5
+    data, simulation = mujoco.MjData(model), Simulation(built)
+    simulation.reset(built.model.qpos0, np.zeros(0))
+    data.qvel[:] = simulation.data.qvel[:] = kick
+    mujoco.mj_forward(simulation.model, simulation.data)
+    for _ in range(30):
+        assert simulation.advance()
+    mujoco.mj_step(model, data, 30 * 200)
+    mujoco.mj_forward(model, data)
+    gap = np.linalg.norm(data.sensordata[:3] - simulation.data.sensordata[:3])
+    assert gap < 1e-3 * rod.length
+
+
+def test_a_ramp_of_the_controls_is_followed_within_a_period():
+    """One period with a path is many with its steps: horns of servos move steadily."""
+    far, near = (
+        Simulation(scene(RIG, actuation="length", bending="spatial", control_period=p))
+        for p in (0.02, 0.001)
+    )
+    for simulation in (far, near):
+        simulation.reset(simulation.model.qpos0, np.zeros(3))
+    way = np.array([0.004, -0.001, 0.0])
+    shares = np.linspace(0, 1, len(far.step_times) + 1)
+    assert far.advance_through(shares[:, None] * way)
+    for k in range(20):
+        middle = (k + 0.5) / 20 * way
+        near.ctrl[:] = middle
+        assert near.advance()
+    gap = np.abs(far.data.sensordata[:3] - near.data.sensordata[:3]).max()
+    assert gap < 0.02 * np.abs(near.data.sensordata[:2]).max()
+
+
+def test_a_loaded_copy_remembers_its_step(tmp_path):
+    import pickle
+
+    _, simulation = tips(scene(ARM.vary(damping_time=0.1)), steps(20))
+    copied = pickle.loads(pickle.dumps(simulation))
+    for each in (simulation, copied):
+        each.ctrl[:] = steps(40)[-1]
+        assert each.advance()
+    np.testing.assert_array_equal(simulation.data.qpos, copied.data.qpos)
+    assert simulation.integration_error == copied.integration_error
+
+
+@pytest.mark.parametrize("accuracy", [0.0, -1e-3, np.nan, np.inf, "0%", "much", "1 mm", True])
+def test_an_accuracy_is_a_length_or_a_share(accuracy):
+    with pytest.raises(ValueError, match=r"positive length \[m\] or a share"):
+        SceneConfig(ARM, accuracy=accuracy)
+
+
+@pytest.mark.parametrize(("given", "metres"), [(2e-4, 2e-4), ("0.2%", 1e-3), ("0.0003", 3e-4)])
+def test_an_accuracy_in_metres(given, metres):
+    config = SceneConfig(ARM, accuracy=given)
+    assert config.wanted_accuracy == pytest.approx(metres)
+    assert build_scene(config).timestep.accuracy == pytest.approx(metres)
+
+
+def test_the_links_make_up_the_robot():
+    for robot, bending in ((ARM, "planar"), (RIG, "spatial")):
+        built = scene(robot, bending=bending, actuation="tension")
+        moved = robot.reach - built.layout.stations[0]
+        assert backbone_lengths(built.model).sum() == pytest.approx(moved, rel=1e-9)
+
+
+@pytest.mark.parametrize("robot", [ARM, RIG], ids=lambda r: r.name)
+def test_the_slowest_frequency_is_about_the_chains(robot):
+    winding = robot is RIG
+    built = scene(robot, bending="spatial", actuation="length" if winding else "tension")
+    exact = linearize(built.model).frequencies()[0]
+    assert slowest(robot, winding) == pytest.approx(exact, rel=0.35)
+    assert built.timestep.rate > exact
+    assert RATE
+
+
+def test_the_probe_measures_error_and_cost():
+    found = probe(scene())
+    assert found.error < 0.5e-3
+    assert 4 <= found.evaluations < 12
+    assert found.cost > 0
+    crude = probe(scene(timestep=2e-3, integrator="implicitfast"))
+    assert crude.error > 10 * found.error
