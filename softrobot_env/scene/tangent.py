@@ -22,6 +22,7 @@ The derivative is along `mj_integratePos`; out of equilibrium a ball joint makes
 """
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import mujoco
 import numpy as np
@@ -41,35 +42,10 @@ class StaticForces:
         Raises:
             ValueError: The model is no chain, or has parts whose static forces are not known here.
         """
-        _check(model)
         self.model, self._data, self._share = model, mujoco.MjData(model), 1.0
-        self._moving = _dofs_below(model)  # number of turns that move a body
-        joint = model.dof_jntid
-        index = np.arange(model.nv)
-        first = model.jnt_dofadr[joint]
-        # Whether turn l moves the axis of turn k.
-        size = np.where(model.jnt_type[joint] == mujoco.mjtJoint.mjJNT_BALL, 3, 0)
-        self._moves = index[None, :] < np.maximum(index, first + size)[:, None]
-        self._before = index[None, :] <= index[:, None]
-        self._hinges = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_HINGE)
-        self._balls = np.flatnonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_BALL)
-        self._spans = _spans(model)
-        kind, (site, self._frame) = model.actuator_trntype, model.actuator_trnid.T
-        self._frame = np.where(self._frame >= 0, self._frame, site)
-        self._on_sites = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_SITE)
-        self._followers = np.flatnonzero((self._frame == site)[self._on_sites])
-        self._on_tendons = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_TENDON)
-        self._sites = np.concatenate([site[self._on_sites], self._spans.start, self._spans.end])
-        self._sort_wrenches()
-
-    def _sort_wrenches(self) -> None:
-        """Put the points of weights, loads and guides in order from the tip to the base."""
-        model = self.model
-        body = np.concatenate([np.arange(model.nbody), model.site_bodyid[self._sites]])
-        count = self._moving[body]
-        self._from_tip = np.argsort(-count, kind="stable")
-        # How many of them each turn moves.
-        self._beyond = np.searchsorted(np.sort(-count), -np.arange(model.nv))
+        if model not in _STRUCTURES:
+            _STRUCTURES[model] = _structure(model)
+        self._of = _STRUCTURES[model]
 
     def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
         """Generalised force (nv,) [N m] on the chain at rest.
@@ -114,8 +90,8 @@ class StaticForces:
         """(nv, nv) of all wrenches as if they kept their directions."""
         points, forces, moments = self._wrenches(tension)
         dyads = (points[:, :, None] * forces[:, None, :]).reshape(-1, 9)
-        parts = np.concatenate([forces, moments, dyads], axis=1)[self._from_tip]
-        sums = np.concatenate([np.zeros((1, 15)), np.cumsum(parts, axis=0)])[self._beyond]
+        parts = np.concatenate([forces, moments, dyads], axis=1)[self._of.from_tip]
+        sums = np.concatenate([np.zeros((1, 15)), np.cumsum(parts, axis=0)])[self._of.beyond]
         total, moment, dyad = sums[:, :3], sums[:, 3:6], sums[:, 6:].reshape(-1, 3, 3)
         dyad = dyad - anchors[:, :, None] * total[:, None, :]  # sum of r F^T
         flat = dyad.reshape(-1, 9)
@@ -123,35 +99,35 @@ class StaticForces:
         traced = (flat[:, 0] + flat[:, 4] + flat[:, 8])[:, None] * axes
         by_own = (axes[:, None] @ dyad)[:, 0] - traced
         by_other = (dyad @ axes[:, :, None])[:, :, 0] - traced
-        out = np.where(self._before, by_own @ axes.T, axes @ by_other.T)
-        return out + self._moves * (_cross(axes, moment) @ axes.T)
+        out = np.where(self._of.before, by_own @ axes.T, axes @ by_other.T)
+        return out + self._of.moves * (_cross(axes, moment) @ axes.T)
 
     def _wrenches(self, tension: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points, forces and moments (k, 3) on the links: weights, loads, and guides."""
         model, data = self.model, self._data
-        points = np.concatenate([data.xipos, data.site_xpos[self._sites]])
+        points = np.concatenate([data.xipos, data.site_xpos[self._of.sites]])
         forces, moments = np.zeros((2, len(points), 3))
         forces[: model.nbody] = model.body_mass[:, None] * model.opt.gravity
-        n, m, k = model.nbody, len(self._on_sites), len(self._spans.tendon)
+        n, m, k = model.nbody, len(self._of.on_sites), len(self._of.spans.tendon)
         if m:
             forces[n : n + m], moments[n : n + m] = self._loads()
         if k:
             span = points[-k:] - points[-2 * k : -k]
-            pull = (tension[self._spans.tendon] / np.linalg.norm(span, axis=1))[:, None] * span
+            pull = (tension[self._of.spans.tendon] / np.linalg.norm(span, axis=1))[:, None] * span
             forces[-2 * k : -k], forces[-k:] = pull, -pull
         return points, forces, moments
 
     def _loads(self) -> tuple[np.ndarray, np.ndarray]:
         """Forces and moments (loads, 3) in the world's axes."""
-        gear = self.model.actuator_gear[self._on_sites].reshape(-1, 2, 3)
-        frames = self._data.site_xmat[self._frame[self._on_sites]].reshape(-1, 3, 3)
-        scaled = self._data.actuator_force[self._on_sites, None, None] * gear
+        gear = self.model.actuator_gear[self._of.on_sites].reshape(-1, 2, 3)
+        frames = self._data.site_xmat[self._of.frames].reshape(-1, 3, 3)
+        scaled = self._data.actuator_force[self._of.on_sites, None, None] * gear
         world = scaled @ frames.transpose(0, 2, 1)
         return world[:, 0], world[:, 1]
 
     def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
         """Tension (ntendon,) [N] that drives give, and its derivative by length [N/m]."""
-        model, data, actuators = self.model, self._data, self._on_tendons
+        model, data, actuators = self.model, self._data, self._of.on_tendons
         gear = model.actuator_gear[actuators, 0]
         force, spring = data.actuator_force[actuators], model.actuator_biasprm[actuators, 1]
         low, high = model.actuator_forcerange[actuators].T
@@ -166,12 +142,12 @@ class StaticForces:
 
     def _add_followers(self, axes: np.ndarray, anchors: np.ndarray, out: np.ndarray) -> None:
         """The turning of loads that follow their cross-section."""
-        if not len(self._followers):
+        if not len(self._of.followers):
             return
         force, moment = self._loads()
-        for load in self._followers:
-            site, f, m = self._sites[load], force[load], moment[load]
-            n = self._moving[self.model.site_bodyid[site]]
+        for load in self._of.followers:
+            site, f, m = self._of.sites[load], force[load], moment[load]
+            n = self._of.moving[self.model.site_bodyid[site]]
             a, arm = axes[:n], self._data.site_xpos[site] - anchors[:n]
             out[:n, :n] += a @ _cross(a, m).T + _cross(a, arm) @ _cross(a, f).T
 
@@ -179,9 +155,9 @@ class StaticForces:
         self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray, out: np.ndarray
     ) -> None:
         """The turning of the spans between guides: tension times the curvature of length."""
-        if not len(self._spans.tendon):
+        if not len(self._of.spans.tendon):
             return
-        data, spans = self._data, self._spans
+        data, spans = self._data, self._of.spans
         start, end = data.site_xpos[spans.start], data.site_xpos[spans.end]
         span = end - start
         length = np.linalg.norm(span, axis=1)
@@ -214,21 +190,92 @@ class StaticForces:
     def _add_springs(self, out: np.ndarray) -> None:
         """Springs of joints, and those along the hinges of a station."""
         model, data = self.model, self._data
-        dof, address = model.jnt_dofadr[self._hinges], model.jnt_qposadr[self._hinges]
+        dof, address = model.jnt_dofadr[self._of.hinges], model.jnt_qposadr[self._of.hinges]
         angle = data.qpos[address] - model.qpos_spring[address]
-        law = model.jnt_stiffness[self._hinges], model.jnt_stiffnesspoly[self._hinges]
+        law = model.jnt_stiffness[self._of.hinges], model.jnt_stiffnesspoly[self._of.hinges]
         out[dof, dof] -= _spring_rate(angle, *law)
         if model.ntendon:
             stretch = data.ten_length - model.tendon_lengthspring[:, 0]
             law = model.tendon_stiffness, model.tendon_stiffnesspoly
             self._add_rates(_spring_rate(stretch, *law), out)
-        for joint in self._balls:
-            dof, address = model.jnt_dofadr[joint], model.jnt_qposadr[joint]
-            turn = np.zeros(3)
-            four = slice(address, address + 4)
-            mujoco.mju_subQuat(turn, data.qpos[four], model.qpos_spring[four])
-            block = slice(dof, dof + 3)
-            out[block, block] -= model.jnt_stiffness[joint] * _rotation_rate(turn)
+        if len(self._of.balls):
+            self._add_ball_springs(out)
+
+    def _add_ball_springs(self, out: np.ndarray) -> None:
+        model, balls = self.model, self._of.balls
+        address = model.jnt_qposadr[balls, None] + np.arange(4)
+        dof = model.jnt_dofadr[balls, None] + np.arange(3)
+        turn = _rotation_vectors(self._data.qpos[address], model.qpos_spring[address])
+        blocks = model.jnt_stiffness[balls, None, None] * _rotation_rates(turn)
+        out[dof[:, :, None], dof[:, None, :]] -= blocks
+
+
+@dataclass(frozen=True)
+class _Structure:
+    """What moves what in a model, and where forces act.
+
+    Attributes:
+        moving: (nbody,) how many turns move each body.
+        moves: (nv, nv) whether turn l, the column, moves the axis of turn k.
+        before: (nv, nv) whether turn k lies beyond turn l.
+        hinges, balls: Joints.
+        on_sites, on_tendons: Actuators.
+        frames: (loads,) sites in whose axes the loads are given.
+        followers: Loads that turn with what they act on.
+        spans: Of the tendons.
+        sites: Of the loads, and the starts and the ends of the spans.
+        from_tip: Order of bodies and sites from the tip to the base.
+        beyond: (nv,) how many of them each turn moves.
+    """
+
+    moving: np.ndarray
+    moves: np.ndarray
+    before: np.ndarray
+    hinges: np.ndarray
+    balls: np.ndarray
+    on_sites: np.ndarray
+    on_tendons: np.ndarray
+    frames: np.ndarray
+    followers: np.ndarray
+    spans: "_Spans"
+    sites: np.ndarray
+    from_tip: np.ndarray
+    beyond: np.ndarray
+
+
+#: Looking it up takes as long as some iterations for a small robot.
+_STRUCTURES: WeakKeyDictionary[mujoco.MjModel, _Structure] = WeakKeyDictionary()
+
+
+def _structure(model: mujoco.MjModel) -> _Structure:
+    """Raises ValueError for what a scene never builds and this module does not know."""
+    moving = _dofs_below(model)
+    _check(model, moving)
+    joint, index = model.dof_jntid, np.arange(model.nv)
+    balls = model.jnt_type == mujoco.mjtJoint.mjJNT_BALL
+    # All turns of one ball joint move each other's axes.
+    ends = np.maximum(index, model.jnt_dofadr[joint] + 3 * balls[joint])
+    kind, (site, reference) = model.actuator_trntype, model.actuator_trnid.T
+    on_sites = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_SITE)
+    spans = _spans(model, moving)
+    sites = np.concatenate([site[on_sites], spans.start, spans.end])
+    body = np.concatenate([np.arange(model.nbody), model.site_bodyid[sites]])
+    count = moving[body]
+    return _Structure(
+        moving=moving,
+        moves=index[None, :] < ends[:, None],
+        before=index[None, :] <= index[:, None],
+        hinges=np.flatnonzero(~balls),
+        balls=np.flatnonzero(balls),
+        on_sites=on_sites,
+        on_tendons=np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_TENDON),
+        frames=np.where(reference >= 0, reference, site)[on_sites],
+        followers=np.flatnonzero(reference[on_sites] < 0),
+        spans=spans,
+        sites=sites,
+        from_tip=np.argsort(-count, kind="stable"),
+        beyond=np.searchsorted(np.sort(-count), -index),
+    )
 
 
 @dataclass(frozen=True)
@@ -249,12 +296,12 @@ class _Spans:
     moved: np.ndarray
 
 
-def _spans(model: mujoco.MjModel) -> _Spans:
+def _spans(model: mujoco.MjModel, moving: np.ndarray) -> _Spans:
     sites = model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE
     tendon = np.repeat(np.arange(model.ntendon), model.tendon_num)
     first = np.flatnonzero((tendon[:-1] == tendon[1:]) & sites[:-1] & sites[1:])
     pairs = model.wrap_objid[np.stack([first, first + 1])]
-    count = _dofs_below(model)[model.site_bodyid[pairs]]
+    count = moving[model.site_bodyid[pairs]]
     start, end = np.where(count[0] > count[1], pairs[::-1], pairs)  # from base to tip
     both, moved = np.arange(model.nv) < np.sort(count, axis=0)[:, :, None]
     return _Spans(tendon[first], start, end, both, moved)
@@ -262,11 +309,13 @@ def _spans(model: mujoco.MjModel) -> _Spans:
 
 def _dofs_below(model: mujoco.MjModel) -> np.ndarray:
     """(nbody,) how many turns move each body."""
-    count = np.zeros(model.nbody, dtype=int)
+    first, own, parent = (
+        x.tolist() for x in (model.body_dofadr, model.body_dofnum, model.body_parentid)
+    )
+    count = [0] * model.nbody
     for body in range(1, model.nbody):
-        own = model.body_dofadr[body] + model.body_dofnum[body]
-        count[body] = own if model.body_dofnum[body] else count[model.body_parentid[body]]
-    return count
+        count[body] = first[body] + own[body] if own[body] else count[parent[body]]
+    return np.array(count)
 
 
 def _spring_rate(x: np.ndarray, first: np.ndarray, higher: np.ndarray) -> np.ndarray:
@@ -275,16 +324,26 @@ def _spring_rate(x: np.ndarray, first: np.ndarray, higher: np.ndarray) -> np.nda
     return first + ((powers + 1) * higher * x[:, None] ** powers).sum(axis=1)
 
 
-def _rotation_rate(turn: np.ndarray) -> np.ndarray:
-    """(3, 3) change of the rotation vector `turn` by a small rotation in the turned frame."""
-    x, y, z = turn
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = np.linalg.norm(turn)
+def _rotation_vectors(q: np.ndarray, reference: np.ndarray) -> np.ndarray:
+    """(k, 3) of the rotations from quaternions (k, 4) to others, along the shorter way."""
+    w, v = reference[:, :1], -reference[:, 1:]
+    real = w[:, 0] * q[:, 0] - (v * q[:, 1:]).sum(axis=1)
+    imaginary = w * q[:, 1:] + q[:, :1] * v + _cross(v, q[:, 1:])
+    sine = np.linalg.norm(imaginary, axis=1)
+    angle = 2 * np.arctan2(sine, np.abs(real)) * np.where(real < 0, -1, 1)
+    return imaginary * np.where(sine > 0, angle / np.where(sine > 0, sine, 1), 2)[:, None]
+
+
+def _rotation_rates(turns: np.ndarray) -> np.ndarray:
+    """(k, 3, 3) change of rotation vectors (k, 3) by small rotations in the turned frames."""
+    skew = np.zeros((len(turns), 3, 3))
+    skew[:, [2, 0, 1], [1, 2, 0]], skew[:, [1, 2, 0], [2, 0, 1]] = turns, -turns
+    angle = np.linalg.norm(turns, axis=1)
+    large = np.maximum(angle, 1e-2)
     # 1 / t^2 - cot(t / 2) / (2 t), whose difference cancels for small angles.
-    second = 1 / 12 + angle**2 / 720
-    if angle > 1e-2:
-        second = (1 - angle / 2 / np.tan(angle / 2)) / angle**2
-    return np.eye(3) + skew / 2 + second * skew @ skew
+    exact = (1 - large / 2 / np.tan(large / 2)) / large**2
+    second = np.where(angle > 1e-2, exact, 1 / 12 + angle**2 / 720)
+    return np.eye(3) + skew / 2 + second[:, None, None] * skew @ skew
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -293,8 +352,7 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return a[..., ahead] * b[..., back] - a[..., back] * b[..., ahead]
 
 
-def _check(model: mujoco.MjModel) -> None:
-    """Refuse what a scene never builds and this module does not know."""
+def _check(model: mujoco.MjModel, moving: np.ndarray) -> None:
     joint, wrap, trn = mujoco.mjtJoint, mujoco.mjtWrap, mujoco.mjtTrn
     balls = model.jnt_type == joint.mjJNT_BALL
     known = {
@@ -308,7 +366,7 @@ def _check(model: mujoco.MjModel) -> None:
         "actuators of tendons and sites": np.all(
             np.isin(model.actuator_trntype, [trn.mjTRN_TENDON, trn.mjTRN_SITE])
         ),
-        "frames of loads in the world": _frames_stand(model),
+        "frames of loads in the world": _frames_stand(model, moving),
     }
     for what, holds in known.items():
         if not holds:
@@ -323,6 +381,6 @@ def _springs_along_joints(model: mujoco.MjModel) -> bool:
     return not np.any(elastic & ~(fixed & (low == high)))
 
 
-def _frames_stand(model: mujoco.MjModel) -> bool:
+def _frames_stand(model: mujoco.MjModel, moving: np.ndarray) -> bool:
     reference = model.actuator_trnid[model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE, 1]
-    return not np.any(_dofs_below(model)[model.site_bodyid[reference[reference >= 0]]])
+    return not np.any(moving[model.site_bodyid[reference[reference >= 0]]])

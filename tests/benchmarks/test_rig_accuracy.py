@@ -175,7 +175,8 @@ def test_pcc_and_chain_converge_with_second_order(case):
     exact, pulled = truth(case, BENDING).tips, np.array(STATIC[case])
     for family, sizes in (
         (lambda n: beam_statics(DISTRIBUTED, n), (2, 4, 8)),
-        (lambda n: chain_statics("midpoint", n), (4, 8, 16)),
+        # Of 4 joints, the springs of scene.springs are of fourth order beside it.
+        (lambda n: chain_statics("midpoint", n), (8, 16, 32)),
     ):
         errors = [distance(family(n)(pulled), exact) for n in sizes]
         orders = np.log2(np.divide(errors[:-1], errors[1:]))

@@ -75,8 +75,8 @@ def worst(config, ctrl, seed=0):
     """Largest error of the tangent in two postures, relative to its largest entry."""
     forces, rng = StaticForces(build_scene(config).model), np.random.default_rng(seed)
     errors = []
-    for _ in range(2):
-        q = moved(forces.model, forces.model.qpos0, rng.normal(0, 0.3, forces.model.nv))
+    for size in (0.3, 1.0):
+        q = moved(forces.model, forces.model.qpos0, rng.normal(0, size, forces.model.nv))
         truth = differences(forces, q, ctrl)
         forces.force(q, ctrl)
         errors.append(np.max(np.abs(forces.tangent() - truth)) / np.max(np.abs(truth)))
