@@ -3,7 +3,6 @@
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, inf
 
 import mujoco
 import numpy as np
@@ -20,7 +19,6 @@ from softrobot_env.scene.statics import equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import (
     EXTRAPOLATION,
-    FRICTION_STEP,
     SAFETY,
     TimestepChoice,
     TimestepWarning,
@@ -28,8 +26,6 @@ from softrobot_env.scene.timestep import (
     extrapolation,
     linearize,
 )
-
-_RUBS = "discrete includes the damping where tendons rub"
 
 #: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
 Inputs = np.ndarray | Callable[[float], np.ndarray] | None
@@ -179,11 +175,8 @@ def build_scene(config: SceneConfig) -> Scene:
 
 
 def is_extrapolated(config: SceneConfig) -> bool:
-    """Whether our own integrator advances the scene: where no other is asked for, and no friction.
-
-    Dry friction is a constraint, which MuJoCo's steps solve.
-    """
-    return config.integrator in (None, EXTRAPOLATION) and not config.robot.rubs
+    """Whether our own integrator advances the scene: where no other is asked for."""
+    return config.integrator in (None, EXTRAPOLATION)
 
 
 def _extrapolated(config: SceneConfig) -> TimestepChoice:
@@ -204,21 +197,7 @@ def choice_of(scene: Scene, variation: dict[str, float]) -> TimestepChoice:
     anew, variations would differ by its error too.
     """
     config = replace(scene.config, robot=scene.config.robot.vary(**variation))
-    if is_extrapolated(config):
-        return _extrapolated(config)
-    if scene.timestep.integrator != EXTRAPOLATION:
-        return scene.timestep
-    # Nothing but friction is new.
-    step = min(FRICTION_STEP, scene.model.opt.timestep)
-    substeps = ceil(config.control_period / step - 1e-9)
-    return TimestepChoice(
-        integrator="discrete",
-        timestep=config.control_period / substeps,
-        substeps=substeps,
-        first_period=scene.timestep.first_period,
-        stability_limit=inf,
-        reason=_RUBS,
-    )
+    return _extrapolated(config) if is_extrapolated(config) else scene.timestep
 
 
 def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:

@@ -5,9 +5,10 @@ by length, and D the joints' damping, one Euler step of size h is
 
     (M + h D + h^2 K) dv = h (f - h K v),    v + dv,    q + h (v + dv).
 
-M, f and the tendons' directions are those of the posture at its start, from MuJoCo. Its error is a
-series in h, as long as K and D are any approximation (P. Deuflhard and U. Nowak 1987, LIMEX), so
-that results of 1, 2, 3, ... steps over one interval are extrapolated to h = 0 by Neville's scheme:
+M, f and the tendons' directions are those of the posture at its start, from MuJoCo. Tendons with
+dry friction stick, or slide against it, by Coulomb's law on the velocity at the step's end. The
+error of a step is a series in h, whatever approximations K and D are (P. Deuflhard and U. Nowak
+1987, LIMEX), so that results of 1, 2, 3, ... steps over one interval are extrapolated to h = 0 by Neville's scheme:
 k rows give order k. The difference of the last two entries estimates the error. The first force
 evaluation serves all rows: 4 evaluations for order 3, 7 for order 4.
 
@@ -87,26 +88,27 @@ def _pointer(typing, address):
 # ---------------------------------------------------------------- what is passed
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
-NQ, NV, NU, NBODY, MEMORY, STRIDE, LENGTHS, PATH, ROWS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(
-    13
-)
+NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
+PATH, ROWS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(8, 14)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
     "M_rownnz", "M_rowadr", "M_colind", "jnt_stiffness", "dof_jntid", "dof_damping",
-    "actuator_biasprm", "actuator_forcerange",
+    "actuator_biasprm", "actuator_forcerange", "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind",
+    "tendon_frictionloss",
 )  # fmt: skip
 DATA_FIELDS = (
     "qpos", "qvel", "ctrl", "qfrc_applied", "xfrc_applied", "qacc", "M", "qfrc_passive",
     "qfrc_bias", "qfrc_actuator", "actuator_moment", "moment_rownnz", "moment_rowadr",
-    "moment_colind", "actuator_force", "cdof", "qfrc_smooth",
+    "moment_colind", "actuator_force", "cdof", "qfrc_smooth", "ten_J",
 )  # fmt: skip
 HEADER = OFFSETS + len(MODEL_FIELDS) + len(DATA_FIELDS) + 1  # and the time
 
 (
-    _ROWNNZ, _ROWADR, _COLIND, _STIFFNESS, _JOINT, _DAMPING, _BIASPRM, _FORCERANGE, _QPOS, _QVEL,
+    _ROWNNZ, _ROWADR, _COLIND, _STIFFNESS, _JOINT, _DAMPING, _BIASPRM, _FORCERANGE, _TENNNZ,
+    _TENADR, _TENIND, _LOSS, _QPOS, _QVEL,
     _CTRL, _APPLIED, _XFRC, _QACC, _MASS, _FPASSIVE, _FBIAS, _FACTUATOR, _MOMENT, _MOMNNZ, _MOMADR,
-    _MOMIND, _FORCE, _CDOF, _SMOOTH, _TIME,
+    _MOMIND, _FORCE, _CDOF, _SMOOTH, _TENDONS, _TIME,
 ) = range(OFFSETS, HEADER)  # fmt: skip
 
 #: Places in a simulation's `memory` (float64): settings, then what it remembers and tells.
@@ -120,6 +122,7 @@ EXTRAPOLATED, SPLIT, WHOLE = range(3)
 #: Largest and smallest share [1] of the accuracy by which one interval may err.
 LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
 
+_SWEEPS = 200
 _HUGE = 1e10  # MuJoCo's bound of a state that has not diverged
 
 _BIASES = 10  # mjNBIAS
@@ -231,7 +234,9 @@ def _springs(model, data, header, nu, nv, spring, rows):
 
 
 @_jit
-def _euler(model, header, nv, h, mass, force, spring, rows, count, v, matrix, change):
+def _euler(
+    model, header, nv, h, mass, force, spring, rows, count, v, matrix, change, loss, arms, rubbing
+):
     """The change (nv,) of the velocities v in one linearly implicit Euler step."""
     nonzero, start = _ints(model, header[_ROWNNZ], nv), _ints(model, header[_ROWADR], nv)
     columns = _ints(model, header[_COLIND], mass.size)
@@ -255,6 +260,64 @@ def _euler(model, header, nv, h, mass, force, spring, rows, count, v, matrix, ch
                 matrix[i, j] += lever * rows[s, j]
     _factorize(matrix, nv)
     _solve(matrix, change, nv)
+    if rubbing:
+        _rub(nv, h, loss, arms, rubbing, v, matrix, change)
+
+
+@_jit
+def _rubbing(model, data, header, loss, arms):
+    """Friction (k,) [N] of tendons that rub, and their rows (k, nv) of lever arms; their number."""
+    count, tendons = 0, header[NTENDON]
+    friction = _reals(model, header[_LOSS], tendons)
+    nonzero, start = _ints(model, header[_TENNNZ], tendons), _ints(model, header[_TENADR], tendons)
+    for k in range(tendons):
+        if friction[k] <= 0:
+            continue
+        end = start[k] + nonzero[k]
+        columns, values = _ints(model, header[_TENIND], end), _reals(data, header[_TENDONS], end)
+        arms[count] = 0.0
+        for at in range(start[k], end):
+            arms[count, columns[at]] = values[at]
+        loss[count] = friction[k]
+        count += 1
+    return count
+
+
+@_jit
+def _rub(nv, h, loss, arms, count, v, factor, change):
+    """Let tendons stick, or slide against their friction, at the end of an Euler step.
+
+    Coulomb's law on the velocity at its end, by projected Gauss-Seidel sweeps over the impulses.
+    """
+    answers, rates, impulses = np.empty((count, nv)), np.empty(count), np.zeros(count)
+    own = np.empty(count)
+    for k in range(count):
+        answers[k] = arms[k]
+        _solve(factor, answers[k], nv)
+        rates[k] = own[k] = 0.0
+        for i in range(nv):
+            rates[k] += arms[k, i] * (v[i] + change[i])
+            own[k] += arms[k, i] * answers[k, i]
+    for _ in range(_SWEEPS):
+        moved = 0.0
+        for k in range(count):
+            if own[k] <= 0:
+                continue
+            wanted = impulses[k] + rates[k] / own[k]
+            wanted = min(max(wanted, -h * loss[k]), h * loss[k])
+            step = wanted - impulses[k]
+            impulses[k] = wanted
+            moved = max(moved, abs(step) / (h * loss[k]))
+            for j in range(count):
+                coupling = 0.0
+                for i in range(nv):
+                    coupling += arms[j, i] * answers[k, i]
+                rates[j] -= step * coupling
+        if moved < 1e-12:
+            break
+    for k in range(count):
+        for i in range(nv):
+            change[i] -= impulses[k] * answers[k, i]
 
 
 @_jit
@@ -297,6 +360,8 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
     turn, speed = np.empty((most, nv)), np.empty((most, nv))
     spring0, rows0 = np.empty(nu), np.empty((nu, nv))
     spring, rows = np.empty(nu), np.empty((nu, nv))
+    loss, tendons = np.empty(header[NTENDON]), header[NTENDON]
+    arms0, arms = np.empty((tendons, nv)), np.empty((tendons, nv))
     gap, table = np.empty(nv), np.empty((2, nv))
     steady = True
     for k in range(nu):
@@ -312,6 +377,7 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
         memory[EVALUATIONS] += 1
         mass0[:] = mass
         count0 = _springs(model, data, header, nu, nv, spring0, rows0)
+        rubbing = _rubbing(model, data, header, loss, arms0)
         while True:
             error, used = np.inf, 0
             for row in range(most):
@@ -332,6 +398,9 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
                             v,
                             matrix,
                             change,
+                            loss,
+                            arms0,
+                            rubbing,
                         )
                     else:
                         _evaluate(model, data, header)
@@ -340,6 +409,7 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
                         _forces(model, data, header, nv, force)
                         memory[EVALUATIONS] += 1
                         count = _springs(model, data, header, nu, nv, spring, rows)
+                        _rubbing(model, data, header, loss, arms)
                         _euler(
                             model,
                             header,
@@ -353,6 +423,9 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
                             v,
                             matrix,
                             change,
+                            loss,
+                            arms,
+                            rubbing,
                         )
                     for i in range(nv):
                         v[i] += change[i]

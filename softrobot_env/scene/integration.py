@@ -3,6 +3,7 @@
 Loading compiled code takes time: the first simulation imports this module.
 """
 
+import ctypes
 from typing import Any
 
 import mujoco
@@ -24,8 +25,8 @@ from softrobot_env.scene.extrapolation import (
     METHOD,
     MODEL_FIELDS,
     MOST,
-    NBODY,
     NEXT,
+    NTENDON,
     OFFSETS,
     PATH,
     PERIOD,
@@ -45,6 +46,8 @@ from softrobot_env.scene.extrapolation import (
 )
 from softrobot_env.scene.structs import data_offsets, model_offsets, time_offset
 from softrobot_env.scene.timestep import EXTRAPOLATION, TimestepChoice
+
+_LOCKED = ctypes.PYFUNCTYPE(None, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_int32, ctypes.c_size_t)
 
 _METHODS = {EXTRAPOLATION: EXTRAPOLATED, "RK4": WHOLE}
 
@@ -73,7 +76,7 @@ class Integration:
         self._lengths = backbone_lengths(model)
         self.memory = np.zeros((count, 2, MEMORY_SIZE))
         self._states = np.zeros((count, 2, model.nq + model.nv))
-        self._sizes = (model.nq, model.nv, model.nu, model.nbody)
+        self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         self._path = np.zeros((1, model.nu))
         self.set(slice(None), choice)
         self._connect()
@@ -109,8 +112,12 @@ class Integration:
 
     @property
     def advance(self) -> Any:
-        """C function (model, data, number, header) that advances a simulation."""
-        return advance.ctypes
+        """C function (model, data, number, header) that advances a simulation.
+
+        It keeps Python's lock: a thread that simulates while Python exits must not run compiled
+        code that is being unloaded.
+        """
+        return _LOCKED(advance.address)
 
     @property
     def refresh(self) -> Any:
@@ -137,7 +144,7 @@ class Integration:
 
     def _connect(self) -> None:
         self._header = np.zeros(HEADER, dtype=np.int64)
-        self._header[: NBODY + 1] = self._sizes
+        self._header[: NTENDON + 1] = self._sizes
         self._header[OFFSETS:] = (
             *model_offsets(*MODEL_FIELDS),
             *data_offsets(*DATA_FIELDS),

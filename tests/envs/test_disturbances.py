@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from softrobot_env.envs.simulation.mujoco import Simulation
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
@@ -78,14 +79,15 @@ def test_slow_pull_and_release_is_the_hysteresis_of_dry_friction(friction):
     assert largest < 4e-3
 
 
-def jittering(model, posture, substeps):
+def jittering(scene, posture):
     """Tips (200, 2) [m] under tensions that jitter by 4 N every 10 ms."""
-    data, rng = mujoco.MjData(model), np.random.default_rng(0)
-    data.qpos[:] = posture
+    simulation, rng = Simulation(scene), np.random.default_rng(0)
+    simulation.reset(posture, np.zeros(6))
+    data = simulation.data
     out = []
     for push in rng.normal(0, 4, (200, 3)) + np.linspace(-14, 14, 200)[:, None]:
         data.ctrl[0::2], data.ctrl[1::2] = np.maximum(push, 0), np.maximum(-push, 0)
-        mujoco.mj_step(model, data, substeps)
+        assert simulation.advance()
         out.append(data.sensordata[[0, 2]].copy())
     return np.array(out)
 
@@ -98,9 +100,9 @@ def test_friction_under_jittering_tension_is_that_of_fine_steps():
     robot = ARM.vary(tendon_friction=0.5)
     coarse = build_scene(SceneConfig(robot, **sensors))
     fine = build_scene(SceneConfig(robot, timestep=5e-5, integrator="implicitfast", **sensors))
-    found = jittering(coarse.model, posture, coarse.timestep.substeps)
-    truth = jittering(fine.model, posture, fine.timestep.substeps)
-    without = jittering(free.model, posture, free.timestep.substeps)
+    found, truth = jittering(coarse, posture), jittering(fine, posture)
+    without = jittering(free, posture)
+    # MuJoCo's friction is softer than Coulomb's, which ours is.
     assert np.linalg.norm(found - truth, axis=1).max() < 4e-3
     assert np.linalg.norm(without - truth, axis=1).max() > 20e-3
 

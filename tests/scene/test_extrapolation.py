@@ -6,8 +6,8 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-
 from softrobot_env.envs.simulation.mujoco import Simulation
+
 from softrobot_env.robots import ARM, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene

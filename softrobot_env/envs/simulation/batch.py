@@ -110,14 +110,9 @@ class BatchSimulation:
 
     def _choose(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Integrate every robot as its own scene would be."""
-        timestep = None
         for at, i in enumerate(which.tolist()):
             variation = {name: float(values[name][at]) for name in VARIABLE}
-            choice = choice_of(self.scene, variation)
-            self._integration.set(i, choice)
-            if choice.accuracy is None and choice.timestep != self.scene.model.opt.timestep:
-                timestep = self._batch.expand("opt.timestep") if timestep is None else timestep
-                timestep[i] = choice.timestep
+            self._integration.set(i, choice_of(self.scene, variation))
 
     def _rub(self, which: np.ndarray, friction: np.ndarray) -> None:
         """Add friction (k,) [N] to the tendons, as `scene.build` and `scene.tendons` would."""
@@ -140,10 +135,7 @@ class BatchSimulation:
 
     @property
     def integration_error(self) -> np.ndarray | None:
-        """Estimated errors (n,) [m] in time since the resets; None with MuJoCo's integrators.
-
-        Zero for robots with tendon friction, which MuJoCo integrates.
-        """
+        """Estimated errors (n,) [m] in time since the resets; None with MuJoCo's integrators."""
         if self.scene.timestep.accuracy is None:
             return None
         return self._integration.estimates.copy()
