@@ -452,7 +452,7 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
                     )
                     if error <= 1:
                         break
-            if error <= 1 or not h > memory[SHORTEST]:
+            if error <= 1 or not h > (1 + 1e-9) * memory[SHORTEST]:
                 break
             ratio = 1 / error  # not a number where the step has blown up
             h *= max(0.25, 0.9 * ratio ** (1 / (used - 1))) if ratio > 0 else 0.25

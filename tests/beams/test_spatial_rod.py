@@ -62,3 +62,15 @@ def test_forces_and_moments_balance_in_space():
     curvature = np.array([turn[2, 1], turn[0, 2], turn[1, 0]]) / 2 / step
     carried = np.array([SECTION.bending, SECTION.bending, SECTION.torsion]) * curvature
     np.testing.assert_allclose(carried, total, atol=1e-4 * np.linalg.norm(total))
+
+
+@pytest.mark.parametrize("section", [SECTION, SpatialSection(0.02, 0.013, 30.0, 80.0)])
+def test_a_weight_seen_from_the_tip_is_that_of_the_boundary_value_problem(section):
+    unit = section.bending / LENGTH**3
+    weight = np.array([4.0 * unit, 0.0, 2.0 * unit])
+    shape = followed_rod(LENGTH, section, [], STATIONS, weight)
+    world = shape.frame[-1] @ weight
+    flat = Section(section.bending, section.shear, section.axial)
+    truth = bent_rod(LENGTH, flat, weight=(world[0], world[2]))
+    assert np.linalg.norm(shape.tip - [0, 0, LENGTH]) > 0.2 * LENGTH
+    np.testing.assert_allclose(shape.tip[[0, 2]], truth.tip, atol=1e-8)

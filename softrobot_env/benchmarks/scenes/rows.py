@@ -49,8 +49,8 @@ class Row(Record):
         gravity: In units of that of the earth.
         weight_load: Rho A g L^3 / EI [1].
         tendons: Number.
-        guided: Whether they run through guides, not in channels.
-        friction, pretension: Of the first tendon, over its tension limit [1].
+        guided: Whether any runs through guides, not in a channel.
+        friction, pretension: Largest of a tendon, over its tension limit [1].
         head: Its mass over the robot's [1], zero without.
         loaded: Whether a load acts on it.
         excitation: One of `benchmarks.scenes.draw.EXCITATIONS`.
@@ -146,7 +146,6 @@ def row_of(
 
 def _what_it_is(drawn: RandomScene) -> dict[str, object]:
     config, robot = drawn.config, drawn.config.robot
-    first = robot.tendons[0]
     return {
         "seed": drawn.seed,
         "index": drawn.index,
@@ -162,9 +161,9 @@ def _what_it_is(drawn: RandomScene) -> dict[str, object]:
         "gravity": float(np.linalg.norm(robot.gravity)) / G,
         "weight_load": weight_load(robot),
         "tendons": len(robot.tendons),
-        "guided": bool(first.guides),
-        "friction": first.friction / first.tension_limit,
-        "pretension": first.pretension / first.tension_limit,
+        "guided": any(tendon.guides for tendon in robot.tendons),
+        "friction": max((t.friction / t.tension_limit for t in robot.tendons), default=0.0),
+        "pretension": max((t.pretension / t.tension_limit for t in robot.tendons), default=0.0),
         "head": 0.0 if robot.head is None else robot.head.mass / robot.mass,
         "loaded": bool(config.loads),
         "excitation": drawn.excitation,
