@@ -8,7 +8,7 @@ import numpy as np
 
 from softrobot_env.envs.simulation.pool import Pool
 from softrobot_env.robots import NEUTRAL, VARIABLE
-from softrobot_env.scene.build import Scene, choice_of
+from softrobot_env.scene.build import Scene, choice_of, vary_scene
 from softrobot_env.scene.simulation import WORRYING, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
 from softrobot_env.scene.timestep import EXTRAPOLATION
@@ -89,13 +89,15 @@ class BatchSimulation:
             values: (k,) of each of `robots.VARIABLE`, as `RobotParams.vary` takes them.
 
         Raises:
-            ValueError: A factor on the radius of tendons that run through guides.
+            ValueError: A factor on the radius of tendons that run through guides, or a robot that
+                an integrator of MuJoCo would need a timestep of its own for.
         """
         guided = any(tendon.guides for tendon in self.scene.config.robot.tendons)
         if guided and np.any(values["tendon_radius"] != 1):
             raise ValueError("tendon_radius can be varied in many environments for channels only")
         if not self._varied and all(np.all(values[name] == v) for name, v in NEUTRAL.items()):
             return
+        self._check_timesteps(which, values)
         self._varied = True
         model = self.scene.model
         for field, names in _PROPORTIONAL.items():
@@ -107,6 +109,20 @@ class BatchSimulation:
         self._rub(which, values["tendon_friction"])
         self._choose(which, values)
         self._batch.set_const(which)
+
+    def _check_timesteps(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
+        """Refuse robots that do not share MuJoCo's timestep; our own integrator needs none."""
+        shared = self.scene.timestep
+        if shared.accuracy is not None or self.scene.config.timestep is not None:
+            return
+        for at in range(len(which)):
+            own = vary_scene(self.scene, {n: float(values[n][at]) for n in VARIABLE}).timestep
+            if own.timestep < shared.timestep * (1 - 1e-9):
+                raise ValueError(
+                    f"robot {which[at]} needs a timestep of {own.timestep:.3g} s with "
+                    f"{shared.integrator}, the others have {shared.timestep:.3g} s: give a "
+                    "`timestep` for all, or leave out `integrator`"
+                )
 
     def _choose(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Integrate every robot as its own scene would be."""
