@@ -5,7 +5,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from softrobot_env.envs.simulation.mujoco import Simulation
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
@@ -23,6 +22,7 @@ from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.tasks import make_task
 

@@ -6,7 +6,6 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
-from softrobot_env.envs.simulation.mujoco import Simulation
 
 from softrobot_env.robots import ARM, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
@@ -16,6 +15,7 @@ from softrobot_env.scene.extrapolation import FEWEST as FEWEST_PLACE
 from softrobot_env.scene.extrapolation import MOST, RATE, WORST
 from softrobot_env.scene.integration import backbone_lengths
 from softrobot_env.scene.probe import probe
+from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning, linearize, slowest
 
 PERIOD = 0.01

@@ -6,10 +6,10 @@ from math import inf
 import mujoco
 import numpy as np
 
-from softrobot_env.envs.simulation.mujoco import WORRYING, inaccuracy
 from softrobot_env.envs.simulation.pool import Pool
 from softrobot_env.robots import NEUTRAL, VARIABLE
 from softrobot_env.scene.build import Scene, choice_of
+from softrobot_env.scene.simulation import WORRYING, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
 from softrobot_env.scene.timestep import EXTRAPOLATION
 
