@@ -23,7 +23,7 @@ from softrobot_env.scene.timestep import linearize
 
 #: Nominal cost [s] that the refined runs of a scene may have: of a step, not the clock's, so that
 #: verdicts do not depend on the machine.
-BUDGET = 6.0
+BUDGET = 10.0
 
 #: Explicit steps are taken while they are not shorter than implicit ones by more than this factor.
 _SHORTER = 4.0
