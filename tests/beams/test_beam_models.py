@@ -218,7 +218,7 @@ def test_what_is_not_finite_is_refused_by_name(name):
             model.simulate(0.1, start=State(rest, np.full(model.n, wrong)))
         with pytest.raises(ValueError, match="coefficients must be finite"):
             model.simulate(0.1, signals.held(np.array([[0.0], [wrong]]), 0.1))
-        with pytest.raises(ValueError, match="'bad': moment.*must be a finite number"):
+        with pytest.raises(ValueError, match=r"'bad': moment.*must be a finite number"):
             Load("bad", LENGTH, moment=(0.0, wrong, 0.0))
 
 

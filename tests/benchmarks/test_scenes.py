@@ -169,7 +169,7 @@ def test_rows_become_tables_pictures_and_numbers(rows, tmp_path):
 
 def test_an_estimate_is_good_within_its_factor(rows):
     known = replace(rows[0], error_share=1e-3)
-    assert replace(known, estimate_share=2.9e-3).estimate_is_good
+    assert replace(known, estimate_share=np.float64(2.9e-3)).estimate_is_good is True
     assert not replace(known, estimate_share=3.1e-3).estimate_is_good
     assert not replace(known, estimate_share=3e-4).estimate_is_good
     assert replace(known, estimate_share=None).estimate_is_good is None

@@ -77,7 +77,9 @@ def tables(rows: list[Row]) -> Group:
         make_table("Goals", _GOALS, select(rows, kind="goal")),
     ]
     notes = select(rows, kind="note")
-    return Group(*parts, *(Text(f"{row.case}, {row.model}: {row.reference}") for row in notes))
+    lines = [f"{row.case}, {row.model}: {row.reference}" for row in notes]
+    lines.append("Error in time on robots of all kinds: softrobot benchmark scenes")
+    return Group(*parts, *map(Text, lines))
 
 
 def _pivot(title: str, rows: list[Row], error: Callable[[Row], float]) -> Table:
@@ -98,18 +100,22 @@ def _in_space(rows: list[Row]) -> Iterator[Table]:
         mine = [row for row in rows if row.case in names]
         out = new_table(
             f"{robot.name.upper()} rod in space, length / radius "
-            f"{robot.length / robot.outer_radius:.0f}: static tip error in mm (wrenches: mean)",
+            f"{robot.length / robot.outer_radius:.0f}: static tip error in mm (wrenches: mean;\n"
+            "none: no equilibrium was found)",
             ("model",),
             ("n", *(_heading(name) for name in names)),
         )
         for (model, n), line in groups(sorted(mine, key=lambda r: r.model), "model", "n").items():
-            cells = {row.case: _unsolved(row) or _small(1e3 * row.e_mean, False) for row in line}
+            cells = {row.case: _error_in_space(row) for row in line}
             out.add_row(model, n, *(cells.get(name) for name in names))
         yield out
 
 
-def _unsolved(row: Row) -> Text | None:
-    return Text("unsolved", "red") if row.kind == "note" else None
+def _error_in_space(row: Row) -> Text:
+    if row.kind == "note":
+        return Text("none", "red")
+    error = 1e3 * row.e_mean
+    return Text(f"{error:.0f}") if error >= 100 else _small(error, False)
 
 
 def _heading(case: str) -> str:

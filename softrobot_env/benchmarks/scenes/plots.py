@@ -86,6 +86,12 @@ def _error(row: Row) -> float | None:
     return min(max(row.error_share, _LEAST_ERROR), _MOST_ERROR)
 
 
+def _estimate(row: Row) -> float:
+    if row.estimate_share is None:
+        return row.asked_share
+    return min(max(row.estimate_share, _LEAST_ERROR), _MOST_ERROR)
+
+
 def _scatter(axis: "Axes", rows: Sequence[Row], x: Value, y: Value) -> None:
     """Points by verdict on logarithmic axes; rows without a value are left out."""
     for verdict, (colour, marker) in _STYLES.items():
@@ -110,7 +116,7 @@ def _against(axis: "Axes", rows: Sequence[Row], x: Value, label: str) -> None:
 
 def _against_estimate(axis: "Axes", rows: Sequence[Row]) -> None:
     """Error found over the package's estimate; over what was asked for where it gives none."""
-    _scatter(axis, rows, lambda r: r.estimate_share or r.asked_share, _error)
+    _scatter(axis, rows, _estimate, _error)
     _bounds(axis, rows)
     line = np.array([_LEAST_ERROR, _MOST_ERROR])
     axis.plot(line, line, color=GREY, linewidth=0.9)

@@ -112,7 +112,8 @@ class Row(Record):
         """Whether error and estimate are within a factor of `GOOD_FACTOR`; None without both."""
         if self.estimate_share is None or not self.error_share:
             return None
-        return 1 / GOOD_FACTOR <= self.estimate_share / self.error_share <= GOOD_FACTOR
+        ratio = self.estimate_share / self.error_share
+        return bool(1 / GOOD_FACTOR <= ratio <= GOOD_FACTOR)
 
 
 def row_of(

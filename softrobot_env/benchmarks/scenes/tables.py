@@ -54,7 +54,14 @@ _SCENE = (
     Column("sag", "weight_load", ".0e"),
     Column("steps", lambda r: r.substeps and f"{r.substeps} {_SHORT.get(r.integrator)}", ">"),
 )
-_SHORT = {"implicitfast": "if", "discrete": "di", "Euler": "eu", "implicit": "im", "RK4": "rk"}
+_SHORT = {
+    "extrapolation": "ex",
+    "implicitfast": "if",
+    "discrete": "di",
+    "Euler": "eu",
+    "implicit": "im",
+    "RK4": "rk",
+}
 
 
 def tables(rows: Sequence[Row]) -> Group:

@@ -33,7 +33,9 @@ def tables(rows: list[Row]) -> Group:
     rig = [row for row in rows if isinstance(row, RigRow)]
     parts = [_shares(rows), _rule(rows), _limits(rows), _extremes(rows)]
     parts += [_rig_safe(rig), _rig_rule(rig), _rig_failures(rig)] if rig else []
-    return Group(*parts, *([table(costs)] if costs else []))
+    parts += [table(costs)] if costs else []
+    more = "What the rule does on robots of all kinds: softrobot benchmark scenes"
+    return Group(*parts, Text(more))
 
 
 def first_period(row: Row) -> float:

@@ -60,13 +60,13 @@ class SpatialCase:
 #: Name -> heading in the tables, see `cases_of`.
 HEADINGS = {
     "wrenches": "random wrenches",
-    "sag_0deg": "sag, 0 deg",
-    "sag_45deg": "sag, 45 deg",
+    "sag_0deg": "sag, 0°",
+    "sag_45deg": "sag, 45°",
     "helix_dead": "helix, dead",
-    "helix_follower": "helix, follower",
+    "helix_follower": "helix, follows",
     "circle": "full circle",
     "force_dead": "force, dead",
-    "force_follower": "force, follower",
+    "force_follower": "force, follows",
 }
 
 
