@@ -335,6 +335,7 @@ def test_absent_pyelastica_is_said(monkeypatch):
     assert "not installed" in row.reference
 
 
+@pytest.mark.slow
 def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
     numbers = [chain_row(case, "balanced2", 6, BENDING) for case in scalar_cases()]
     rig = Row("static", "rig_slack", "rig_piece", 1, e_mean=0.023, e_max=0.023, wall_time=1e-3)

@@ -288,6 +288,7 @@ def test_numbers_have_the_digits_people_need():
     assert with_unit(5e-3, "policy_time_median") == "5000 µs"
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_of_what_there_is(full, tmp_path):
     plot(full, tmp_path / "controllers.png")
     names = {path.stem for path in tmp_path.iterdir()}

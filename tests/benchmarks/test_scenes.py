@@ -156,6 +156,7 @@ def rows():
     return [judge(of_arm()), *(judged(0, index) for index in (3, 4, 5))]
 
 
+@pytest.mark.slow
 def test_rows_become_tables_pictures_and_numbers(rows, tmp_path):
     assert all(row.verdict in VERDICTS for row in rows)
     json.dumps([row.row() for row in rows], allow_nan=False)
