@@ -31,7 +31,7 @@ check: lint
 test: .venv/.setup-test
 	$(PYTEST) -m "not slow"
 
-# What takes minutes: trainings, Cosserat and ANCF as plants, whole studies, the wheel, and every
+# What takes minutes: trainings, ANCF, Cosserat as a plant, whole studies, the wheel, and every
 # benchmark's quick run.
 slow: .venv/.setup-test
 	$(PYTEST) -m slow

@@ -20,13 +20,12 @@ from softrobot_env.registration import ENVIRONMENTS  # noqa: E402
 FIRST = (
     "envs/test_plants.py",  # compiles the planar models
     "control/test_policy_contract.py",  # controllers
+    "beams/test_beam_models.py",  # all three models
     "training/test_training.py",
     "commands/test_cli.py",
-    "beams/test_ancf.py",  # the spatial one
-    "beams/test_pcc.py",
     "beams/test_cosserat.py",
+    "beams/test_pcc.py",
     "beams/test_integration.py",
-    "beams/test_beam_models.py",
 )
 
 #: Where the durations of the last runs are kept, and what a quick test takes at most [s].

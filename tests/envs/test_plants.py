@@ -319,7 +319,7 @@ def test_a_divergence_is_reported_at_once(name, value):
     assert "failure" not in env.reset()[1]
 
 
-@pytest.mark.parametrize("name", ["pcc", "cosserat"])
+@pytest.mark.parametrize("name", ["pcc", pytest.param("cosserat", marks=pytest.mark.slow)])
 def test_leaving_the_workspace_ends_the_episode(name):
     """Thrown into a sharper bend from just inside the limit, which a continuum cannot reach."""
     env = environment(name)
