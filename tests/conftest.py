@@ -18,11 +18,11 @@ from softrobot_env.registration import ENVIRONMENTS  # noqa: E402
 #: Files that take longest without compiled kernels, in the order in which workers begin them. Those
 #: that compile the same models stand apart, so that little is compiled twice.
 FIRST = (
-    "envs/test_plants.py",  # compiles the planar models
-    "control/test_policy_contract.py",  # controllers
     "beams/test_beam_models.py",  # all three models
+    "control/test_policy_contract.py",  # controllers
     "training/test_training.py",
     "commands/test_cli.py",
+    "envs/test_plants.py",
     "beams/test_cosserat.py",
     "beams/test_pcc.py",
     "beams/test_integration.py",
