@@ -238,3 +238,30 @@ def test_the_probe_measures_error_and_cost():
     assert found.cost > 0
     crude = probe(scene(timestep=2e-3, integrator="implicitfast"))
     assert crude.error > 10 * found.error
+
+
+def test_huge_accelerations_of_a_small_stiff_robot_are_no_divergence():
+    """A steel wire in its fastest oscillation, against that of the linear chain."""
+    wire = RobotParams("wire", 0.01, 2e-4, 0.0, 2e11, 8000.0, 0.0, 8)
+    chain = linearize(scene(wire).model)
+    fastest = chain.frequencies()[-1]
+    built = scene(wire, control_period=2 * np.pi / fastest / 20, accuracy=1e-9)
+    modes = np.linalg.eig(np.linalg.solve(chain.mass, chain.stiffness))
+    shape = modes.eigenvectors[:, np.argmax(modes.eigenvalues.real)].real
+    start = 2e-4 * shape / np.abs(shape).max()
+    simulation, largest = Simulation(built), 0.0
+    simulation.reset(start, np.zeros(0))
+    for _ in range(20):
+        assert simulation.advance(), simulation.failure()
+        largest = max(largest, np.abs(simulation.data.qacc).max())
+    assert largest > 1e10  # MuJoCo's bound
+    gap = simulation.data.qpos - start * np.cos(fastest * simulation.time)
+    assert np.abs(gap).max() < 0.01 * np.abs(start).max()
+
+
+def test_a_motion_that_is_not_finite_is_told():
+    simulation = Simulation(scene())
+    simulation.reset(simulation.model.qpos0, np.zeros(6))
+    simulation.data.qvel[2] = np.nan
+    assert not simulation.advance()
+    assert "velocity" in simulation.failure()
