@@ -211,6 +211,7 @@ def motions(few):
     return found + agreement.dynamic_rows(tension_step.CASE, limits, True)
 
 
+@pytest.mark.slow
 def test_rows_are_flat_finite_and_complete(static, motions):
     rows = static + motions
     json.dumps([row.row() for row in rows], allow_nan=False)

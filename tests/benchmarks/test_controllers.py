@@ -186,6 +186,7 @@ def test_a_full_run_covers_every_setting(full):
     assert {"density": 0.6} in others
 
 
+@pytest.mark.slow
 def test_a_quick_run_is_a_part_of_the_full_one(monkeypatch, full):
     quick = controllers.run(quick=True)
     assert len(episodes(quick)) < len(episodes(full)) / 4
@@ -316,6 +317,7 @@ def test_audit_and_thesis_name_the_same_quantities():
     assert all(low <= high for values in AUDIT.values() for low, high in values.values())
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)  # kernels may have to be compiled first
 def test_command_measures_and_writes(monkeypatch, tmp_path):
     monkeypatch.setattr(controllers, "policies", lambda: ["qs_nn"])
