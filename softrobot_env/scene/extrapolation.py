@@ -94,20 +94,22 @@ PATH, ROWS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(8, 14)
 MODEL_FIELDS = (
     "M_rownnz", "M_rowadr", "M_colind", "jnt_stiffness", "dof_jntid", "dof_damping",
     "actuator_biasprm", "actuator_forcerange", "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind",
-    "tendon_frictionloss",
+    "tendon_frictionloss", "actuator_gainprm",
 )  # fmt: skip
 DATA_FIELDS = (
     "qpos", "qvel", "ctrl", "qfrc_applied", "xfrc_applied", "qacc", "M", "qfrc_passive",
     "qfrc_bias", "qfrc_actuator", "actuator_moment", "moment_rownnz", "moment_rowadr",
     "moment_colind", "actuator_force", "cdof", "qfrc_smooth", "ten_J",
+    "actuator_length",
 )  # fmt: skip
 HEADER = OFFSETS + len(MODEL_FIELDS) + len(DATA_FIELDS) + 1  # and the time
 
 (
     _ROWNNZ, _ROWADR, _COLIND, _STIFFNESS, _JOINT, _DAMPING, _BIASPRM, _FORCERANGE, _TENNNZ,
-    _TENADR, _TENIND, _LOSS, _QPOS, _QVEL,
+    _TENADR, _TENIND, _LOSS, _GAINPRM, _QPOS, _QVEL,
     _CTRL, _APPLIED, _XFRC, _QACC, _MASS, _FPASSIVE, _FBIAS, _FACTUATOR, _MOMENT, _MOMNNZ, _MOMADR,
-    _MOMIND, _FORCE, _CDOF, _SMOOTH, _TENDONS, _TIME,
+    _MOMIND, _FORCE, _CDOF, _SMOOTH, _TENDONS, _LENGTH,
+    _TIME,
 ) = range(OFFSETS, HEADER)  # fmt: skip
 
 #: Places in a simulation's `memory` (float64): settings, then what it remembers and tells.
@@ -124,7 +126,7 @@ LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
 _SWEEPS = 200
 _HUGE = 1e10  # MuJoCo's bound of a state that has not diverged
 
-_BIASES = 10  # mjNBIAS
+_GAINS, _BIASES = 10, 10  # mjNGAIN, mjNBIAS
 
 _jit = numba.njit(nogil=True, error_model="numpy", fastmath={"contract", "nsz", "reassoc"})
 
@@ -332,6 +334,60 @@ def _displacement(data, header, nv, lengths, turn):
     return way
 
 
+@_jit
+def _regime(force, low, high):
+    """Whether a drive of a length lets its tendon slacken (-1), winds it (0) or is at its limit."""
+    return -1 if force <= low else 1 if force >= high else 0
+
+
+@_jit
+def _jumps(model, data, header, before, jump):
+    """Forces (nu,) [N] at the end of a step less those that its last stage led to expect.
+
+    They differ where a tendon went slack or taut, or came to its limit, since the forces `before`.
+    Returns whether there are any.
+    """
+    nu = header[NU]
+    gains = _reals(model, header[_GAINPRM], nu * _GAINS)
+    biases = _reals(model, header[_BIASPRM], nu * _BIASES)
+    bounds, now = _reals(model, header[_FORCERANGE], 2 * nu), _reals(data, header[_FORCE], nu)
+    ctrl, length = _reals(data, header[_CTRL], nu), _reals(data, header[_LENGTH], nu)
+    found = False
+    for k in range(nu):
+        jump[k] = 0.0
+        low, high, at = bounds[2 * k], bounds[2 * k + 1], k * _BIASES
+        was = _regime(before[k], low, high)
+        if biases[at + 1] < 0 and was != _regime(now[k], low, high):
+            free = gains[k * _GAINS] * ctrl[k] + biases[at] + biases[at + 1] * length[k]
+            jump[k] = now[k] - (free if was == 0 else before[k])
+            found = True
+    return found
+
+
+@_jit
+def _pull(model, data, header, nv, tension, force):
+    """Generalised forces (nv,) of drives' forces (nu,) [N]."""
+    force[:] = 0.0
+    for k in range(header[NU]):
+        nonzero, start = (
+            _ints(data, header[_MOMNNZ], header[NU])[k],
+            _ints(data, header[_MOMADR], header[NU])[k],
+        )
+        columns = _ints(data, header[_MOMIND], start + nonzero)
+        moment = _reals(data, header[_MOMENT], start + nonzero)
+        for at in range(start, start + nonzero):
+            force[columns[at]] += tension[k] * moment[at]
+
+
+@_jit
+def _lengthen(model, data):
+    """Tendons of MuJoCo's posture."""
+    _kinematics(model, data)
+    _com_pos(model, data)
+    _tendon(model, data)
+    _transmission(model, data)
+
+
 # ---------------------------------------------------------------- a control period
 
 
@@ -362,6 +418,12 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
     loss, tendons = np.empty(header[NTENDON]), header[NTENDON]
     arms0, arms = np.empty((tendons, nv)), np.empty((tendons, nv))
     gap, table = np.empty(nv), np.empty((2, nv))
+    before, jump, still = np.empty(nu), np.empty(nu), np.zeros(nv)
+    winding = False
+    biases = _reals(model, header[_BIASPRM], nu * _BIASES)
+    for k in range(nu):
+        if biases[k * _BIASES + 1] < 0:
+            winding = True
     steady = True
     for k in range(nu):
         if begin[k] != end[k]:
@@ -449,6 +511,37 @@ def _integrate_segment(model, data, header, memory, begin, end, duration):
                     error = _displacement(data, header, nv, lengths, gap) / (
                         share * memory[ACCURACY]
                     )
+                    if error <= 1 and winding:
+                        before[:] = _reals(data, header[_FORCE], nu)
+                        q[:] = q0
+                        _integrate(model, q.ctypes.data, turn[row].ctypes.data, 1.0)
+                        _lengthen(model, data)
+                        _drive(ctrl, begin, end, (time + h) / duration)
+                        _actuation(model, data)
+                        if _jumps(model, data, header, before, jump):
+                            _pull(model, data, header, nv, jump, force)
+                            count = _springs(model, data, header, nu, nv, spring, rows)
+                            _euler(
+                                model,
+                                header,
+                                nv,
+                                part,
+                                mass,
+                                force,
+                                spring,
+                                rows,
+                                count,
+                                still,
+                                matrix,
+                                change,
+                                loss,
+                                arms,
+                                0,
+                            )
+                            for i in range(nv):
+                                change[i] *= part
+                            unseen = _displacement(data, header, nv, lengths, change)
+                            error = max(error, unseen / (share * memory[ACCURACY]))
                     if error <= 1:
                         break
             if error <= 1 or not h > (1 + 1e-9) * memory[SHORTEST]:
