@@ -2,8 +2,10 @@
 
 A chain whose fastest mode swings freely is integrated by the Runge-Kutta scheme of order four,
 one whose fast modes creep (explicit steps would have to be tiny) by implicitfast, extrapolated to
-zero timestep from three runs. Neither knows the rule that picks a scene's timestep. Steps are
-halved until two successive results agree, or the next ones would cost more than `BUDGET`.
+zero timestep from three runs. Tendons that rub take discrete, extrapolated too: the others find the
+friction as if the joints were undamped, and on a stiff overdamped chain are far off until the steps
+resolve its fastest creep. None knows the rule that picks a scene's timestep. Steps are halved until
+two successive results agree, or the next ones would cost more than `BUDGET`.
 """
 
 from collections.abc import Callable
@@ -32,10 +34,10 @@ _SHORTER = 4.0
 #: least.
 _OF_PERIOD, _OF_LIMIT, _LEAST = 1 / 60, 0.6, 4
 
-#: [s], time constant of dry friction in refined runs, whose steps are at most half of it. MuJoCo's
-#: friction is soft: a tendon that should stick creeps for about that long. Coulomb's law is its
-#: limit.
-_FRICTION = 2e-4
+#: [s], time constant of dry friction in refined runs. MuJoCo's friction is soft: a tendon that should
+#: stick creeps for about that long, or for two timesteps if they are longer. So Coulomb's law is
+#: met in the limit of short steps.
+_FRICTION = 1e-9
 
 #: MuJoCo's warnings of a diverged state. Accelerations are left out: those of small, stiff robots
 #: exceed what it takes for sane (1e10 rad/s2).
@@ -51,7 +53,7 @@ class Refined:
             them ended.
         uncertainty: [m], distance between the two best; None without them.
         substeps: Steps per control period of the finest.
-        method: "RK4" or "implicitfast extrapolated".
+        method: "RK4", or "implicitfast extrapolated", "discrete extrapolated".
     """
 
     tips: np.ndarray | None
@@ -100,7 +102,7 @@ def _first(scene: Scene) -> tuple[str, int]:
     method = "RK4" if _SHORTER * steps["RK4"] >= steps["implicitfast"] else "implicitfast"
     step = min(_OF_LIMIT * steps[method], _OF_PERIOD / swing(scene.config.robot))
     if scene.config.robot.rubs:
-        step = min(step, _FRICTION / 2)
+        method = "discrete"
     return method, max(_LEAST, ceil(period / step))
 
 
