@@ -34,6 +34,9 @@ _SHORTER = 4.0
 #: least.
 _OF_PERIOD, _OF_LIMIT, _LEAST = 1 / 60, 0.6, 4
 
+#: First refined step in first periods where tendons rub: sticking and slipping take turns within it.
+_RUBBING = 1 / 400
+
 #: [s], time constant of dry friction in refined runs. MuJoCo's friction is soft: a tendon that should
 #: stick creeps for about that long, or for two timesteps if they are longer. So Coulomb's law is
 #: met in the limit of short steps.
@@ -102,7 +105,7 @@ def _first(scene: Scene) -> tuple[str, int]:
     method = "RK4" if _SHORTER * steps["RK4"] >= steps["implicitfast"] else "implicitfast"
     step = min(_OF_LIMIT * steps[method], _OF_PERIOD / swing(scene.config.robot))
     if scene.config.robot.rubs:
-        method = "discrete"
+        method, step = "discrete", min(step, _RUBBING / swing(scene.config.robot))
     return method, max(_LEAST, ceil(period / step))
 
 
@@ -136,7 +139,11 @@ def _estimate(method: str, runs: list[np.ndarray]) -> tuple[np.ndarray, float] |
     if len(runs) < 3:
         return None
     best, second = zero_timestep(runs[-3:])
-    return best, distance(best, second)
+    if method != "discrete":
+        return best, distance(best, second)
+    if len(runs) < 4:  # friction makes the error no series in the step
+        return None
+    return best, distance(best, zero_timestep(runs[-4:-1])[0])
 
 
 def refined_run(scene: Scene, drawn: RandomScene, integrator: str, substeps: int) -> np.ndarray:
