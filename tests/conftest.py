@@ -76,7 +76,8 @@ class _Durations:
 
 
 def pytest_configure(config):
-    if not hasattr(config, "workerinput"):  # the workers' reports come here
+    known = config.pluginmanager.has_plugin("cacheprovider")
+    if known and not hasattr(config, "workerinput"):  # the workers' reports come here
         config.pluginmanager.register(_Durations(config))
 
 

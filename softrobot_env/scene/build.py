@@ -3,11 +3,12 @@
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from softrobot_env.motion import Motion, State
+from softrobot_env.motion import State
 from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion
 from softrobot_env.scene import extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
@@ -26,6 +27,9 @@ from softrobot_env.scene.timestep import (
     extrapolation,
     linearize,
 )
+
+if TYPE_CHECKING:
+    from softrobot_env.scene.simulation import SceneMotion
 
 #: Inputs of a motion: constant (n_inputs,), one row (k, n_inputs) a control period, or of time [s].
 Inputs = np.ndarray | Callable[[float], np.ndarray] | None
@@ -93,7 +97,7 @@ class Scene:
         *,
         samples: np.ndarray | float | None = None,
         gravity: np.ndarray | None = None,
-    ) -> Motion:
+    ) -> "SceneMotion":
         """Simulate a motion in the steps that environments take.
 
         As `scene.simulation.simulate`, which tells of the arguments and errors.

@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from math import inf
 
 import mujoco
@@ -34,6 +34,18 @@ def inaccuracy(scene: Scene, estimate: float, time: float) -> TimestepWarning:
         f"{1e3 * estimate:.3g} mm off, {1e3 * scene.timestep.accuracy:.3g} mm are wanted: small "
         "errors grow in it (a smaller `accuracy` may help)"
     )
+
+
+@dataclass(frozen=True)
+class SceneMotion(Motion):
+    """A simulated motion of a scene and how accurate it is.
+
+    Attributes:
+        integration_error: (k,) [m], estimated error of the backbone's position up to each instant;
+            None with MuJoCo's integrators.
+    """
+
+    integration_error: np.ndarray | None
 
 
 class Simulation:
@@ -167,7 +179,7 @@ def simulate(
     *,
     samples: np.ndarray | float | None = None,
     gravity: np.ndarray | None = None,
-) -> Motion:
+) -> SceneMotion:
     """Simulate a motion of a scene.
 
     Args:
@@ -179,6 +191,9 @@ def simulate(
         samples: Instants (k,) [s] from 0 to the duration, or their distance [s], multiples of the
             control period; start and end unless given.
         gravity: (3,) [m/s2] in place of the scene's.
+
+    Warns:
+        TimestepWarning: The motion may be far less accurate than the scene's `accuracy`.
 
     Raises:
         ValueError: A time is no multiple of the control period, an argument is not finite or not
@@ -199,15 +214,15 @@ def simulate(
     simulation.reset(q, controls(0, np.zeros(1))[0])
     simulation.data.qvel[:] = v
     mujoco.mj_forward(model, simulation.data)
-    return Motion(times, *_followed(simulation, controls, ends))
+    return SceneMotion(times, *_followed(simulation, controls, ends))
 
 
 def _followed(
     simulation: Simulation, controls: Callable[..., np.ndarray], ends: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """States (k, nq), (k, nv) after the numbers of control periods `ends` (k,)."""
-    data, instants = simulation.data, np.concatenate(([0.0], simulation.step_times))
-    rows = {0: (data.qpos.copy(), data.qvel.copy())}
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """States (k, nq), (k, nv) and errors (k,) after the numbers of control periods `ends` (k,)."""
+    instants = np.concatenate(([0.0], simulation.step_times))
+    rows = {0: _sample(simulation)}
     for number in range(int(ends[-1])):
         path = controls(number, instants)
         if len(path) == 1:
@@ -216,9 +231,14 @@ def _followed(
         if not healthy:
             raise IntegrationError(simulation.failure() or "diverged", simulation.time)
         if number + 1 in ends:
-            rows[number + 1] = data.qpos.copy(), data.qvel.copy()
-    q, v = zip(*(rows[int(end)] for end in ends), strict=True)
-    return np.stack(q), np.stack(v)
+            rows[number + 1] = _sample(simulation)
+    q, v, errors = zip(*(rows[int(end)] for end in ends), strict=True)
+    return np.stack(q), np.stack(v), None if errors[0] is None else np.array(errors)
+
+
+def _sample(simulation: Simulation) -> tuple[np.ndarray, np.ndarray, float | None]:
+    data = simulation.data
+    return data.qpos.copy(), data.qvel.copy(), simulation.integration_error
 
 
 def _periods(times: np.ndarray, period: float) -> np.ndarray:

@@ -196,3 +196,9 @@ def test_an_estimate_without_bound_is_none(monkeypatch):
     """A report has no infinities."""
     monkeypatch.setattr(Simulation, "integration_error", np.inf)
     assert judge(of_arm()).estimate_share is None
+
+
+@pytest.mark.parametrize(("seed", "index"), [(1, 43), (1, 48), (1, 158)])
+def test_tendons_that_slacken_or_stick_within_a_step_are_accurate(seed, index):
+    """Overdamped robots, whose smooth motion lets steps be as long as control periods."""
+    assert judged(seed, index).verdict == ACCURATE

@@ -180,6 +180,19 @@ def test_inputs_may_be_held_or_steady():
     np.testing.assert_array_equal(built.simulate(0.2, np.ones((200, 1))).q, constant.q)
 
 
+def test_a_motion_tells_its_error():
+    built = scene(pieces=6, loads=(Load("push", LENGTH, (1.0, 0.0, 0.0)),), control_period=0.01)
+    fine = replace(built.config, accuracy=1e-7)
+    pushes = np.random.default_rng(1).random((60, 1))
+    motion = built.simulate(0.6, pushes, samples=0.1)
+    truth = build_scene(fine).simulate(0.6, pushes, samples=0.1)
+    errors = np.linalg.norm(built.tip(motion.q) - built.tip(truth.q), axis=1)
+    assert motion.integration_error[0] == 0
+    assert np.all(np.diff(motion.integration_error) >= 0)
+    assert np.max(errors) < 3 * motion.integration_error[-1] < 3 * built.timestep.accuracy
+    assert build_scene(replace(fine, integrator="RK4")).simulate(0.1).integration_error is None
+
+
 def test_a_motion_goes_on_where_another_ended():
     load = Load("push", LENGTH, (1.0, 0.0, 0.0))
     built = scene("ball", pieces=3, loads=(load,))
