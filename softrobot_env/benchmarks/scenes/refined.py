@@ -34,12 +34,12 @@ _SHORTER = 4.0
 #: least.
 _OF_PERIOD, _OF_LIMIT, _LEAST = 1 / 60, 0.6, 4
 
-#: First refined step in first periods where tendons rub: sticking and slipping take turns within it.
+#: First refined step in first periods where tendons rub and stick in turns.
 _RUBBING = 1 / 400
 
-#: [s], time constant of dry friction in refined runs. MuJoCo's friction is soft: a tendon that should
-#: stick creeps for about that long, or for two timesteps if they are longer. So Coulomb's law is
-#: met in the limit of short steps.
+#: [s], time constant of dry friction in refined runs. MuJoCo's friction is soft: a tendon that
+#: should stick creeps for about that long, or for two timesteps if they are longer. So Coulomb's
+#: law is met in the limit of short steps.
 _FRICTION = 1e-9
 
 #: MuJoCo's warnings of a diverged state. Accelerations are left out: those of small, stiff robots
