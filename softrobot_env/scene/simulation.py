@@ -24,7 +24,7 @@ _HEALTHY = bytes(4 * int(mujoco.mjtWarning.mjNWARNING))
 
 #: Times the accuracy that is wanted, an estimate is worth a warning: motions that part from each
 #: other make it up to some ten times too large.
-WORRYING = 3.0
+WORRYING = 2.0
 
 
 def inaccuracy(scene: Scene, estimate: float, time: float) -> TimestepWarning:
