@@ -52,7 +52,7 @@ FRICTION_STEP = 2e-3
 #: Our own integrator, of `scene.integration`.
 EXTRAPOLATION = "extrapolation"
 
-#: The rate of `scene.extrapolation` over the first angular frequency [1].
+#: The rate of `scene.integration.extrapolation` over the first angular frequency [1].
 RATE = 5.0
 
 #: [s], longest timestep where servos wind up tendons: their way is told once a timestep.
@@ -80,7 +80,7 @@ class TimestepChoice:
         reason: One sentence for people.
         accuracy: [m], error of the backbone's position that is wanted; None where the integrator
             does not look at its error.
-        rate: [1/s], see `scene.extrapolation`.
+        rate: [1/s], see `scene.integration.extrapolation`.
     """
 
     integrator: str

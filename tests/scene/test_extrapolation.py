@@ -6,15 +6,16 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
 from softrobot_env.robots import ARM, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
-from softrobot_env.scene.extrapolation import FEWEST as FEWEST_PLACE
-from softrobot_env.scene.extrapolation import MOST, RATE, WORST
-from softrobot_env.scene.integration import backbone_lengths
-from softrobot_env.scene.probe import probe
+from softrobot_env.scene.integration.integrator import backbone_lengths
+from softrobot_env.scene.integration.layout import FEWEST as FEWEST_PLACE
+from softrobot_env.scene.integration.layout import MOST, RATE, WORST
+from softrobot_env.scene.integration.probe import probe
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning, linearize, slowest
 
@@ -238,3 +239,45 @@ def test_the_probe_measures_error_and_cost():
     assert found.cost > 0
     crude = probe(scene(timestep=2e-3, integrator="implicitfast"))
     assert crude.error > 10 * found.error
+
+
+def test_huge_accelerations_of_a_small_stiff_robot_are_no_divergence():
+    """A steel wire in its fastest oscillation, against that of the linear chain."""
+    wire = RobotParams("wire", 0.01, 2e-4, 0.0, 2e11, 8000.0, 0.0, 8)
+    chain = linearize(scene(wire).model)
+    fastest = chain.frequencies()[-1]
+    built = scene(wire, control_period=2 * np.pi / fastest / 20, accuracy=1e-9)
+    modes = np.linalg.eig(np.linalg.solve(chain.mass, chain.stiffness))
+    shape = modes.eigenvectors[:, np.argmax(modes.eigenvalues.real)].real
+    start = 2e-4 * shape / np.abs(shape).max()
+    simulation, largest = Simulation(built), 0.0
+    simulation.reset(start, np.zeros(0))
+    for _ in range(20):
+        assert simulation.advance(), simulation.failure()
+        largest = max(largest, np.abs(simulation.data.qacc).max())
+    assert largest > 1e10  # MuJoCo's bound
+    gap = simulation.data.qpos - start * np.cos(fastest * simulation.time)
+    assert np.abs(gap).max() < 0.01 * np.abs(start).max()
+
+
+def test_a_motion_that_is_not_finite_is_told():
+    simulation = Simulation(scene())
+    simulation.reset(simulation.model.qpos0, np.zeros(6))
+    simulation.data.qvel[2] = np.nan
+    assert not simulation.advance()
+    assert "velocity" in simulation.failure()
+
+
+def test_compiled_code_knows_all_its_sources(tmp_path):
+    """What was cached of one version of a folder's sources is not found for another."""
+    from softrobot_env.machine_code import CacheFiles, digest_of
+
+    folders = [tmp_path / name for name in ("a", "b")]
+    for folder, text in zip(folders, ("y = 1", "y = 2"), strict=True):
+        folder.mkdir()
+        (folder / "called.py").write_text(text)
+    numba_files = IndexDataCacheFile(str(tmp_path), "advance", "stamp")
+    before, after = (CacheFiles(numba_files, digest_of((f,))) for f in folders)
+    before.save("key", "code")
+    assert before.load("key") == "code"
+    assert after.load("key") is None

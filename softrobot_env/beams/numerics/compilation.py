@@ -2,16 +2,17 @@
 
 import sys
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import types
-from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.experimental import structref
 from numba.extending import overload
+
+from softrobot_env.machine_code import SourceCache
 
 _PACKAGE = __name__.split(".")[0]
 
@@ -29,16 +30,6 @@ if numba.version_info[:2] == (0, 68):
 _ROOT = Path(__file__).parents[2]
 
 
-@cache
-def _digest(places: tuple[Path, ...]) -> str:
-    """Digest of the sources in some folders and below."""
-    digest = sha256()
-    for place in dict.fromkeys(places):
-        for source in sorted(place.rglob("*.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
-
-
 def _part(function: Callable) -> Path:
     """Folder whose sources a function may call: its part of the package, else its own folder."""
     own = Path(function.__code__.co_filename).parent
@@ -47,42 +38,7 @@ def _part(function: Callable) -> Path:
     return _ROOT / own.relative_to(_ROOT).parts[0]
 
 
-class _KernelFiles(IndexDataCacheFile):
-    """Files of one kernel, each named by the sources and the types that it was compiled for.
-
-    Numba numbers them in an index, which processes that compile at the same time overwrite for each
-    other: a kernel would then be loaded for types that it does not take.
-    """
-
-    def __init__(self, files: IndexDataCacheFile, sources: str) -> None:
-        self._cache_path = files._cache_path
-        self._base = files._index_name.removesuffix(".nbi")
-        self._of = sha256(f"{files._version} {sources}".encode()).hexdigest()[:12]
-
-    def _name(self, key: Any) -> str:
-        return f"{self._base}.{self._of}.{sha256(repr(key).encode()).hexdigest()[:20]}.nbc"
-
-    def load(self, key: Any) -> Any:
-        """What was stored under a key, None if nothing was."""
-        try:
-            return self._load_data(self._name(key))
-        except OSError:
-            return None
-
-    def save(self, key: Any, data: Any) -> None:
-        """Store something; what other sources gave is removed."""
-        for old in Path(self._cache_path).glob(f"{self._base}.*"):
-            if not old.name.startswith(f"{self._base}.{self._of}."):
-                old.unlink(missing_ok=True)
-        self._save_data(self._name(key), data)
-
-    def flush(self) -> None:
-        """Forget everything."""
-        for old in Path(self._cache_path).glob(f"{self._base}.*"):
-            old.unlink(missing_ok=True)
-
-
-class _KernelCache(FunctionCache):
+class _KernelCache(SourceCache):
     """Numba's cache, made safe for kernels that call each other and take foreign models.
 
     Numba watches the file of the function alone: here every kernel depends on all sources of the
@@ -94,9 +50,8 @@ class _KernelCache(FunctionCache):
     def __init__(self, function: Callable, everywhere: bool, linked: bool = False) -> None:
         if linked:
             self._impl_class = linking.LinkedFiles
-        super().__init__(function)
         places = (_ROOT,) if everywhere else (_ROOT / "beams", _part(function))
-        self._cache_file = _KernelFiles(self._cache_file, _digest(places))
+        super().__init__(function, *places)
         if linked:
             self._cache_file._base += "-linked"
 
