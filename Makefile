@@ -31,7 +31,8 @@ check: lint
 test: .venv/.setup-test
 	$(PYTEST) -m "not slow"
 
-# What takes minutes: trainings, ANCF as a plant, the thesis' study, every benchmark's quick run.
+# What takes minutes: trainings, ANCF, Cosserat as a plant, whole studies, the wheel, and every
+# benchmark's quick run.
 slow: .venv/.setup-test
 	$(PYTEST) -m slow
 

@@ -18,15 +18,14 @@ from softrobot_env.registration import ENVIRONMENTS  # noqa: E402
 #: Files that take longest without compiled kernels, in the order in which workers begin them. Those
 #: that compile the same models stand apart, so that little is compiled twice.
 FIRST = (
-    "envs/test_plants.py",  # compiles the planar models
+    "beams/test_beam_models.py",  # all three models
     "control/test_policy_contract.py",  # controllers
     "training/test_training.py",
     "commands/test_cli.py",
-    "beams/test_ancf.py",  # the spatial one
-    "beams/test_pcc.py",
+    "envs/test_plants.py",
     "beams/test_cosserat.py",
+    "beams/test_pcc.py",
     "beams/test_integration.py",
-    "beams/test_beam_models.py",
 )
 
 #: Where the durations of the last runs are kept, and what a quick test takes at most [s].

@@ -27,6 +27,7 @@ def test_wheel_carries_assets_models_and_firmware(wheel, request):
     assert not any(name.startswith(("tests/", "scripts/")) for name in names)
 
 
+@pytest.mark.slow
 def test_wheel_works_outside_the_checkout(wheel, tmp_path):
     site = tmp_path / "site"
     with zipfile.ZipFile(wheel) as archive:

@@ -1,7 +1,12 @@
-"""The rule that picks integrator and timestep from a robot's stiffness and damping.
+"""How a scene is integrated: by our own integrator, or by one of MuJoCo's with a rule for its step.
 
-The chain, linearised about its straight pose with taut tendons, is M q.. + D q. + K q = 0: K holds
-the joints and the tendons driven by length, D only the joints. For a step h the integrators are
+Environments and `Scene.simulate` take our own (`scene.integration`), whose steps are as long as
+the accuracy allows: `extrapolation` tells it the longest one and the robot's first frequency.
+
+The rest is for whoever asks for an integrator of MuJoCo, and for programs that step the compiled
+model by themselves, such as viewers. The chain, linearised about its straight pose with taut
+tendons, is M q.. + D q. + K q = 0: K holds the joints and the tendons driven by length, D only the
+joints. For a step h the integrators are
 
 * implicitfast (and Euler, implicit): M (q+ - 2 q + q-) / h^2 + D (q+ - q) / h + K q = 0, stable
   while 4 M / h^2 + 2 D / h - K is positive definite. On a mode of frequency w and damping rate
@@ -48,7 +53,6 @@ MAX_SUBSTEPS_RATIO = 32
 #: [s], largest timestep with dry friction. MuJoCo makes friction softer in longer ones.
 FRICTION_STEP = 2e-3
 
-
 #: Our own integrator, of `scene.integration`.
 EXTRAPOLATION = "extrapolation"
 
@@ -58,13 +62,12 @@ RATE = 5.0
 #: [s], longest timestep where servos wind up tendons: their way is told once a timestep.
 LONGEST_WINDING = 5e-3
 
-
 #: DOFs up to which all frequencies are computed, and steps of Lanczos' method beyond.
 _DENSE, _LANCZOS = 64, 60
 
 
 class TimestepWarning(UserWarning):
-    """A timestep or integrator outside the rule's bounds was asked for, or forced by stiffness."""
+    """A motion is less accurate than asked for, or a timestep is near or beyond stability."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +75,9 @@ class TimestepChoice:
     """Integrator and timestep of a scene, and what they were chosen from.
 
     Attributes:
-        integrator: MuJoCo's name.
-        timestep: [s].
-        substeps: Steps per control period.
+        integrator: `EXTRAPOLATION`, or MuJoCo's name of one of its own.
+        timestep: [s]; of our own integrator the longest step.
+        substeps: Such steps per control period.
         first_period: [s] of the slowest mode.
         stability_limit: [s], largest stable timestep of the linearised chain; may be inf.
         reason: One sentence for people.

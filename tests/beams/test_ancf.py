@@ -16,8 +16,12 @@ from softrobot_env.beams.model import _potential
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
 
-#: Most of these models are coarse on purpose.
-pytestmark = pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
+#: Each dimension and integration rule is compiled by itself; what all models have in common is
+#: tested in test_beam_models. Most models here are coarse on purpose.
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning"),
+]
 
 DIMENSIONS = [2, 3]
 RING = replace(ARM, name="ring", poisson_ratio=0.3, gravity=(-9.81, 0.0, 2.0), tendons=())

@@ -69,8 +69,15 @@ def test_kernels_of_foreign_structures_are_not_stored():
 
 @pytest.mark.parametrize(
     ("before", "files"),
-    [("", 2), ("import numba; numba.version_info = (9, 9, 9); ", 1)],
-    ids=["linked", "another numba"],
+    [
+        pytest.param("", 2, id="linked"),
+        pytest.param(
+            "import numba; numba.version_info = (9, 9, 9); ",
+            1,
+            id="another numba",
+            marks=pytest.mark.slow,
+        ),
+    ],
 )
 def test_an_edit_of_any_source_recompiles_what_uses_it(tmp_path, before, files):
     """`value` calls nothing; its user `twice` stands in another file."""

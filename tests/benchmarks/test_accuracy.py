@@ -211,6 +211,7 @@ def motions(few):
     return found + agreement.dynamic_rows(tension_step.CASE, limits, True)
 
 
+@pytest.mark.slow
 def test_rows_are_flat_finite_and_complete(static, motions):
     rows = static + motions
     json.dumps([row.row() for row in rows], allow_nan=False)
@@ -335,6 +336,7 @@ def test_absent_pyelastica_is_said(monkeypatch):
     assert "not installed" in row.reference
 
 
+@pytest.mark.slow
 def test_tables_and_figures_show_the_rows(static, motions, tmp_path):
     numbers = [chain_row(case, "balanced2", 6, BENDING) for case in scalar_cases()]
     rig = Row("static", "rig_slack", "rig_piece", 1, e_mean=0.023, e_max=0.023, wall_time=1e-3)

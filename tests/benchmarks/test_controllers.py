@@ -186,6 +186,7 @@ def test_a_full_run_covers_every_setting(full):
     assert {"density": 0.6} in others
 
 
+@pytest.mark.slow
 def test_a_quick_run_is_a_part_of_the_full_one(monkeypatch, full):
     quick = controllers.run(quick=True)
     assert len(episodes(quick)) < len(episodes(full)) / 4
@@ -288,6 +289,7 @@ def test_numbers_have_the_digits_people_need():
     assert with_unit(5e-3, "policy_time_median") == "5000 µs"
 
 
+@pytest.mark.slow
 def test_figures_are_drawn_of_what_there_is(full, tmp_path):
     plot(full, tmp_path / "controllers.png")
     names = {path.stem for path in tmp_path.iterdir()}
@@ -315,6 +317,7 @@ def test_audit_and_thesis_name_the_same_quantities():
     assert all(low <= high for values in AUDIT.values() for low, high in values.values())
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(600)  # kernels may have to be compiled first
 def test_command_measures_and_writes(monkeypatch, tmp_path):
     monkeypatch.setattr(controllers, "policies", lambda: ["qs_nn"])

@@ -33,6 +33,8 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.tasks import UNSEEN_TASKS, make_task
 
+pytestmark = pytest.mark.slow  # its quick run is one of `make slow`
+
 METRICS = (
     "e_max", "e_rms", "e_mean", "e_final", "rise_time", "settling_time", "overshoot",
     "steady_state_error", "tension_max",

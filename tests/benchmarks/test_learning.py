@@ -12,6 +12,8 @@ from softrobot_env.benchmarks.learning.plots import plot
 from softrobot_env.benchmarks.learning.run import Row
 from softrobot_env.benchmarks.learning.tables import tables
 
+pytestmark = pytest.mark.slow  # its quick run is one of `make slow`
+
 
 def row(policy, seed, swing, settling=0.2):
     curve = [{"steps": s, "reward": seed + s / 10, "max_mm": 10.0, "failures": 0} for s in (0, 5)]

@@ -253,6 +253,7 @@ def test_rows_are_flat_finite_and_complete(rows):
     assert {row.model for row in rows} >= {"rig_piece", "pcc/subpieces", "ancf"}
 
 
+@pytest.mark.slow
 def test_tables_and_figure_show_the_rows(rows, tmp_path):
     out = StringIO()
     Console(file=out, width=100).print(tables.tables(rows))

@@ -32,6 +32,8 @@ from softrobot_env.identification.recording import collect, disk_points, split
 from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.robots import RIG
 
+pytestmark = pytest.mark.slow  # its quick run is one of `make slow`
+
 
 @pytest.fixture(scope="module")
 def data():

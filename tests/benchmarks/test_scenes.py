@@ -30,6 +30,7 @@ from softrobot_env.benchmarks.stability.runs import neutral_scene
 from softrobot_env.cli import main
 from softrobot_env.robots import ARM
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.simulation import Simulation
 
 
 def of_arm(robot=ARM, periods=40, **options):
@@ -156,6 +157,7 @@ def rows():
     return [judge(of_arm()), *(judged(0, index) for index in (3, 4, 5))]
 
 
+@pytest.mark.slow
 def test_rows_become_tables_pictures_and_numbers(rows, tmp_path):
     assert all(row.verdict in VERDICTS for row in rows)
     json.dumps([row.row() for row in rows], allow_nan=False)
@@ -188,3 +190,9 @@ def test_other_benchmarks_do_not_take_its_options(capsys, tmp_path):
     assert main(["benchmark", "speed", "--count", "3", "--out", str(tmp_path)]) == 2
     assert "the benchmark speed takes no --count" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_an_estimate_without_bound_is_none(monkeypatch):
+    """A report has no infinities."""
+    monkeypatch.setattr(Simulation, "integration_error", np.inf)
+    assert judge(of_arm()).estimate_share is None

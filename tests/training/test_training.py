@@ -195,6 +195,7 @@ def test_imitation_is_reproducible():
     assert not np.array_equal(one.parameters, changed.parameters)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_reinforcement_learning_is_reproducible(algorithm):
     config = replace(TINY, algorithm=algorithm)

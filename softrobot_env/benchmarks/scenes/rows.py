@@ -1,7 +1,7 @@
 """The rows of the random scenes: what a scene is, and what became of it."""
 
 from dataclasses import dataclass
-from math import pi
+from math import isfinite, pi
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -61,12 +61,13 @@ class Row(Record):
         error: [m], largest distance of the tip from the truth.
         error_share: Over the length [1].
         asked_share: What was asked for, over the length [1].
-        estimate_share: The package's own estimate of the error, over the length [1].
+        estimate_share: The package's own estimate of the error, over the length [1]; None if it
+            gives none or knows no bound.
         warning: What a `TimestepWarning` said.
         integrator, timestep, substeps: Of the package's choice; timestep in s.
         wall_time: [s] of the package's run.
         reference: How the refined runs were made.
-        uncertainty: [m], distance of the two best refined runs.
+        uncertainty: [m], distance of the two best refined runs; None if one of them diverged.
     """
 
     seed: int
@@ -127,7 +128,7 @@ def row_of(
     """The row of a judged scene; error and what was asked for in m."""
     length = drawn.config.robot.length
     judged = own.failure is None and error is not None
-    estimate = own.estimate
+    estimate, uncertainty = (_bounded(x) for x in (own.estimate, truth.uncertainty))
     return Row(
         **_what_it_is(drawn),
         **_what_was_chosen(own),
@@ -141,8 +142,12 @@ def row_of(
         warning=own.warning,
         wall_time=own.wall_time,
         reference=f"{truth.method}, {truth.substeps} steps a period" if truth.substeps else None,
-        uncertainty=truth.uncertainty,
+        uncertainty=uncertainty,
     )
+
+
+def _bounded(value: float | None) -> float | None:
+    return value if value is not None and isfinite(value) else None
 
 
 def _what_it_is(drawn: RandomScene) -> dict[str, object]:

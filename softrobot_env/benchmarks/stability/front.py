@@ -75,7 +75,7 @@ def jobs(quick: bool = False) -> Iterator[Job]:
     for case in list(CASES)[: 1 if quick else None]:
         yield (
             f"integrators, {case}",
-            lambda c=case: _case(c, SceneConfig(CASES[c][0], **CASES[c][1])),
+            lambda c=case: _case(c),
         )
 
 

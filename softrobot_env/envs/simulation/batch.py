@@ -11,7 +11,6 @@ from softrobot_env.robots import NEUTRAL, VARIABLE
 from softrobot_env.scene.build import Scene, choice_of, vary_scene
 from softrobot_env.scene.simulation import WORRYING, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
-from softrobot_env.scene.timestep import EXTRAPOLATION
 
 #: Model fields that are proportional to parameters of the robot.
 _PROPORTIONAL = {
@@ -25,7 +24,6 @@ _PROPORTIONAL = {
 }
 
 _NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
-_DISCRETE = int(mujoco.mjtIntegrator.mjINT_DISCRETE)
 
 
 class BatchSimulation:
@@ -145,9 +143,6 @@ class BatchSimulation:
         flags = model.opt.disableflags | _NO_CONSTRAINT
         rubbing = loss.any(axis=1)
         self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * rubbing)
-        if self.scene.config.integrator in (None, EXTRAPOLATION):
-            nominal = model.opt.integrator
-            self._batch.expand("opt.integrator")[which] = np.where(rubbing, _DISCRETE, nominal)
 
     @property
     def integration_error(self) -> np.ndarray | None:

@@ -278,7 +278,13 @@ def moving(port):
         yield host
 
 
-@pytest.mark.parametrize("kill", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize(
+    "kill",
+    [
+        signal.SIGKILL,
+        *(pytest.param(s, marks=pytest.mark.slow) for s in (signal.SIGTERM, signal.SIGINT)),
+    ],
+)
 def test_killing_the_host_leaves_the_robot_at_rest(tmp_path, kill):
     log = tmp_path / "log.npz"
     with virtual_process(TWIN, log=log) as robot, moving(robot.file.port) as host:
