@@ -12,20 +12,13 @@ from numba.core import types
 from numba.experimental import structref
 from numba.extending import overload
 
-from softrobot_env.machine_code import SourceCache
+from softrobot_env.machine_code import CALLED, LINKED
+from softrobot_env.machine_code.cache import SourceCache
 
 _PACKAGE = __name__.split(".")[0]
 
-#: Options of a function that kernels call, for `overload`.
-LINKED: dict[str, Any] = {}
-
-# Linking builds on the inside of Numba, known of these versions. Others compile as they always do:
-# the same machine code, in about twice the time.
-if numba.version_info[:2] == (0, 68):
-    from softrobot_env.beams.numerics import linking
-
-    LINKED = linking.OPTIONS
-
+if LINKED:
+    from softrobot_env.machine_code.linking import LinkedFiles
 
 _ROOT = Path(__file__).parents[2]
 
@@ -49,7 +42,7 @@ class _KernelCache(SourceCache):
 
     def __init__(self, function: Callable, everywhere: bool, linked: bool = False) -> None:
         if linked:
-            self._impl_class = linking.LinkedFiles
+            self._impl_class = LinkedFiles
         places = (_ROOT,) if everywhere else (_ROOT / "beams", _part(function))
         super().__init__(function, *places)
         if linked:
@@ -73,7 +66,7 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
             an edit of any of its sources recompiles it.
     """
     if LINKED:
-        compiled = _dispatcher(function, pipeline_class=linking.KernelCompiler)
+        compiled = _dispatcher(function, **CALLED)
         called = _dispatcher(function, **LINKED)
         called._cache = _KernelCache(function, everywhere, linked=True)
     else:

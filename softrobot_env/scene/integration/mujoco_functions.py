@@ -9,6 +9,7 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
+from softrobot_env.machine_code import LINKED
 from softrobot_env.scene.integration.structs import library_path
 
 llvmlite.binding.load_library_permanently(library_path())
@@ -19,6 +20,7 @@ _OPTIONS = {
     "nogil": True,
     "error_model": "numpy",
     "fastmath": {"contract", "nsz", "reassoc"},
+    **LINKED,
 }
 
 #: Compiles a function that returns no array. It counts no references to arrays: where functions

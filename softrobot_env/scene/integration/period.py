@@ -14,7 +14,8 @@ import numpy as np
 from numba import types
 from numba.core.ccallback import CFunc
 
-from softrobot_env.machine_code import SourceCache
+from softrobot_env.machine_code import CALLED
+from softrobot_env.machine_code.cache import SourceCache
 from softrobot_env.scene.integration.extrapolation import (
     Ramp,
     bounded,
@@ -81,7 +82,7 @@ class _Entry(CFunc):
 
 
 def _entry(function: Any) -> CFunc:
-    made = _Entry(function, _SIGNATURE, locals={}, options={"nopython": True})
+    made = _Entry(function, _SIGNATURE, locals={}, options={"nopython": True}, **CALLED)
     made.enable_caching()
     made.compile()
     return made

@@ -57,10 +57,11 @@ class CacheFiles(IndexDataCacheFile):
 class SourceCache(FunctionCache):
     """Numba's cache, which watches the file of the function alone, for one that calls others.
 
-    An edit of any source in some folders recompiles: that of the function unless others are given.
+    An edit of any source in some folders recompiles: that of the function unless others are given,
+    and this one.
     """
 
     def __init__(self, function: Callable, *places: Path) -> None:
         super().__init__(function)
         places = places or (Path(function.__code__.co_filename).parent,)
-        self._cache_file = CacheFiles(self._cache_file, digest_of(places))
+        self._cache_file = CacheFiles(self._cache_file, digest_of((*places, Path(__file__).parent)))
