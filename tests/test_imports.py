@@ -27,6 +27,7 @@ FOUNDATION = {
     "motion",
     "registries",
     "paths",
+    "machine_code",
     "processes",
     "fields",
     "artifacts",

@@ -23,7 +23,8 @@ import numpy as np
 from numba.extending import overload
 
 from softrobot_env.beams.actuation import add_path_forces, path_lengths, tendon_tensions
-from softrobot_env.beams.numerics.compilation import LINKED, kernel
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.machine_code import LINKED
 
 # ---------------------------------------------------------------- provided by a model
 

@@ -81,7 +81,7 @@ def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, s
 
 def _timing(scene: Scene) -> dict[str, str]:
     """Integrator and timestep, and what a hard motion showed."""
-    from softrobot_env.scene.probe import probe  # compiled code takes time to load
+    from softrobot_env.scene.integration.probe import probe  # compiled code takes time to load
 
     choice, found = scene.timestep, probe(scene)
     limit = "none" if isinf(choice.stability_limit) else f"{1e3 * choice.stability_limit:.4g} ms"

@@ -60,7 +60,8 @@ class Simulation:
         self.scene = scene
         self.model = scene.model
         self.data = mujoco.MjData(scene.model)
-        from softrobot_env.scene.integration import Integration  # compiled, takes time to load
+        # Compiled code takes time to load.
+        from softrobot_env.scene.integration.integrator import Integration
 
         self._integration = Integration(scene.model, scene.timestep)
         self._warned = False

@@ -1,6 +1,6 @@
 """How a scene is integrated: by our own integrator, or by one of MuJoCo's with a rule for its step.
 
-Environments and `Scene.simulate` take our own (`scene.extrapolation`), whose steps are as long as
+Environments and `Scene.simulate` take our own (`scene.integration`), whose steps are as long as
 the accuracy allows: `extrapolation` tells it the longest one and the robot's first frequency.
 
 The rest is for whoever asks for an integrator of MuJoCo, and for programs that step the compiled
@@ -53,10 +53,10 @@ MAX_SUBSTEPS_RATIO = 32
 #: [s], largest timestep with dry friction. MuJoCo makes friction softer in longer ones.
 FRICTION_STEP = 2e-3
 
-#: Our own integrator, of `scene.extrapolation`.
+#: Our own integrator, of `scene.integration`.
 EXTRAPOLATION = "extrapolation"
 
-#: The rate of `scene.extrapolation` over the first angular frequency [1].
+#: The rate of `scene.integration.extrapolation` over the first angular frequency [1].
 RATE = 5.0
 
 #: [s], longest timestep where servos wind up tendons: their way is told once a timestep.
@@ -83,7 +83,7 @@ class TimestepChoice:
         reason: One sentence for people.
         accuracy: [m], error of the backbone's position that is wanted; None where the integrator
             does not look at its error.
-        rate: [1/s], see `scene.extrapolation`.
+        rate: [1/s], see `scene.integration.extrapolation`.
     """
 
     integrator: str

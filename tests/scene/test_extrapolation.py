@@ -6,15 +6,16 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from numba.core.caching import IndexDataCacheFile
 
 from softrobot_env.robots import ARM, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
-from softrobot_env.scene.extrapolation import FEWEST as FEWEST_PLACE
-from softrobot_env.scene.extrapolation import MOST, RATE, WORST
-from softrobot_env.scene.integration import backbone_lengths
-from softrobot_env.scene.probe import probe
+from softrobot_env.scene.integration.integrator import backbone_lengths
+from softrobot_env.scene.integration.layout import FEWEST as FEWEST_PLACE
+from softrobot_env.scene.integration.layout import MOST, RATE, WORST
+from softrobot_env.scene.integration.probe import probe
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning, linearize, slowest
 
@@ -265,3 +266,18 @@ def test_a_motion_that_is_not_finite_is_told():
     simulation.data.qvel[2] = np.nan
     assert not simulation.advance()
     assert "velocity" in simulation.failure()
+
+
+def test_compiled_code_knows_all_its_sources(tmp_path):
+    """What was cached of one version of a folder's sources is not found for another."""
+    from softrobot_env.machine_code.cache import CacheFiles, digest_of
+
+    folders = [tmp_path / name for name in ("a", "b")]
+    for folder, text in zip(folders, ("y = 1", "y = 2"), strict=True):
+        folder.mkdir()
+        (folder / "called.py").write_text(text)
+    numba_files = IndexDataCacheFile(str(tmp_path), "advance", "stamp")
+    before, after = (CacheFiles(numba_files, digest_of((f,))) for f in folders)
+    before.save("key", "code")
+    assert before.load("key") == "code"
+    assert after.load("key") is None

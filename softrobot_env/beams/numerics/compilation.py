@@ -2,41 +2,25 @@
 
 import sys
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
 import numba
 from numba.core import types
-from numba.core.caching import FunctionCache, IndexDataCacheFile
 from numba.experimental import structref
 from numba.extending import overload
 
+from softrobot_env.machine_code import CALLED, LINKED
+from softrobot_env.machine_code.cache import SourceCache
+
 _PACKAGE = __name__.split(".")[0]
 
-#: Options of a function that kernels call, for `overload`.
-LINKED: dict[str, Any] = {}
-
-# Linking builds on the inside of Numba, known of these versions. Others compile as they always do:
-# the same machine code, in about twice the time.
-if numba.version_info[:2] == (0, 68):
-    from softrobot_env.beams.numerics import linking
-
-    LINKED = linking.OPTIONS
-
+if LINKED:
+    from softrobot_env.machine_code.linking import LinkedFiles
 
 _ROOT = Path(__file__).parents[2]
-
-
-@cache
-def _digest(places: tuple[Path, ...]) -> str:
-    """Digest of the sources in some folders and below."""
-    digest = sha256()
-    for place in dict.fromkeys(places):
-        for source in sorted(place.rglob("*.py")):
-            digest.update(source.read_bytes())
-    return digest.hexdigest()
 
 
 def _part(function: Callable) -> Path:
@@ -47,42 +31,7 @@ def _part(function: Callable) -> Path:
     return _ROOT / own.relative_to(_ROOT).parts[0]
 
 
-class _KernelFiles(IndexDataCacheFile):
-    """Files of one kernel, each named by the sources and the types that it was compiled for.
-
-    Numba numbers them in an index, which processes that compile at the same time overwrite for each
-    other: a kernel would then be loaded for types that it does not take.
-    """
-
-    def __init__(self, files: IndexDataCacheFile, sources: str) -> None:
-        self._cache_path = files._cache_path
-        self._base = files._index_name.removesuffix(".nbi")
-        self._of = sha256(f"{files._version} {sources}".encode()).hexdigest()[:12]
-
-    def _name(self, key: Any) -> str:
-        return f"{self._base}.{self._of}.{sha256(repr(key).encode()).hexdigest()[:20]}.nbc"
-
-    def load(self, key: Any) -> Any:
-        """What was stored under a key, None if nothing was."""
-        try:
-            return self._load_data(self._name(key))
-        except OSError:
-            return None
-
-    def save(self, key: Any, data: Any) -> None:
-        """Store something; what other sources gave is removed."""
-        for old in Path(self._cache_path).glob(f"{self._base}.*"):
-            if not old.name.startswith(f"{self._base}.{self._of}."):
-                old.unlink(missing_ok=True)
-        self._save_data(self._name(key), data)
-
-    def flush(self) -> None:
-        """Forget everything."""
-        for old in Path(self._cache_path).glob(f"{self._base}.*"):
-            old.unlink(missing_ok=True)
-
-
-class _KernelCache(FunctionCache):
+class _KernelCache(SourceCache):
     """Numba's cache, made safe for kernels that call each other and take foreign models.
 
     Numba watches the file of the function alone: here every kernel depends on all sources of the
@@ -93,10 +42,9 @@ class _KernelCache(FunctionCache):
 
     def __init__(self, function: Callable, everywhere: bool, linked: bool = False) -> None:
         if linked:
-            self._impl_class = linking.LinkedFiles
-        super().__init__(function)
+            self._impl_class = LinkedFiles
         places = (_ROOT,) if everywhere else (_ROOT / "beams", _part(function))
-        self._cache_file = _KernelFiles(self._cache_file, _digest(places))
+        super().__init__(function, *places)
         if linked:
             self._cache_file._base += "-linked"
 
@@ -118,7 +66,7 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
             an edit of any of its sources recompiles it.
     """
     if LINKED:
-        compiled = _dispatcher(function, pipeline_class=linking.KernelCompiler)
+        compiled = _dispatcher(function, **CALLED)
         called = _dispatcher(function, **LINKED)
         called._cache = _KernelCache(function, everywhere, linked=True)
     else:

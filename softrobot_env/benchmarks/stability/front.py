@@ -1,6 +1,7 @@
 """Error against cost of the integrators: the arm, its variations, the rig and a hanging trunk.
 
-Random steps of all drives, as `scene.probe` makes them, and the truth with a far smaller accuracy.
+Random steps of all drives, as `scene.integration.probe` makes them, and the truth with a far
+smaller accuracy.
 """
 
 from collections.abc import Iterator
@@ -79,7 +80,8 @@ def jobs(quick: bool = False) -> Iterator[Job]:
 
 
 def _case(case: str) -> list[FrontRow]:
-    from softrobot_env.scene.probe import controls_of, motion  # compiled, takes time to load
+    # Compiled code takes time to load.
+    from softrobot_env.scene.integration.probe import controls_of, motion
 
     robot, options = CASES[case]
     config = SceneConfig(robot, **options)

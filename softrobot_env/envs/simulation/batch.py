@@ -46,7 +46,7 @@ class BatchSimulation:
         """
         self.scene = scene
         self._batch = Pool(scene.model, count, threads)
-        from softrobot_env.scene.integration import TOLD_FIELDS, Integration
+        from softrobot_env.scene.integration.integrator import TOLD_FIELDS, Integration
 
         self._integration = Integration(scene.model, scene.timestep, count)
         for name in ("qpos", "qvel", "ctrl"):

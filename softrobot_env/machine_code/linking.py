@@ -74,8 +74,8 @@ class KernelCompiler(CompilerBase):
 
     _library: type[JITCodeLibrary] = _Library
 
-    def __init__(self, typingctx, targetctx, library, args, return_type, flags, locals) -> None:
-        super().__init__(typingctx, targetctx, library, args, return_type, flags, locals)
+    def __init__(self, *arguments: Any) -> None:
+        super().__init__(*arguments)
         state = self.state
         state.library = self._library(state.targetctx.codegen(), "kernel")
         state.library.enable_object_caching()
@@ -100,11 +100,14 @@ class LinkedCompiler(KernelCompiler):
 
 
 #: Options of a linked function, for `njit` and `overload`.
-OPTIONS: dict[str, Any] = {
+LINKED: dict[str, Any] = {
     "pipeline_class": LinkedCompiler,
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
+
+#: Options of a function that calls linked ones, for `njit` and `cfunc`.
+CALLED: dict[str, Any] = {"pipeline_class": KernelCompiler}
 
 
 class LinkedFiles(CompileResultCacheImpl):

@@ -10,7 +10,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.scene.chain import TIP_SITE
-from softrobot_env.scene.extrapolation import (
+from softrobot_env.scene.integration.layout import (
     ACCURACY,
     DATA_FIELDS,
     ESTIMATE,
@@ -41,10 +41,9 @@ from softrobot_env.scene.extrapolation import (
     TOLD,
     WHOLE,
     WORST,
-    advance,
-    refresh,
 )
-from softrobot_env.scene.structs import data_offsets, model_offsets, time_offset
+from softrobot_env.scene.integration.period import advance, refresh
+from softrobot_env.scene.integration.structs import data_offsets, model_offsets, time_offset
 from softrobot_env.scene.timestep import EXTRAPOLATION, TimestepChoice
 
 _LOCKED = ctypes.PYFUNCTYPE(None, ctypes.c_size_t, ctypes.c_size_t, ctypes.c_int32, ctypes.c_size_t)
@@ -68,7 +67,7 @@ class Integration:
     """Settings and memory of n simulations, and the C function that advances one of them.
 
     Attributes:
-        memory: (n, MEMORY_SIZE), see the module's places.
+        memory: (n, 2, MEMORY_SIZE), of simulations and shadows, see `layout`.
         header: Address of what is passed to `advance`.
     """
 

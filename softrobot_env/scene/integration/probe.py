@@ -14,7 +14,7 @@ import numpy as np
 
 from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.scene.build import Scene
-from softrobot_env.scene.integration import Integration
+from softrobot_env.scene.integration.integrator import Integration
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import TimestepChoice
 

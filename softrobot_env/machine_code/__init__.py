@@ -1,0 +1,17 @@
+"""How functions become machine code: where that is cached, and how functions are linked."""
+
+from typing import Any
+
+import numba
+
+#: Options of a function that compiled code calls, for `njit` and `overload`, and of one that Python
+#: or C code calls. Without them Numba does as it always does.
+LINKED: dict[str, Any] = {}
+CALLED: dict[str, Any] = {}
+
+# Linking builds on the inside of Numba, known of these versions. Others compile as they always do:
+# the same machine code, in about twice the time.
+if numba.version_info[:2] == (0, 68):
+    from softrobot_env.machine_code import linking
+
+    LINKED, CALLED = linking.LINKED, linking.CALLED

@@ -1,0 +1,147 @@
+"""One linearly implicit Euler step of a chain, with friction of its tendons; compiled."""
+
+import numpy as np
+
+from softrobot_env.scene.integration.layout import AT
+from softrobot_env.scene.integration.mujoco_functions import inlined, ints, jit, making, reals
+
+#: Friction's impulses are found by as many sweeps, or until they move by no more than a share [1].
+_SWEEPS, _STILL = 200, 1e-12
+
+
+@jit
+def euler_step(chain, forces, h, matrix, change):
+    """The change (nv,) of the chain's velocities; matrix (nv, nv) holds the factor of its system.
+
+    See `extrapolation` for the equation.
+    """
+    _fill_joints(chain, forces, h, matrix, change)
+    _add_drives(chain, forces, h, matrix, change)
+    _factorize(matrix, chain.v.size)
+    _solve(matrix, change, chain.v.size)
+    if forces.counts[1]:
+        _rub(chain.v, forces, h, matrix, change)
+
+
+@inlined
+def _fill_joints(chain, forces, h, matrix, change):
+    """Matrix (lower half) and right-hand side with the springs and dampers of the joints."""
+    model, header, nv, mass = chain.model, chain.header, chain.v.size, forces.mass
+    nonzero, start = ints(model, header[AT.M_rownnz], nv), ints(model, header[AT.M_rowadr], nv)
+    columns = ints(model, header[AT.M_colind], mass.size)
+    joints = ints(model, header[AT.dof_jntid], nv)
+    damping = reals(model, header[AT.dof_damping], nv)
+    stiffness = reals(model, header[AT.jnt_stiffness], joints[nv - 1] + 1)
+    for i in range(nv):
+        matrix[i, : i + 1] = 0.0
+        for at in range(start[i], start[i] + nonzero[i]):
+            matrix[i, columns[at]] = mass[at]
+        k = stiffness[joints[i]]
+        matrix[i, i] += h * (damping[i] + h * k)
+        change[i] = h * (forces.force[i] - h * k * chain.v[i])
+
+
+@inlined
+def _add_drives(chain, forces, h, matrix, change):
+    """Add the springs of taut drives."""
+    nv, v, pulls = chain.v.size, chain.v, forces.pulls
+    for s in range(int(forces.counts[0])):
+        rate = 0.0
+        for i in range(nv):
+            rate += pulls[s, i] * v[i]
+        for i in range(nv):
+            lever = h * h * forces.stiffness[s] * pulls[s, i]
+            change[i] -= lever * rate
+            for j in range(i + 1):
+                matrix[i, j] += lever * pulls[s, j]
+
+
+# ---------------------------------------------------------------- friction
+
+
+@making
+def _rub(v, forces, h, factor, change):
+    """Let tendons stick, or slide against their friction, at the end of an Euler step.
+
+    Coulomb's law on the velocity at its end, by projected Gauss-Seidel sweeps over the impulses.
+    """
+    count = int(forces.counts[1])
+    arms, bounds = forces.arms[:count], h * forces.friction[:count]
+    answers = np.empty((count, v.size))
+    for k in range(count):
+        answers[k] = arms[k]
+        _solve(factor, answers[k], v.size)
+    rates, couplings = np.empty(count), np.empty((count, count))
+    for j in range(count):
+        rates[j] = _dot(arms[j], v) + _dot(arms[j], change)
+        for k in range(count):
+            couplings[j, k] = _dot(arms[j], answers[k])
+    impulses = _impulses(couplings, rates, bounds)
+    for k in range(count):
+        for i in range(v.size):
+            change[i] -= impulses[k] * answers[k, i]
+
+
+@making
+def _impulses(couplings, rates, bounds):
+    """Impulses (k,), within their bounds, that stop or slow the rates (k,); those are changed.
+
+    An impulse at k slows the rate at j by couplings[j, k].
+    """
+    impulses = np.zeros(rates.size)
+    for _ in range(_SWEEPS):
+        moved = 0.0
+        for k in range(rates.size):
+            if couplings[k, k] <= 0:
+                continue
+            wanted = impulses[k] + rates[k] / couplings[k, k]
+            wanted = min(max(wanted, -bounds[k]), bounds[k])
+            step = wanted - impulses[k]
+            impulses[k] = wanted
+            moved = max(moved, abs(step) / bounds[k])
+            for j in range(rates.size):
+                rates[j] -= step * couplings[j, k]
+        if moved < _STILL:
+            break
+    return impulses
+
+
+# ---------------------------------------------------------------- linear algebra
+
+
+@jit
+def _dot(a, b):
+    """Scalar product of (n,) and (n,)."""
+    total = 0.0
+    for i in range(a.size):
+        total += a[i] * b[i]
+    return total
+
+
+@jit
+def _factorize(matrix, n):
+    """Lower Cholesky factor of (n, n) in place, row by row; the diagonal holds its inverse."""
+    for i in range(n):
+        for j in range(i):
+            rest = matrix[i, j]
+            for k in range(j):
+                rest -= matrix[i, k] * matrix[j, k]
+            matrix[i, j] = rest * matrix[j, j]
+        rest = matrix[i, i]
+        for k in range(i):
+            rest -= matrix[i, k] * matrix[i, k]
+        matrix[i, i] = 1 / np.sqrt(rest)
+
+
+@jit
+def _solve(factor, x, n):
+    """x (n,) becomes the solution, by the factor of `_factorize`."""
+    for i in range(n):
+        rest = x[i]
+        for k in range(i):
+            rest -= factor[i, k] * x[k]
+        x[i] = rest * factor[i, i]
+    for i in range(n - 1, -1, -1):
+        x[i] *= factor[i, i]
+        for k in range(i):
+            x[k] -= factor[i, k] * x[i]

@@ -1,0 +1,366 @@
+"""Time integration that states its error: extrapolated, linearly implicit Euler steps, compiled.
+
+The chain is M(q) v' = f(q, v, u), q' = v. With K the stiffness of joints and of taut tendons driven
+by length, and D the joints' damping, one Euler step of size h is
+
+    (M + h D + h^2 K) dv = h (f - h K v),    v + dv,    q + h (v + dv).
+
+M, f and the tendons' directions are those of the posture at its start, from MuJoCo. Tendons with
+dry friction stick, or slide against it, by Coulomb's law on the velocity at the step's end. The
+error of a step is a series in h, whatever approximations K and D are (P. Deuflhard and U. Nowak
+1987, LIMEX), so that results of 1, 2, 3, ... steps over one interval are extrapolated to h = 0 by
+Neville's scheme: k rows give order k. The difference of the last two entries estimates the error.
+The first force evaluation serves all rows: 4 evaluations for order 3, 7 for order 4.
+
+The error of an interval H is the displacement that the joints' errors cause at most, along the
+backbone. Its share of the accuracy may be (rate H)^2, as that of an acceleration, within
+`SMALLEST_SHARE` (what a jump of a control leaves in stiff modes does not add up) and
+`LARGEST_SHARE`. An interval beyond that gets another row, and then is divided; the next one is as
+long as its error lets it be. What drives do unseen at its end counts too, see `switching`.
+
+Here local errors are kept; `period` estimates what becomes of them. Joints whose positions are no
+vectors are handled by `mj_integratePos`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.scene.integration.euler import euler_step
+from softrobot_env.scene.integration.forces import Chain, Forces, evaluate, measure, no_forces
+from softrobot_env.scene.integration.layout import (
+    ACCURACY,
+    AT,
+    EVALUATIONS,
+    FEWEST,
+    HUGE,
+    LONGEST,
+    MISSED,
+    MOST,
+    NEXT,
+    NTENDON,
+    RATE,
+    SHORTEST,
+    STEPS,
+    SUM,
+    WORST,
+)
+from softrobot_env.scene.integration.mujoco_functions import (
+    assign,
+    cut,
+    inlined,
+    jit,
+    making,
+    move,
+    reals,
+    subtract,
+)
+from softrobot_env.scene.integration.switching import (
+    drive_forces,
+    drives_length,
+    find_switched,
+)
+
+#: Largest and smallest share [1] of the accuracy by which one interval may err.
+LARGEST_SHARE, SMALLEST_SHARE = 0.1, 0.003
+
+#: Share [1] of its length by which the rounding of times may change an interval.
+_ROUNDING = 1e-9
+
+
+class Ramp(NamedTuple):
+    """Controls that go from `begin` to `end` (nu,) steadily, within a time [s]."""
+
+    begin: np.ndarray
+    end: np.ndarray
+    duration: float
+
+
+class Table(NamedTuple):
+    """Neville's scheme: a row of results, and the latest entry of the next one.
+
+    Attributes:
+        turns: (rows, nv), of the joints since the start of the interval.
+        velocities: (rows, nv), at its end.
+        turn, velocity: (nv,), the entry.
+        gap: (nv,), of the turns, from the entry before.
+    """
+
+    turns: np.ndarray
+    velocities: np.ndarray
+    turn: np.ndarray
+    velocity: np.ndarray
+    gap: np.ndarray
+
+
+class Work(NamedTuple):
+    """A chain under extrapolation.
+
+    Attributes:
+        chain: The chain.
+        memory: Of the simulation or its shadow, see `layout`.
+        q, v: (nq,), (nv,), at the start of the interval.
+        first, forces: At the start of the interval, and at that of a later Euler step.
+        drives: (nu,) [N], forces of the drives in the last evaluation.
+        matrix, change: (nv, nv), (nv,), of an Euler step.
+        table: Results of the rows.
+    """
+
+    chain: Chain
+    memory: np.ndarray
+    q: np.ndarray
+    v: np.ndarray
+    first: Forces
+    forces: Forces
+    drives: np.ndarray
+    matrix: np.ndarray
+    change: np.ndarray
+    table: Table
+
+
+@jit
+def work_size(chain, memory):
+    """Number of doubles that `work_on` cuts."""
+    nq, nv, nu, most = chain.q.size, chain.v.size, chain.ctrl.size, int(memory[MOST])
+    forces = chain.mass.size + nv + (nu + chain.header[NTENDON]) * (1 + nv) + 2
+    return nq + nv + 2 * forces + nu + nv * nv + nv + (2 * most + 3) * nv
+
+
+@making
+def work_on(chain, memory, room):
+    """Arrays for `integrate`, cut from free memory."""
+    nq, nv, most = chain.q.size, chain.v.size, int(memory[MOST])
+    rows = cut(room, most, nv), cut(room, most, nv)
+    entry = cut(room, 3, nv)
+    return Work(
+        chain,
+        memory,
+        cut(room, 1, nq)[0],
+        cut(room, 1, nv)[0],
+        no_forces(chain, room),
+        no_forces(chain, room),
+        cut(room, 1, chain.ctrl.size)[0],
+        cut(room, nv, nv),
+        cut(room, 1, nv)[0],
+        Table(rows[0], rows[1], entry[0], entry[1], entry[2]),
+    )
+
+
+@jit
+def integrate(work, ramp):
+    """Advance along a ramp, from a state where `forces.evaluate` was called last."""
+    chain, memory = work.chain, work.memory
+    time, end = 0.0, ramp.duration * (1 - 1e-3 * _ROUNDING)
+    length = min(memory[NEXT], memory[LONGEST])
+    while time < end:
+        left = ramp.duration - time
+        h = left / max(np.ceil(left / length - _ROUNDING), 1.0)
+        _start(work, ramp, time)
+        h, rows, error = _solve_interval(work, ramp, time, h)
+        _note(memory, h, error)
+        # Where the error is too large: plain Euler steps, which are stable.
+        _take(work, rows - 1 if error <= 1 else 0, h)
+        time += h
+        length = _next_length(memory, h, rows, error)
+        if not bounded(chain.v):
+            break
+        if time < end:
+            evaluate(chain)
+    memory[NEXT] = length
+    assign(chain.ctrl, ramp.end)
+
+
+# ---------------------------------------------------------------- an interval
+
+
+@inlined
+def _start(work, ramp, time):
+    """Remember the state and what acts in it: it serves the first step of all rows."""
+    assign(work.q, work.chain.q)
+    assign(work.v, work.chain.v)
+    _measure(work, work.first, ramp, time)
+
+
+@inlined
+def _measure(work, forces, ramp, time):
+    """What acts with the controls of a time [s] on the ramp."""
+    _control(work.chain.ctrl, ramp, time)
+    measure(work.chain, forces)
+    work.memory[EVALUATIONS] += 1
+
+
+@inlined
+def _control(ctrl, ramp, time):
+    """Let controls (nu,) be those of a time [s] on the ramp."""
+    share = time / ramp.duration
+    for k in range(ctrl.size):
+        ctrl[k] = ramp.begin[k] + share * (ramp.end[k] - ramp.begin[k])
+
+
+@jit
+def _solve_interval(work, ramp, time, h):
+    """Fill the table for an interval [s], divided until its error is small enough.
+
+    Returns:
+        Its length [s], the number of rows and its error over what is allowed.
+    """
+    shortest = work.memory[SHORTEST]
+    while True:
+        rows, error = _extrapolate(work, ramp, time, h)
+        if error <= 1 or not h > (1 + _ROUNDING) * shortest:
+            return h, rows, error
+        left, wanted = ramp.duration - time, h * _shrinkage(rows, error)
+        h = left / np.ceil(left / max(wanted, shortest))
+
+
+@jit
+def _extrapolate(work, ramp, time, h):
+    """Add rows until the error is small enough; their number, and the error over the allowed."""
+    error, rows = np.inf, 0
+    while rows < work.memory[MOST] and not error <= 1:
+        rows += 1
+        _take_steps(work, ramp, time, h, rows)
+        _add_row(work, rows - 1)
+        if rows >= work.memory[FEWEST]:
+            allowed = _allowed(work.memory, h)
+            error = displacement(work.chain, work.table.gap) / allowed
+            if error <= 1 and drives_length(work.chain):
+                error = max(error, _unseen(work, ramp, time + h, rows - 1, h / rows) / allowed)
+    return rows, error
+
+
+@inlined
+def _take_steps(work, ramp, time, h, count):
+    """Cross an interval [s] in equal Euler steps, from its start."""
+    chain, part = work.chain, h / count
+    assign(chain.q, work.q)
+    assign(chain.v, work.v)
+    _take_step(work, work.first, part)
+    for k in range(1, count):
+        evaluate(chain)
+        _measure(work, work.forces, ramp, time + k * part)
+        _take_step(work, work.forces, part)
+
+
+@inlined
+def _take_step(work, forces, h):
+    chain = work.chain
+    euler_step(chain, forces, h, work.matrix, work.change)
+    for i in range(chain.v.size):
+        chain.v[i] += work.change[i]
+    move(chain.model, chain.q, chain.v, h)
+
+
+@inlined
+def _add_row(work, row):
+    """Neville: entry j of this row is from entry j - 1 of this row and of the one before."""
+    table = work.table
+    subtract(work.chain.model, table.turn, work.chain.q, work.q)
+    assign(table.velocity, work.chain.v)
+    for j in range(row):
+        weight = 1 / ((row + 1) / (row - j) - 1)
+        _extrapolate_entry(table.turn, table.turns[j], weight)
+        _extrapolate_entry(table.velocity, table.velocities[j], weight)
+        for i in range(table.gap.size):
+            table.gap[i] = table.turn[i] - table.turns[j, i]
+    assign(table.turns[row], table.turn)
+    assign(table.velocities[row], table.velocity)
+
+
+@inlined
+def _extrapolate_entry(entry, before, weight):
+    """Replace an entry of the row before by that of this row, and that by the next of this row."""
+    for i in range(entry.size):
+        old = before[i]
+        before[i] = entry[i]
+        entry[i] += weight * (entry[i] - old)
+
+
+@jit
+def bounded(values):
+    """Whether no one of (n,) has diverged."""
+    for i in range(values.size):
+        if not abs(values[i]) <= HUGE:
+            return False
+    return True
+
+
+@jit
+def _take(work, entry, h):
+    """Let an entry of the table be the state at the end of an interval [s]."""
+    chain, table = work.chain, work.table
+    acceleration = reals(chain.data, chain.header[AT.qacc], chain.v.size)
+    assign(chain.q, work.q)
+    assign(chain.v, table.velocities[entry])
+    move(chain.model, chain.q, table.turns[entry], 1.0)
+    for i in range(chain.v.size):
+        acceleration[i] = (chain.v[i] - work.v[i]) / h
+
+
+# ---------------------------------------------------------------- errors and lengths
+
+
+@jit
+def displacement(chain, turn):
+    """Largest displacement [m] of the backbone by small turns (nv,) of the joints, at most."""
+    axes = reals(chain.data, chain.header[AT.cdof], 6 * turn.size)
+    x, y, z, way = 0.0, 0.0, 0.0, 0.0
+    for i in range(turn.size):
+        x += axes[6 * i] * turn[i]
+        y += axes[6 * i + 1] * turn[i]
+        z += axes[6 * i + 2] * turn[i]
+        way += chain.lengths[i] * np.sqrt(x * x + y * y + z * z)
+    return way
+
+
+@jit
+def _unseen(work, ramp, time, entry, part):
+    """Displacement [m] by drives that change their law in the last part [s] of an interval.
+
+    The entry of the table at its end, a time [s] on the ramp, is so far off, at most.
+    """
+    chain, table = work.chain, work.table
+    assign(work.drives, drive_forces(chain))
+    assign(chain.q, work.q)
+    move(chain.model, chain.q, table.turns[entry], 1.0)
+    _control(chain.ctrl, ramp, time)
+    if not find_switched(chain, work.drives, work.forces):
+        return 0.0
+    for i in range(chain.v.size):
+        chain.v[i] = 0.0
+    euler_step(chain, work.forces, part, work.matrix, work.change)
+    for i in range(chain.v.size):
+        work.change[i] *= part
+    return displacement(chain, work.change)
+
+
+@jit
+def _allowed(memory, h):
+    """Error [m] that an interval [s] may have."""
+    share = min((memory[RATE] * h) ** 2, LARGEST_SHARE) + SMALLEST_SHARE
+    return share * memory[ACCURACY]
+
+
+@jit
+def _shrinkage(rows, error):
+    """Factor on an interval with an error above the allowed one."""
+    ratio = 1 / error  # not a number where the step has blown up
+    return max(0.25, 0.9 * ratio ** (1 / (rows - 1))) if ratio > 0 else 0.25
+
+
+@jit
+def _next_length(memory, h, rows, error):
+    """Length [s] of the interval after one of length h."""
+    growth = 0.8 * (1 / max(error, 1e-300)) ** (1 / (rows - 1)) if error < np.inf else 0.5
+    # A row too many costs less than an interval too short.
+    length = h * min(max(growth, 0.5), 2.0)
+    return min(max(length, memory[SHORTEST]), memory[LONGEST])
+
+
+@jit
+def _note(memory, h, error):
+    """Keep the books of an interval [s] and its error over what is allowed."""
+    memory[MISSED] += not error <= 1
+    memory[WORST] = max(memory[WORST], error) if error == error else np.inf
+    memory[SUM] += error * _allowed(memory, h)
+    memory[STEPS] += 1

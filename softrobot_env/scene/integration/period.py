@@ -1,0 +1,266 @@
+"""A control period of a simulation and of its shadow: the functions that C code calls.
+
+Local errors alone say nothing of motions that part from each other: snapping, swinging upside down,
+chaos. So each simulation has a shadow, the same with `integrator.SHADOW` times the accuracy. How
+far it strays, times the ratio of the sums of the local errors, estimates the error in time.
+
+The functions serve any robot, single simulations and the threads of many.
+"""
+
+from typing import Any
+
+import numba
+import numpy as np
+from numba import types
+from numba.core.ccallback import CFunc
+
+from softrobot_env.machine_code import CALLED
+from softrobot_env.machine_code.cache import SourceCache
+from softrobot_env.scene.integration.extrapolation import (
+    Ramp,
+    bounded,
+    displacement,
+    integrate,
+    work_on,
+    work_size,
+)
+from softrobot_env.scene.integration.forces import chain_of, evaluate
+from softrobot_env.scene.integration.layout import (
+    AT,
+    ESTIMATE,
+    EVALUATIONS,
+    EXTRAPOLATED,
+    HEADER,
+    MEMORY,
+    MEMORY_SIZE,
+    METHOD,
+    MISSED,
+    NU,
+    PATH,
+    PERIOD,
+    ROWS,
+    SHADOW_STATES,
+    SPLIT,
+    STEPS,
+    STRIDE,
+    SUBSTEPS,
+    SUM,
+    TELL,
+    TOLD,
+    WHOLE,
+)
+from softrobot_env.scene.integration.mujoco_functions import (
+    ADDRESS,
+    assign,
+    jit,
+    making,
+    mj_actuation,
+    mj_check_pos,
+    mj_check_vel,
+    mj_forward,
+    mj_fwd_position,
+    mj_fwd_velocity,
+    mj_sensor_pos,
+    mj_sensor_vel,
+    mj_step,
+    mj_step1,
+    mj_step2,
+    pointer,
+    reals,
+    reals_at,
+    subtract,
+)
+
+_SIGNATURE = (ADDRESS, ADDRESS, types.int32, ADDRESS), types.void
+
+
+class _Entry(CFunc):
+    """A C function, cached until one of the sources of this folder is edited."""
+
+    def enable_caching(self) -> None:
+        self._cache = SourceCache(self._pyfunc)
+
+
+def _entry(function: Any) -> CFunc:
+    made = _Entry(function, _SIGNATURE, locals={}, options={"nopython": True}, **CALLED)
+    made.enable_caching()
+    made.compile()
+    return made
+
+
+# ---------------------------------------------------------------- our own integrator
+
+
+@jit
+def _integrate_period(work, path, held):
+    """Advance by a control period along a path (rows, nu) of controls, whose end is `held`."""
+    chain, memory = work.chain, work.memory
+    tick = memory[PERIOD] / memory[SUBSTEPS]
+    ways = max(len(path) - 1, 0)
+    for k in range(ways):
+        if k:
+            evaluate(chain)
+        integrate(work, Ramp(path[k], path[k + 1], tick))
+    if ways < memory[SUBSTEPS]:
+        if ways:
+            evaluate(chain)
+        integrate(work, Ramp(held, held, memory[PERIOD] - ways * tick))
+
+
+@making
+def _extrapolated_period(chain, memory, shadowed, states, path, free):
+    """Advance a simulation, then its shadow, and compare them.
+
+    The work is done in the array `free`, which the caller keeps alive: views do not.
+    """
+    room = np.array([np.int64(free.ctypes.data)])
+    held = path[len(path) - 1].copy() if len(path) else chain.ctrl.copy()
+    _follow(chain, states)
+    _integrate_period(work_on(chain, memory, room), path, held)
+    _save(chain, states[0])
+    _load(chain, states[1])
+    evaluate(chain)
+    _integrate_period(work_on(chain, shadowed, room), path, held)
+    _save(chain, states[1])
+    _load(chain, states[0])
+    reals_at(np.int64(chain.data) + 8 * chain.header[AT.time], 1)[0] += memory[PERIOD]
+    _finish(chain.model, chain.data)
+    _compare(chain, memory, shadowed, states)
+
+
+@jit
+def _save(chain, state):
+    """Keep the state (nq + nv,) of a chain."""
+    assign(state[: chain.q.size], chain.q)
+    assign(state[chain.q.size :], chain.v)
+
+
+@jit
+def _load(chain, state):
+    assign(chain.q, state[: chain.q.size])
+    assign(chain.v, state[chain.q.size :])
+
+
+@jit
+def _follow(chain, states):
+    """Let the shadow start anew where the simulation is, if that was moved, or if it diverged."""
+    nq, here, there = chain.q.size, states[0], states[1]
+    stayed = _equal(here[:nq], chain.q) and _equal(here[nq:], chain.v)
+    if not (stayed and bounded(there)):
+        _save(chain, there)
+
+
+@jit
+def _equal(one, other):
+    """Whether all of (n,) and (n,) are."""
+    for i in range(one.size):
+        if one[i] != other[i]:
+            return False
+    return True
+
+
+@jit
+def _finish(model, data):
+    """All read-outs of the new state, and MuJoCo's own checks of it.
+
+    Not of the acceleration: the velocity tells whether that is finite, and small stiff robots do
+    reach what MuJoCo takes for a divergence.
+    """
+    mj_check_pos(model, data)
+    mj_check_vel(model, data)
+    mj_fwd_position(model, data)
+    mj_sensor_pos(model, data)
+    mj_fwd_velocity(model, data)
+    mj_sensor_vel(model, data)
+    mj_actuation(model, data)
+
+
+@making
+def _compare(chain, memory, shadowed, states):
+    """Estimate the error from how far the shadow has strayed."""
+    nq, turn = chain.q.size, np.empty(chain.v.size)
+    subtract(chain.model, turn, states[1, :nq], states[0, :nq])
+    strayed = displacement(chain, turn)
+    if not strayed < np.inf:
+        estimate = np.inf
+    elif shadowed[SUM] > 0:
+        estimate = strayed * memory[SUM] / shadowed[SUM]
+    else:
+        estimate = 0.0
+    memory[ESTIMATE] = max(memory[ESTIMATE], estimate)
+
+
+# ---------------------------------------------------------------- MuJoCo's integrators
+
+
+@jit
+def _mujoco_period(chain, memory, path):
+    """Advance by MuJoCo's steps; each has the controls at its start."""
+    model, data, substeps = chain.model, chain.data, int(memory[SUBSTEPS])
+    last = len(path) - 1
+    for k in range(substeps):
+        if last >= 0:
+            assign(chain.ctrl, path[min(k, last)])
+        if k == 0 and memory[METHOD] == SPLIT:
+            mj_step2(model, data)
+        else:
+            mj_step(model, data)
+    if last >= 0:
+        assign(chain.ctrl, path[last])
+    mj_step1(model, data)
+    memory[EVALUATIONS] += substeps * (4 if memory[METHOD] == WHOLE else 1)
+    memory[STEPS] += substeps
+
+
+# ---------------------------------------------------------------- what C code calls
+
+
+@making
+def _advance(model, data, number, header):
+    chain = chain_of(model, data, header)
+    address = header[MEMORY] + number * header[STRIDE]
+    memory = reals_at(address, MEMORY_SIZE)
+    memory[MISSED] = 0.0
+    path = reals_at(header[PATH], header[ROWS] * header[NU]).reshape(header[ROWS], header[NU])
+    if memory[METHOD] == EXTRAPOLATED:
+        shadowed = reals_at(address + 8 * MEMORY_SIZE, MEMORY_SIZE)
+        size = chain.q.size + chain.v.size
+        states = reals_at(header[SHADOW_STATES] + number * 16 * size, 2 * size).reshape(2, size)
+        free = np.empty(work_size(chain, memory) + work_size(chain, shadowed))
+        _extrapolated_period(chain, memory, shadowed, states, path, free)
+    else:
+        _mujoco_period(chain, memory, path)
+
+
+@making
+def _tell(data, number, header):
+    """Copy what is to be told of a simulation to its row of the arrays of all."""
+    told = numba.carray(pointer(np.uint64(header[TELL])), (header[TOLD], 3), np.int64)
+    for k in range(header[TOLD]):
+        place, size, address = told[k, 0], told[k, 1], told[k, 2]
+        reals_at(address + 8 * size * number, size)[:] = reals(data, place, size)
+
+
+@making
+def _header_at(address):
+    return numba.carray(pointer(address), (HEADER,), np.int64)
+
+
+@_entry
+def refresh(model, data, number, header):
+    """Compute all read-outs of a simulation, without moving it; arguments as `advance`."""
+    mj_forward(model, data)
+    _tell(data, number, _header_at(header))
+
+
+@_entry
+def advance(model, data, number, header):
+    """Advance a simulation by one control period.
+
+    Args:
+        model, data: Addresses of MuJoCo's structures.
+        number: Which simulation it is: selects its memory.
+        header: Address of the header.
+    """
+    _advance(model, data, number, _header_at(header))
+    _tell(data, number, _header_at(header))
