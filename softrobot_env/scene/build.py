@@ -13,6 +13,7 @@ from softrobot_env.scene import extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.coupling import couple_pieces
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 from softrobot_env.scene.springs import add_springs
 from softrobot_env.scene.statics import equilibrium, finite
@@ -227,12 +228,14 @@ def scene_xml(config: SceneConfig) -> str:
 
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
     _refuse_what_is_not_felt(config, config.robot.gravity)
-    layout = place_hinges(config.robot.length, config.n_pieces, config.rule)
+    layout = place_hinges(config.robot.length, config.n_pieces, config.hinge_rule)
     spec = _empty_spec(config)
-    kinds = joint_kinds(config.robot, config.bending, config.torsion)
+    kinds = joint_kinds(config.robot, config.bending, config.torsion, layout.coupled)
     chain = add_chain(spec, config.robot, layout, kinds)
     add_tendons(chain, config.robot, config.actuation)
     add_springs(chain, config.robot)
+    if layout.coupled:
+        couple_pieces(chain, config.robot, [load.station for load in config.loads])
     _add_parts(chain, config)
     return spec, layout
 

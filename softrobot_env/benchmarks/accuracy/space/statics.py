@@ -26,13 +26,13 @@ from softrobot_env.benchmarks.records import select
 from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.config import TWISTING_RULE, SceneConfig
 from softrobot_env.scene.statics import equilibrium
 
 ROBOTS = (TPU, STEEL)
 
 #: Stations of the chain, coarse to fine, and its rules.
-STATIONS, RULES = (6, 12, 24, 48), ("balanced2", "gauss2")
+STATIONS, RULES = (6, 12, 24, 48), ("coupled2", "balanced2", "gauss2")
 
 _LOAD_STEPS = 5
 _TRUTH = "exact rod ({}), from the tip"
@@ -41,7 +41,7 @@ _TRUTH = "exact rod ({}), from the tip"
 #: much a sag at 45 degrees may err more than one along an axis.
 _GOALS = {"tpu": 0.25e-3, "steel": 0.35e-3}
 _DIRECTION = 1.5
-_OF_GOALS = ("mujoco_chain/balanced2", 12)
+_OF_GOALS = (f"mujoco_chain/{TWISTING_RULE}", 12)
 
 
 def name_of(case: str, robot: RobotParams) -> str:
