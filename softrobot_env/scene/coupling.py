@@ -26,12 +26,13 @@ In space the same holds for both directions of bending. Along a rod that is alik
 the torque is the same between two loads: torsion needs no coupling. What stays of second order is
 p (EI - GJ) times twist times the turning of the bend, which is zero without twist.
 
-At the ends of coupled pieces an error of third order is left. Loads inside a rod break K and K'. So pieces are coupled only between two loads, guides or ends of
-tendons; fewer than three of them stay as they are. Forces that the scene does not know beforehand
-(contacts, pushes) keep an error of second order.
+At the ends of coupled pieces an error of third order is left. Loads inside a rod break K and K'.
+So pieces are coupled only between two loads, guides or ends of tendons; fewer than three of them
+stay as they are. Forces that the scene does not know beforehand (contacts, pushes) keep an error
+of second order.
 
-At 12 stations the mean error of a tip under random wrenches in space falls from 0.20 to 0.03 mm
-(thermoplastic, 0.4 m), under larger forces along the rod from 0.34 to 0.04 mm
+At 12 stations the mean error of a tip under random wrenches in space falls from 0.20 to 0.05 mm
+(thermoplastic, 0.4 m), under larger forces along the rod from 0.34 to 0.06 mm
 (`softrobot benchmark accuracy`).
 """
 

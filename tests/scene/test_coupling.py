@@ -1,4 +1,4 @@
-"""Springs between the pieces: the chain errs by the fourth power of their length, at ends the third.
+"""Springs between the pieces: the chain errs by their length to the fourth, at ends the third.
 
 The truths know no mesh: the elastica, rods in space from their tips, and the beam's frequencies.
 """
