@@ -107,17 +107,9 @@ class Scene:
     def positions(
         self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
     ) -> np.ndarray:
-        """Material points at arc lengths (k,) [m], offsets (k, 2) [m] in the section.
+        """Material points (k, 3) or (T, k, 3) [m] in postures (nq,) or (T, nq).
 
-        Args:
-            q: (nq,) or (T, nq).
-            stations, offsets: Places; on the centreline unless offset.
-
-        Returns:
-            (k, 3) or (T, k, 3) [m].
-
-        Raises:
-            ValueError: A point is off the robot, or a shape does not fit.
+        As `scene.kinematics.places`, which tells of the stations, offsets and errors.
         """
         where = kinematics.places(self.config.robot, self.layout, stations, offsets)
         out = kinematics.positions(self.model, self._series(q), *where)
