@@ -8,10 +8,8 @@ from pathlib import Path
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import FEEDBACKS, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
-from softrobot_env.scene.config import DEFAULT_SHARE, INTEGRATORS
+from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
-
-_RULE = "balanced2"
 
 #: The ideal rig, among the seeds of twins.
 _NO_TWIN = "none"
@@ -29,8 +27,7 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--pieces", type=int, help="pieces of the robot; default: the robot's own")
     group.add_argument(
         "--rule",
-        default=_RULE,
-        help=f"hinge rule out of {', '.join(RULES)}; default: balanced2",
+        help=f"hinge rule out of {', '.join(RULES)}; default: {DEFAULT_RULE}",
     )
     group.add_argument("--timestep", type=positive, metavar="S", help="default: by rule")
     group.add_argument(
@@ -68,8 +65,7 @@ def plant_options(args: argparse.Namespace, policy: str) -> dict[str, object]:
     """
     if args.plant == MUJOCO:
         return policy_environment(policy) | scene_options(args)
-    given = {"rule": args.rule != _RULE, "timestep": args.timestep, "integrator": args.integrator}
-    given["accuracy"] = args.accuracy
+    given = {name: getattr(args, name) for name in ("rule", "timestep", "integrator", "accuracy")}
     foreign = [f"--{name}" for name, value in given.items() if value]
     if foreign:
         raise ValueError(f"{', '.join(foreign)}: only with --plant {MUJOCO}")

@@ -67,7 +67,8 @@ def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, s
     tendons = len(scene.config.robot.tendons)
     left_out = [*(name for name, has in _OPTIONAL.items() if not has(model)), *left_out]
     rows = {
-        "DOFs": f"{model.nv} hinges in {scene.layout.pieces} pieces, rule {scene.config.rule}",
+        "DOFs": f"{model.nv} hinges in {scene.layout.pieces} pieces, "
+        f"rule {scene.config.hinge_rule}",
         "bodies": f"{model.nbody - 1} links",
         "tendons, actuators": f"{tendons}, {model.nu} ({scene.config.actuation})",
         "sensors": ", ".join(model.sensor(i).name for i in range(model.nsensor)) or "none",

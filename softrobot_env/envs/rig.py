@@ -11,7 +11,7 @@ from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Measu
 from softrobot_env.envs.options import ResetOptions
 from softrobot_env.envs.rendering.renderer import lifted
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_ACCURACY, DEFAULT_RULE, LengthSetting, Start
+from softrobot_env.envs.setting import DEFAULT_ACCURACY, LengthSetting, Start
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.robots.twin import Twin
@@ -74,7 +74,7 @@ class RigEnv(EpisodeEnv):
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
         reward: TrackingReward | None = None,
         pieces: int = RIG_PIECES,
-        rule: str = DEFAULT_RULE,
+        rule: str | None = None,
         timestep: float | None = None,
         integrator: str | None = None,
         accuracy: float | str = DEFAULT_ACCURACY,

@@ -38,7 +38,7 @@ from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.tasks import RIG_TASKS, Task, make_task
 
-DEFAULT_RULE, DEFAULT_ACCURACY = "balanced2", DEFAULT_SHARE
+DEFAULT_ACCURACY = DEFAULT_SHARE
 
 
 class Start(NamedTuple):
@@ -120,7 +120,7 @@ class TensionSetting(Setting):
         preview: tuple[float, ...],
         plant: PlantFactory | None = None,
         pieces: int | None = None,
-        rule: str = DEFAULT_RULE,
+        rule: str | None = None,
         timestep: float | None = None,
         integrator: str | None = None,
         accuracy: float | str = DEFAULT_ACCURACY,
@@ -176,7 +176,7 @@ def _tension_plant(
 ) -> MujocoPlant | BeamPlant:
     if factory is None:
         return MujocoPlant(robot, control_period, **chain)
-    given = {k: v for k, v in chain.items() if v not in (None, DEFAULT_RULE, DEFAULT_ACCURACY)}
+    given = {k: v for k, v in chain.items() if v not in (None, DEFAULT_ACCURACY)}
     if given:
         raise ValueError(
             f"{', '.join(given)} belong to the MuJoCo chain; another plant has its own options"

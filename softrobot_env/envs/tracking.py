@@ -18,7 +18,7 @@ from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Measured
 from softrobot_env.envs.options import ResetOptions
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_ACCURACY, DEFAULT_RULE, Start, TensionSetting
+from softrobot_env.envs.setting import DEFAULT_ACCURACY, Start, TensionSetting
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import PlantFactory
@@ -94,7 +94,7 @@ class TrackingEnv(EpisodeEnv):
         reward: TrackingReward | None = None,
         randomization: Randomization | None = None,
         pieces: int | None = None,
-        rule: str = DEFAULT_RULE,
+        rule: str | None = None,
         timestep: float | None = None,
         integrator: str | None = None,
         accuracy: float | str = DEFAULT_ACCURACY,

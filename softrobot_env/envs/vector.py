@@ -21,7 +21,7 @@ from softrobot_env.envs.options import parse_mask, parse_seeds, parse_variation
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.reference import instants
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_ACCURACY, DEFAULT_RULE, TensionSetting
+from softrobot_env.envs.setting import DEFAULT_ACCURACY, TensionSetting
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.fields import Count, Whole, check_argument
 from softrobot_env.interfaces import Observation
@@ -69,7 +69,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         threads: int = 0,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         pieces: int | None = None,
-        rule: str = DEFAULT_RULE,
+        rule: str | None = None,
         timestep: float | None = None,
         integrator: str | None = None,
         accuracy: float | str = DEFAULT_ACCURACY,

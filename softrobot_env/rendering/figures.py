@@ -105,6 +105,7 @@ STYLES = {
     "balanced2": Style(VERMILLION, "-", "D"),
     "chord2": Style(GREEN, "-", "^"),
     "gauss3": Style(PURPLE, "-", "v"),
+    "coupled2": Style(WINE, "-", "p"),
 }
 
 _MOST_DOTS = 1800

@@ -14,6 +14,7 @@ from softrobot_env.scene import extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.coupling import couple_pieces
 from softrobot_env.scene.quadrature import HingeLayout, place_hinges
 from softrobot_env.scene.springs import add_springs
 from softrobot_env.scene.statics import equilibrium, finite
@@ -110,17 +111,9 @@ class Scene:
     def positions(
         self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
     ) -> np.ndarray:
-        """Material points at arc lengths (k,) [m], offsets (k, 2) [m] in the section.
+        """Material points (k, 3) or (T, k, 3) [m] in postures (nq,) or (T, nq).
 
-        Args:
-            q: (nq,) or (T, nq).
-            stations, offsets: Places; on the centreline unless offset.
-
-        Returns:
-            (k, 3) or (T, k, 3) [m].
-
-        Raises:
-            ValueError: A point is off the robot, or a shape does not fit.
+        As `scene.kinematics.places`, which tells of the stations, offsets and errors.
         """
         where = kinematics.places(self.config.robot, self.layout, stations, offsets)
         out = kinematics.positions(self.model, self._series(q), *where)
@@ -231,12 +224,14 @@ def scene_xml(config: SceneConfig) -> str:
 
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
     _refuse_what_is_not_felt(config, config.robot.gravity)
-    layout = place_hinges(config.robot.length, config.n_pieces, config.rule)
+    layout = place_hinges(config.robot.length, config.n_pieces, config.hinge_rule)
     spec = _empty_spec(config)
-    kinds = joint_kinds(config.robot, config.bending, config.torsion)
+    kinds = joint_kinds(config.robot, config.bending, config.torsion, layout.coupled)
     chain = add_chain(spec, config.robot, layout, kinds)
     add_tendons(chain, config.robot, config.actuation)
     add_springs(chain, config.robot)
+    if layout.coupled:
+        couple_pieces(chain, config.robot, [load.station for load in config.loads])
     _add_parts(chain, config)
     return spec, layout
 

@@ -4,8 +4,8 @@ Each station of the hinge rule gets one joint, which represents a share of the b
 
 * planar: a hinge;
 * spatial: a universal joint, two hinges in one body;
-* spatial with torsion: a ball joint where bending and torsion are equally stiff (Poisson ratio 0),
-  else three hinges in one body.
+* spatial with torsion: a ball joint where bending and torsion are equally stiff (Poisson ratio 0)
+  and no springs couple the pieces, else three hinges in one body.
 
 MuJoCo's spring of a ball joint acts along the rotation vector, with one stiffness: bending is the
 same in all directions. Hinges need the springs of `scene.springs` for that. A continuous tendon
@@ -81,13 +81,16 @@ def order_of(kinds: tuple[str, ...], index: int) -> tuple[str, ...]:
     return swapped if len(kinds) > 1 and index % 4 in (1, 2) else kinds
 
 
-def joint_kinds(robot: RobotParams, bending: str, torsion: bool) -> tuple[str, ...]:
+def joint_kinds(
+    robot: RobotParams, bending: str, torsion: bool, coupled: bool = False
+) -> tuple[str, ...]:
     """What the joint of a station is made of, see the module: `BALL`, or keys of `HINGE_AXES`.
 
     Args:
         robot: The robot.
         bending: "planar" or "spatial".
         torsion: Whether a spatial chain twists.
+        coupled: Whether springs couple its pieces, which takes hinges.
 
     Raises:
         ValueError: A planar chain of a robot that bends out of its plane by itself.
@@ -103,7 +106,7 @@ def joint_kinds(robot: RobotParams, bending: str, torsion: bool) -> tuple[str, .
         return ("hinge", "side")
     isotropic = robot.is_symmetric and robot.torsional_stiffness == robot.bending_stiffness
     channels = any(not tendon.guides for tendon in robot.tendons)
-    return (BALL,) if isotropic and not channels else ("hinge", "side", "twist")
+    return (BALL,) if isotropic and not channels and not coupled else ("hinge", "side", "twist")
 
 
 def seen_from_hinges(vector: tuple[float, float], azimuth: float) -> tuple[float, float]:
@@ -254,7 +257,7 @@ def _add_joint(
         joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
         along, across = seen_from_hinges(robot.precurvature, azimuth)
         joint.springref = weight * {"hinge": along, "side": across, "twist": 0.0}[kind]
-    stiffness = _beam_stiffness(kind, robot) / weight
+    stiffness = beam_stiffness(kind, robot) / weight
     joint.stiffness[0] = stiffness
     joint.damping[0] = robot.damping_time * stiffness
 
@@ -267,8 +270,8 @@ def _turned(axis: tuple[float, float, float], azimuth: float) -> tuple[float, fl
     return x * cos(azimuth) - y * sin(azimuth), x * sin(azimuth) + y * cos(azimuth), z
 
 
-def _beam_stiffness(kind: str, robot: RobotParams) -> float:
-    """[N m2]"""
+def beam_stiffness(kind: str, robot: RobotParams) -> float:
+    """Stiffness [N m2] of the beam about the axis of a kind of hinge."""
     if kind == "twist":
         return robot.torsional_stiffness
     towards, across = robot.principal_stiffnesses

@@ -21,6 +21,9 @@ INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete", "implicit", "Euler", "
 #: Name of the camera that a visible scene has.
 FRONT_CAMERA = "front"
 
+#: Hinge rules of chains that do not twist and of those that do, unless another is wanted.
+DEFAULT_RULE, TWISTING_RULE = "balanced2", "coupled2"
+
 #: Accuracy in time unless another is wanted.
 DEFAULT_SHARE = "0.1%"
 
@@ -109,7 +112,8 @@ class SceneConfig:
     Attributes:
         robot: The robot.
         pieces: Equal pieces the robot is cut into; the robot's own number unless given.
-        rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`.
+        rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given
+            "coupled2" for a chain that twists, else "balanced2".
         actuation: "tension" (controls are tensions [N]) or "length" (controls are the lengths
             [m] pulled in; tension = stiffness x stretch, never pushing).
         control_period: [s], the timestep divides it.
@@ -124,7 +128,7 @@ class SceneConfig:
 
     robot: RobotParams
     pieces: Pieces | None = None
-    rule: str = "balanced2"
+    rule: str | None = None
     actuation: str = "tension"
     control_period: Positive = 0.01
     timestep: Positive | None = None
@@ -172,6 +176,13 @@ class SceneConfig:
     def n_pieces(self) -> int:
         """Number of pieces really used."""
         return self.robot.pieces if self.pieces is None else self.pieces
+
+    @property
+    def hinge_rule(self) -> str:
+        """The hinge rule really used."""
+        if self.rule is None:
+            return TWISTING_RULE if self.torsion else DEFAULT_RULE
+        return self.rule
 
 
 def parse_accuracy(accuracy: float | str, length: float) -> float:

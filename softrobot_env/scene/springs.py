@@ -25,12 +25,12 @@ Robots with channels get half of it: theta^2 / 24 and theta^2 / 12.
 The energy grows with the angles of a station up to 2.4 rad together; at a right angle of the second
 hinge its joint is singular anyway.
 
-Under random forces and moments in space the tips of slender rods with 12 stations are 0.20 mm off
-in the mean (thermoplastic, 0.4 m) and 0.25 mm (steel wire, 0.6 m), and their sag at 45 degrees as
-much as along an axis (softrobot benchmark accuracy). Without these springs and with the order of
-the hinges changed at every station it was 0.67 and 0.96 mm, and the sag 3.2 times. A ball joint of
-EI / w with a twist hinge of EI / (nu w) below it comes to the same errors, but their inertia about
-the axis is one, so that its mass matrix is singular; and it serves no channels.
+Under random forces and moments in space the tips of slender rods with 12 stations of `balanced2`
+are 0.20 mm off in the mean (thermoplastic, 0.4 m) and 0.25 mm (steel wire, 0.6 m), and their sag at
+45 degrees as much as along an axis (softrobot benchmark accuracy). Without these springs and with
+the order of the hinges changed at every station it was 0.67 and 0.96 mm, and the sag 3.2 times. A
+ball joint of EI / w with a twist hinge of EI / (nu w) below it comes to the same errors, but their
+inertia about the axis is one, so that its mass matrix is singular; and it serves no channels.
 """
 
 from math import sqrt

@@ -154,7 +154,7 @@ def test_ball_joints_and_gravity(bending):
     """A hanging rod whose positions are quaternions, against Runge-Kutta."""
     rod = RobotParams("rod", 0.4, 4e-3, 0.0, 2e6, 1100.0, 5e-3, 4, gravity=(0.0, 0.0, 9.81))
     torsion = bending == "spatial"
-    built = scene(rod, bending=bending, torsion=torsion)
+    built = scene(rod, rule="balanced2", bending=bending, torsion=torsion)
     assert (built.model.nq > built.model.nv) == torsion
     kick = np.random.default_rng(0).standard_normal(built.model.nv)
     model = built.model.__copy__()

@@ -7,7 +7,7 @@ from softrobot_env.scene.quadrature import RULES, place_hinges
 
 #: Highest degree of a polynomial each rule integrates exactly: one more than the number of nodes
 #: for Gauss rules of one, three and five (2 m - 1), one for the others by symmetry.
-DEGREE = {"midpoint": 1, "gauss2": 3, "balanced2": 1, "chord2": 1, "gauss3": 5}
+DEGREE = {"midpoint": 1, "gauss2": 3, "balanced2": 1, "chord2": 1, "gauss3": 5, "coupled2": 3}
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -62,5 +62,5 @@ def test_number_of_pieces_has_to_be_a_positive_whole_number(pieces):
 
 
 def test_unknown_rule_names_the_known_ones():
-    with pytest.raises(ValueError, match="midpoint, gauss2, balanced2, chord2, gauss3"):
+    with pytest.raises(ValueError, match="midpoint, gauss2, balanced2, chord2, gauss3, coupled2"):
         place_hinges(0.5, 2, "simpson")

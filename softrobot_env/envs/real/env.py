@@ -47,8 +47,9 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
     * Actions beyond the calibrated range go as far as it allows: `info["limited"]` says so, and
       `info["applied_action"]` what the servos were driven to.
     * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (None if
-      there was none in its period), `obs_age_s` of what the microcontroller measured,
-      `device_state`, `link` (counters) and `fault` (text or None).
+      there was none in its period; less than `state_delay` where a measurement was due anyway),
+      `obs_age_s` of what the microcontroller measured, `device_state`, `link` (counters) and
+      `fault` (text or None).
     * A fault ends the episode, with its text in `info["failure"]` and the last valid observation:
       `terminated` where a tendon pulled too hard (a limit that simulations have too), else
       `truncated`. The microcontroller ramps down by itself. After it `step` and `reset` raise

@@ -6,9 +6,10 @@ from typing import Any
 
 from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES
 from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
-from softrobot_env.envs.setting import DEFAULT_RULE, Setting, rig_sizes, rig_task
+from softrobot_env.envs.setting import Setting, rig_sizes, rig_task
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file
+from softrobot_env.scene.config import DEFAULT_RULE
 from softrobot_env.scene.quadrature import place_hinges
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.tasks import Task

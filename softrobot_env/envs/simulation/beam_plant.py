@@ -34,7 +34,7 @@ class BeamPlant:
         """
         self.robot = robot
         self.config = SceneConfig(robot, control_period=control_period)
-        self.layout: HingeLayout = place_hinges(robot.length, robot.pieces, self.config.rule)
+        self.layout: HingeLayout = place_hinges(robot.length, robot.pieces, self.config.hinge_rule)
         self._factory = factory
         self._nominal = self._model(robot)
 

@@ -106,7 +106,7 @@ class LinkCounters:
         device_crc_errors, device_frame_errors: Frames that arrived damaged there.
         nacks: Refusals by reason.
         round_trip, longest_round_trip: [s] from a set-point to its echo, which the board delays by
-            the robot file's `state_delay`.
+            up to the robot file's `state_delay`.
         delay, longest_delay: [s] that the last state arrived later than the quickest, and the
             longest of these: what waits in buffers on its way.
     """

@@ -147,7 +147,8 @@ class RobotFile:
         control_period: [s] between set-points.
         watchdog: [s] without a set-point after which the robot stops by itself.
         ttl: [s] after which a set-point is too old to be followed.
-        state_delay: [s] from a set-point to the measurement that answers it.
+        state_delay: [s] from a set-point to the measurement that answers it, at most: one that
+            `free_run` makes due before answers it too.
         free_run: [s] between measurements without set-points.
         slew: Largest speed [m/s] of an output.
         ramp: Speed [m/s] of a stop.

@@ -146,7 +146,7 @@ class ChainMotion:
     def settings(self) -> Settings:
         """What it is simulated with."""
         scene, choice = self.scene, self.scene.timestep
-        name, n = f"mujoco_chain/{scene.config.rule}", len(scene.layout.stations)
+        name, n = f"mujoco_chain/{scene.config.hinge_rule}", len(scene.layout.stations)
         return Settings(name, n, choice.timestep, choice.integrator)
 
     def __call__(self) -> np.ndarray:

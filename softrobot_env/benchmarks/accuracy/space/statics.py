@@ -1,8 +1,8 @@
 """Rods in space at rest: tip errors of all models, and whether one direction is worse.
 
 Of the random wrenches a row has the mean and the largest error; of the slow continuum it has fewer
-of them. A model that finds no equilibrium
-says so in a note.
+of them. A model that finds no equilibrium says so in a note. The chain does not stretch, and its
+truth does not either; a row of its own tells how far the tips of a rod that does are from it.
 """
 
 from collections.abc import Iterator, Sequence
@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.benchmarks.accuracy.cases.beam_models import CONTESTANTS, Contestant
-from softrobot_env.benchmarks.accuracy.rows import BENDING, CONTINUUM, Physics, Row
+from softrobot_env.benchmarks.accuracy.rows import BENDING, CONTINUUM, SHEAR, Physics, Row
 from softrobot_env.benchmarks.accuracy.space.cases import (
     HEADINGS,
     STEEL,
@@ -26,13 +26,13 @@ from softrobot_env.benchmarks.records import select
 from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.config import TWISTING_RULE, SceneConfig
 from softrobot_env.scene.statics import equilibrium
 
 ROBOTS = (TPU, STEEL)
 
 #: Stations of the chain, coarse to fine, and its rules.
-STATIONS, RULES = (6, 12, 24, 48), ("balanced2", "gauss2")
+STATIONS, RULES = (6, 12, 24, 48), ("coupled2", "balanced2", "gauss2")
 
 _LOAD_STEPS = 5
 _TRUTH = "exact rod ({}), from the tip"
@@ -41,7 +41,7 @@ _TRUTH = "exact rod ({}), from the tip"
 #: much a sag at 45 degrees may err more than one along an axis.
 _GOALS = {"tpu": 0.25e-3, "steel": 0.35e-3}
 _DIRECTION = 1.5
-_OF_GOALS = ("mujoco_chain/balanced2", 12)
+_OF_GOALS = (f"mujoco_chain/{TWISTING_RULE}", 12)
 
 
 def name_of(case: str, robot: RobotParams) -> str:
@@ -73,7 +73,27 @@ def case_rows(case: str, robot: RobotParams, quick: bool = False) -> list[Row]:
             solve = [lambda c=c, n=n, m=contestant: beam_tip(c, m, n) for c in truths]
             physics = contestant.physics
             found.append(_row(case, robot, contestant.name, n, physics, truths, solve))
-    return found
+    return [*found, stretch_row(robot, quick)] if case == "wrenches" else found
+
+
+def stretch_row(robot: RobotParams, quick: bool = False) -> Row:
+    """Distance [m] of the tips of exact rods with and without shear and extension.
+
+    Both bear the same random forces and moments, as their sections see them.
+    """
+    rigid, elastic = (cases_of("wrenches", robot, physics, quick) for physics in (BENDING, SHEAR))
+    gaps = [np.linalg.norm(a.tip - b.tip) for a, b in zip(rigid, elastic, strict=True)]
+    mean = float(np.mean(gaps))
+    return Row(
+        "physics",
+        f"random wrenches, {robot.name}",
+        "exact rods: shear and stretch",
+        e_mean=mean,
+        e_max=float(np.max(gaps)),
+        physics=SHEAR.name,
+        reference=_TRUTH.format(BENDING.name),
+        value=mean / robot.length,
+    )
 
 
 def chain_tip(case: SpatialCase, rule: str, n: int) -> tuple[np.ndarray, float]:

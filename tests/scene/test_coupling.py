@@ -1,0 +1,205 @@
+"""Springs between the pieces: the chain errs by their length to the fourth, at ends the third.
+
+The truths know no mesh: the elastica, rods in space from their tips, and the beam's frequencies.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.linalg import eigvalsh
+
+from softrobot_env.beams.exact.analytic import Section, bent_rod, euler_bernoulli_frequency
+from softrobot_env.beams.exact.spatial_rod import SpatialSection, dead_loads, followed_rod
+from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams, Tendon
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.coupling import excess_stiffness
+from softrobot_env.scene.quadrature import place_hinges
+from softrobot_env.scene.tangent import StaticForces
+
+ROD = RobotParams("rod", 0.4, 0.005, 0.0, 70e6, 1200.0, 0.01, 6, gravity=(0.0, 0.0, 0.0))
+LENGTH, EI = ROD.length, ROD.bending_stiffness
+TWISTING = {"bending": "spatial", "torsion": True}
+
+
+def order(errors):
+    """Of errors at doubled resolution."""
+    return np.log2(np.array(errors[:-1]) / errors[1:])
+
+
+def tip(robot, pieces, loads=(), **options):
+    built = build_scene(SceneConfig(robot, pieces=pieces, loads=tuple(loads), **options))
+    u = np.ones(built.n_inputs)
+    return built.tip(built.equilibrium(u, load_steps=5, check_stability=False))
+
+
+# --- the rule -----------------------------------------------------------------------------------
+
+
+def test_chains_that_twist_are_coupled_unless_another_rule_is_wanted():
+    assert SceneConfig(ROD).hinge_rule == SceneConfig(ROD, bending="spatial").hinge_rule
+    assert SceneConfig(ROD).hinge_rule == "balanced2"
+    assert SceneConfig(ROD, **TWISTING).hinge_rule == "coupled2"
+    assert SceneConfig(ROD, rule="gauss2", **TWISTING).hinge_rule == "gauss2"
+    gauss, coupled = (place_hinges(LENGTH, 6, rule) for rule in ("gauss2", "coupled2"))
+    np.testing.assert_array_equal(gauss.stations, coupled.stations)
+    assert coupled.coupled and not gauss.coupled
+
+
+@pytest.mark.parametrize("pieces", [3, 4, 7, 20])
+def test_moments_that_vary_linearly_turn_and_lift_the_end_as_without_springs(pieces):
+    """Without axial force the Gauss points make no error of second order, nor may the springs."""
+    compliance = np.linalg.inv(np.eye(pieces) + excess_stiffness(pieces))
+    place = np.arange(pieces) + 0.5
+    for moment in (np.ones(pieces), place):
+        found = compliance @ moment
+        assert found.sum() == pytest.approx(moment.sum(), rel=1e-12)
+        assert place @ found == pytest.approx(place @ moment, rel=1e-12)
+
+
+def test_coupled_pieces_turn_by_the_second_derivative_of_the_moment():
+    # 1 / 6 - 1 / (2 sqrt 12): the mean square of what two Gauss points leave, in numbers.
+    x = np.linspace(0, 1, 100001)[:-1]
+    wandering = np.mean(((x > 0.5 - 12**-0.5) / 2 + (x > 0.5 + 12**-0.5) / 2 - x) ** 2)
+    compliance = np.linalg.inv(np.eye(9) + excess_stiffness(9))
+    found = compliance @ np.arange(9.0) ** 2
+    np.testing.assert_allclose(found[3:-3], np.arange(9.0)[3:-3] ** 2 + 2 * wandering, rtol=1e-6)
+
+
+# --- statics ------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.4, 2.4])
+def test_elastica_under_a_force_aslant_is_of_third_order_and_more(angle):
+    """From across the straight rod to pulling along it and, bent by a moment, pressing on it."""
+    force = 4 * EI / LENGTH**2 * np.array([np.cos(angle), np.sin(angle)])
+    moment = 1.0 * EI / LENGTH
+    truth = bent_rod(LENGTH, Section(EI), force=tuple(force), moment=moment).tip
+    load = Load("load", LENGTH, (force[0], 0.0, force[1]), (0.0, moment, 0.0))
+    found = {}
+    for rule in ("gauss2", "coupled2"):
+        tips = [tip(ROD, n, [load], rule=rule)[[0, 2]] for n in (6, 12, 24)]
+        found[rule] = [np.linalg.norm(x - truth) for x in tips]
+    np.testing.assert_allclose(order(found["gauss2"]), 2, atol=0.3)
+    assert np.all(order(found["coupled2"]) > 3)
+    assert found["coupled2"][0] < found["gauss2"][0] / 2
+
+
+def test_weight_is_of_third_order_and_more():
+    section, stations = SpatialSection(EI, ROD.torsional_stiffness), np.array([0.0, LENGTH])
+    weight = 6 * EI / LENGTH**3 * np.array([0.8, 0.5, 0.6])
+    shape = followed_rod(LENGTH, section, [], stations, weight)
+    gravity = shape.frame[-1] @ weight / ROD.mass_per_length
+    heavy = replace(ROD, gravity=tuple(gravity.tolist()))
+    tips = [tip(heavy, n, **TWISTING) for n in (6, 12, 24)]
+    errors = [np.linalg.norm(x - shape.tip) for x in tips]
+    assert np.all(order(errors) > 2.9)
+
+
+@pytest.mark.parametrize("poisson_ratio", [1e-9, 0.4])
+def test_wrenches_in_the_middle_and_at_the_tip_in_space(poisson_ratio):
+    """Loads of all directions, also along the rod; seeds that nothing was chosen with."""
+    rod = replace(ROD, poisson_ratio=poisson_ratio)
+    section, stations = (
+        SpatialSection(EI, rod.torsional_stiffness),
+        np.array([0.0, LENGTH / 2, LENGTH]),
+    )
+    rng = np.random.default_rng(2024)
+    errors = []
+    for _ in range(4):
+        force, moment = rng.standard_normal((2, 2, 3)) * [[[EI / LENGTH**2]], [[EI / LENGTH / 2]]]
+        follow = [
+            Load(name, station, tuple(f), tuple(m), True)
+            for name, station, f, m in zip(
+                ("middle", "tip"), stations[1:].tolist(), force, moment, strict=True
+            )
+        ]
+        shape = followed_rod(LENGTH, section, follow, stations)
+        dead = dead_loads(follow, shape)
+        errors.append([np.linalg.norm(tip(rod, n, dead, **TWISTING) - shape.tip) for n in (6, 12)])
+    coarse, fine = np.mean(errors, axis=0)
+    assert coarse < 0.15e-3
+    # What stays of second order is p (EI - GJ) times twist.
+    assert np.log2(coarse / fine) > (2.6 if poisson_ratio < 0.1 else 1.8)
+
+
+def test_a_spiral_at_rest_stays_at_rest():
+    robot = replace(ROD, precurvature=(3.0, 1.0))
+    built = build_scene(SceneConfig(robot, **TWISTING))
+    forces = StaticForces(built.model)
+    q = built.model.qpos_spring
+    planar = [
+        built.model.joint(k).name.startswith(("hinge", "side")) for k in range(built.model.njnt)
+    ]
+    force = forces.force(q, np.zeros(0))
+    linear = forces.tangent() @ np.full(built.model.nv, 1e-3)
+    assert np.abs(force[planar]).max() < 0.05 * np.abs(linear).max()
+
+
+def test_loads_guides_and_ends_of_tendons_are_between_the_pieces_that_are_coupled():
+    def coupled(robot, *stations):
+        loads = tuple(Load(f"load{k}", s) for k, s in enumerate(stations))
+        built = build_scene(SceneConfig(robot, pieces=9, rule="coupled2", loads=loads))
+        names = [built.model.tendon(k).name for k in range(built.model.ntendon)]
+        return {tuple(map(int, n[12:].split("_"))) for n in names if n.startswith("couple_hinge")}
+
+    whole = coupled(ROD)
+    assert whole == {(i, j) for i in range(9) for j in (i + 1, i + 2, i + 3) if j < 9}
+    assert coupled(ROD, LENGTH) == whole
+    third = LENGTH / 3
+    assert coupled(ROD, third) == {(i, j) for i, j in whole if j < 3 or i >= 3}
+    # Inside a piece: it is not coupled; two pieces alone are not either.
+    assert coupled(ROD, 3.5 / 9 * LENGTH) == {(i, j) for i, j in whole if j < 3 or i >= 4}
+    assert coupled(ROD, third, 5 / 9 * LENGTH) == {(i, j) for i, j in whole if j < 3 or i >= 5}
+    tendon = Tendon("t", (0.01, 0.0), 2 * third, 0, 50.0)
+    assert coupled(replace(ROD, tendons=(tendon,))) == {(i, j) for i, j in whole if j < 6 or i >= 6}
+    guides = tuple(np.linspace(0, LENGTH, 10)[1:-1].tolist())
+    assert not coupled(replace(ROD, tendons=(replace(tendon, end=LENGTH, guides=guides),)))
+
+
+def test_without_three_pieces_between_loads_it_is_the_chain_of_gauss_points():
+    models = []
+    for rule in ("gauss2", "coupled2"):
+        robot = replace(ROD, poisson_ratio=0.4)  # on hinges
+        loads = tuple(Load(f"load{k}", LENGTH * k / 6) for k in (2, 4))
+        models.append(build_scene(SceneConfig(robot, rule=rule, loads=loads, **TWISTING)).model)
+    assert len({model.ntendon for model in models}) == 1
+    for field in ("jnt_stiffness", "body_mass", "body_inertia", "body_ipos", "tendon_stiffness"):
+        np.testing.assert_array_equal(*(getattr(model, field) for model in models))
+
+
+# --- dynamics -----------------------------------------------------------------------------------
+
+
+def frequency_errors(rule, pieces):
+    """Relative errors (3,) of the first frequencies of a wire, which has no rotary inertia."""
+    wire = replace(ROD, outer_radius=2e-4)
+    model = build_scene(SceneConfig(wire, pieces=pieces, rule=rule)).model
+    forces = StaticForces(model)
+    forces.force(model.qpos0, np.zeros(0))
+    found = np.sqrt(eigvalsh(-forces.tangent(), forces.mass())[:3]) / (2 * np.pi)
+    beam = LENGTH, wire.bending_stiffness, wire.mass_per_length
+    return abs(found / [euler_bernoulli_frequency(*beam, mode) for mode in (1, 2, 3)] - 1)
+
+
+def test_frequencies_are_of_third_order_and_more():
+    """Without the moved masses and the rotary inertia the first would err by 3e-4 at 12 hinges."""
+    coarse, fine = (frequency_errors("coupled2", n) for n in (6, 12))
+    assert np.all(np.log2(coarse / fine) > 3.3)
+    assert coarse[0] < frequency_errors("balanced2", 6)[0] / 4
+
+
+@pytest.mark.parametrize("robot", [CANTILEVER_WEAK, ARM], ids=lambda r: r.name)
+def test_a_motion_converges_to_that_of_the_uncoupled_chain(robot):
+    """Against eight times as many pieces of another rule; damping and gravity act."""
+    bent = replace(robot, tendons=(), gravity=(9.81, 0.0, 0.0))
+    tips = {}
+    for rule, pieces in (("coupled2", 6), ("coupled2", 12), ("balanced2", 48)):
+        built = build_scene(SceneConfig(bent, pieces=pieces, rule=rule, accuracy=1e-6))
+        motion = built.simulate(0.3, samples=np.linspace(0, 0.3, 7))
+        tips[rule, pieces] = built.tip(motion.q)
+    truth = tips.pop(("balanced2", 48))
+    coarse, fine = (np.linalg.norm(x - truth, axis=1).max() for x in tips.values())
+    assert fine < coarse / 3 and coarse < 1e-3 * robot.length
