@@ -104,17 +104,18 @@ class LinearChain:
         mass: (nv, nv) [kg m2].
         stiffness: (nv, nv) [N m], of the joints and of tendons driven by length.
         damping: (nv, nv) [N m s].
+        driven: Whether tendons are driven by length, which makes springs of them.
     """
 
     mass: np.ndarray
     stiffness: np.ndarray
     damping: np.ndarray
+    driven: bool = False
 
     @property
     def is_undamped_spring(self) -> bool:
         """Whether tendons are driven by length and nothing takes energy."""
-        coupled = np.any(self.stiffness != np.diag(np.diag(self.stiffness)))
-        return bool(coupled) and not np.any(self.damping)
+        return self.driven and not np.any(self.damping)
 
     @cached_property
     def extremes(self) -> tuple[float, float]:
@@ -196,11 +197,25 @@ def linearize(model: mujoco.MjModel) -> LinearChain:
             moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
         )
     springs = -model.actuator_biasprm[:, 1]  # force per length [N/m], zero for tension drives
-    joints = np.diag(model.jnt_stiffness[model.dof_jntid])
-    stiffness = joints
-    if springs.any():
-        stiffness = joints + moment.T @ (springs[:, None] * moment)
-    return LinearChain(mass, stiffness, np.diag(model.dof_damping))
+    arms = np.zeros((model.ntendon, model.nv))
+    if model.ntendon:
+        mujoco.mju_sparse2dense(
+            arms, data.ten_J, model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
+        )
+    stiffness = np.diag(model.jnt_stiffness[model.dof_jntid]) + _acting(springs, moment)
+    return LinearChain(
+        mass,
+        stiffness + _acting(model.tendon_stiffness, arms),
+        np.diag(model.dof_damping) + _acting(model.tendon_damping, arms),
+        driven=bool(springs.any()),
+    )
+
+
+def _acting(elements: np.ndarray, arms: np.ndarray) -> np.ndarray:
+    """Matrix (nv, nv) of springs or dampers (k,) with lever arms (k, nv) [m]."""
+    if not elements.any():
+        return np.zeros((arms.shape[1], arms.shape[1]))
+    return arms.T @ (elements[:, None] * arms)
 
 
 @one_blas_thread()
