@@ -76,9 +76,15 @@ def one_blas_thread() -> Iterator[None]:
         _LIMITED.release()
 
 
+def _cores() -> int:
+    """Number of cores that this process may run on; systems that do not tell give all."""
+    allowed = getattr(os, "sched_getaffinity", None)
+    return len(allowed(0)) if allowed else os.cpu_count() or 1
+
+
 @contextmanager
 def worker_processes(count: int | None = None) -> "Iterator[ProcessPoolExecutor]":
-    """Fresh processes, one per core unless given, each with one thread for linear algebra.
+    """Fresh processes, one per core they may run on unless given, each with one thread for linear algebra.
 
     What waits when the context is left is not begun any more.
     """
@@ -87,7 +93,7 @@ def worker_processes(count: int | None = None) -> "Iterator[ProcessPoolExecutor]
 
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # what is started meanwhile inherits it
-    pool = ProcessPoolExecutor(count or os.cpu_count(), mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(count or _cores(), mp_context=get_context("spawn"))
     try:
         yield pool
     finally:
