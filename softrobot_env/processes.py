@@ -84,9 +84,10 @@ def _cores() -> int:
 
 @contextmanager
 def worker_processes(count: int | None = None) -> "Iterator[ProcessPoolExecutor]":
-    """Fresh processes, one per core they may run on unless given, each with one thread for linear algebra.
+    """Fresh processes, each with one thread for linear algebra.
 
-    What waits when the context is left is not begun any more.
+    As many as given, or as there are cores that they may run on. What waits when the context is left
+    is not begun any more.
     """
     from concurrent.futures import ProcessPoolExecutor  # every import of the package comes here
     from multiprocessing import get_context
