@@ -86,8 +86,8 @@ def _cores() -> int:
 def worker_processes(count: int | None = None) -> "Iterator[ProcessPoolExecutor]":
     """Fresh processes, each with one thread for linear algebra.
 
-    As many as given, or as there are cores that they may run on. What waits when the context is left
-    is not begun any more.
+    As many as given, or as there are cores that they may run on. What waits when the context is
+    left is not begun any more.
     """
     from concurrent.futures import ProcessPoolExecutor  # every import of the package comes here
     from multiprocessing import get_context
