@@ -10,7 +10,7 @@ class Row(Record):
     """How long something takes; None where a field does not apply.
 
     Attributes:
-        what: "env.step", "vector env.step", "start" or "render".
+        what: "env.step", "moving", "vector env.step", "start" or "render".
         variant: Environment, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
         steps_per_second: Of all environments together.
@@ -19,6 +19,9 @@ class Row(Record):
         overhead: [s] that a step of one environment takes beyond the simulation.
         overhead_ratio: The same over that of the yardstick.
         seconds: [s] of a step of one environment, or of the wait.
+        accuracy: That was asked for, as a share of the length [1].
+        error, estimate: [m], largest distance of the tip from the truth in the motion, and what the
+            environment itself tells.
     """
 
     what: str
@@ -31,6 +34,9 @@ class Row(Record):
     overhead: float | None = None
     overhead_ratio: float | None = None
     seconds: float | None = None
+    accuracy: float | None = None
+    error: float | None = None
+    estimate: float | None = None
 
 
 def step_row(

@@ -1,10 +1,12 @@
 """Environment steps per second, and what the Python side of a step costs.
 
-The overhead of an environment is the time of `env.step` minus that of the `mj_step` calls it makes.
-Ours and Gymnasium's own MuJoCo environments are timed in turns within one run, each by its best
-block, so that their ratio does not depend on the machine's load.
+The overhead of an environment is the time of `env.step` minus that of the bare simulation in it:
+`mj_step` of Gymnasium's environments, a control period of ours. Ours and Gymnasium's own MuJoCo
+environments are timed in turns within one run, each by its best block, so that their ratio does not
+depend on the machine's load.
 """
 
+from collections.abc import Callable
 from time import perf_counter
 
 import gymnasium
@@ -12,11 +14,12 @@ import mujoco
 import numpy as np
 
 from softrobot_env.benchmarks.jobs import Progress, quiet
-from softrobot_env.benchmarks.speed import vector
+from softrobot_env.benchmarks.speed import moving, vector
 from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.benchmarks.speed.startup import frame_time, startup_times
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
+from softrobot_env.scene.simulation import Simulation
 
 #: Gymnasium's environments to compare with; the first one is the yardstick.
 YARDSTICKS = ("HalfCheetah-v5", "Reacher-v5", "InvertedDoublePendulum-v5")
@@ -33,7 +36,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
         progress: Called with description, done, total.
 
     Returns:
-        Rows of single environments, vector environments and waits.
+        Rows of single environments, of a moving arm by accuracy, of vector environments and waits.
     """
     contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS)}
     rounds, show = 80 if quick else 300, progress or quiet
@@ -47,23 +50,33 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     waits["render", "frame 640 x 480"] = frame_time()
     show("vector environments", rounds, rounds)
     steps = [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
-    return steps + vector.run(quick) + [Row(*w, seconds=time) for w, time in waits.items()]
+    steps += moving.run(quick) + vector.run(quick)
+    return steps + [Row(*w, seconds=time) for w, time in waits.items()]
 
 
 def _time_block(env: gymnasium.Env) -> tuple[float, float]:
-    """Times [s] per step, in one block of steps and in one of the bare `mj_step` calls in them."""
-    action, bare = np.zeros(env.action_space.shape, dtype=np.float32), env.unwrapped
-    own = isinstance(bare, TrackingEnv)
-    substeps = round(bare.control_period / bare.model.opt.timestep) if own else bare.frame_skip
+    """Times [s] per step, in one block of steps and in one of the bare simulations in them."""
+    action = np.zeros(env.action_space.shape, dtype=np.float32)
     env.reset(seed=0)
+    step_time = _time(lambda: env.step(action))
+    env.reset(seed=0)
+    return step_time, _time(_bare(env.unwrapped))
+
+
+def _bare(env: gymnasium.Env) -> Callable[[], object]:
+    """The simulation in a step of an environment that was reset, under its zero action."""
+    model, data = env.model, env.data
+    if not isinstance(env, TrackingEnv):
+        data.ctrl[:] = 0.0
+        return lambda: mujoco.mj_step(model, data, env.frame_skip)
+    simulation = Simulation(env.scene)
+    simulation.reset(data.qpos, np.zeros(model.nu))
+    return simulation.advance
+
+
+def _time(do: Callable[[], object]) -> float:
+    """Time [s] of a call in a block."""
     begin = perf_counter()
     for _ in range(_STEPS):
-        env.step(action)
-    step_time = (perf_counter() - begin) / _STEPS
-    env.reset(seed=0)
-    model, data = bare.model, bare.data
-    data.ctrl[:] = 0.0  # what the zero action means to all of them
-    begin = perf_counter()
-    for _ in range(_STEPS):
-        mujoco.mj_step(model, data, substeps)
-    return step_time, (perf_counter() - begin) / _STEPS
+        do()
+    return (perf_counter() - begin) / _STEPS

@@ -14,6 +14,13 @@ _STEPS = (
     Column("over-\nhead µs", "overhead", ".1f", "µs"),
     Column("over-\nhead\nratio", "overhead_ratio", ".2f"),
 )
+_MOVING = (
+    Column("random steps of the action\nby half of its range, 0.1 s", "variant"),
+    Column("accuracy %", lambda row: number(100 * row.accuracy, ".3g"), ">"),
+    Column("steps/s", "steps_per_second", ".0f"),
+    Column("error mm", "error", ".3f", "mm"),
+    Column("estimate\nmm", "estimate", ".3f", "mm"),
+)
 _WAITS = (
     Column("", "variant"),
     Column("ms", lambda row: number(row.seconds, ".1f", "ms", missing="no OpenGL"), ">"),
@@ -21,7 +28,9 @@ _WAITS = (
 
 
 def tables(rows: list[Row]) -> Group:
-    """One table of steps, one of waiting times."""
-    steps = [row for row in rows if row.steps_per_second is not None]
+    """One table of steps, one of a moving arm by accuracy, one of waiting times."""
+    moving = [row for row in rows if row.accuracy is not None]
+    steps = [row for row in rows if row.steps_per_second is not None and row.accuracy is None]
     waits = [row for row in rows if row.steps_per_second is None]
-    return Group(make_table("", _STEPS, steps), make_table("", _WAITS, waits))
+    parts = ((_STEPS, steps), (_MOVING, moving), (_WAITS, waits))
+    return Group(*(make_table("", columns, kind) for columns, kind in parts))

@@ -1,14 +1,13 @@
-"""Steps per second of many environments at once, against bare batched stepping and processes."""
+"""Steps per second of many environments at once, against bare simulations and processes."""
 
 from collections.abc import Callable
 from time import perf_counter
 
 import gymnasium
-import mujoco
 import numpy as np
-from mujoco.batch import Batch
 
 from softrobot_env.benchmarks.speed.rows import Row, step_row
+from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 
@@ -40,7 +39,7 @@ def _timed(do: Callable[[], object]) -> float:
 
 
 def run(quick: bool) -> list[Row]:
-    """Rows, whose ratio is that to bare `Batch.step`s of the same scene."""
+    """Rows, whose ratio is that to bare simulations of the same scene."""
     # Processes first: they are forked, and the simulations below reserve much memory.
     processes = _processes(quick)
     rows = []
@@ -68,11 +67,8 @@ def _batched(count: int, threads: int) -> tuple[Callable[[], object], Callable[[
     actions = np.zeros((count, 3), np.float32)
     single = TrackingEnv("swing")
     single.reset()
-    scene = single.scene
-    bare = Batch(scene.model, count, threads, persistent=True)
+    bare = BatchSimulation(single.scene, count, threads)
     # A moving arm costs more than one at rest: both start bent, and swing without tension.
-    bare.bind("qpos")[:] = single.data.qpos
-    bare.forward()
-    substeps = round(single.control_period / scene.model.opt.timestep)
-    stage = int(mujoco.mjtStage.mjSTAGE_VEL)
-    return lambda: env.step(actions), lambda: bare.step(nstep=substeps, stage=stage)
+    start = single.data.qpos, np.zeros(single.model.nu)
+    bare.reset(np.arange(count), *(np.tile(row, (count, 1)) for row in start))
+    return lambda: env.step(actions), bare.advance

@@ -16,7 +16,9 @@ from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
 _PROPORTIONAL = {
     "jnt_stiffness": ("youngs_modulus",),
     "jnt_stiffnesspoly": ("youngs_modulus",),
+    "tendon_stiffness": ("youngs_modulus",),
     "tendon_stiffnesspoly": ("youngs_modulus",),
+    "tendon_damping": ("youngs_modulus", "damping_time"),
     "dof_damping": ("youngs_modulus", "damping_time"),
     "body_mass": ("density",),
     "body_inertia": ("density",),
