@@ -17,7 +17,13 @@ from softrobot_env.envs.observations.table import (
     Sizes,
     observation_space,
 )
-from softrobot_env.envs.options import ARM_OPTIONS, RIG_OPTIONS, ResetOptions, check_timing
+from softrobot_env.envs.options import (
+    ARM_OPTIONS,
+    RIG_OPTIONS,
+    ResetOptions,
+    check_timing,
+    unexpected_argument,
+)
 from softrobot_env.envs.options import parse_options as parse
 from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
 from softrobot_env.envs.simulation.beam_plant import BeamPlant
@@ -36,7 +42,7 @@ from softrobot_env.robots.twin import (
 )
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
-from softrobot_env.tasks import RIG_TASKS, Task, make_task
+from softrobot_env.tasks import OPTIONS, RIG_TASKS, Task, defaults, make_task
 
 DEFAULT_RULE, DEFAULT_ACCURACY = "balanced2", DEFAULT_SHARE
 
@@ -240,6 +246,15 @@ def rig_task(task: str | Task, options: dict[str, float]) -> Task:
     if options:
         raise ValueError(f"options of a task need its name, got a task and {', '.join(options)}")
     return task
+
+
+def check_task_options(kind: type, task: str | Task, options: dict[str, float]) -> None:
+    """Raise TypeError for an argument of an environment class that is no option of any task."""
+    make = RIG_TASKS.get(task) if isinstance(task, str) else None
+    own = [] if make is None else list(defaults(make))
+    for name in options:
+        if name not in own and name not in OPTIONS:
+            raise unexpected_argument(kind, name, own)
 
 
 def rig_sizes(robot: RobotParams, layout: HingeLayout, n_preview: int) -> Sizes:

@@ -10,13 +10,16 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Sources, readers
-from softrobot_env.envs.options import action_values, positive
+from softrobot_env.envs.options import one_action, positive
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.setting import TENSION, RealSetting
 from softrobot_env.envs.real.step_clock import StepClock
 from softrobot_env.envs.real.tip_filter import StaleError, TipFilter, reference_at
 from softrobot_env.envs.reference import TOP, ReferenceTable
-from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
+from softrobot_env.envs.setting import check_task_options
+from softrobot_env.envs.spec import EpisodeSpec
+from softrobot_env.fields import Whole, check_argument, shown
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Capability, Fault
 from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
@@ -46,9 +49,9 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
       `info["missed_steps"]` counts them, nothing is sent twice or in a burst.
     * Actions beyond the calibrated range go as far as it allows: `info["limited"]` says so, and
       `info["applied_action"]` what the servos were driven to.
-    * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (None if
+    * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (NaN if
       there was none in its period), `obs_age_s` of what the microcontroller measured,
-      `device_state`, `link` (counters) and `fault` (text or None).
+      `device_state`, counters of the link (`link_crc_errors`, ...) and `fault` (a text, or empty).
     * A fault ends the episode, with its text in `info["failure"]` and the last valid observation:
       `terminated` where a tendon pulled too hard (a limit that simulations have too), else
       `truncated`. The microcontroller ramps down by itself. After it `step` and `reset` raise
@@ -63,6 +66,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
     """
 
     metadata: ClassVar = {"render_modes": []}
+    spec = EpisodeSpec()
     axes = TOP
     length_scale = LENGTH_SCALE
     source = "real"
@@ -105,7 +109,14 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
             FileNotFoundError: No such robot file.
+            TypeError: An unknown argument.
         """
+        check_task_options(type(self), task, task_options)
+        check_argument("reward", reward, TrackingReward | None)
+        check_argument("max_missed", max_missed, Whole)
+        check_argument("line", line, Callable | None)
+        if not (tip is None or callable(getattr(tip, "latest", None))):
+            raise ValueError(f"tip must be None or a TipSource (with latest), got {shown(tip)}")
         setting = self._setting = RealSetting(
             task,
             task_options,
@@ -115,12 +126,11 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             observe=observe,
             preview=preview,
         )
-        if isinstance(max_missed, bool) or not isinstance(max_missed, int) or max_missed < 0:
-            raise ValueError(f"max_missed must be a whole number from 0, got {max_missed!r}")
         positive("oldest", oldest)
         self.task, self.control_period = setting.task, setting.control_period
         self.observation_space = setting.observation_space
         self.action_space = setting.action_space
+        self.max_episode_steps = setting.reference.last_index
         self._max_missed, self._oldest = max_missed, oldest
         self._reward = TrackingReward() if reward is None else reward
         file = setting.file
@@ -156,7 +166,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._session.prepare(parsed.clear_fault)
         self._check_forces()
         self._begin(reference)
-        return self._observe(), self._info({}, monotonic())
+        return self._observe(), self._info(NO_REWARD, monotonic())
 
     def _begin(self, reference: ReferenceTable) -> None:
         self._reference, self._rows = reference, reference.rows()
@@ -171,7 +181,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         """Apply an action (n_tendons,) in [-1, 1] for one control period, by the clock.
 
         Raises:
-            ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+            ValueError: Not n_tendons real numbers, or one beyond [-1, 1] by more than 1e-6.
             RobotFaultError: A fault ended the episode.
             gymnasium.error.ResetNeeded: The episode is over or was never started.
         """
@@ -179,7 +189,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             raise RobotFaultError(self._fault)
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        values = action_values(action, self.action_space.shape)
+        _, values = one_action(action, self.action_space.shape)
         try:
             return self._step(values)
         except RobotError as error:
@@ -211,12 +221,12 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         now = monotonic()
         self._look(now)
         previous, self._action = self._action, values
-        terms = self._reward.terms(self._error(now), values, previous)
+        reward, terms = self._reward.terms(self._error(now), values, previous)
         observation, info = self._observe(), self._info(terms, now)
         self._running = self._index < self._reference.last_index
         if not self._running:
             self._session.end()
-        return observation, sum(terms.values()), False, not self._running, info
+        return observation, reward, False, not self._running, info
 
     # ------------------------------------------------------------------ measurements
 
@@ -260,25 +270,28 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         age = (now - self._tip.time) / self.control_period
         return dist(self._tip.position, reference_at(self._reference.position, self._index - age))
 
-    def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
+    def _info(self, terms: dict[str, float], now: float, failure: str = "") -> dict[str, Any]:
         reading = self._session.driver.reading
         force = reading.force if self._measures_forces() else np.full_like(reading.force, nan)
-        return {
+        numbers = {
             "time": self._index * self.control_period,
             "error": self._error(now),
             "tip_age": now - self._tip.time,
-            "tendon_tension": force.copy(),
-            "tendon_length": reading.length.copy(),
-            "reward_terms": terms,
-            "applied_action": reading.applied / self.length_scale,
-            "limited": self._limited,
             "lateness_s": self._lateness,
-            "rtt_s": self._round_trip,
+            "rtt_s": nan if self._round_trip is None else self._round_trip,
             "obs_age_s": reading.age(now),
             "missed_steps": self._missed,
+            **_link_numbers(self._session.driver.link),
+            **terms,
+        }
+        return {name: np.float64(number) for name, number in numbers.items()} | {
+            "tendon_tension": force.copy(),
+            "tendon_length": reading.length.copy(),
+            "applied_action": reading.applied / self.length_scale,
+            "limited": self._limited,
             "device_state": reading.state.name.lower(),
-            "link": self._session.driver.link,
-            "fault": None if self._fault is None else self._fault.text,
+            "fault": "" if self._fault is None else self._fault.text,
+            "failure": failure,
         }
 
     # ------------------------------------------------------------------ ends
@@ -288,16 +301,22 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._session.end()
         told = error.fault if isinstance(error, RobotFaultError) else None
         self._fault = told or FaultInfo(Fault.NONE, None, None, str(error))
-        terms = self._reward.failed_terms()
-        info = self._info(terms, monotonic()) | {"failure": self._fault.text}
+        reward, terms = self._reward.failed_terms()
+        info = self._info(terms, monotonic(), self._fault.text)
         last = {name: value.copy() for name, value in self._last.items()}
         terminated = self._fault.code == Fault.FORCE
-        return last, sum(terms.values()), terminated, not terminated, info
+        return last, reward, terminated, not terminated, info
 
     def close(self) -> None:
         """Ramp the rig down and close the port; closing twice is harmless."""
         self._running = False
         self._session.close()
+
+
+def _link_numbers(link: dict[str, Any]) -> dict[str, float]:
+    """Counters of the link by their names in `info`; of refusals their number."""
+    found = link | {"nacks": sum(link["nacks"].values())}
+    return {f"link_{name}": nan if value is None else value for name, value in found.items()}
 
 
 class _Measured:

@@ -7,6 +7,7 @@ from typing import Any
 from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES
 from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
 from softrobot_env.envs.setting import DEFAULT_RULE, Setting, rig_sizes, rig_task
+from softrobot_env.fields import check_argument
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file
 from softrobot_env.scene.quadrature import place_hinges
@@ -40,6 +41,8 @@ class RealSetting(Setting):
         preview: tuple[float, ...],
     ) -> None:
         """Arguments as those of `RealRigEnv`."""
+        check_argument("robot_file", robot_file, str | Path | RobotFile | None)
+        check_argument("port", port, str | None)
         task = rig_task(task, task_options)
         if any(task.start_input):
             raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")

@@ -89,10 +89,10 @@ class BeamSimulation:
         plant: The model.
         q, v: Coordinates and velocities (n,); not a number after a failure.
         ctrl: (n_tendons,) [N], tensions in force.
-        scene, model, data, integration_error: None; the MuJoCo chain has them.
+        scene, model, data, estimates: None; the MuJoCo chain has them.
     """
 
-    scene = model = data = integration_error = None
+    scene = model = data = estimates = None
 
     def __init__(self, plant: PlantModel, control_period: float, layout: HingeLayout) -> None:
         self.plant = plant
