@@ -225,16 +225,15 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         self._running = False
         reward, terms = self._reward.failed_terms()
         last = {name: value.copy() for name, value in self._last_observation.items()}
-        return last, reward, True, False, self._info(terms, failure)
+        return last, reward, True, False, self._info(terms) | {"failure": failure}
 
-    def _info(self, terms: dict[str, float64], failure: str = "") -> dict[str, Any]:
+    def _info(self, terms: dict[str, float64]) -> dict[str, Any]:
         readout = self._readout
         info = {
             "time": float64(self._index * self.control_period),
             "error": float64(self._error),
             "tendon_tension": readout.tendon_tension(),
             "tendon_length": readout.true_length(),
-            "failure": failure,
             **terms,
         }
         if self._estimates is not None:

@@ -157,7 +157,6 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._nobody = np.zeros(n, dtype=bool)
         self._nobody.flags.writeable = False
         self._everyone = np.ones(n, dtype=bool)
-        self._no_failure = np.full(n, "", dtype=object)
         self._times = np.arange(self._table.last_index + 1) * self.control_period
         self._index = np.zeros(n, dtype=np.int64)
         self._last = np.zeros(n, dtype=np.int64)
@@ -338,14 +337,16 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         terminated = failed | self._exact.sharp
         truncated = (self._index >= self._last) & ~terminated
         terms = self._reward.batch_terms(self._error, self._action, previous)
-        failures = self._no_failure.copy()
+        failures = None
         if ended is not None:
             terminated[ended] = truncated[ended] = False
             for term in terms.values():
                 term[ended] = 0.0
         if terminated.any():
-            self._fail(terminated, failed, terms, before, failures)
-        info = self._info(terms, failures)
+            failures = self._fail(terminated, failed, terms, before)
+        info = self._info(terms)
+        if failures is not None:
+            info |= {"failure": failures, "_failure": terminated.copy()}
         self._done = terminated | truncated
         if self._mode == AutoresetMode.SAME_STEP and self._done.any():
             info = self._restart(info)
@@ -357,15 +358,16 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         diverged: np.ndarray,
         terms: dict[str, np.ndarray],
         before: Observation,
-        failures: np.ndarray,
-    ) -> None:
+    ) -> np.ndarray:
         """Penalise failed episodes, show what was seen before, and say what happened."""
+        failures = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(failed):
             failures[i] = self._what_failed(i, diverged[i])
         for name, value in self._reward.failed_terms()[1].items():
             terms[name][failed] = value
         for name, value in self._observation.items():
             value[failed] = before[name][failed]
+        return failures
 
     def _what_failed(self, i: int, diverged: bool) -> str:
         time = self._index[i] * self.control_period
@@ -401,15 +403,12 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     def _no_reward(self) -> dict[str, np.ndarray]:
         return {name: np.zeros(self.num_envs) for name in NO_REWARD}
 
-    def _info(
-        self, terms: dict[str, np.ndarray], failures: np.ndarray | None = None
-    ) -> dict[str, Any]:
+    def _info(self, terms: dict[str, np.ndarray]) -> dict[str, Any]:
         info: dict[str, Any] = {
             "time": self._times.take(self._index),
             "error": self._error,
             "tendon_tension": self._exact.tendon_tension(),
             "tendon_length": self._exact.true_length(),
-            "failure": self._no_failure.copy() if failures is None else failures,
             **terms,
         }
         estimate = self._simulation.integration_error

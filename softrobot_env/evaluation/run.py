@@ -100,7 +100,7 @@ def run_episode(
         if moment.policy_time is not None:
             policy_time.add({"policy_time": moment.policy_time})
             status.append(moment.status or "")
-        if not moment.info["failure"]:
+        if "failure" not in moment.info:
             samples.add(_sample(moment, axes))
     columns = samples.columns()
     columns["tip"] = _on_time(columns["time"], columns.pop("tip_age"), columns["tip"])
@@ -110,7 +110,7 @@ def run_episode(
         policy_status=np.array(status),
         wall_time=perf_counter() - begin,
         source=getattr(env.unwrapped, "source", "sim"),
-        failure=moment.info["failure"] or None,
+        failure=moment.info.get("failure"),
     )
 
 

@@ -159,4 +159,4 @@ def record(
 
 def _caption_lines(title: str, info: dict[str, Any]) -> list[str]:
     lines = [title, f"t = {info['time']:.2f} s   error = {1e3 * info['error']:.1f} mm"]
-    return lines + [info["failure"]] * bool(info["failure"])
+    return lines + ([info["failure"]] if "failure" in info else [])

@@ -120,7 +120,7 @@ class TrackingVecEnv(VecEnv):
         last = {name: value[i] for name, value in info["final_obs"].items()}
         out = {"terminal_observation": neural.features(last), "TimeLimit.truncated": truncated}
         if not truncated:
-            out["failure"] = info["final_info"]["failure"][i]
+            out["failure"] = info["final_info"].get("failure", [None] * (i + 1))[i]
         return out
 
     def _episode(self, i: int) -> dict[str, float]:

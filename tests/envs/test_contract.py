@@ -116,7 +116,7 @@ def test_observations_stay_inside_the_space(env_id, policy, make_env):
         assert type(truncated) is bool
     *_, terminated, truncated, info = results[-1]
     assert terminated != truncated
-    assert bool(info["failure"]) == terminated
+    assert ("failure" in info) == terminated
     if policy == "hold":
         assert truncated
     if policy == "pumping":

@@ -63,7 +63,7 @@ def check_failed(env, results, start, text):
     before = results[-2][0] if len(results) > 1 else start
     for name, value in before.items():
         np.testing.assert_array_equal(observation[name], value)
-    assert not any(r[4]["failure"] for r in results[:-1])
+    assert all("failure" not in r[4] for r in results[:-1])
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(ZERO)
 
@@ -94,7 +94,7 @@ def test_a_new_episode_after_a_failure(unstable):
     for _ in range(2):
         lengths.append(len(run_until_over(unstable, lambda _: FULL)))
         start, info = unstable.reset()
-        assert info["failure"] == ""
+        assert "failure" not in info
         for name, value in first.items():
             np.testing.assert_array_equal(start[name], value)
     assert lengths[0] == lengths[1]
@@ -162,7 +162,7 @@ def test_the_limit_is_that_of_one_piece(bend, over, piece, make_env):
     mujoco.mj_forward(env.model, env.data)
     *_, terminated, _, info = env.step(ZERO)
     assert terminated == over
-    assert bool(info["failure"]) == over
+    assert ("failure" in info) == over
     if over:
         assert f"of piece {piece + 1}" in info["failure"]
 
@@ -184,7 +184,7 @@ def test_failure_in_the_last_step_is_a_failure(make_env):
     env.data.qpos[0] = np.nan
     *_, terminated, truncated, info = env.step(ZERO)
     assert (terminated, truncated) == (True, False)
-    assert info["failure"]
+    assert "failure" in info
 
 
 def test_info_of_a_divergence_is_honest(env):

@@ -316,7 +316,7 @@ def test_a_divergence_is_reported_at_once(name, value):
         np.testing.assert_array_equal(observation[key], array)
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(ZERO)
-    assert env.reset()[1]["failure"] == ""
+    assert "failure" not in env.reset()[1]
 
 
 @pytest.mark.parametrize("name", ["pcc", pytest.param("cosserat", marks=pytest.mark.slow)])

@@ -128,7 +128,7 @@ def _soak(
 def _measured(samples: dict[str, array], last: dict[str, Any], period: float) -> dict[str, Any]:
     trips = [None if isnan(trip) else trip for trip in samples["rtt_s"]]
     row = {"what": "soak", "steps": round(last["time"] / period), "control_period": period}
-    row |= {"missed_steps": int(last["missed_steps"]), "failure": last["failure"] or None}
+    row |= {"missed_steps": int(last["missed_steps"]), "failure": last.get("failure")}
     columns = {"round_trip": answer_times(trips, period), "lateness": samples["lateness_s"]}
     for name, values in columns.items():
         quantiles = np.percentile(values, [50, 99, 100]).tolist()

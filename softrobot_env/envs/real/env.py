@@ -270,7 +270,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         age = (now - self._tip.time) / self.control_period
         return dist(self._tip.position, reference_at(self._reference.position, self._index - age))
 
-    def _info(self, terms: dict[str, float], now: float, failure: str = "") -> dict[str, Any]:
+    def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
         reading = self._session.driver.reading
         force = reading.force if self._measures_forces() else np.full_like(reading.force, nan)
         numbers = {
@@ -291,7 +291,6 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             "limited": self._limited,
             "device_state": reading.state.name.lower(),
             "fault": "" if self._fault is None else self._fault.text,
-            "failure": failure,
         }
 
     # ------------------------------------------------------------------ ends
@@ -302,7 +301,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         told = error.fault if isinstance(error, RobotFaultError) else None
         self._fault = told or FaultInfo(Fault.NONE, None, None, str(error))
         reward, terms = self._reward.failed_terms()
-        info = self._info(terms, monotonic(), self._fault.text)
+        info = self._info(terms, monotonic()) | {"failure": self._fault.text}
         last = {name: value.copy() for name, value in self._last.items()}
         terminated = self._fault.code == Fault.FORCE
         return last, reward, terminated, not terminated, info
