@@ -33,6 +33,7 @@ from softrobot_env.interfaces import PlantFactory
 from softrobot_env.robots import LENGTH_SCALE, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.twin import (
+    FRAME,
     LARGEST_ERROR,
     LARGEST_NOISE,
     Twin,
@@ -268,6 +269,7 @@ def rig_sizes(robot: RobotParams, layout: HingeLayout, n_preview: int) -> Sizes:
         n_inputs=len(robot.tendons),
         pulled=LENGTH_SCALE + LARGEST_ERROR,
         tip_room=FARTHEST * LARGEST_NOISE,
+        speed_room=4 * FARTHEST * LARGEST_NOISE / FRAME,  # pictures are half a frame apart or more
     )
 
 

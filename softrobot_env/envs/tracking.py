@@ -41,9 +41,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     one `control_period`.
 
     Observations are a dict of float64 vectors in SI units; positions are (x, z). The bounds of the
-    space are those of the workspace, for velocities and rates those beyond which MuJoCo reports
-    a divergence, plus room for the largest noise that the sensors can be given: scale by
-    experience (`gymnasium.wrappers.NormalizeObservation`), not by them:
+    space are those of the workspace, plus room for the largest noise that the sensors can be given.
+    Those of velocities and rates are some thirty times what the robot can do: scale by experience
+    (`gymnasium.wrappers.NormalizeObservation`), not by them:
 
     | key | size | what | unit |
     |---|---|---|---|
@@ -66,8 +66,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     | failure | -10 if the step failed, the other terms are then 0 | {-10, 0} |
 
     An episode ends with `truncated` when the task's duration is over, and with `terminated` when
-    the simulation diverged or a piece bent sharper than 1 / outer radius, where its inner side
-    would fold. `info["failure"]` then says what and when, and the observation is the one
+    the simulation diverged, a piece bent sharper than 1 / outer radius, where its inner side would
+    fold, or the robot moved faster than `observations.table.speed_limit` allows.
+    `info["failure"]` then says what and when, and the observation is the one
     before the failure, as the caller holds it.
 
     `info` holds the error [m], time [s], tendon tension [N] and length [m], and reward terms; after

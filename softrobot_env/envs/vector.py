@@ -334,7 +334,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         before = self._observation
         self._observation = self._observe()
-        terminated = failed | self._exact.sharp
+        terminated = failed | self._exact.outside
         truncated = (self._index >= self._last) & ~terminated
         terms = self._reward.batch_terms(self._error, self._action, previous)
         failures = None

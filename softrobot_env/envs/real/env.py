@@ -9,7 +9,12 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Sources, readers
+from softrobot_env.envs.observations.table import (
+    DEFAULT_RIG_OBSERVABLES,
+    Sources,
+    readers,
+    speed_limit,
+)
 from softrobot_env.envs.options import one_action, positive
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.setting import TENSION, RealSetting
@@ -174,7 +179,9 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._action = [0.0] * self.action_space.shape[0]
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
-        self._tip = TipFilter(self._session.sight(), self._setting.reach)
+        self._tip = TipFilter(
+            self._session.sight(), self._setting.reach, speed_limit(self.task.robot)
+        )
         self._running = True
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
