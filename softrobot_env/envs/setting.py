@@ -16,6 +16,7 @@ from softrobot_env.envs.observations.table import (
     RIG_OBSERVABLES,
     Sizes,
     observation_space,
+    speed_limit,
 )
 from softrobot_env.envs.options import (
     ARM_OPTIONS,
@@ -147,6 +148,7 @@ class TensionSetting(Setting):
             robot,
             self.plant.layout,
             self.plant.layout.pieces,
+            self.plant.speed,
             directions=1,
             n_preview=len(preview),
             n_inputs=self.tendon_map.n_inputs,
@@ -214,10 +216,11 @@ class LengthSetting(Setting):
         self.twin = _twin_for(twin, self.task)
         robot = self.twin.robot
         self.input_scale = np.full(len(robot.tendons), LENGTH_SCALE)
+        speed = speed_limit(self.task.robot)  # policies do not know the twin
         self.plant = MujocoPlant(
-            robot, control_period, bending="spatial", actuation="length", **chain
+            robot, control_period, speed, bending="spatial", actuation="length", **chain
         )
-        sizes = rig_sizes(robot, self.plant.layout, len(preview))
+        sizes = rig_sizes(robot, self.plant.layout, speed, len(preview))
         self._make_spaces(observe, RIG_OBSERVABLES, sizes)
 
     def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
@@ -258,12 +261,13 @@ def check_task_options(kind: type, task: str | Task, options: dict[str, float]) 
             raise unexpected_argument(kind, name, own)
 
 
-def rig_sizes(robot: RobotParams, layout: HingeLayout, n_preview: int) -> Sizes:
+def rig_sizes(robot: RobotParams, layout: HingeLayout, speed: float, n_preview: int) -> Sizes:
     """What sizes and bounds of the rig's observables depend on, with room for any twin's errors."""
     return Sizes(
         robot,
         layout,
         robot.pieces,
+        speed,
         directions=2,
         n_preview=n_preview,
         n_inputs=len(robot.tendons),

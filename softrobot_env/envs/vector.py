@@ -168,7 +168,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Observation | None = None
-        self._exact = BatchReadout(self._simulation, robot)
+        self._exact = BatchReadout(self._simulation, robot, self._setting.plant.speed)
         self._measure_with(None)
         self._usual = self._start({})
 

@@ -112,7 +112,8 @@ def main() -> int:
         folder = args.envs.resolve() / name
         missing = install(name, CLIENTS[name], folder)
         if missing:
-            rows.append(dict(name=name, version="", use="", good=0, tried=0, reason=missing))
+            nothing = {"version": "", "use": "", "good": 0, "tried": 0}
+            rows.append({"name": name, **nothing, "reason": missing})
             continue
         own = {"name": name, "version": version(name, folder)}
         rows += [own | row for row in use(name, folder)]

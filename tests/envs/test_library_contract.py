@@ -8,6 +8,7 @@ from contextlib import closing, contextmanager
 from math import ceil
 
 import gymnasium
+import mujoco
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
@@ -199,6 +200,78 @@ def test_actions_of_many_at_the_bounds_and_beyond():
             many.step(bad)
 
 
+# ---------------------------------------------------------------- bounds of observations
+
+#: Light, stiff and undamped, heavy and soft: the tips are the fastest there are.
+EXTREMES = (
+    {"youngs_modulus": 5.0, "density": 0.1, "damping_time": 0.0},
+    {"youngs_modulus": 0.2, "density": 10.0, "damping_time": 0.0},
+    {"density": 0.1, "damping_time": 0.1, "tension_gain": 2.0},
+    {"youngs_modulus": 50.0, "density": 0.1, "damping_time": 0.0},
+)
+
+
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+@pytest.mark.parametrize("vary", EXTREMES, ids=str)
+@pytest.mark.parametrize("policy", ["pumping", "switching"])
+def test_extreme_motion_stays_within_the_bounds(policy, vary):
+    with made("SoftRobot/ArmSwing-v0", observe="all") as env:
+        observation, _ = env.reset(seed=0, options={"vary": vary})
+        rng, most = np.random.default_rng(0), 0.0
+        for _ in range(60):
+            side = 1.0 if observation["curvature_rate"].sum() >= 0 else -1.0
+            action = np.full(3, side) if policy == "pumping" else rng.choice([-1.0, 1.0], 3)
+            observation, _, failed, _, info = env.step(action)
+            assert env.observation_space.contains(observation)
+            if failed:
+                assert "curvature" in info["failure"]  # folded, and not too fast
+                break
+            share = {n: np.abs(v) / env.observation_space[n].high for n, v in observation.items()}
+            most = max(most, *share["tip_velocity"], *share["curvature_rate"])
+        assert most < 0.5
+
+
+def test_bounds_are_of_useful_size():
+    for env_id in SIMULATED:
+        with made(env_id, observe="all") as env:
+            space = env.observation_space
+            # Sound in the material of both robots is at some 25 m/s.
+            assert 100 < space["tip_velocity"].high.max() < 2000
+            assert 1e4 < space["curvature_rate"].high.max() < 1e7
+
+
+@pytest.mark.parametrize("env_id", ["SoftRobot/ArmSwing-v0", "SoftRobot/RigTriangle-v0"])
+@pytest.mark.parametrize(
+    ("which", "text"), [(slice(None), "tip speed"), (slice(-1, None), "norm of the hinge rates")]
+)
+def test_what_is_faster_than_the_bounds_is_a_failure(env_id, which, text):
+    """The last hinge moves the tip little."""
+    with made(env_id, observe="all") as env:
+        env.reset()
+        model, data, readout = env.unwrapped.model, env.unwrapped.data, env.unwrapped._readout
+        for factor in (0.4, 2.5):
+            data.qvel[:] = 0
+            data.qvel[which] = 1.0
+            mujoco.mj_forward(model, data)
+            limits = readout._limits
+            unit = {"tip speed": np.hypot(*readout.tip_velocity()) / limits.speed}
+            unit["norm of the hinge rates"] = np.linalg.norm(data.qvel) / limits.turning
+            data.qvel[:] *= factor / unit[text]
+            mujoco.mj_forward(model, data)
+            told = readout.update()
+            assert told is None if factor < 1 else text in told
+
+
+def test_many_fail_by_the_same_bounds():
+    many = gymnasium.make_vec("SoftRobot/ArmSwing-v0", num_envs=3, observe="all")
+    many.reset()
+    limits = many._exact._limits
+    many._simulation.qvel[1] = 2 * limits.turning
+    many._exact.update()
+    assert many._exact.outside.tolist() == [False, True, False]
+    assert "norm of the hinge rates" in many._exact.what_left(1, 0.0)
+
+
 # ---------------------------------------------------------------- copies, processes
 
 
@@ -251,14 +324,14 @@ def test_one_steps_in_a_forked_child():
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("env_id", [*RIG_ENVIRONMENTS, *REAL])
+@pytest.mark.parametrize("env_id", REAL)
 def test_gymnasium_checker(env_id):
     with made(env_id) as env:
         check_env(env, skip_render_check=True)
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("env_id", [*RIG_ENVIRONMENTS, *REAL])
+@pytest.mark.parametrize("env_id", REAL)
 def test_stable_baselines3_checker(env_id):
     sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the rl extra")
     with made(env_id) as env:

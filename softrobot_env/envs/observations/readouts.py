@@ -23,7 +23,6 @@ from softrobot_env.envs.observations.table import (
     Measured,
     Read,
     curvature_rate_limit,
-    speed_limit,
 )
 from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.simulation.batch import BatchSimulation
@@ -62,9 +61,11 @@ class _Limits:
         slow: [rad/s], as `turning`; below it the tip is within its limit, too.
     """
 
-    def __init__(self, robot: RobotParams, mean: np.ndarray) -> None:
-        self.curvature, self.speed = robot.curvature_limit, speed_limit(robot)
-        self.turning = curvature_rate_limit(robot) / float(np.linalg.norm(mean, axis=1).max())
+    def __init__(self, robot: RobotParams, speed: float, mean: np.ndarray) -> None:
+        self.curvature, self.speed = robot.curvature_limit, speed
+        self.turning = curvature_rate_limit(robot, speed) / float(
+            np.linalg.norm(mean, axis=1).max()
+        )
         # No hinge has a longer lever than the reach, so that slow hinges say that the tip is slow.
         self.slow = min(self.turning, self.speed / (robot.reach * sqrt(mean.shape[1])))
 
@@ -94,6 +95,7 @@ class ChainReadout:
         simulation: Simulation,
         robot: RobotParams,
         pieces: int,
+        speed: float,
         axes: slice,
         servos: Servos | None = None,
     ) -> None:
@@ -103,6 +105,7 @@ class ChainReadout:
             simulation: The simulation, of `robot` or of a variation of it.
             robot: The robot.
             pieces: Number of pieces whose curvature is measured.
+            speed: [m/s], limit of the tip's speed.
             axes: Coordinates of the tip that are measured.
             servos: What drives the tendons in length; measured are then the lengths pulled in.
         """
@@ -112,7 +115,7 @@ class ChainReadout:
         fine = None if pieces == layout.pieces else layout.pieces
         self._mean_fine = None if fine is None else mean_curvature(self._model, layout, fine)
         self._directions = len(self._mean) // pieces
-        self._limits = _Limits(robot, mean)
+        self._limits = _Limits(robot, speed, mean)
         self._limit, self._slow = robot.curvature_limit, self._limits.slow
         self._angles, self._rates = data.qpos, data.qvel
         rates = self._rates
@@ -159,11 +162,11 @@ class BatchReadout:
 
     truth = None
 
-    def __init__(self, simulation: BatchSimulation, robot: RobotParams) -> None:
-        """Bind to simulations of `robot` or of variations of it."""
+    def __init__(self, simulation: BatchSimulation, robot: RobotParams, speed: float) -> None:
+        """Bind to simulations of `robot` or of variations of it, with a limit of speed [m/s]."""
         self._simulation, scene = simulation, simulation.scene
         mean = mean_curvature(scene.model, scene.layout, scene.layout.pieces)
-        self._mean, self._limits, straight = mean.T, _Limits(robot, mean), full_length(robot)
+        self._mean, self._limits, straight = mean.T, _Limits(robot, speed, mean), full_length(robot)
         self._velocity = simulation.sensordata[:, 3:6][:, PLANE]
         inside = simulation.ten_length[:, : len(robot.tendons)]
         self._nobody = np.zeros(simulation.count, dtype=bool)

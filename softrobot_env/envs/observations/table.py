@@ -33,13 +33,13 @@ def speed_limit(robot: RobotParams) -> float:
     return SPEED_ROOM * sqrt(robot.youngs_modulus / robot.density + 2 * (pull + fall))
 
 
-def curvature_rate_limit(robot: RobotParams) -> float:
+def curvature_rate_limit(robot: RobotParams, speed: float) -> float:
     """Rate [1/(m s)] of curvature beyond which an episode fails.
 
     That of a wave of as much curvature as the robot takes, as long as its radius, at the limit of
-    speed.
+    speed [m/s].
     """
-    return speed_limit(robot) * robot.curvature_limit**2
+    return speed * robot.curvature_limit**2
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,7 @@ class Sizes:
         robot: The robot that is observed.
         layout: Hinges of its chain.
         pieces: Number of pieces whose curvature is observed.
+        speed: [m/s], limit of the tip's speed.
         directions: In which a piece bends: 1 in a plane, 2 in space.
         n_preview: Number of preview times.
         n_inputs: Number of actions.
@@ -63,6 +64,7 @@ class Sizes:
     robot: RobotParams
     layout: HingeLayout
     pieces: int
+    speed: float
     directions: int
     n_preview: int = 1
     n_inputs: int = 1
@@ -133,7 +135,7 @@ def _tip_position(s: Sizes) -> spaces.Box:
 
 
 def _curvature_rate(s: Sizes) -> spaces.Box:
-    return symmetric(s.directions * s.pieces, curvature_rate_limit(s.robot))
+    return symmetric(s.directions * s.pieces, curvature_rate_limit(s.robot, s.speed))
 
 
 def _tendon_tension(s: Sizes) -> spaces.Box:
@@ -157,7 +159,7 @@ OBSERVABLES: dict[str, Observable] = {
     "tip_position": Observable("m", _tip_position, lambda o: o.measured.tip_position, 1e-4),
     "tip_velocity": Observable(
         "m/s",
-        lambda s: symmetric(2, speed_limit(s.robot) + s.speed_room),
+        lambda s: symmetric(2, s.speed + s.speed_room),
         lambda o: o.measured.tip_velocity,
         5e-3,
     ),

@@ -13,7 +13,6 @@ from softrobot_env.envs.observations.table import (
     DEFAULT_RIG_OBSERVABLES,
     Sources,
     readers,
-    speed_limit,
 )
 from softrobot_env.envs.options import one_action, positive
 from softrobot_env.envs.real.session import RealSession, TooLateError
@@ -179,9 +178,8 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._action = [0.0] * self.action_space.shape[0]
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
-        self._tip = TipFilter(
-            self._session.sight(), self._setting.reach, speed_limit(self.task.robot)
-        )
+        setting = self._setting
+        self._tip = TipFilter(self._session.sight(), setting.reach, setting.speed)
         self._running = True
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:

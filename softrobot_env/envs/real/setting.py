@@ -4,7 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES
+from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES, speed_limit
 from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
 from softrobot_env.envs.setting import DEFAULT_RULE, Setting, rig_sizes, rig_task
 from softrobot_env.fields import check_argument
@@ -27,6 +27,7 @@ class RealSetting(Setting):
     Attributes:
         file: The robot file.
         reach: Box of the tip positions that lie within reach.
+        speed: [m/s], limit of the tip's speed.
     """
 
     def __init__(
@@ -51,7 +52,11 @@ class RealSetting(Setting):
         super().__init__(task, period, preview)
         _check_period(self.file, period)
         robot = task.robot
-        sizes = rig_sizes(robot, place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE), len(preview))
+        layout, self.speed = (
+            place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE),
+            speed_limit(robot),
+        )
+        sizes = rig_sizes(robot, layout, self.speed, len(preview))
         self.reach = OBSERVABLES["tip_position"].space(sizes)
         if observe == "all":
             observe = tuple(name for name in _SEEN if name != TENSION)
