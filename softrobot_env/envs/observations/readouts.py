@@ -63,9 +63,8 @@ class _Limits:
 
     def __init__(self, robot: RobotParams, speed: float, mean: np.ndarray) -> None:
         self.curvature, self.speed = robot.curvature_limit, speed
-        self.turning = curvature_rate_limit(robot, speed) / float(
-            np.linalg.norm(mean, axis=1).max()
-        )
+        most = float(np.linalg.norm(mean, axis=1).max())
+        self.turning = curvature_rate_limit(robot, speed) / most
         # No hinge has a longer lever than the reach, so that slow hinges say that the tip is slow.
         self.slow = min(self.turning, self.speed / (robot.reach * sqrt(mean.shape[1])))
 

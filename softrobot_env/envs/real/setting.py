@@ -52,10 +52,8 @@ class RealSetting(Setting):
         super().__init__(task, period, preview)
         _check_period(self.file, period)
         robot = task.robot
-        layout, self.speed = (
-            place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE),
-            speed_limit(robot),
-        )
+        self.speed = speed_limit(robot)
+        layout = place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE)
         sizes = rig_sizes(robot, layout, self.speed, len(preview))
         self.reach = OBSERVABLES["tip_position"].space(sizes)
         if observe == "all":
