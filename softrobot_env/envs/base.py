@@ -1,6 +1,6 @@
 """What environments with one simulated robot share: steps, failures, `info` and pictures."""
 
-from math import hypot
+from math import dist
 from typing import Any, ClassVar
 
 import gymnasium
@@ -204,8 +204,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         """Update measurements and error; return what left the workspace, or None."""
         readout = self._readout
         outside = readout.update()
-        here, there = readout.tip, self._points[self._index]
-        self._error = hypot(here[0] - there[0], here[1] - there[1])
+        self._error = dist(readout.tip, self._points[self._index])
         return outside
 
     def _observe(self) -> Observation:

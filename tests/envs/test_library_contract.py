@@ -313,6 +313,16 @@ def test_many_refuse_a_forked_child_and_go_on_here():
     many.step(zero)
 
 
+@pytest.mark.realtime(late=0.4)
+def test_a_forked_child_does_not_drive_the_real_robot():
+    with made(*REAL_ENVIRONMENTS) as env:
+        env.reset()
+        zero = np.zeros(3, np.float32)
+        for act in (lambda: env.step(zero), env.reset):
+            assert in_a_fork(act).startswith("RuntimeError: this robot is driven by process")
+        assert env.step(zero)[4]["device_state"] == "running"
+
+
 def test_one_steps_in_a_forked_child():
     with made(SIMULATED[0]) as env:
         env.reset()

@@ -161,6 +161,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             RobotError: The robot or the tip source does not answer, or the rig does not come to
                 rest.
         """
+        self._session.check_process()
         super().reset(seed=seed)
         parsed = self._setting.parse_options(options)
         reference = self._setting.reference_of(parsed.changed(self.task))
@@ -188,8 +189,10 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         Raises:
             ValueError: Not n_tendons real numbers, or one beyond [-1, 1] by more than 1e-6.
             RobotFaultError: A fault ended the episode.
+            RuntimeError: This is a forked child of the process that made the environment.
             gymnasium.error.ResetNeeded: The episode is over or was never started.
         """
+        self._session.check_process()
         if self._fault is not None:
             raise RobotFaultError(self._fault)
         if not self._running:
