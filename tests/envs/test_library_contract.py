@@ -147,8 +147,14 @@ def test_direct_bases_and_spec(env_id):
         assert env.spec.id == env_id
 
 
-@pytest.mark.parametrize("period", [0.005, 0.01, 0.1])
-@pytest.mark.parametrize("env_id", ["SoftRobot/ArmStep-v0", "SoftRobot/RigTriangle-v0"])
+@pytest.mark.parametrize(
+    ("env_id", "period"),
+    [
+        ("SoftRobot/ArmStep-v0", 0.005),
+        ("SoftRobot/ArmStep-v0", 0.1),
+        ("SoftRobot/RigTriangle-v0", 0.1),
+    ],
+)
 def test_episodes_last_as_long_as_the_spec_says(env_id, period):
     with made(env_id, control_period=period) as env:
         again = gymnasium.make(env.spec)
@@ -332,6 +338,7 @@ def test_one_steps_in_a_forked_child():
 # ---------------------------------------------------------------- the checkers
 
 
+@pytest.mark.slow  # the robot comes to rest before every one of many episodes
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("env_id", REAL)
 def test_gymnasium_checker(env_id):
@@ -339,6 +346,7 @@ def test_gymnasium_checker(env_id):
         check_env(env, skip_render_check=True)
 
 
+@pytest.mark.slow  # the robot comes to rest before every one of many episodes
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("env_id", REAL)
 def test_stable_baselines3_checker(env_id):
