@@ -14,7 +14,7 @@ export MKL_NUM_THREADS ?= 1
 # in the order of tests/conftest.py: what compiles longest first.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: setup evaluate check test slow lint clean
+.PHONY: setup evaluate check test slow test-clients lint clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -35,6 +35,11 @@ test: .venv/.setup-test
 # benchmark's quick run.
 slow: .venv/.setup-test
 	$(PYTEST) -m slow
+
+# Other libraries with our environments, each in a virtual environment of its own under
+# .venv/clients; CLIENTS="torchrl skrl" picks some. Prints the table of docs/clients.md.
+test-clients: .venv/bin/python
+	$(BIN)/python tests/clients/run.py $(CLIENTS)
 
 lint: .venv/.setup-test
 	$(BIN)/ruff check .

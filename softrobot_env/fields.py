@@ -72,7 +72,7 @@ def check_fields(record: Any, what: str) -> None:
         fault = rule.fault(frozen)
         if fault is not None:
             raise ValueError(
-                f"{what}: {name}{fault.where} must be {fault.allowed}, got {_shown(fault.found)}"
+                f"{what}: {name}{fault.where} must be {fault.allowed}, got {shown(fault.found)}"
             )
         if frozen is not value:
             object.__setattr__(record, name, frozen)
@@ -82,7 +82,7 @@ def check_argument(name: str, value: Any, hint: Any) -> None:
     """Raise ValueError unless an argument is what a type hint says, as `check_fields` does."""
     fault = _rule(hint).fault(_frozen(value))
     if fault is not None:
-        raise ValueError(f"{name}{fault.where} must be {fault.allowed}, got {_shown(fault.found)}")
+        raise ValueError(f"{name}{fault.where} must be {fault.allowed}, got {shown(fault.found)}")
 
 
 def check_unique(names: list[str], what: str) -> None:
@@ -192,7 +192,7 @@ _PLAIN: dict[Any, _Rule] = {
 }
 
 
-def _shown(value: Any) -> str:
+def shown(value: Any) -> str:
     """A value in one short line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= 120 else f"{text[:117]}..."

@@ -1,5 +1,7 @@
 """Environment ids. Importing this module is cheap: MuJoCo loads with the first `make`."""
 
+from typing import Any
+
 from gymnasium.envs.registration import register, registry
 
 #: Environment id -> name of its task: of the planar arm,
@@ -31,10 +33,12 @@ def register_envs() -> None:
         vector_entry_point="softrobot_env.envs.vector:VectorTrackingEnv",
     )
     _register(RIG_ENVIRONMENTS, entry_point="softrobot_env.envs.rig:RigEnv")
-    _register(REAL_ENVIRONMENTS, entry_point="softrobot_env.envs.real:RealRigEnv")
+    _register(
+        REAL_ENVIRONMENTS, entry_point="softrobot_env.envs.real:RealRigEnv", nondeterministic=True
+    )
 
 
-def _register(environments: dict[str, str], **entry_points: str) -> None:
+def _register(environments: dict[str, str], **how: Any) -> None:
     for env_id, task in environments.items():
         if env_id not in registry:
             # The environments refuse to step or render out of order themselves, and their
@@ -44,5 +48,5 @@ def _register(environments: dict[str, str], **entry_points: str) -> None:
                 kwargs={"task": task},
                 order_enforce=False,
                 disable_env_checker=True,
-                **entry_points,
+                **how,
             )

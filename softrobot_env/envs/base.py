@@ -1,18 +1,20 @@
 """What environments with one simulated robot share: steps, failures, `info` and pictures."""
 
-from math import hypot
+from math import dist
 from typing import Any, ClassVar
 
 import gymnasium
 import numpy as np
+from numpy import float64
 
 from softrobot_env.envs.observations.table import Measured, Read, Sources, readers
-from softrobot_env.envs.options import ResetOptions, action_values, check_rendering
+from softrobot_env.envs.options import ResetOptions, check_rendering, one_action
 from softrobot_env.envs.reference import ReferenceTable
 from softrobot_env.envs.rendering.renderer import Frame, make_renderer
-from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
 from softrobot_env.envs.setting import Setting, Start
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
+from softrobot_env.envs.spec import EpisodeSpec
 from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.scene.build import Scene
@@ -20,7 +22,7 @@ from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.
-_REBUILT = {"model", "data", "_readout", "_readers", "_renderer", "_advance", "_ctrl"}
+_REBUILT = {"model", "data", "_readout", "_readers", "_renderer", "_advance", "_ctrl", "_estimates"}
 
 
 class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
@@ -36,6 +38,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
+    spec = EpisodeSpec()
     metadata: ClassVar = {"render_modes": ["rgb_array", "human"], "render_fps": 100}
     _robot_vary: ClassVar[dict[str, float]] = {}  # of the running simulation
 
@@ -58,6 +61,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         self._reward = TrackingReward() if reward is None else reward
         self._frame_size, self._renderer = frame_size, None
         self._follow(self.task, setting.reference)
+        self.max_episode_steps = setting.reference.last_index
         self._running = False
         self._episode = self._index = 0
         self._error = 0.0
@@ -67,6 +71,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         self._rows: dict[str, np.ndarray] = {}
         self._readers: list[tuple[str, Read]] = []
         self._last_observation: Observation | None = None
+        self._variation: dict[str, float64] = {}  # as `info` tells it
         self._install(setting.plant.simulation({}))
 
     # ------------------------------------------------------------------ hooks
@@ -99,6 +104,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         self._simulation = simulation
         self.model, self.data = simulation.model, simulation.data
         self._advance, self._ctrl = simulation.advance, simulation.ctrl
+        self._estimates = simulation.estimates
         self._readout = self._make_readout(simulation)
 
     def _follow(self, task: Task, reference: ReferenceTable) -> None:
@@ -157,7 +163,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         observation = self._observe()
         if self.render_mode == "human":
             self.render()
-        return observation, self._info({})
+        return observation, self._info(NO_REWARD)
 
     def _bind_observation(self, index: int) -> None:
         """Prepare the observations from control instant `index` on.
@@ -178,10 +184,13 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         """Apply an action (n_inputs,) in [-1, 1] for one control period.
 
         Raises:
-            ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+            ValueError: Not n_inputs real numbers, or one beyond [-1, 1] by more than 1e-6.
             gymnasium.error.ResetNeeded: The episode is over or was never started.
         """
-        previous = self._accept(action)
+        if not self._running:
+            raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
+        previous = self._action
+        self._action_array, self._action = one_action(action, self._action_shape)
         healthy = self._move(self._action_array)
         self._index += 1
         failure = self._measure()
@@ -189,23 +198,13 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
             failure = self._simulation.failure() or failure
         if failure is not None:
             return self._fail(failure)
-        return self._go_on(self._reward.terms(self._error, self._action, previous))
-
-    def _accept(self, action: np.ndarray) -> list[float]:
-        """Make an action the present one; returns the one before."""
-        if not self._running:
-            raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        values = action_values(action, self._action_shape)
-        previous, self._action = self._action, values
-        self._action_array = action.astype(np.float64)
-        return previous
+        return self._go_on(*self._reward.terms(self._error, self._action, previous))
 
     def _measure(self) -> str | None:
         """Update measurements and error; return what left the workspace, or None."""
         readout = self._readout
         outside = readout.update()
-        here, there = readout.tip, self._points[self._index]
-        self._error = hypot(here[0] - there[0], here[1] - there[1])
+        self._error = dist(readout.tip, self._points[self._index])
         return outside
 
     def _observe(self) -> Observation:
@@ -213,32 +212,33 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         return observation
 
     def _go_on(
-        self, terms: dict[str, float]
+        self, reward: float, terms: dict[str, float64]
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         self._running = self._index < self._last_index
         observation = self._observe()
         if self.render_mode == "human":
             self.render()
-        return observation, sum(terms.values()), False, not self._running, self._info(terms)
+        return observation, reward, False, not self._running, self._info(terms)
 
     def _fail(self, failure: str) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         self._running = False
-        terms = self._reward.failed_terms()
+        reward, terms = self._reward.failed_terms()
         last = {name: value.copy() for name, value in self._last_observation.items()}
-        return last, sum(terms.values()), True, False, self._info(terms) | {"failure": failure}
+        return last, reward, True, False, self._info(terms) | {"failure": failure}
 
-    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
+    def _info(self, terms: dict[str, float64]) -> dict[str, Any]:
         readout = self._readout
         info = {
-            "time": self._index * self.control_period,
-            "error": self._error,
+            "time": float64(self._index * self.control_period),
+            "error": float64(self._error),
             "tendon_tension": readout.tendon_tension(),
             "tendon_length": readout.true_length(),
-            "reward_terms": terms,
+            **terms,
         }
-        estimate = self._simulation.integration_error
-        if estimate is not None:
-            info["integration_error"] = estimate
+        if self._estimates is not None:
+            info["integration_error"] = self._estimates[0]
+        if self._variation:
+            info |= self._variation
         return info if readout.truth is None else info | readout.truth()
 
     # ------------------------------------------------------------------ pictures

@@ -5,6 +5,7 @@ A variation is one flat dict of numbers by name; `NEUTRAL` has every name. Some 
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -123,6 +124,11 @@ def rounded(variation: dict[str, float], control_period: float) -> dict[str, flo
     return variation | {
         "delay": min(round(variation["delay"] / control_period), most) * control_period
     }
+
+
+def told_variation(values: dict[str, Any]) -> dict[str, Any]:
+    """Values of a variation, numbers or arrays (n,), by their names in `info`."""
+    return {f"variation_{name}": np.array(value, dtype=float)[()] for name, value in values.items()}
 
 
 def noise_seed(rng: np.random.Generator) -> int:

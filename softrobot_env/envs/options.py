@@ -1,12 +1,15 @@
 """Checks of what users pass to environments and to their `reset`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from inspect import signature
 from typing import Any
 
 import numpy as np
+from numpy import float64
 
 from softrobot_env.envs.disturbances import NEUTRAL, check_value, periods
+from softrobot_env.fields import shown
 from softrobot_env.robots import as_number
 from softrobot_env.tasks import LONGEST, Task, remake_task
 
@@ -228,22 +231,65 @@ def check_rendering(render_mode: str | None, modes: list[str], size: tuple[int, 
         raise ValueError(f"width and height must be positive pixels, got {size}")
 
 
-def action_values(action: np.ndarray, shape: tuple[int]) -> list[float]:
-    """An action (n,) as numbers.
+#: By how much an action may lie beyond its bounds, which it then counts as: rounding of float32.
+ROUNDING = 1e-6
+
+
+def one_action(action: Any, shape: tuple[int]) -> tuple[np.ndarray, list[float]]:
+    """An action (n,) as a new array of float64 and as plain numbers.
 
     Raises:
-        ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+        ValueError: As `checked_actions`.
     """
-    valid = isinstance(action, np.ndarray) and action.shape == shape
-    values = action.tolist() if valid else []
+    if type(action) is np.ndarray and action.shape == shape:
+        values = action.tolist()
+        try:
+            for value in values:
+                if not -1.0 <= value <= 1.0:  # or NaN
+                    break
+            else:
+                return action.astype(float64), values
+        except TypeError:  # complex numbers, texts
+            pass
+    checked = checked_actions(action, shape)
+    return checked, checked.tolist()
+
+
+def checked_actions(actions: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """Actions as a new array of float64, those beyond [-1, 1] by `ROUNDING` or less at the bound.
+
+    Raises:
+        ValueError: Anything else than real numbers in [-1, 1] of this shape.
+    """
     try:
-        for value in values:
-            valid = valid and -1.0 <= value <= 1.0  # False for NaN
-    except TypeError:  # no numbers
-        valid = False
-    if not valid:
-        raise ValueError(
-            f"action must be an array of {shape[0]} numbers in [-1, 1], got {action!r} "
-            "(gymnasium.wrappers.ClipAction clips)"
-        )
-    return values
+        given = np.asarray(actions)
+    except (TypeError, ValueError, RuntimeError):  # uneven lists, tensors that cannot be read
+        given = np.empty(0, dtype=object)
+    if given.shape == shape and given.dtype.kind in "fiub":
+        values = given.astype(float64)
+        # The largest of numbers with a NaN is NaN, and that is not <= anything.
+        largest = np.maximum.reduce(np.abs(values), axis=None)
+        if largest <= 1.0 + ROUNDING:
+            return values if largest <= 1.0 else np.clip(values, -1.0, 1.0)
+    what = "action must be an array of" if len(shape) == 1 else "actions must be an array of"
+    wrapper = "ClipAction" if len(shape) == 1 else "vector.ClipAction"
+    raise ValueError(
+        f"{what} {' x '.join(map(str, shape))} numbers in [-1, 1], got {shown(actions)} "
+        f"(gymnasium.wrappers.{wrapper} clips)"
+    )
+
+
+def unexpected_argument(kind: type, name: str, also: Iterable[str] = ()) -> TypeError:
+    """What Python raises for an unknown keyword argument of a class, with those that are allowed.
+
+    Args:
+        kind: The class.
+        name: The argument.
+        also: Names allowed besides the parameters of the class.
+    """
+    parameters = signature(kind.__init__).parameters.values()
+    own = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD][1:]
+    return TypeError(
+        f"{kind.__name__}.__init__() got an unexpected keyword argument {name!r}; allowed are "
+        f"{', '.join(dict.fromkeys([*own, *also]))}"
+    )

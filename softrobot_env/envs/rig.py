@@ -2,6 +2,7 @@
 
 from typing import ClassVar
 
+import gymnasium
 import numpy as np
 
 from softrobot_env.envs.base import EpisodeEnv
@@ -11,8 +12,14 @@ from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Measu
 from softrobot_env.envs.options import ResetOptions
 from softrobot_env.envs.rendering.renderer import lifted
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_ACCURACY, LengthSetting, Start
+from softrobot_env.envs.setting import (
+    DEFAULT_ACCURACY,
+    LengthSetting,
+    Start,
+    check_task_options,
+)
 from softrobot_env.envs.simulation.servos import Servos
+from softrobot_env.interfaces import Observation
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
@@ -20,7 +27,8 @@ from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
 
-class RigEnv(EpisodeEnv):
+# Learning libraries tell environments by their direct bases: `gymnasium.Env` is one of them.
+class RigEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     """Move the tip of the spatial test rig along a reference in x and y.
 
     The action is a vector in [-1, 1], one entry per tendon. Times `length_scale` [m] it is the
@@ -103,7 +111,9 @@ class RigEnv(EpisodeEnv):
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
+            TypeError: An unknown argument.
         """
+        check_task_options(type(self), task, task_options)
         setting = LengthSetting(
             task,
             task_options,

@@ -16,8 +16,15 @@ from softrobot_env.envs.observations.table import (
     RIG_OBSERVABLES,
     Sizes,
     observation_space,
+    speed_limit,
 )
-from softrobot_env.envs.options import ARM_OPTIONS, RIG_OPTIONS, ResetOptions, check_timing
+from softrobot_env.envs.options import (
+    ARM_OPTIONS,
+    RIG_OPTIONS,
+    ResetOptions,
+    check_timing,
+    unexpected_argument,
+)
 from softrobot_env.envs.options import parse_options as parse
 from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
 from softrobot_env.envs.simulation.beam_plant import BeamPlant
@@ -27,6 +34,7 @@ from softrobot_env.interfaces import PlantFactory
 from softrobot_env.robots import LENGTH_SCALE, RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.twin import (
+    FRAME,
     LARGEST_ERROR,
     LARGEST_NOISE,
     Twin,
@@ -36,7 +44,7 @@ from softrobot_env.robots.twin import (
 )
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
-from softrobot_env.tasks import RIG_TASKS, Task, make_task
+from softrobot_env.tasks import OPTIONS, RIG_TASKS, Task, defaults, make_task
 
 DEFAULT_ACCURACY = DEFAULT_SHARE
 
@@ -140,6 +148,7 @@ class TensionSetting(Setting):
             robot,
             self.plant.layout,
             self.plant.layout.pieces,
+            self.plant.speed,
             directions=1,
             n_preview=len(preview),
             n_inputs=self.tendon_map.n_inputs,
@@ -207,10 +216,11 @@ class LengthSetting(Setting):
         self.twin = _twin_for(twin, self.task)
         robot = self.twin.robot
         self.input_scale = np.full(len(robot.tendons), LENGTH_SCALE)
+        speed = speed_limit(self.task.robot)  # policies do not know the twin
         self.plant = MujocoPlant(
-            robot, control_period, bending="spatial", actuation="length", **chain
+            robot, control_period, speed, bending="spatial", actuation="length", **chain
         )
-        sizes = rig_sizes(robot, self.plant.layout, len(preview))
+        sizes = rig_sizes(robot, self.plant.layout, speed, len(preview))
         self._make_spaces(observe, RIG_OBSERVABLES, sizes)
 
     def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
@@ -242,17 +252,28 @@ def rig_task(task: str | Task, options: dict[str, float]) -> Task:
     return task
 
 
-def rig_sizes(robot: RobotParams, layout: HingeLayout, n_preview: int) -> Sizes:
+def check_task_options(kind: type, task: str | Task, options: dict[str, float]) -> None:
+    """Raise TypeError for an argument of an environment class that is no option of any task."""
+    make = RIG_TASKS.get(task) if isinstance(task, str) else None
+    own = [] if make is None else list(defaults(make))
+    for name in options:
+        if name not in own and name not in OPTIONS:
+            raise unexpected_argument(kind, name, own)
+
+
+def rig_sizes(robot: RobotParams, layout: HingeLayout, speed: float, n_preview: int) -> Sizes:
     """What sizes and bounds of the rig's observables depend on, with room for any twin's errors."""
     return Sizes(
         robot,
         layout,
         robot.pieces,
+        speed,
         directions=2,
         n_preview=n_preview,
         n_inputs=len(robot.tendons),
         pulled=LENGTH_SCALE + LARGEST_ERROR,
         tip_room=FARTHEST * LARGEST_NOISE,
+        speed_room=4 * FARTHEST * LARGEST_NOISE / FRAME,  # pictures are half a frame apart or more
     )
 
 

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
+import gymnasium
 import numpy as np
 
 from softrobot_env.envs.base import EpisodeEnv
@@ -12,16 +13,17 @@ from softrobot_env.envs.disturbances import (
     SensorNoise,
     rounded,
     split,
+    told_variation,
 )
 from softrobot_env.envs.observations.readouts import noisy
 from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Measured
-from softrobot_env.envs.options import ResetOptions
+from softrobot_env.envs.options import ResetOptions, unexpected_argument
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import DEFAULT_ACCURACY, Start, TensionSetting
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.fields import check_argument
-from softrobot_env.interfaces import PlantFactory
+from softrobot_env.interfaces import Observation, PlantFactory
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
@@ -29,7 +31,8 @@ from softrobot_env.tasks import Task
 DEFAULT_PERIOD = 0.01
 
 
-class TrackingEnv(EpisodeEnv):
+# Learning libraries tell environments by their direct bases: `gymnasium.Env` is one of them.
+class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     """Move the tip of a tendon-driven robot along a reference.
 
     The action is a vector in [-1, 1], one entry per tendon pair. Times `input_scale` [N] it is the
@@ -38,9 +41,9 @@ class TrackingEnv(EpisodeEnv):
     one `control_period`.
 
     Observations are a dict of float64 vectors in SI units; positions are (x, z). The bounds of the
-    space are those of the workspace, for velocities and rates those beyond which MuJoCo reports
-    a divergence, plus room for the largest noise that the sensors can be given: scale by
-    experience (`gymnasium.wrappers.NormalizeObservation`), not by them:
+    space are those of the workspace, plus room for the largest noise that the sensors can be given.
+    Those of velocities and rates are some thirty times what the robot can do: scale by experience
+    (`gymnasium.wrappers.NormalizeObservation`), not by them:
 
     | key | size | what | unit |
     |---|---|---|---|
@@ -51,8 +54,8 @@ class TrackingEnv(EpisodeEnv):
     | reference_preview | 2 x preview | reference after each of the `preview` times | m |
     | previous_action | inputs | action of the step before | 1 |
 
-    The reward is the sum of these terms, also in `info["reward_terms"]` (e is the distance of tip
-    and reference, a the action; weights and scales are those of `TrackingReward`):
+    The reward is the sum of these terms, also in `info` as `reward_tracking` and so on (e is the
+    distance of tip and reference, a the action; weights and scales are those of `TrackingReward`):
 
     | term | what | range |
     |---|---|---|
@@ -63,8 +66,9 @@ class TrackingEnv(EpisodeEnv):
     | failure | -10 if the step failed, the other terms are then 0 | {-10, 0} |
 
     An episode ends with `truncated` when the task's duration is over, and with `terminated` when
-    the simulation diverged or a piece bent sharper than 1 / outer radius, where its inner side
-    would fold. `info["failure"]` then says what and when, and the observation is the one
+    the simulation diverged, a piece bent sharper than 1 / outer radius, where its inner side would
+    fold, or the robot moved faster than `observations.table.speed_limit` allows.
+    `info["failure"]` then says what and when, and the observation is the one
     before the failure, as the caller holds it.
 
     `info` holds the error [m], time [s], tendon tension [N] and length [m], and reward terms; after
@@ -102,6 +106,7 @@ class TrackingEnv(EpisodeEnv):
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
+        **unknown: Any,
     ) -> None:
         """Build the environment.
 
@@ -112,7 +117,7 @@ class TrackingEnv(EpisodeEnv):
             preview: Times [s] ahead of now of `reference_preview`.
             reward: Weights and scales of the reward.
             randomization: Ranges of what varies, drawn by `np_random` for every episode that is
-                reset without `vary`, and told in `info["variation"]`.
+                reset without `vary`, and told in `info["variation_density"]` and so on.
             pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`.
             plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
                 `beams.registry.BeamPlant("pcc")`.
@@ -121,10 +126,12 @@ class TrackingEnv(EpisodeEnv):
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
+            TypeError: An unknown argument.
         """
+        for name in unknown:
+            raise unexpected_argument(type(self), name)
         check_argument("randomization", randomization, Randomization | None)
         self._randomization = randomization
-        self._vary: dict[str, float] = {}
         self._drives: Drives | None = None
         self._noise: SensorNoise | None = None
         setting = TensionSetting(
@@ -170,7 +177,9 @@ class TrackingEnv(EpisodeEnv):
         simulation = self._simulation
         if robot_vary != self._robot_vary:
             simulation = plant.simulation(robot_vary)
-        self._vary, self._robot_vary = dict(options.vary), robot_vary
+        self._robot_vary = robot_vary
+        if self._randomization is not None:
+            self._variation = told_variation(NEUTRAL | options.vary)
         noise = disturbance.noise(plant.layout.pieces, self.np_random)
         if simulation is not self._simulation or noise is not self._noise:
             self._noise = noise
@@ -181,9 +190,3 @@ class TrackingEnv(EpisodeEnv):
         if self._drives is not None:
             tension = self._drives.tension[0]
         self._simulation.reset(start.posture, tension)
-
-    def _info(self, terms: dict[str, float]) -> dict[str, Any]:
-        info = super()._info(terms)
-        if self._randomization is not None:
-            info["variation"] = NEUTRAL | self._vary
-        return info

@@ -1,6 +1,7 @@
 """Tip tracking with many robots at once."""
 
-from typing import Any, ClassVar, Literal, NamedTuple
+from sys import maxsize
+from typing import Any, ClassVar, Literal, NamedTuple, NoReturn
 
 import gymnasium
 import numpy as np
@@ -14,15 +15,23 @@ from softrobot_env.envs.disturbances import (
     SensorNoise,
     noise_seed,
     rounded,
+    told_variation,
 )
 from softrobot_env.envs.observations.readouts import BatchReadout, noisy
 from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Sources, readers
-from softrobot_env.envs.options import parse_mask, parse_seeds, parse_variation
+from softrobot_env.envs.options import (
+    checked_actions,
+    parse_mask,
+    parse_seeds,
+    parse_variation,
+    unexpected_argument,
+)
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.reference import instants
-from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
 from softrobot_env.envs.setting import DEFAULT_ACCURACY, TensionSetting
 from softrobot_env.envs.simulation.batch import BatchSimulation
+from softrobot_env.envs.spec import EpisodeSpec
 from softrobot_env.fields import Count, Whole, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import VARIABLE
@@ -45,14 +54,19 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     """`TrackingEnv` n times, simulated on a thread pool: the same episodes, step for step.
 
     Spaces, observations, rewards and options are those of the single environment, stacked along a
-    first axis. `info` holds stacked arrays (with the masks of Gymnasium's convention), and
-    `failure` (n,) the texts of episodes that failed in this step.
+    first axis; `info` holds stacked arrays, with the masks of Gymnasium's convention.
 
     Autoreset is one of Gymnasium's modes: by default the step after an episode's last one resets
     it, ignoring its action ("next step"); "same step" gives the last observation in
     `info["final_obs"]`; without autoreset ("disabled") call
     `reset(options={"reset_mask": mask})`.
+
+    Simulations run on threads of the process that made them: in a forked child `reset` and `step`
+    raise RuntimeError (start the child with "spawn"), and an environment can be neither copied nor
+    pickled (make another with the same arguments).
     """
+
+    spec = EpisodeSpec()
 
     metadata: ClassVar = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
 
@@ -67,12 +81,15 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         reward: TrackingReward | None = None,
         randomization: Randomization | None = None,
         threads: int = 0,
+        max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         pieces: int | None = None,
         rule: str | None = None,
         timestep: float | None = None,
         integrator: str | None = None,
         accuracy: float | str = DEFAULT_ACCURACY,
+        render_mode: None = None,
+        **unknown: Any,
     ) -> None:
         """Build the environments.
 
@@ -81,12 +98,19 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             task, control_period, observe, preview, reward, randomization: As those of
                 `TrackingEnv`.
             threads: Of the pool, 0 for one per core.
+            max_episode_steps: After which an episode is truncated, if it is not over before.
             autoreset_mode: One of `AutoresetMode`, or its value.
             pieces, rule, timestep, integrator, accuracy: As those of `TrackingEnv`.
+            render_mode: None; many environments are not drawn.
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
+            TypeError: An unknown argument.
         """
+        for name in unknown:
+            raise unexpected_argument(type(self), name)
+        check_argument("render_mode", render_mode, type(None))
+        check_argument("max_episode_steps", max_episode_steps, Count | None)
         check_argument("num_envs", num_envs, Count)
         check_argument("threads", threads, Whole)
         check_argument("reward", reward, TrackingReward | None)
@@ -108,14 +132,22 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self.control_period, self.input_scale = control_period, setting.input_scale
         modes = tuple(mode.value for mode in AutoresetMode)
         check_argument("autoreset_mode", autoreset_mode, AutoresetMode | Literal[modes])
-        self._mode = AutoresetMode(autoreset_mode)
+        self._mode = self.autoreset_mode = AutoresetMode(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self._most_steps = max_episode_steps
         self.single_observation_space = setting.observation_space
         self.single_action_space = setting.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self.max_episode_steps = min(setting.reference.last_index, max_episode_steps or maxsize)
         self._simulation = BatchSimulation(setting.plant.nominal, self.num_envs, threads)
         self._prepare()
+
+    def __getstate__(self) -> NoReturn:
+        raise TypeError(
+            f"a {type(self).__name__} cannot be copied or pickled, as its simulations live in "
+            "MuJoCo's memory: make another with the same arguments"
+        )
 
     def _prepare(self) -> None:
         """State of the episodes, and what a step would otherwise look up."""
@@ -136,7 +168,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Observation | None = None
-        self._exact = BatchReadout(self._simulation, robot)
+        self._exact = BatchReadout(self._simulation, robot, self._setting.plant.speed)
         self._measure_with(None)
         self._usual = self._start({})
 
@@ -186,7 +218,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._begin(which, start, variation)
         self._started = True
         self._observation = self._observe(which)
-        return self._observation, self._info(None)
+        return self._observation, self._info(self._no_reward())
 
     def _seed(self, seeds: list[int | None]) -> None:
         """A generator for each environment, as the single environment's of the same seed."""
@@ -213,6 +245,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                     f"duration must be at most the task's, {self.task.duration:g} s, got "
                     f"{parsed.duration:g}: only single environments go on longer"
                 )
+        if self._most_steps is not None:
+            last = min(last, self._most_steps)
         return _Start(*self._setting.start(parsed, self.task), last)
 
     def _begin(
@@ -268,11 +302,15 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         """Apply actions (n, n_inputs) in [-1, 1] for one control period.
 
         Raises:
-            ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+            ValueError: Not so many real numbers, or one beyond [-1, 1] by more than 1e-6.
+            RuntimeError: This is a forked child of the process that made the environments.
             gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
                 is disabled.
         """
-        actions, previous = self._checked(actions), self._action
+        if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
+            raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
+        self._simulation.check_process()
+        actions, previous = checked_actions(actions, self._action.shape), self._action
         resets = self._mode == AutoresetMode.NEXT_STEP and self._done.any()
         ended = self._done.copy() if resets else None
         self._action = actions if ended is None else np.where(ended[:, None], 0, actions)
@@ -296,7 +334,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         before = self._observation
         self._observation = self._observe()
-        terminated = failed | self._exact.sharp
+        terminated = failed | self._exact.outside
         truncated = (self._index >= self._last) & ~terminated
         terms = self._reward.batch_terms(self._error, self._action, previous)
         failures = None
@@ -322,14 +360,14 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         before: Observation,
     ) -> np.ndarray:
         """Penalise failed episodes, show what was seen before, and say what happened."""
-        out = np.full(self.num_envs, None, dtype=object)
+        failures = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(failed):
-            out[i] = self._what_failed(i, diverged[i])
-        for name, value in self._reward.failed_terms().items():
+            failures[i] = self._what_failed(i, diverged[i])
+        for name, value in self._reward.failed_terms()[1].items():
             terms[name][failed] = value
         for name, value in self._observation.items():
             value[failed] = before[name][failed]
-        return out
+        return failures
 
     def _what_failed(self, i: int, diverged: bool) -> str:
         time = self._index[i] * self.control_period
@@ -345,24 +383,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         ended = np.flatnonzero(done)
         self._begin(ended, self._usual)
         self._observation = self._observe(ended)
-        return self._info(None) | {
-            "reward_terms": last["reward_terms"],
-            "_reward_terms": ~done,
-            **final,
-        }
-
-    def _checked(self, actions: np.ndarray) -> np.ndarray:
-        """A copy of the actions as floats."""
-        if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
-            raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
-        actions = np.array(actions, dtype=np.float64)
-        # The largest of numbers with a NaN is NaN, and that is not <= 1.
-        if actions.shape != self._action.shape or not _largest(actions) <= 1:
-            raise ValueError(
-                f"actions must be an array {self._action.shape} of numbers in [-1, 1], got shape "
-                f"{actions.shape} (gymnasium.wrappers.vector.ClipAction clips)"
-            )
-        return actions
+        terms = {name: np.where(done, 0.0, last[name]) for name in NO_REWARD}
+        return self._info(terms) | final
 
     # ------------------------------------------------------------------ read-outs
 
@@ -378,32 +400,24 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._error = np.hypot(gap[:, 0], gap[:, 1])
         return {name: read() for name, read in self._readers}
 
-    def _info(self, terms: dict[str, np.ndarray] | None) -> dict[str, Any]:
-        everyone = self._everyone.copy()
+    def _no_reward(self) -> dict[str, np.ndarray]:
+        return {name: np.zeros(self.num_envs) for name in NO_REWARD}
+
+    def _info(self, terms: dict[str, np.ndarray]) -> dict[str, Any]:
         info: dict[str, Any] = {
             "time": self._times.take(self._index),
-            "_time": everyone,
             "error": self._error,
-            "_error": everyone,
             "tendon_tension": self._exact.tendon_tension(),
-            "_tendon_tension": everyone,
             "tendon_length": self._exact.true_length(),
-            "_tendon_length": everyone,
+            **terms,
         }
         estimate = self._simulation.integration_error
         if estimate is not None:
-            info |= {"integration_error": estimate, "_integration_error": everyone}
+            info["integration_error"] = estimate
         if self._randomization is not None:
-            variation = {name: v.copy() for name, v in self._variation.items()}
-            info |= {"variation": variation, "_variation": everyone}
-        if terms is not None:
-            info |= {"reward_terms": terms, "_reward_terms": everyone}
+            info |= told_variation(self._variation)
+        info |= dict.fromkeys([f"_{name}" for name in info], self._everyone.copy())
         if self._noise is not None:
             truth = self._readout.truth()
             info |= truth | {f"_{name}": self._noise.noisy.copy() for name in truth}
         return info
-
-
-def _largest(values: np.ndarray) -> float:
-    """Largest absolute value, NaN if one is NaN."""
-    return np.maximum.reduce(np.abs(values), axis=None)

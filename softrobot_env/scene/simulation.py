@@ -146,6 +146,11 @@ class Simulation:
             warnings.warn(inaccuracy(self.scene, self._estimate[0], self.time), stacklevel=4)
 
     @property
+    def estimates(self) -> np.ndarray | None:
+        """View (1,) of `integration_error`, None without."""
+        return None if self.scene.timestep.accuracy is None else self._estimate
+
+    @property
     def integration_error(self) -> float | None:
         """Estimated error [m] in time since the reset; None with MuJoCo's integrators."""
         return None if self.scene.timestep.accuracy is None else self._estimate[0]

@@ -17,6 +17,7 @@ from softrobot_env.envs.disturbances import (
     rounded,
 )
 from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.rewards import TERMS
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
@@ -202,8 +203,8 @@ def test_delay_is_the_motion_under_actions_shifted_in_time(plant, periods):
         # Reward and observation keep to the commanded action.
         np.testing.assert_array_equal(observation["previous_action"], action)
         change = -0.05 * np.mean((action - previous) ** 2)
-        assert info["reward_terms"]["smoothness"] == pytest.approx(change, rel=1e-9)
-        assert reward == pytest.approx(sum(info["reward_terms"].values()))
+        assert info["reward_smoothness"] == pytest.approx(change, rel=1e-9)
+        assert reward == pytest.approx(sum(info[name] for name in TERMS))
         previous = action
 
 
@@ -225,7 +226,7 @@ def test_delays_are_whole_control_periods(period):
             env.reset(options={"vary": {"delay": delay}})
     assert rounded({"delay": 1.4 * period}, period) == {"delay": period}
     drawn = TrackingEnv("swing", control_period=period, randomization=Randomization(delay=(0, 0.2)))
-    delays = {drawn.reset(seed=seed)[1]["variation"]["delay"] for seed in range(20)}
+    delays = {drawn.reset(seed=seed)[1]["variation_delay"] for seed in range(20)}
     assert len(delays) > 3
     np.testing.assert_allclose([d / period for d in delays], [round(d / period) for d in delays])
 

@@ -7,7 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.rewards import TERMS, TrackingReward
 from softrobot_env.robots import ARM
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks import make_task
@@ -57,13 +57,7 @@ def check_failed(env, results, start, text):
     assert text in info["failure"]
     assert f"t = {env.data.time:.3f} s" in info["failure"]
     assert reward == -10
-    assert info["reward_terms"] == {
-        "tracking": 0,
-        "precision": 0,
-        "effort": 0,
-        "smoothness": 0,
-        "failure": -10,
-    }
+    assert [info[name] for name in TERMS] == [0, 0, 0, 0, -10]
     assert env.observation_space.contains(observation)
     assert all(np.all(np.isfinite(v)) for v in observation.values())
     before = results[-2][0] if len(results) > 1 else start
@@ -179,7 +173,7 @@ def test_penalty_is_the_rewards(make_env):
     env.data.qpos[0] = np.nan
     _, reward, terminated, _, info = env.step(ZERO)
     assert terminated
-    assert reward == info["reward_terms"]["failure"] == -3.5
+    assert reward == info["reward_failure"] == -3.5
 
 
 def test_failure_in_the_last_step_is_a_failure(make_env):

@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.rewards import TERMS, TrackingReward
 from softrobot_env.robots import ARM
-
-TERMS = ("tracking", "precision", "effort", "smoothness", "failure")
 
 actions = st.lists(st.floats(-1, 1), min_size=3, max_size=3)
 errors = st.floats(0, 2 * ARM.length)
@@ -28,7 +26,7 @@ errors = st.floats(0, 2 * ARM.length)
     ],
 )
 def test_by_hand(error, action, previous, expected):
-    terms = TrackingReward().terms(error, action, previous)
+    _, terms = TrackingReward().terms(error, action, previous)
     assert tuple(terms) == TERMS
     np.testing.assert_allclose(list(terms.values()), [*expected, 0], rtol=1e-12, atol=1e-15)
 
@@ -37,69 +35,64 @@ def test_weights_and_scales():
     reward = TrackingReward(
         coarse_scale=0.1, fine_scale=0.01, tracking=2, precision=3, effort=5, smoothness=7
     )
-    terms = reward.terms(0.1, [0.5, 0.5, 0.5], [0, 0, 0])
+    _, terms = reward.terms(0.1, [0.5, 0.5, 0.5], [0, 0, 0])
     expected = [2 / e, 3 * exp(-10), -5 * 0.25, -7 * 0.25, 0]
     np.testing.assert_allclose(list(terms.values()), expected, rtol=1e-12)
 
 
 @given(error=errors, action=actions, previous=actions)
 def test_ranges(error, action, previous):
-    terms = TrackingReward().terms(error, action, previous)
+    _, terms = TrackingReward().terms(error, action, previous)
     slack = 1e-12  # rounding of the squared norms
     # exp(-e / 5 mm) is a positive float up to 3.7 m, beyond any distance within two lengths.
-    assert 0 < terms["tracking"] <= 0.5
-    assert 0 < terms["precision"] <= 0.5
-    assert -0.01 - slack <= terms["effort"] <= 0
-    assert -0.2 - slack <= terms["smoothness"] <= 0
-    assert terms["failure"] == 0
+    assert 0 < terms["reward_tracking"] <= 0.5
+    assert 0 < terms["reward_precision"] <= 0.5
+    assert -0.01 - slack <= terms["reward_effort"] <= 0
+    assert -0.2 - slack <= terms["reward_smoothness"] <= 0
+    assert terms["reward_failure"] == 0
 
 
 @given(error=st.floats(1e-9, 1), action=actions, previous=actions)
 def test_no_error_is_best(error, action, previous):
     reward = TrackingReward()
-    there = sum(reward.terms(0.0, action, previous).values())
-    off = sum(reward.terms(error, action, previous).values())
-    further = sum(reward.terms(1.01 * error, action, previous).values())
+    there = reward.terms(0.0, action, previous)[0]
+    off = reward.terms(error, action, previous)[0]
+    further = reward.terms(1.01 * error, action, previous)[0]
     # Far out the terms are tiny beside the action's, so sums may round to equal values.
     assert there > off >= further
 
 
 def test_failed_terms():
-    assert TrackingReward().failed_terms() == {
-        "tracking": 0,
-        "precision": 0,
-        "effort": 0,
-        "smoothness": 0,
-        "failure": -10,
-    }
-    assert TrackingReward(failure=-1.0).failed_terms()["failure"] == -1.0
-    assert tuple(TrackingReward().failed_terms()) == TERMS
+    reward, terms = TrackingReward().failed_terms()
+    assert terms == dict(zip(TERMS, (0, 0, 0, 0, -10), strict=True)) and reward == -10
+    reward, terms = TrackingReward(failure=-1.0).failed_terms()
+    assert terms["reward_failure"] == reward == -1.0
 
 
 def test_no_success_is_worse_than_a_failure():
     """The penalty exceeds what a step can lose, so that giving up never pays within a step."""
-    worst = sum(TrackingReward().terms(2.0, [1, 1, 1], [-1, -1, -1]).values())
-    assert sum(TrackingReward().failed_terms().values()) < worst
+    worst, _ = TrackingReward().terms(2.0, [1, 1, 1], [-1, -1, -1])
+    assert TrackingReward().failed_terms()[0] < worst
 
 
 def test_environments_return_the_sum_of_the_documented_terms(env_id, make_env):
     env = make_env(env_id, observe="all")
     observation, info = env.reset()
-    assert info["reward_terms"] == {}
+    assert all(info[name] == 0 for name in TERMS)
     rng = np.random.default_rng(4)
     previous = observation["previous_action"]
     for _ in range(50):
         action = rng.uniform(-0.3, 0.3, 3).astype(np.float32)
         observation, reward, *_, info = env.step(action)
-        terms = info["reward_terms"]
+        terms = {name: info[name] for name in TERMS}
         assert reward == sum(terms.values())
         error = dist(observation["tip_position"], observation["reference"])
         expected = {
-            "tracking": 0.5 * exp(-error / 0.05),
-            "precision": 0.5 * exp(-error / 0.005),
-            "effort": -0.01 * np.mean(action.astype(float) ** 2),
-            "smoothness": -0.05 * np.mean((action - previous) ** 2),
-            "failure": 0.0,
+            "reward_tracking": 0.5 * exp(-error / 0.05),
+            "reward_precision": 0.5 * exp(-error / 0.005),
+            "reward_effort": -0.01 * np.mean(action.astype(float) ** 2),
+            "reward_smoothness": -0.05 * np.mean((action - previous) ** 2),
+            "reward_failure": 0.0,
         }
         assert terms.keys() == expected.keys()
         for name, value in expected.items():
@@ -113,7 +106,7 @@ def test_holding_the_start_costs_no_smoothness(env_id, make_env, hold_action):
     env = make_env(env_id)
     env.reset()
     *_, info = env.step(hold_action(env))
-    assert info["reward_terms"]["smoothness"] == pytest.approx(0, abs=1e-14)  # float32 rounding
+    assert info["reward_smoothness"] == pytest.approx(0, abs=1e-14)  # float32 rounding
 
 
 def test_a_reward_of_ones_own(make_env):

@@ -63,10 +63,10 @@ def test_episodes_are_those_of_the_single_environment():
         same(observation, observations, 2, ROUNDING)
         assert rewards[2] == pytest.approx(reward, abs=1e-12)
         assert (terminated[2], truncated[2]) == (ended, cut)
-        for name in ("time", "error", "tendon_tension", "tendon_length"):
-            np.testing.assert_allclose(infos[name][2], info[name], atol=ROUNDING, err_msg=name)
-        for name, term in info["reward_terms"].items():
-            assert infos["reward_terms"][name][2] == pytest.approx(term, abs=1e-12)
+        assert list(info) == [name for name in infos if name[0] != "_"]
+        for name, value in info.items():
+            assert infos[f"_{name}"].all()
+            np.testing.assert_allclose(infos[name][2], value, atol=ROUNDING, err_msg=name)
 
 
 def test_physics_is_equal_bit_by_bit():
@@ -230,19 +230,24 @@ def test_variations_are_those_of_the_single_environment(vary):
     same(single.reset()[0], observations, 2, ROUNDING)
 
 
+def told(info):
+    """What `info` tells of the variation."""
+    return {name: value for name, value in info.items() if name.startswith("variation_")}
+
+
 def test_draws_are_those_of_the_single_environment_with_the_same_seed():
     many = VectorTrackingEnv(COUNT, SHORT, randomization=RANGES)
-    drawn = [many.reset(seed=7)[1]["variation"]]
+    drawn = [told(many.reset(seed=7)[1])]
     for _ in range(31):  # into the second episode
         _, _, _, _, info = many.step(np.zeros((COUNT, 3)))
-    drawn.append(info["variation"])
+    drawn.append(told(info))
     single = TrackingEnv(SHORT, randomization=RANGES)
     for i in range(COUNT):
         for k, options in enumerate(({"seed": 7 + i}, {})):
-            variation = single.reset(**options)[1]["variation"]
+            variation = told(single.reset(**options)[1])
             assert variation == {name: values[i] for name, values in drawn[k].items()}
-    assert len(set(drawn[0]["youngs_modulus"])) == COUNT
-    assert len(set(drawn[0]["sensor_noise"])) == COUNT
+    assert len(set(drawn[0]["variation_youngs_modulus"])) == COUNT
+    assert len(set(drawn[0]["variation_sensor_noise"])) == COUNT
 
 
 def test_noise_is_that_of_the_single_environment_with_the_same_seed():
@@ -309,7 +314,8 @@ def test_draws_fill_their_ranges():
 def test_given_variations_win_over_draws():
     single = TrackingEnv(SHORT, randomization=RANGES)
     _, info = single.reset(seed=0, options={"vary": {"density": 1.1}})
-    assert info["variation"] == NEUTRAL | {"density": 1.1}
+    expected = {f"variation_{name}": value for name, value in NEUTRAL.items()}
+    assert told(info) == expected | {"variation_density": 1.1}
 
 
 @pytest.mark.parametrize("ends", [(0.0, 1.0), (2.0, 1.0), (1.0,), "wide", (1.0, np.inf)])
@@ -479,21 +485,21 @@ def test_info_after_a_same_step_reset_is_of_the_new_episode():
     drawn = None
     for action in actions(30):
         *_, info = env.step(action)
-        drawn = info["variation"]["youngs_modulus"] if drawn is None else drawn
-    assert info["_final_info"].all() and not info["_reward_terms"].any()
+        drawn = info["variation_youngs_modulus"] if drawn is None else drawn
+    assert info["_final_info"].all() and not info["reward_tracking"].any()
     np.testing.assert_array_equal(info["time"], 0.0)
     np.testing.assert_array_equal(info["final_info"]["time"], np.full(COUNT, 0.3))
-    np.testing.assert_array_equal(info["final_info"]["variation"]["youngs_modulus"], drawn)
-    assert not np.any(info["variation"]["youngs_modulus"] == drawn)
-    assert np.all(info["final_info"]["reward_terms"]["tracking"] > 0)
+    np.testing.assert_array_equal(info["final_info"]["variation_youngs_modulus"], drawn)
+    assert not np.any(info["variation_youngs_modulus"] == drawn)
+    assert np.all(info["final_info"]["reward_tracking"] > 0)
 
 
 @pytest.mark.parametrize("kind", [list, tuple, np.array])
 def test_seeds_may_be_any_sequence(kind):
     env = VectorTrackingEnv(COUNT, SHORT, randomization=RANGES)
-    found = [env.reset(seed=kind([5, 6, 7, 8]))[1]["variation"]["density"] for _ in range(2)]
+    found = [env.reset(seed=kind([5, 6, 7, 8]))[1]["variation_density"] for _ in range(2)]
     np.testing.assert_array_equal(*found)
-    np.testing.assert_array_equal(found[0], env.reset(seed=5)[1]["variation"]["density"])
+    np.testing.assert_array_equal(found[0], env.reset(seed=5)[1]["variation_density"])
     with pytest.raises(ValueError, match="seed must be a number or 4 of them"):
         env.reset(seed=kind([1, 2]))
 

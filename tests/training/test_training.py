@@ -157,7 +157,7 @@ def test_seeds_are_handed_on():
     env = TrackingVecEnv(parts)
     seeds = env.seed(3)
     env.reset()
-    drawn = [d for p in parts for d in p._info(None)["variation"]["density"]]
+    drawn = [d for p in parts for d in p._info({})["variation_density"]]
     expected = [ranges.draw(np.random.default_rng(seed))["density"] for seed in seeds]
     assert drawn == expected and len(set(drawn)) == 3
 
@@ -347,9 +347,9 @@ def test_tasks_can_be_chosen(name):
 def test_robots_and_disturbances_are_drawn_for_every_episode():
     env = make_training_env(replace(preset("ppo", True, True), drawn_tasks=0, envs_per_task=3), 5)
     env.reset()
-    info = env.parts[0]._info(None)["variation"]
+    info = env.parts[0]._info({})
     for name in ("youngs_modulus", "density", "delay", "sensor_noise", "tendon_friction"):
-        assert len(set(info[name])) == 3 or name == "delay"
+        assert len(set(info[f"variation_{name}"])) == 3 or name == "delay"
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from array import array
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import asdict, dataclass
-from math import isnan, nan
+from math import isnan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -119,7 +119,7 @@ def _soak(
             if count > 0:
                 # Kept as `info`, its objects would hold up the steps to come (garbage).
                 for name, column in samples.items():
-                    column.append(nan if last[name] is None else last[name])
+                    column.append(last[name])
             if count % 50 == 0:
                 progress.update(bar, completed=last["time"])
     return _measured(samples, last, env.control_period)
@@ -128,14 +128,14 @@ def _soak(
 def _measured(samples: dict[str, array], last: dict[str, Any], period: float) -> dict[str, Any]:
     trips = [None if isnan(trip) else trip for trip in samples["rtt_s"]]
     row = {"what": "soak", "steps": round(last["time"] / period), "control_period": period}
-    row |= {"missed_steps": last["missed_steps"], "failure": last.get("failure")}
+    row |= {"missed_steps": int(last["missed_steps"]), "failure": last.get("failure")}
     columns = {"round_trip": answer_times(trips, period), "lateness": samples["lateness_s"]}
     for name, values in columns.items():
         quantiles = np.percentile(values, [50, 99, 100]).tolist()
         row |= dict(zip((f"{name}_median", f"{name}_p99", f"{name}_max"), quantiles, strict=True))
     row["tip_age_max"] = max(samples["tip_age"])
     row["e_mean"] = float(np.mean(samples["error"]))
-    return row | {name: last["link"][name] for name in _COUNTERS}
+    return row | {name: float(last[f"link_{name}"]) for name in _COUNTERS}
 
 
 def answer_times(trips: list[float | None], period: float) -> list[float]:

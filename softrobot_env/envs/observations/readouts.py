@@ -10,7 +10,7 @@ Every readout has the functions of `table.Measured`, which return new arrays, an
 """
 
 from collections.abc import Callable
-from math import hypot
+from math import hypot, sqrt
 from typing import Any
 
 import mujoco
@@ -18,7 +18,12 @@ import numpy as np
 from gymnasium import spaces
 
 from softrobot_env.envs.disturbances import SensorNoise
-from softrobot_env.envs.observations.table import SENSOR_NOISE, Measured, Read
+from softrobot_env.envs.observations.table import (
+    SENSOR_NOISE,
+    Measured,
+    Read,
+    curvature_rate_limit,
+)
 from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.simulation.servos import Servos
@@ -45,6 +50,40 @@ def sharp_bend(curvature: np.ndarray, limit: float, time: float) -> str | None:
     )
 
 
+class _Limits:
+    """Within which a chain is in its documented workspace.
+
+    Attributes:
+        curvature: [1/m], of any piece.
+        speed: [m/s], of the tip.
+        turning: [rad/s], root of the sum of the squared hinge rates. No mean curvature of a piece
+            changes faster than `curvature_rate_limit` below it.
+        slow: [rad/s], as `turning`; below it the tip is within its limit, too.
+    """
+
+    def __init__(self, robot: RobotParams, speed: float, mean: np.ndarray) -> None:
+        self.curvature, self.speed = robot.curvature_limit, speed
+        most = float(np.linalg.norm(mean, axis=1).max())
+        self.turning = curvature_rate_limit(robot, speed) / most
+        # No hinge has a longer lever than the reach, so that slow hinges say that the tip is slow.
+        self.slow = min(self.turning, self.speed / (robot.reach * sqrt(mean.shape[1])))
+
+    def what_left(
+        self, bend: np.ndarray, velocity: np.ndarray, rates: np.ndarray, time: float
+    ) -> str | None:
+        """What is beyond the limits, or None; bends (pieces,), of the tip (2,), of hinges (nv,)."""
+        sharp = sharp_bend(bend, self.curvature, time)
+        if sharp is not None:
+            return sharp
+        for what, value, limit, unit in (
+            ("tip speed", float(np.linalg.norm(velocity)), self.speed, "m/s"),
+            ("norm of the hinge rates", float(np.linalg.norm(rates)), self.turning, "rad/s"),
+        ):
+            if value > limit:
+                return left_workspace(f"{what} {value:.4g} {unit} is beyond {limit:.4g}", time)
+        return None
+
+
 class ChainReadout:
     """Exact measurements of a chain, through views that look nothing up in a step."""
 
@@ -55,6 +94,7 @@ class ChainReadout:
         simulation: Simulation,
         robot: RobotParams,
         pieces: int,
+        speed: float,
         axes: slice,
         servos: Servos | None = None,
     ) -> None:
@@ -64,6 +104,7 @@ class ChainReadout:
             simulation: The simulation, of `robot` or of a variation of it.
             robot: The robot.
             pieces: Number of pieces whose curvature is measured.
+            speed: [m/s], limit of the tip's speed.
             axes: Coordinates of the tip that are measured.
             servos: What drives the tendons in length; measured are then the lengths pulled in.
         """
@@ -73,11 +114,13 @@ class ChainReadout:
         fine = None if pieces == layout.pieces else layout.pieces
         self._mean_fine = None if fine is None else mean_curvature(self._model, layout, fine)
         self._directions = len(self._mean) // pieces
-        self._limit = robot.curvature_limit
-        self._angles, rates = data.qpos, data.qvel
-        self._tip = data.sensordata[0:3][axes]
+        self._limits = _Limits(robot, speed, mean)
+        self._limit, self._slow = robot.curvature_limit, self._limits.slow
+        self._angles, self._rates = data.qpos, data.qvel
+        rates = self._rates
+        self._tip, self._velocity = data.sensordata[0:3][axes], data.sensordata[3:6][axes]
         self._driven_in_length = servos is not None
-        self.tip_position, self.tip_velocity = self._tip.copy, data.sensordata[3:6][axes].copy
+        self.tip_position, self.tip_velocity = self._tip.copy, self._velocity.copy
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: mean.dot(rates)
         self.tendon_tension = data.actuator_force.copy
@@ -101,11 +144,11 @@ class ChainReadout:
         self.bend = bend = self._mean.dot(angles)
         if self._mean_fine is not None:
             bend = self._mean_fine.dot(angles)
-        # The norm bounds all pieces, so the exact check runs only near the limit.
-        if hypot(*bend.tolist()) > self._limit:
+        # The norms bound all pieces and the tip, so the exact check runs only near the limits.
+        if hypot(*bend.tolist()) > self._limit or hypot(*self._rates.tolist()) > self._slow:
             if self._directions == 2:
                 bend = np.hypot(bend[0::2], bend[1::2])
-            return sharp_bend(bend, self._limit, self._data.time)
+            return self._limits.what_left(bend, self._velocity, self._rates, self._data.time)
         return None
 
 
@@ -113,21 +156,22 @@ class BatchReadout:
     """Exact measurements of n planar chains.
 
     Attributes:
-        sharp: (n,) bool, which robots left the workspace, with what `what_left` says.
+        outside: (n,) bool, which robots left the workspace, with what `what_left` says.
     """
 
     truth = None
 
-    def __init__(self, simulation: BatchSimulation, robot: RobotParams) -> None:
-        """Bind to simulations of `robot` or of variations of it."""
+    def __init__(self, simulation: BatchSimulation, robot: RobotParams, speed: float) -> None:
+        """Bind to simulations of `robot` or of variations of it, with a limit of speed [m/s]."""
         self._simulation, scene = simulation, simulation.scene
-        self._mean = mean_curvature(scene.model, scene.layout, scene.layout.pieces).T
-        self._limit, straight = robot.curvature_limit, full_length(robot)
+        mean = mean_curvature(scene.model, scene.layout, scene.layout.pieces)
+        self._mean, self._limits, straight = mean.T, _Limits(robot, speed, mean), full_length(robot)
+        self._velocity = simulation.sensordata[:, 3:6][:, PLANE]
         inside = simulation.ten_length[:, : len(robot.tendons)]
         self._nobody = np.zeros(simulation.count, dtype=bool)
         self._nobody.flags.writeable = False
         self.tip_position = lambda: self.tip
-        self.tip_velocity = lambda: simulation.sensordata[:, 3:6][:, PLANE].copy()
+        self.tip_velocity = lambda: self._velocity.copy()
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: simulation.qvel @ self._mean
         self.tendon_tension = simulation.actuator_force.copy
@@ -138,13 +182,25 @@ class BatchReadout:
         """Measure anew."""
         self.tip = self._simulation.sensordata[:, 0:3][:, PLANE].copy()
         self.bend = bend = self._simulation.qpos @ self._mean
-        # Any NaN fails the first test, and then every robot is looked at by itself.
-        gentle = np.maximum.reduce(np.abs(bend), axis=None) <= self._limit
-        self.sharp = self._nobody if gentle else (np.abs(bend) > self._limit).any(axis=1)
+        limits, rates = self._limits, self._simulation.qvel
+        # Any NaN fails the first tests, and then every robot is looked at by itself.
+        gentle = _largest(bend) <= limits.curvature
+        if gentle and _largest(rates) * sqrt(rates.shape[1]) <= limits.slow:
+            self.outside = self._nobody
+            return
+        self.outside = (np.abs(bend) > limits.curvature).any(axis=1)
+        self.outside |= np.linalg.norm(self._velocity, axis=1) > limits.speed
+        self.outside |= np.linalg.norm(rates, axis=1) > limits.turning
 
     def what_left(self, robot: int, time: float) -> str | None:
         """What of one robot left the documented workspace, or None."""
-        return sharp_bend(self.bend[robot], self._limit, time)
+        rates = self._simulation.qvel[robot]
+        return self._limits.what_left(self.bend[robot], self._velocity[robot], rates, time)
+
+
+def _largest(values: np.ndarray) -> float:
+    """Largest absolute value, NaN if one is NaN."""
+    return np.maximum.reduce(np.abs(values), axis=None)
 
 
 class BeamReadout:

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import sqrt
 from typing import NamedTuple, Protocol
 
-import mujoco
 import numpy as np
 from gymnasium import spaces
 
@@ -15,7 +15,31 @@ from softrobot_env.scene.quadrature import HingeLayout
 #: largest acceleration, in lengths per second squared.
 REFERENCE_SPEED, REFERENCE_ACCELERATION = 10.0, 1000.0
 
+#: Times the speed that a robot's material, tendons and weight can give, it may be measured: varied
+#: robots are faster, and in whips the tip is.
+SPEED_ROOM = 30.0
+
 Read = Callable[[], np.ndarray]
+
+
+def speed_limit(robot: RobotParams) -> float:
+    """Speed [m/s] of the tip beyond which an episode fails.
+
+    Bending waves whose strains fold the material move it about as fast as sound, sqrt(E / rho).
+    Full tensions along the length, and the fall over twice the reach, add their energy.
+    """
+    pull = sum(tendon.tension_limit for tendon in robot.tendons) * robot.length / robot.mass
+    fall = float(np.linalg.norm(robot.gravity)) * 2 * robot.reach
+    return SPEED_ROOM * sqrt(robot.youngs_modulus / robot.density + 2 * (pull + fall))
+
+
+def curvature_rate_limit(robot: RobotParams, speed: float) -> float:
+    """Rate [1/(m s)] of curvature beyond which an episode fails.
+
+    That of a wave of as much curvature as the robot takes, as long as its radius, at the limit of
+    speed [m/s].
+    """
+    return speed * robot.curvature_limit**2
 
 
 @dataclass(frozen=True)
@@ -26,11 +50,13 @@ class Sizes:
         robot: The robot that is observed.
         layout: Hinges of its chain.
         pieces: Number of pieces whose curvature is observed.
+        speed: [m/s], limit of the tip's speed.
         directions: In which a piece bends: 1 in a plane, 2 in space.
         n_preview: Number of preview times.
         n_inputs: Number of actions.
         pulled: Largest length [m] that servos pull in, where they drive the tendons.
         tip_room: [m] by which a measured tip may lie beyond the robot's reach.
+        speed_room: [m/s] by which a measured speed may lie beyond the limit.
         strain: Largest axial strain [1] of the robot's model.
         noise: Room for noise, in standard deviations of the sensors at scale 1.
     """
@@ -38,18 +64,15 @@ class Sizes:
     robot: RobotParams
     layout: HingeLayout
     pieces: int
+    speed: float
     directions: int
     n_preview: int = 1
     n_inputs: int = 1
     pulled: float | None = None
     tip_room: float = 0.0
+    speed_room: float = 0.0
     strain: float = 0.0
     noise: float = 0.0
-
-    @property
-    def turning_rate(self) -> float:
-        """Sum of the hinge rates [rad/s] beyond which MuJoCo itself reports a divergence."""
-        return self.directions * mujoco.mjMAXVAL * len(self.layout.stations)
 
 
 class Measured(Protocol):
@@ -112,7 +135,7 @@ def _tip_position(s: Sizes) -> spaces.Box:
 
 
 def _curvature_rate(s: Sizes) -> spaces.Box:
-    return symmetric(s.directions * s.pieces, s.turning_rate * s.pieces / s.robot.length)
+    return symmetric(s.directions * s.pieces, curvature_rate_limit(s.robot, s.speed))
 
 
 def _tendon_tension(s: Sizes) -> spaces.Box:
@@ -136,7 +159,7 @@ OBSERVABLES: dict[str, Observable] = {
     "tip_position": Observable("m", _tip_position, lambda o: o.measured.tip_position, 1e-4),
     "tip_velocity": Observable(
         "m/s",
-        lambda s: symmetric(2, s.turning_rate * s.robot.reach),
+        lambda s: symmetric(2, s.speed + s.speed_room),
         lambda o: o.measured.tip_velocity,
         5e-3,
     ),

@@ -9,14 +9,21 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from softrobot_env.envs.observations.table import DEFAULT_RIG_OBSERVABLES, Sources, readers
-from softrobot_env.envs.options import action_values, positive
+from softrobot_env.envs.observations.table import (
+    DEFAULT_RIG_OBSERVABLES,
+    Sources,
+    readers,
+)
+from softrobot_env.envs.options import one_action, positive
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.setting import TENSION, RealSetting
 from softrobot_env.envs.real.step_clock import StepClock
 from softrobot_env.envs.real.tip_filter import StaleError, TipFilter, reference_at
 from softrobot_env.envs.reference import TOP, ReferenceTable
-from softrobot_env.envs.rewards import TrackingReward
+from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
+from softrobot_env.envs.setting import check_task_options
+from softrobot_env.envs.spec import EpisodeSpec
+from softrobot_env.fields import Whole, check_argument, shown
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Capability, Fault
 from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
@@ -46,10 +53,10 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
       `info["missed_steps"]` counts them, nothing is sent twice or in a burst.
     * Actions beyond the calibrated range go as far as it allows: `info["limited"]` says so, and
       `info["applied_action"]` what the servos were driven to.
-    * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (None if
+    * `info` also holds `lateness_s` of the call, `rtt_s` from the set-point to its answer (NaN if
       there was none in its period; less than `state_delay` where a measurement was due anyway),
-      `obs_age_s` of what the microcontroller measured, `device_state`, `link` (counters) and
-      `fault` (text or None).
+      `obs_age_s` of what the microcontroller measured, `device_state`, counters of the link
+      (`link_crc_errors`, ...) and `fault` (a text, or empty).
     * A fault ends the episode, with its text in `info["failure"]` and the last valid observation:
       `terminated` where a tendon pulled too hard (a limit that simulations have too), else
       `truncated`. The microcontroller ramps down by itself. After it `step` and `reset` raise
@@ -64,6 +71,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
     """
 
     metadata: ClassVar = {"render_modes": []}
+    spec = EpisodeSpec()
     axes = TOP
     length_scale = LENGTH_SCALE
     source = "real"
@@ -106,7 +114,14 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
             FileNotFoundError: No such robot file.
+            TypeError: An unknown argument.
         """
+        check_task_options(type(self), task, task_options)
+        check_argument("reward", reward, TrackingReward | None)
+        check_argument("max_missed", max_missed, Whole)
+        check_argument("line", line, Callable | None)
+        if not (tip is None or callable(getattr(tip, "latest", None))):
+            raise ValueError(f"tip must be None or a TipSource (with latest), got {shown(tip)}")
         setting = self._setting = RealSetting(
             task,
             task_options,
@@ -116,12 +131,11 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             observe=observe,
             preview=preview,
         )
-        if isinstance(max_missed, bool) or not isinstance(max_missed, int) or max_missed < 0:
-            raise ValueError(f"max_missed must be a whole number from 0, got {max_missed!r}")
         positive("oldest", oldest)
         self.task, self.control_period = setting.task, setting.control_period
         self.observation_space = setting.observation_space
         self.action_space = setting.action_space
+        self.max_episode_steps = setting.reference.last_index
         self._max_missed, self._oldest = max_missed, oldest
         self._reward = TrackingReward() if reward is None else reward
         file = setting.file
@@ -148,6 +162,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             RobotError: The robot or the tip source does not answer, or the rig does not come to
                 rest.
         """
+        self._session.check_process()
         super().reset(seed=seed)
         parsed = self._setting.parse_options(options)
         reference = self._setting.reference_of(parsed.changed(self.task))
@@ -157,7 +172,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._session.prepare(parsed.clear_fault)
         self._check_forces()
         self._begin(reference)
-        return self._observe(), self._info({}, monotonic())
+        return self._observe(), self._info(NO_REWARD, monotonic())
 
     def _begin(self, reference: ReferenceTable) -> None:
         self._reference, self._rows = reference, reference.rows()
@@ -165,22 +180,25 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._action = [0.0] * self.action_space.shape[0]
         self._fault, self._started, self._limited = None, False, False
         self._lateness, self._round_trip = 0.0, None
-        self._tip = TipFilter(self._session.sight(), self._setting.reach)
+        setting = self._setting
+        self._tip = TipFilter(self._session.sight(), setting.reach, setting.speed)
         self._running = True
 
     def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Apply an action (n_tendons,) in [-1, 1] for one control period, by the clock.
 
         Raises:
-            ValueError: Wrong shape, NaN, or a value outside [-1, 1].
+            ValueError: Not n_tendons real numbers, or one beyond [-1, 1] by more than 1e-6.
             RobotFaultError: A fault ended the episode.
+            RuntimeError: This is a forked child of the process that made the environment.
             gymnasium.error.ResetNeeded: The episode is over or was never started.
         """
+        self._session.check_process()
         if self._fault is not None:
             raise RobotFaultError(self._fault)
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        values = action_values(action, self.action_space.shape)
+        _, values = one_action(action, self.action_space.shape)
         try:
             return self._step(values)
         except RobotError as error:
@@ -212,12 +230,12 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         now = monotonic()
         self._look(now)
         previous, self._action = self._action, values
-        terms = self._reward.terms(self._error(now), values, previous)
+        reward, terms = self._reward.terms(self._error(now), values, previous)
         observation, info = self._observe(), self._info(terms, now)
         self._running = self._index < self._reference.last_index
         if not self._running:
             self._session.end()
-        return observation, sum(terms.values()), False, not self._running, info
+        return observation, reward, False, not self._running, info
 
     # ------------------------------------------------------------------ measurements
 
@@ -264,22 +282,24 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
     def _info(self, terms: dict[str, float], now: float) -> dict[str, Any]:
         reading = self._session.driver.reading
         force = reading.force if self._measures_forces() else np.full_like(reading.force, nan)
-        return {
+        numbers = {
             "time": self._index * self.control_period,
             "error": self._error(now),
             "tip_age": now - self._tip.time,
-            "tendon_tension": force.copy(),
-            "tendon_length": reading.length.copy(),
-            "reward_terms": terms,
-            "applied_action": reading.applied / self.length_scale,
-            "limited": self._limited,
             "lateness_s": self._lateness,
-            "rtt_s": self._round_trip,
+            "rtt_s": nan if self._round_trip is None else self._round_trip,
             "obs_age_s": reading.age(now),
             "missed_steps": self._missed,
+            **_link_numbers(self._session.driver.link),
+            **terms,
+        }
+        return {name: np.float64(number) for name, number in numbers.items()} | {
+            "tendon_tension": force.copy(),
+            "tendon_length": reading.length.copy(),
+            "applied_action": reading.applied / self.length_scale,
+            "limited": self._limited,
             "device_state": reading.state.name.lower(),
-            "link": self._session.driver.link,
-            "fault": None if self._fault is None else self._fault.text,
+            "fault": "" if self._fault is None else self._fault.text,
         }
 
     # ------------------------------------------------------------------ ends
@@ -289,16 +309,22 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._session.end()
         told = error.fault if isinstance(error, RobotFaultError) else None
         self._fault = told or FaultInfo(Fault.NONE, None, None, str(error))
-        terms = self._reward.failed_terms()
+        reward, terms = self._reward.failed_terms()
         info = self._info(terms, monotonic()) | {"failure": self._fault.text}
         last = {name: value.copy() for name, value in self._last.items()}
         terminated = self._fault.code == Fault.FORCE
-        return last, sum(terms.values()), terminated, not terminated, info
+        return last, reward, terminated, not terminated, info
 
     def close(self) -> None:
         """Ramp the rig down and close the port; closing twice is harmless."""
         self._running = False
         self._session.close()
+
+
+def _link_numbers(link: dict[str, Any]) -> dict[str, float]:
+    """Counters of the link by their names in `info`; of refusals their number."""
+    found = link | {"nacks": sum(link["nacks"].values())}
+    return {f"link_{name}": nan if value is None else value for name, value in found.items()}
 
 
 class _Measured:

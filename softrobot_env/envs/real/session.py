@@ -69,12 +69,21 @@ class RealSession:
         self.file, self._line = file, line
         self._range = np.array([[s.minimum, s.maximum] for s in file.tendons]).T
         self._given_tip, self._opened = tip, _Opened()
-        weakref.finalize(self, _abandon, self._opened, os.getpid()).atexit = False
+        self._owner = os.getpid()
+        weakref.finalize(self, _abandon, self._opened, self._owner).atexit = False
 
     @property
     def driver(self) -> Driver | None:
         """The open driver, None before the first episode and after a lost line."""
         return self._opened.driver
+
+    def check_process(self) -> None:
+        """Raise RuntimeError in a forked child, where nobody listens to the robot."""
+        if os.getpid() != self._owner:
+            raise RuntimeError(
+                f"this robot is driven by process {self._owner}, and not by this child of it, "
+                f"{os.getpid()}"
+            )
 
     @property
     def _tip(self) -> TipSource | None:

@@ -4,9 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES
+from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES, speed_limit
 from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
 from softrobot_env.envs.setting import Setting, rig_sizes, rig_task
+from softrobot_env.fields import check_argument
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file
 from softrobot_env.scene.config import DEFAULT_RULE
@@ -27,6 +28,7 @@ class RealSetting(Setting):
     Attributes:
         file: The robot file.
         reach: Box of the tip positions that lie within reach.
+        speed: [m/s], limit of the tip's speed.
     """
 
     def __init__(
@@ -41,6 +43,8 @@ class RealSetting(Setting):
         preview: tuple[float, ...],
     ) -> None:
         """Arguments as those of `RealRigEnv`."""
+        check_argument("robot_file", robot_file, str | Path | RobotFile | None)
+        check_argument("port", port, str | None)
         task = rig_task(task, task_options)
         if any(task.start_input):
             raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")
@@ -49,7 +53,9 @@ class RealSetting(Setting):
         super().__init__(task, period, preview)
         _check_period(self.file, period)
         robot = task.robot
-        sizes = rig_sizes(robot, place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE), len(preview))
+        self.speed = speed_limit(robot)
+        layout = place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE)
+        sizes = rig_sizes(robot, layout, self.speed, len(preview))
         self.reach = OBSERVABLES["tip_position"].space(sizes)
         if observe == "all":
             observe = tuple(name for name in _SEEN if name != TENSION)

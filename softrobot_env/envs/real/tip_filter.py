@@ -1,7 +1,7 @@
 """What measurements of the tip say: its motion and its error, and whether it has settled."""
 
 from collections.abc import Callable
-from math import dist
+from math import dist, hypot, inf
 from time import monotonic, sleep
 
 import numpy as np
@@ -35,17 +35,18 @@ class TipFilter:
         time: [s], when the newest was taken.
     """
 
-    def __init__(self, first: Sight, reach: spaces.Box) -> None:
+    def __init__(self, first: Sight, reach: spaces.Box, speed: float = inf) -> None:
         """Begin with a tip at rest.
 
         Args:
             first: The first measurement.
             reach: Positions (2,) [m] that the tip can have.
+            speed: [m/s] that it can have.
 
         Raises:
             StaleError: The tip is out of reach.
         """
-        self._reach = reach
+        self._reach, self._speed = reach, speed
         self._check(first)
         self.position, self.time = first.position, first.time
         self.velocity = np.zeros(2)
@@ -54,12 +55,19 @@ class TipFilter:
         """The newest measurement at the next instant; the same one again changes nothing.
 
         Raises:
-            StaleError: The tip is out of reach.
+            StaleError: The tip is out of reach, or too fast.
         """
         self._check(sight)
         passed = sight.time - self.time
         if passed > 0:
-            self.velocity = (sight.position - self.position) / passed
+            velocity = (sight.position - self.position) / passed
+            fast = hypot(*velocity)
+            if not fast <= self._speed:
+                raise StaleError(
+                    f"the tip source says that the tip moves at {fast:.3g} m/s, allowed are "
+                    f"{self._speed:.3g} m/s"
+                )
+            self.velocity = velocity
             self.position, self.time = sight.position, sight.time
 
     def _check(self, sight: Sight) -> None:

@@ -58,6 +58,7 @@ class BatchSimulation:
         for name, array in told.items():
             setattr(self, name, array)
         self._integration.tell(**told)
+        self.check_process = self._batch.check_process
         self._warnings = self._batch.warnings
         self._no_warnings = bytes(self._warnings.nbytes)
         self._nobody = np.zeros(count, dtype=bool)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from softrobot_env.envs.observations.readouts import BeamReadout
-from softrobot_env.envs.observations.table import Sizes, observation_space
+from softrobot_env.envs.observations.table import Sizes, observation_space, speed_limit
 from softrobot_env.interfaces import Measurement, PlantFactory, PlantModel
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.config import SceneConfig
@@ -17,6 +17,7 @@ class BeamPlant:
 
     Attributes:
         robot: The nominal robot.
+        speed: [m/s], limit of the tip's speed.
         config: The scene to draw: hinges turn by the measured curvature of their pieces.
         layout: Its hinges.
     """
@@ -32,7 +33,7 @@ class BeamPlant:
         Raises:
             ValueError: The robot has tendon friction.
         """
-        self.robot = robot
+        self.robot, self.speed = robot, speed_limit(robot)
         self.config = SceneConfig(robot, control_period=control_period)
         self.layout: HingeLayout = place_hinges(robot.length, robot.pieces, self.config.hinge_rule)
         self._factory = factory
@@ -74,7 +75,7 @@ class BeamPlant:
 
     def readout(self, simulation: "BeamSimulation") -> BeamReadout:
         """What is measured of a simulation."""
-        sizes = Sizes(self.robot, self.layout, self.robot.pieces, 1, strain=self.strain)
+        sizes = Sizes(self.robot, self.layout, self.robot.pieces, self.speed, 1, strain=self.strain)
         space = observation_space(Measurement._fields, Measurement._fields, sizes)
         return BeamReadout(simulation, space)
 
@@ -89,10 +90,10 @@ class BeamSimulation:
         plant: The model.
         q, v: Coordinates and velocities (n,); not a number after a failure.
         ctrl: (n_tendons,) [N], tensions in force.
-        scene, model, data, integration_error: None; the MuJoCo chain has them.
+        scene, model, data, estimates: None; the MuJoCo chain has them.
     """
 
-    scene = model = data = integration_error = None
+    scene = model = data = estimates = None
 
     def __init__(self, plant: PlantModel, control_period: float, layout: HingeLayout) -> None:
         self.plant = plant

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.envs.observations.readouts import ChainReadout
+from softrobot_env.envs.observations.table import speed_limit
 from softrobot_env.envs.reference import PLANE, TOP
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import RobotParams
@@ -21,13 +22,20 @@ class MujocoPlant:
     Attributes:
         robot: The nominal robot.
         nominal: Its scene.
+        speed: [m/s], limit of the tip's speed.
         strain: Zero: the chain is inextensible.
     """
 
     strain = 0.0
 
-    def __init__(self, robot: RobotParams, control_period: float, **scene_options: Any) -> None:
-        self.robot = robot
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        speed: float | None = None,
+        **scene_options: Any,
+    ) -> None:
+        self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
         self._options = {"control_period": control_period, **scene_options}
         self.nominal = self._build(robot)
 
@@ -51,7 +59,8 @@ class MujocoPlant:
         """
         spatial = self.config.bending == "spatial"
         pieces = self.robot.pieces if spatial else self.layout.pieces
-        return ChainReadout(simulation, self.robot, pieces, TOP if spatial else PLANE, servos)
+        axes = TOP if spatial else PLANE
+        return ChainReadout(simulation, self.robot, pieces, self.speed, axes, servos)
 
     def equilibrium(self, tension: np.ndarray) -> np.ndarray:
         """Hinge angles (nq,) [rad] at rest under tensions (n_tendons,) [N]."""

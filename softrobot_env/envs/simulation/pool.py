@@ -4,6 +4,7 @@
 """
 
 import ctypes
+import os
 from typing import Any
 
 import mujoco
@@ -71,6 +72,7 @@ class Pool:
             RuntimeError: What MuJoCo says.
         """
         self._c, self.count, self._model = _library(), count, model
+        self._process = os.getpid()
         settings, error = _Settings(threads, True), ctypes.create_string_buffer(_ERROR)
         self._batch = self._c.mjb_makeBatch(
             model._address, count, ctypes.byref(settings), error, _ERROR
@@ -83,7 +85,8 @@ class Pool:
         self._everyone = np.arange(count, dtype=np.int32)
 
     def __del__(self) -> None:
-        if getattr(self, "_batch", None):
+        # The threads that deleting waits for are not there in a forked child.
+        if getattr(self, "_batch", None) and os.getpid() == self._process:
             self._c.mjb_deleteBatch(self._batch)
 
     def bind(self, name: str) -> np.ndarray:
@@ -132,7 +135,16 @@ class Pool:
             1,
         )
 
+    def check_process(self) -> None:
+        """Raise RuntimeError in a forked child, which would wait for ever for its lost threads."""
+        if os.getpid() != self._process:
+            raise RuntimeError(
+                f"these simulations belong to process {self._process}, and its threads are not in "
+                f'this child of it, {os.getpid()}: make them here, or start children with "spawn"'
+            )
+
     def _call(self, function: Any, which: np.ndarray, *arguments: Any) -> None:
+        self.check_process()
         ids = np.ascontiguousarray(which, dtype=np.int32)
         if len(ids) and function(self._batch, ids.ctypes.data, len(ids), *arguments):
             texts = {self._c.mjb_error(self._batch, int(i)).decode() for i in ids}

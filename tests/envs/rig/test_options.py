@@ -107,7 +107,6 @@ def test_a_sharp_bend_ends_the_episode():
         ({"task": "swing"}, "triangle, rig_circle, reach"),
         ({"period": 0.0}, "period must be finite and positive"),
         ({"radius": 0.1}, "no option 'radius'; it has period"),
-        ({"obsrve": "all"}, "no option 'obsrve'"),
         ({"task": make_task("reach"), "seed": 2}, "needs? its name"),
         ({"period": 0.02}, "must accelerate by less|below"),
         ({"twin": -1}, "seed of a twin"),

@@ -1,0 +1,27 @@
+"""skrl: `wrap_env`, which tells environments by their direct bases."""
+
+import gymnasium
+import torch
+from skrl.envs.wrappers.torch import wrap_env
+from uses import SIMULATED, VECTORISED, tried
+
+STEPS = 12
+
+
+def play(env) -> None:
+    assert type(env).__name__ == "GymnasiumWrapper"
+    env.reset()
+    for _ in range(STEPS):
+        action = torch.zeros(env.num_envs, *env.action_space.shape)
+        observation, reward, *_ = env.step(action)
+        assert observation.shape[0] == reward.shape[0] == env.num_envs
+        assert torch.isfinite(observation).all() and torch.isfinite(reward).all()
+    env.close()
+
+
+tried("wrap_env, one", SIMULATED, lambda env_id: play(wrap_env(gymnasium.make(env_id))))
+tried(
+    "wrap_env, batch",
+    VECTORISED,
+    lambda env_id: play(wrap_env(gymnasium.make_vec(env_id, num_envs=3))),
+)

@@ -1,0 +1,355 @@
+"""What learning libraries rely on, of every registered environment: single, vectorised, real."""
+
+import copy
+import os
+import pickle
+import warnings
+from contextlib import closing, contextmanager
+from math import ceil
+
+import gymnasium
+import mujoco
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode
+from support.hardware_boards import LiveBoard
+from support.patience import patient_drivers
+from support.real_episodes import FILE, Still
+
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.real import RealRigEnv
+from softrobot_env.envs.rewards import TERMS
+from softrobot_env.registration import ENVIRONMENTS, REAL_ENVIRONMENTS, RIG_ENVIRONMENTS
+
+SIMULATED = [*ENVIRONMENTS, *RIG_ENVIRONMENTS]
+VECTORISED = [*ENVIRONMENTS]
+REAL = [pytest.param(i, marks=pytest.mark.realtime(late=0.4)) for i in REAL_ENVIRONMENTS]
+
+#: Of the real rig: other tests may load the machine.
+PATIENT = {"max_missed": 10_000, "oldest": 2.0}
+
+
+@contextmanager
+def made(env_id, **options):
+    """An environment by its id; a real one with a board in memory that needs no clock."""
+    if env_id in SIMULATED:
+        with closing(gymnasium.make(env_id, **options)) as env:
+            yield env
+        return
+    pytest.importorskip("cobs", reason="needs the robot extra")
+    with LiveBoard() as live, patient_drivers():
+        own = {"robot_file": FILE, "line": lambda: copy.copy(live.transport), "tip": Still()}
+        with closing(gymnasium.make(env_id, **own, **PATIENT, **options)) as env:
+            yield env
+
+
+def infos(env, steps=5):
+    """`info` of a reset and of some steps."""
+    yield env.reset(seed=0)[1]
+    for _ in range(steps):
+        yield env.step(np.zeros(env.action_space.shape, np.float32))[4]
+
+
+def assert_flat(info):
+    for name, value in info.items():
+        if isinstance(value, np.ndarray):
+            assert value.dtype == np.float64, name
+        else:
+            assert type(value) in (np.float64, str, bool), name
+
+
+# ---------------------------------------------------------------- info
+
+
+@pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
+def test_info_is_flat_with_the_same_keys_at_every_step(env_id):
+    with made(env_id) as env:
+        told = list(infos(env))
+    for info in told:
+        assert list(info) == list(told[0])
+        assert_flat(info)
+    assert set(TERMS) < set(told[0]) and all(told[0][name] == 0 for name in TERMS)
+
+
+@pytest.mark.parametrize("env_id", SIMULATED)
+def test_info_of_a_failed_step_has_the_same_keys_and_says_why(env_id):
+    with made(env_id) as env:
+        _, first = env.reset()
+        env.unwrapped.data.qvel[0] = np.nan
+        *_, terminated, _, info = env.step(np.zeros(env.action_space.shape, np.float32))
+    assert terminated and info.pop("failure") and list(info) == list(first)
+    assert_flat(info)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize("env_id", VECTORISED)
+def test_info_of_many_has_the_keys_of_one(env_id, mode):
+    ranges = Randomization(density=(0.9, 1.1), sensor_noise=(1.0, 2.0))
+    options = {"randomization": ranges, "control_period": 0.1}
+    with made(env_id, **options) as single:
+        _, one = single.reset(seed=0)
+    many = gymnasium.make_vec(env_id, num_envs=2, autoreset_mode=mode, **options)
+    _, first = many.reset(seed=0)
+    assert {name for name in first if name[0] != "_"} == set(one)
+    assert {name[1:] for name in first if name[0] == "_"} == set(one)
+    last = {"final_obs", "_final_obs", "final_info", "_final_info"}
+    for _ in range(many.max_episode_steps):
+        *_, truncated, info = many.step(np.zeros(many.action_space.shape, np.float32))
+        assert set(info) - last == set(first)
+        assert all(not isinstance(v, dict) for k, v in info.items() if k not in last)
+    assert truncated.all() == ("final_info" in info or mode != AutoresetMode.SAME_STEP)
+
+
+# ---------------------------------------------------------------- making
+
+
+@pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
+def test_an_unknown_argument_is_told_as_python_does_with_those_allowed(env_id):
+    message = "got an unexpected keyword argument 'frameskip'; allowed are .*control_period"
+    with pytest.raises(TypeError, match=message) as caught:
+        gymnasium.make(env_id, frameskip=1)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("env_id", VECTORISED)
+def test_unknown_arguments_and_drawing_of_many_are_refused(env_id):
+    with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'; allowed are"):
+        gymnasium.make_vec(env_id, frameskip=1)
+    with pytest.raises(ValueError, match="render_mode must be None"):
+        gymnasium.make_vec(env_id, render_mode="rgb_array")
+
+
+@pytest.mark.parametrize("value", [3, "x", {}, (1, 2)], ids=str)
+@pytest.mark.parametrize(
+    "name", ["robot_file", "port", "tip", "line", "reward", "max_missed", "oldest"]
+)
+def test_strange_arguments_of_the_real_rig_are_refused_in_one_line(name, value):
+    if value == 3 and name in ("max_missed", "oldest"):
+        return
+    if (name, value) == ("port", "x"):
+        return
+    missing = name == "robot_file" and value == "x"
+    with pytest.raises(FileNotFoundError if missing else ValueError) as caught:
+        RealRigEnv(**{name: value})
+    assert "\n" not in str(caught.value)
+    assert missing or name in str(caught.value)
+
+
+@pytest.mark.parametrize("env_id", [*SIMULATED, *REAL])
+def test_direct_bases_and_spec(env_id):
+    with made(env_id) as env:
+        assert gymnasium.Env in type(env.unwrapped).__bases__
+        assert env is env.unwrapped, "no wrapper"
+        steps = ceil(env.task.duration / env.control_period - 1e-9)
+        assert env.spec.max_episode_steps == steps
+        assert env.spec.nondeterministic == (env_id in REAL_ENVIRONMENTS)
+        assert env.spec.id == env_id
+
+
+@pytest.mark.parametrize(
+    ("env_id", "period"),
+    [
+        ("SoftRobot/ArmStep-v0", 0.005),
+        ("SoftRobot/ArmStep-v0", 0.1),
+        ("SoftRobot/RigTriangle-v0", 0.1),
+    ],
+)
+def test_episodes_last_as_long_as_the_spec_says(env_id, period):
+    with made(env_id, control_period=period) as env:
+        again = gymnasium.make(env.spec)
+        for one in (env, again):
+            one.reset()
+            over, count = False, 0
+            while not over:
+                *_, terminated, over, _ = one.step(np.zeros(env.action_space.shape, np.float32))
+                assert not terminated
+                count += 1
+            assert count == one.spec.max_episode_steps == env.spec.max_episode_steps
+
+
+@pytest.mark.parametrize("env_id", VECTORISED)
+def test_many_as_gymnasium_defines_them(env_id):
+    for mode in AutoresetMode:
+        many = gymnasium.make_vec(env_id, num_envs=2, autoreset_mode=mode)
+        assert many.metadata["autoreset_mode"] is many.autoreset_mode is mode
+        again = gymnasium.make_vec(many.spec)
+        assert again.autoreset_mode is mode and again.num_envs == 2
+        assert again.spec.max_episode_steps == many.spec.max_episode_steps
+    assert gymnasium.vector.VectorEnv in type(many).__bases__
+    assert type(many).metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+
+
+def test_many_end_after_max_episode_steps():
+    many = gymnasium.make_vec(VECTORISED[0], num_envs=2, max_episode_steps=3)
+    many.reset()
+    ends = [many.step(np.zeros((2, 3)))[3].tolist() for _ in range(4)]
+    assert ends == [[False, False], [False, False], [True, True], [False, False]]
+
+
+# ---------------------------------------------------------------- actions
+
+
+def test_actions_of_many_at_the_bounds_and_beyond():
+    many, other = (gymnasium.make_vec(VECTORISED[0], num_envs=2) for _ in range(2))
+    many.reset(), other.reset()
+    observation, *_ = many.step([[1 + 9e-7, -1 - 9e-7, 0.25], [0.0, 0.0, 0.0]])
+    expected, *_ = other.step(np.array([[1, -1, 0.25], [0, 0, 0]]))
+    for name, value in expected.items():
+        np.testing.assert_array_equal(observation[name], value)
+    for bad in (np.full((2, 3), 1 + 1.1e-6), np.full((2, 3), np.nan), np.zeros((2, 3), complex)):
+        with pytest.raises(ValueError, match=r"2 x 3 numbers in \[-1, 1\]") as caught:
+            many.step(bad)
+        assert "\n" not in str(caught.value)
+    for bad in (np.full((2, 3), "0"), [[0, 0, 0], [0]], None):
+        with pytest.raises(ValueError, match=r"2 x 3 numbers in \[-1, 1\]"):
+            many.step(bad)
+
+
+# ---------------------------------------------------------------- bounds of observations
+
+#: Light, stiff and undamped, heavy and soft: the tips are the fastest there are.
+EXTREMES = (
+    {"youngs_modulus": 5.0, "density": 0.1, "damping_time": 0.0},
+    {"youngs_modulus": 0.2, "density": 10.0, "damping_time": 0.0},
+    {"density": 0.1, "damping_time": 0.1, "tension_gain": 2.0},
+    {"youngs_modulus": 50.0, "density": 0.1, "damping_time": 0.0},
+)
+
+
+@pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+@pytest.mark.parametrize("vary", EXTREMES, ids=str)
+@pytest.mark.parametrize("policy", ["pumping", "switching"])
+def test_extreme_motion_stays_within_the_bounds(policy, vary):
+    with made("SoftRobot/ArmSwing-v0", observe="all") as env:
+        observation, _ = env.reset(seed=0, options={"vary": vary})
+        rng, most = np.random.default_rng(0), 0.0
+        for _ in range(60):
+            side = 1.0 if observation["curvature_rate"].sum() >= 0 else -1.0
+            action = np.full(3, side) if policy == "pumping" else rng.choice([-1.0, 1.0], 3)
+            observation, _, failed, _, info = env.step(action)
+            assert env.observation_space.contains(observation)
+            if failed:
+                assert "curvature" in info["failure"]  # folded, and not too fast
+                break
+            share = {n: np.abs(v) / env.observation_space[n].high for n, v in observation.items()}
+            most = max(most, *share["tip_velocity"], *share["curvature_rate"])
+        assert most < 0.5
+
+
+def test_bounds_are_of_useful_size():
+    for env_id in SIMULATED:
+        with made(env_id, observe="all") as env:
+            space = env.observation_space
+            # Sound in the material of both robots is at some 25 m/s.
+            assert 100 < space["tip_velocity"].high.max() < 2000
+            assert 1e4 < space["curvature_rate"].high.max() < 1e7
+
+
+@pytest.mark.parametrize("env_id", ["SoftRobot/ArmSwing-v0", "SoftRobot/RigTriangle-v0"])
+@pytest.mark.parametrize("what", ["tip speed", "norm of the hinge rates"])
+def test_what_is_faster_than_the_bounds_is_a_failure(env_id, what):
+    """Hinges that turn against each other leave the tip at rest."""
+    with made(env_id, observe="all") as env:
+        env.reset()
+        model, data, readout = env.unwrapped.model, env.unwrapped.data, env.unwrapped._readout
+        jacobian, limits = np.zeros((3, model.nv)), readout._limits
+        mujoco.mj_jacSite(model, data, jacobian, None, model.site("tip").id)
+        rates = np.random.default_rng(0).standard_normal(model.nv)
+        unit = np.linalg.norm((jacobian @ rates)[env.unwrapped.axes]) / limits.speed
+        if what != "tip speed":
+            rates -= np.linalg.pinv(jacobian) @ jacobian @ rates
+            unit = np.linalg.norm(rates) / limits.turning
+        for factor in (0.9, 1.1):
+            data.qvel[:] = rates * factor / unit
+            mujoco.mj_forward(model, data)
+            told = readout.update()
+            assert told is None if factor < 1 else what in told
+
+
+def test_many_fail_by_the_same_bounds():
+    many = gymnasium.make_vec("SoftRobot/ArmSwing-v0", num_envs=3, observe="all")
+    many.reset()
+    limits = many._exact._limits
+    many._simulation.qvel[1] = 2 * limits.turning
+    many._exact.update()
+    assert many._exact.outside.tolist() == [False, True, False]
+    assert "norm of the hinge rates" in many._exact.what_left(1, 0.0)
+
+
+# ---------------------------------------------------------------- copies, processes
+
+
+@pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, pickle.dumps])
+def test_many_are_not_copied(way):
+    many = gymnasium.make_vec(VECTORISED[0], num_envs=2)
+    with pytest.raises(TypeError, match="cannot be copied or pickled"):
+        way(many)
+
+
+def in_a_fork(act):
+    """What `act` raises in a forked child, as text; empty if nothing."""
+    reading, writing = os.pipe()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of threads; the point of the test
+        child = os.fork()
+    if child == 0:
+        try:
+            act()
+            text = ""
+        except BaseException as error:
+            text = f"{type(error).__name__}: {error}"
+        os.write(writing, text.encode())
+        os._exit(0)
+    os.close(writing)
+    with os.fdopen(reading, "rb") as pipe:
+        text = pipe.read().decode()
+    os.waitpid(child, 0)
+    return text
+
+
+def test_many_refuse_a_forked_child_and_go_on_here():
+    many = gymnasium.make_vec(VECTORISED[0], num_envs=2)
+    many.reset()
+    zero = np.zeros((2, 3))
+    told = "RuntimeError: these simulations belong to process"
+    assert in_a_fork(lambda: many.step(zero)).startswith(told)
+    assert in_a_fork(many.reset).startswith(told)
+    assert in_a_fork(many.__dict__["_simulation"]._batch.__del__) == ""
+    many.step(zero)
+
+
+@pytest.mark.realtime(late=0.4)
+def test_a_forked_child_does_not_drive_the_real_robot():
+    with made(*REAL_ENVIRONMENTS) as env:
+        env.reset()
+        zero = np.zeros(3, np.float32)
+        for act in (lambda: env.step(zero), env.reset):
+            assert in_a_fork(act).startswith("RuntimeError: this robot is driven by process")
+        assert env.step(zero)[4]["device_state"] == "running"
+
+
+def test_one_steps_in_a_forked_child():
+    with made(SIMULATED[0]) as env:
+        env.reset()
+        assert in_a_fork(lambda: env.step(np.zeros(3, np.float32))) == ""
+
+
+# ---------------------------------------------------------------- the checkers
+
+
+@pytest.mark.slow  # the robot comes to rest before every one of many episodes
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("env_id", REAL)
+def test_gymnasium_checker(env_id):
+    with made(env_id) as env:
+        check_env(env, skip_render_check=True)
+
+
+@pytest.mark.slow  # the robot comes to rest before every one of many episodes
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("env_id", REAL)
+def test_stable_baselines3_checker(env_id):
+    sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the rl extra")
+    with made(env_id) as env:
+        sb3.check_env(env, warn=True, skip_render_check=True)
