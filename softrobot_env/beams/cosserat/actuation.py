@@ -133,14 +133,22 @@ def add_moments(model, q, moments, out):
 
 @kernel
 def _channel_vector(t, kappa, k, sample):
-    """Tangent of a channel in segment k, in its frame: t + r' + kappa x r, r = (x, y, 0)."""
+    """Tangent of a channel in segment k, in its frame: t + r' + kappa x r, r = (x, y, 0).
+
+    The rod's tangent t there is e_z and shares of the segment's shear and stretch.
+    """
     size = sample[0] + sample[1]
     first, second = sample[0] / size, sample[1] / size
     x = first * kappa[k, 0] + second * kappa[k + 1, 0]
     y = first * kappa[k, 1] + second * kappa[k + 1, 1]
     z = first * kappa[k, 2] + second * kappa[k + 1, 2]
     a, b = sample[2], sample[3]
-    return t[0] + sample[4] - z * b, t[1] + sample[5] + z * a, t[2] + x * b - y * a
+    shear, along = sample[6], 1 + sample[7] * (t[2] - 1)
+    return (
+        shear * t[0] + sample[4] - z * b,
+        shear * t[1] + sample[5] + z * a,
+        along + x * b - y * a,
+    )
 
 
 @kernel
@@ -194,7 +202,9 @@ def add_channel_forces(model, q, tension, out):
             low, high = samples[m, 0], samples[m, 1]
             x = _channel_vector(t, kappa, k, samples[m])
             pull = tension[model.sampled[m]] / np.sqrt(dot3(x, x))
-            force = add(force, scaled((low + high) / model.segments[k] * pull, x))
+            part = (low + high) / model.segments[k] * pull
+            shear = part * samples[m, 6]
+            force = add(force, (shear * x[0], shear * x[1], part * samples[m, 7] * x[2]))
             lever = _lever(samples[m], x)
             add_scaled(moment, k, low * pull, lever)
             add_scaled(moment, k + 1, high * pull, lever)

@@ -80,8 +80,9 @@ class CosseratData(NamedTuple):
         moment_weight: (n_points,), the same for moments.
         first_sample: (N + 2,) first sample of the stub and of each segment.
         sampled: (m,) channel of a sample, a point for integrals along it.
-        samples: (m, 6) its length [m] beside the first and the second vertex of its segment, place
-            in the cross-section [m] and slope [1].
+        samples: (m, 8) its length [m] beside the first and the second vertex of its segment, place
+            in the cross-section [m] and slope [1], and shear and stretch there over those of the
+            segment [1]: not 1 where the rod's stiffness changes within a segment.
     """
 
     n: int

@@ -191,11 +191,24 @@ class CosseratRod(BeamModel):
             weight[discs] = np.minimum(weight[discs], 1.0)
         return weight
 
+    def _strain_shares(self, edges: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+        """Shear and stretch (k, 2) [1] between edges over that of the segment they are in."""
+        if self.robot.is_uniform:
+            return np.ones((len(edges) - 1, 2))
+        backbone = self.robot.backbone
+        middles = (edges[:-1] + edges[1:]) / 2
+        number = np.maximum(np.searchsorted(vertices, middles) - 1, 0)
+        shares = [
+            backbone.in_series(of, vertices)[number] / backbone.in_series(of, edges)
+            for of in (backbone.shear, backbone.axial)
+        ]
+        return np.column_stack(shares)
+
     def _samples(self, actuation: Actuation, vertices: np.ndarray) -> dict[str, np.ndarray]:
         """Fields of `CosseratData` about the channels.
 
-        Half a segment bends with each of its vertices; where the place of a channel is constant
-        one sample stands for both.
+        Half a segment bends with each of its vertices; where the place of a channel in a uniform
+        rod is constant one sample stands for both.
         """
         pieces, channels = self.pieces, channels_of(self.robot, actuation)
         halves = (vertices[:-1] + vertices[1:]) / 2
@@ -205,11 +218,13 @@ class CosseratRod(BeamModel):
         edges = np.append(np.column_stack([vertices[:-1], halves]).ravel(), vertices[-1])
         edges = np.unique(np.append(0.0, edges))
         interval, sampled, found = channel_samples(channels, edges)
-        interval += int(self.grid == "thesis")
+        shares = self._strain_shares(edges, vertices)[interval]
+        interval = interval + (self.grid == "thesis")
         segment, second = (interval + 1) // 2, (interval > 0) & (interval % 2 == 0)
-        samples = np.column_stack([np.where(second, 0.0, found[:, 0]), found])
-        samples[:, 1] = np.where(second, found[:, 0], 0.0)
-        segment, sampled, samples = _joined(segment, sampled, samples, channels)
+        low, high = np.where(second, 0.0, found[:, 0]), np.where(second, found[:, 0], 0.0)
+        samples = np.column_stack([low, high, found[:, 1:], shares])
+        if self.robot.is_uniform:
+            segment, sampled, samples = _joined(segment, sampled, samples, channels)
         return {
             "first_sample": np.searchsorted(segment, np.arange(pieces + 2)),
             "sampled": sampled,
