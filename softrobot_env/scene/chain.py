@@ -261,7 +261,9 @@ def _add_discs(chain: Chain, discs: Sequence[Disc]) -> None:
     for index, disc in enumerate(discs):
         link, height = chain.locate(disc.station)
         body = link.add_body(name=f"disc{index}", pos=[0, 0, height])
-        body.mass, body.inertia, body.explicitinertial = disc.mass, disc.inertia, True
+        # Not given, MuJoCo would take the body's own place once more.
+        body.mass, body.ipos, body.inertia = disc.mass, [0, 0, 0], disc.inertia
+        body.explicitinertial = True
 
 
 def _inertias(robot: RobotParams, edges: np.ndarray) -> np.ndarray:
