@@ -105,6 +105,10 @@ class BeamModel:
         self.edges = robot.backbone.cut(self.pieces)
         self.data: Any = reference(self._data(make_actuation(robot, loads, drive)))
         self.input_names = tuple(x.name for x in (*robot.tendons, *loads))
+        if drive == "length":  # as the model sums it up: rounding must not make a tendon slack
+            straight = self.tendon_length(self.rest())
+            actuation = self.data.actuation._replace(straight=straight)
+            self.data = self.data._replace(actuation=actuation)
 
     # ------------------------------------------------------------------ chosen by a subclass
 
