@@ -92,6 +92,7 @@ class SteppedModel:
     def _prepare_readout(self) -> None:
         """Place two points, on the outer fibres, in each section whose angle is measured."""
         robot = self.robot
+        robot.require_plane("a planar model")
         edges = robot.backbone.cut(robot.pieces)
         parts = np.arange(_SECTIONS * robot.pieces + 1) / _SECTIONS
         stations = np.interp(parts, np.arange(robot.pieces + 1), edges)

@@ -282,6 +282,14 @@ class RobotParams:
                 "the MuJoCo chain, PCC or CosseratRod"
             )
 
+    def require_plane(self, what: str) -> None:
+        """Raise ValueError if its base turns its x-z plane out of the world's, where `what` is."""
+        if self.base is not None and np.abs(self.base.axes[1, [0, 2]]).max() > 1e-12:
+            raise ValueError(
+                f"{what} is measured in the world's x-z plane; the base of robot {self.name!r} "
+                "turns its own plane out of it: give a direction (x, 0, z) and no roll"
+            )
+
     @property
     def own_gravity(self) -> tuple[float, float, float]:
         """Gravity (3,) [m/s2] along the robot's own axes at its base."""

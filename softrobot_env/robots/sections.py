@@ -16,7 +16,7 @@ Pieces = Annotated[int, Range("a whole number from 1 to 10000", lambda n: 1 <= n
 #: Of an isotropic material, by thermodynamics, [1].
 PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]
 
-#: A function of arc lengths (k,) [m] with values (k,).
+#: A function of arc lengths (k,) [m] with values (k,), or many of them, (..., k).
 OfStation = Callable[[np.ndarray], np.ndarray]
 
 #: Of Gauss: the squares and fourth powers of linear radii, times squares of the place, are exact.
@@ -94,12 +94,14 @@ class Backbone:
 
     @cached_property
     def _numbers(self) -> dict[str, np.ndarray]:
-        """(n,) by name."""
+        """(n,) by name, radii (n, 2)."""
         names = ("youngs_modulus", "density", "damping_time", "poisson_ratio")
-        found = {name: np.array([getattr(x, name) for x in self.sections]) for name in names}
-        for name in ("outer_radii", "inner_radii"):
-            found[name] = np.array([getattr(x, name) for x in self.sections], dtype=float)
-        return found
+        names += ("outer_radii", "inner_radii")
+        return {n: np.array([getattr(x, n) for x in self.sections], dtype=float) for n in names}
+
+    @cached_property
+    def _tapers(self) -> bool:
+        return not all(section.is_uniform for section in self.sections)
 
     def index(self, s: np.ndarray) -> np.ndarray:
         """Number (k,) of the section at s."""
@@ -111,6 +113,8 @@ class Backbone:
     def _radius(self, name: str, s: np.ndarray) -> np.ndarray:
         index, radii = self.index(s), self._numbers[name]
         first, last = radii[index].T
+        if not self._tapers:
+            return first
         share = (s - self.ends[index]) / (self.ends[index + 1] - self.ends[index])
         return first + (last - first) * share
 
@@ -164,18 +168,22 @@ class Backbone:
         return self._of_material("damping_time", s)
 
     def integrals(self, of: OfStation, edges: np.ndarray) -> np.ndarray:
-        """Integrals (k,) of a function between consecutive edges (k + 1,) [m], increasing.
+        """Integrals (..., k) of a function between consecutive edges (k + 1,) [m], increasing.
 
-        By Gauss points between all edges and ends of sections, which it may jump at.
+        By Gauss points between all edges and ends of sections, which it may jump at. The function
+        may have many values, (..., n) at n places.
         """
-        inside = self.ends[(self.ends > edges[0]) & (self.ends < edges[-1])]
-        cuts = np.unique(np.concatenate([edges, inside]))
-        sizes = np.diff(cuts)
+        inside = self.ends[1:-1]
+        cuts = edges
+        if len(inside):
+            cuts = np.union1d(edges, inside[(inside > edges[0]) & (inside < edges[-1])])
+        sizes = cuts[1:] - cuts[:-1]
         s = (cuts[:-1] + sizes / 2)[:, None] + sizes[:, None] * _NODES
-        parts = sizes * (of(s.ravel()).reshape(s.shape) @ _SHARES)
-        out = np.zeros(len(edges) - 1)
-        np.add.at(out, np.searchsorted(edges, cuts[:-1], side="right") - 1, parts)
-        return out
+        values = of(s.ravel())
+        parts = sizes * (values.reshape(*values.shape[:-1], *s.shape) @ _SHARES)
+        if len(cuts) == len(edges):
+            return parts
+        return np.add.reduceat(parts, np.searchsorted(cuts, edges[:-1]), axis=-1)
 
     def in_series(self, stiffness: OfStation, edges: np.ndarray) -> np.ndarray:
         """Stiffness (k,) of uniform pieces between edges that yield as much as the backbone.

@@ -85,7 +85,7 @@ class Tendon:
         first = (0.0, *self.offset)
         return np.array([first, *(self.route or ((self.end, *self.offset),))], dtype=float)
 
-    @property
+    @cached_property
     def is_straight(self) -> bool:
         """Whether it has the same place in all cross-sections."""
         return self.turns == 0 and all(point[1:] == self.offset for point in self.route)
@@ -93,6 +93,8 @@ class Tendon:
     @property
     def twists(self) -> bool:
         """Whether its pull has a moment about the fibre in the straight robot."""
+        if self.is_straight:
+            return False
         if self.guides:
             at = self.at(np.array(self.stations))
         elif self.turns:
@@ -109,17 +111,19 @@ class Tendon:
 
     def at(self, s: np.ndarray) -> np.ndarray:
         """Position (..., 2) [m] in the cross-section at arc lengths (...,) [m]."""
-        return self._seen(s)[0]
+        return self.course(s)[0]
 
     def slope(self, s: np.ndarray) -> np.ndarray:
         """Its derivative (..., 2) [1] by the arc length; at a via-point that towards the tip."""
-        return self._seen(s)[1]
+        return self.course(s)[1]
 
-    def _seen(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def course(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Both of these."""
         s, knots = np.asarray(s, dtype=float), self.knots
         if self.is_straight:
-            place = np.broadcast_to(np.array(self.offset, dtype=float), (*s.shape, 2))
-            return place, np.zeros_like(place)
+            place = np.empty((*s.shape, 2))
+            place[...] = self.offset
+            return place, np.zeros((*s.shape, 2))
         low = np.clip(np.searchsorted(knots[:, 0], s, side="right") - 1, 0, len(knots) - 2)
         change = (knots[low + 1, 1:] - knots[low, 1:]) / np.diff(knots[:, 0])[low][..., None]
         place = knots[low, 1:] + change * (s - knots[low, 0])[..., None]

@@ -204,15 +204,15 @@ def add_chain(
     azimuth = robot.stiff_azimuth if robot.anisotropy else 0.0
     bodies = [_add_base(spec, robot)]
     stations = np.concatenate(([0.0], layout.stations, [robot.length]))
-    joints, inertias = _joint_stiffness(robot, layout), _inertias(robot, stations[1:])
+    joints, inertias = _joint_stiffness(robot, layout, kinds), _inertias(robot, stations[1:])
     for index, weight in enumerate(layout.weights):
         origin = stations[index + 1] - stations[index]
         body = bodies[-1].add_body(name=f"link{index}", pos=[0, 0, origin])
         _set_inertia(body, robot, stations[index + 2] - stations[index + 1], inertias[index])
         for kind in order_of(kinds, index):
             joint = _add_joint(body, f"{kind}{index}", kind, robot, weight, azimuth)
-            joint.stiffness[0] = stiffness = float(joints[kind][index])
-            joint.damping[0] = float(joints["damping_time"][index]) * stiffness
+            joint.stiffness[0] = stiffness = joints[kind][index]
+            joint.damping[0] = joints["damping_time"][index] * stiffness
         bodies.append(body)
     chain = Chain(spec, layout, robot.length, tuple(bodies), kinds, azimuth)
     _add_tip(chain, robot.head)
@@ -231,18 +231,18 @@ def _add_base(spec: mujoco.MjSpec, robot: RobotParams) -> mujoco.MjsBody:
     return body
 
 
-def _joint_stiffness(robot: RobotParams, layout: HingeLayout) -> dict[str, np.ndarray]:
-    """Stiffness (stations,) [N m] of joints by kind, and their damping time [s]."""
+def _joint_stiffness(
+    robot: RobotParams, layout: HingeLayout, kinds: tuple[str, ...]
+) -> dict[str, list[float]]:
+    """Stiffness of the stations' joints [N m] by kind, and their damping time [s]."""
     backbone, half = robot.backbone, robot.anisotropy / 2
     bending = backbone.bending(layout.stations)
     towards = bending * (1 + half) / layout.weights
-    return {
-        "hinge": towards,
-        BALL: towards,
-        "side": bending * (1 - half) / layout.weights,
-        "twist": backbone.torsion(layout.stations) / layout.weights,
-        "damping_time": backbone.damping_time(layout.stations),
-    }
+    found = {"hinge": towards, BALL: towards, "side": bending * (1 - half) / layout.weights}
+    if "twist" in kinds:
+        found["twist"] = backbone.torsion(layout.stations) / layout.weights
+    found["damping_time"] = backbone.damping_time(layout.stations)
+    return {name: values.tolist() for name, values in found.items()}
 
 
 def _add_tip(chain: Chain, head: Head | None) -> None:
@@ -267,22 +267,20 @@ def _add_discs(chain: Chain, discs: Sequence[Disc]) -> None:
 
 
 def _inertias(robot: RobotParams, edges: np.ndarray) -> np.ndarray:
-    """Mass, its first and second moment along z, and rho I, (links, 4), between edges."""
+    """Of links between edges (links, 4): mass, height of its centre, and lateral and axial inertia.
+
+    The latter two are about the centre of mass.
+    """
     backbone = robot.backbone
 
-    def moment(power: int) -> np.ndarray:
-        return backbone.integrals(lambda s: backbone.mass(s) * s**power, edges)
+    def densities(s: np.ndarray) -> np.ndarray:
+        height = s - edges[np.searchsorted(edges[1:-1], s)]
+        mass = backbone.mass(s)
+        return np.stack([mass, mass * height, mass * height**2, backbone.rotary(s)])
 
-    rotary = backbone.integrals(backbone.rotary, edges)
-    mass = moment(0)
-    centre = moment(1) / mass
-    spread = backbone.integrals(lambda s: backbone.mass(s) * _from(s, centre, edges) ** 2, edges)
-    return np.column_stack([mass, centre - edges[:-1], spread, rotary])
-
-
-def _from(s: np.ndarray, centre: np.ndarray, edges: np.ndarray) -> np.ndarray:
-    """Distances (k,) of places s from the centre of the link they are on."""
-    return s - centre[np.searchsorted(edges[1:-1], s)]
+    mass, first, second, rotary = backbone.integrals(densities, edges)
+    centre = first / mass
+    return np.column_stack([mass, centre, second - first * centre + rotary, 2 * rotary])
 
 
 def _set_inertia(
@@ -293,10 +291,10 @@ def _set_inertia(
     Raises:
         ValueError: They are smaller than what MuJoCo takes.
     """
-    mass, centre, spread, rotary = inertia.tolist()
+    mass, centre, lateral, axial = inertia.tolist()
     body.mass = mass
     body.ipos = [0, 0, centre]
-    body.inertia = [spread + rotary, spread + rotary, 2 * rotary]
+    body.inertia = [lateral, lateral, axial]
     least = min(mass, *body.inertia)
     if least < mujoco.mjMINVAL:
         raise ValueError(

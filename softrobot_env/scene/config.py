@@ -1,6 +1,7 @@
 """What a scene contains. A part that is not listed is not built."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import cos, inf, nan, sin
 
 import numpy as np
@@ -177,7 +178,7 @@ class SceneConfig:
         """Number of pieces really used."""
         return len(self.edges) - 1
 
-    @property
+    @cached_property
     def edges(self) -> np.ndarray:
         """Ends (n_pieces + 1,) [m] of the pieces.
 

@@ -59,26 +59,32 @@ def _route_through_channel(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
     curvature times distance.
     """
     _check_end(chain, tendon)
-    stations = chain.layout.stations
-    place, slope = tendon.at(stations), tendon.slope(stations)
-    size = np.sqrt(1 + np.sum(slope**2, axis=1))
-    twist = (place[:, 0] * slope[:, 1] - place[:, 1] * slope[:, 0]) / size
-    places = (place / size[:, None]).tolist()
     fixed = chain.spec.add_tendon(name=tendon.name)
-    for index in np.flatnonzero(stations < tendon.end).tolist():
-        along, across = seen_from_hinges(places[index], chain.azimuth)
+    for index, (*place, twist) in enumerate(_lever_arms(chain, tendon)):
+        along, across = seen_from_hinges(place, chain.azimuth)
         fixed.wrap_joint(f"hinge{index}", -along)
         if "side" in chain.kinds:
             fixed.wrap_joint(f"side{index}", -across)
-        if "twist" in chain.kinds and twist[index]:
-            fixed.wrap_joint(f"twist{index}", twist[index])
+        if "twist" in chain.kinds and twist:
+            fixed.wrap_joint(f"twist{index}", twist)
     return fixed
+
+
+def _lever_arms(chain: Chain, tendon: Tendon) -> list[list[float]]:
+    """[m]: x, y and x y' - y x' at the stations, over the length of the tangent."""
+    stations = chain.layout.stations
+    count = int(np.searchsorted(stations, tendon.end))
+    if tendon.is_straight:
+        return [[*tendon.offset, 0.0]] * count
+    (x, y), (dx, dy) = (values.T for values in tendon.course(stations[:count]))
+    return (np.stack([x, y, x * dy - y * dx]) / np.sqrt(1 + dx**2 + dy**2)).T.tolist()
 
 
 def _check_end(chain: Chain, tendon: Tendon) -> None:
     edges = chain.layout.edges
-    nearest = edges[np.argmin(np.abs(edges - tendon.end))]
-    if abs(nearest - tendon.end) > 1e-9 * chain.layout.sizes.min():
+    off = np.abs(edges - tendon.end)
+    if off.min() > 1e-9 * chain.length / chain.layout.pieces:
+        nearest = edges[off.argmin()]
         raise ValueError(
             f"tendon {tendon.name!r} ends inside a piece: choose the number of pieces so that "
             f"{tendon.end:g} m is a multiple of their length (the nearest ends at {nearest:g} m), "

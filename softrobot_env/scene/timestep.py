@@ -358,17 +358,18 @@ def slowest(robot: RobotParams, winding: bool) -> float:
         x = s / length
         return (12 - 9 * x + 9 / 5 * x**2) * x**3 / (4 * length)
 
-    def total(of: Callable[[np.ndarray], np.ndarray]) -> float:
-        return float(backbone.integrals(of, ends).sum())
+    def parts(s: np.ndarray) -> np.ndarray:
+        mass = backbone.mass(s)
+        give = (length - s) ** 2 / backbone.bending(s)
+        return np.stack([mass * shape(s) ** 2, mass * raised(s), give])
 
+    mass, pull, give = backbone.integrals(parts, ends).sum(axis=1).tolist()
+    stiffness = 1 / give
     extra = [] if robot.head is None else [(length, robot.head.mass)]
-    extra += [(disc.station, disc.mass) for disc in robot.discs]
-    mass = total(lambda s: backbone.mass(s) * shape(s) ** 2)
-    mass += sum(m * float(shape(s)) ** 2 for s, m in extra)
-    stiffness = 1 / total(lambda s: (length - s) ** 2 / backbone.bending(s))
+    for s, m in (*extra, *((disc.station, disc.mass) for disc in robot.discs)):
+        mass, pull = mass + m * shape(s) ** 2, pull + m * raised(s)
     if winding:
         wound = sum(t.stiffness * t.mean_square() * t.end for t in robot.tendons) / 2
         stiffness += 3 * wound / length**3
     upward = max(robot.own_gravity[2], 0.0)
-    pull = total(lambda s: backbone.mass(s) * raised(s)) + sum(m * raised(s) for s, m in extra)
     return sqrt((stiffness + upward * pull) / mass)

@@ -52,6 +52,8 @@ class MujocoPlant:
         spatial = self.config.bending == "spatial"
         pieces = self.robot.pieces if spatial else self.layout.pieces
         _check_pieces(self.robot, self.layout, pieces)
+        if not spatial:
+            self.robot.require_plane("a planar chain")
         return ChainReadout(simulation, self.robot, pieces, TOP if spatial else PLANE, servos)
 
     def equilibrium(self, tension: np.ndarray) -> np.ndarray:
