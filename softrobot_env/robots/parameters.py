@@ -216,14 +216,7 @@ class RobotParams:
         if not (self.sections or self.inner_radius < self.outer_radius):
             raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
         _check_floats(self)
-        if any(t.end > self.length * (1 + 1e-12) for t in self.tendons):
-            raise ValueError(f"robot {self.name!r}: a tendon ends beyond the robot's length")
-        for disc in self.discs:
-            if disc.station > self.length * (1 + 1e-12):
-                raise ValueError(
-                    f"robot {self.name!r}: a disc at {disc.station} m is off the robot, 0 to "
-                    f"{self.length} m"
-                )
+        _check_places(self)
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(
                 f"robot {self.name!r}: precurvature must stay below {self.curvature_limit:g} 1/m"
@@ -416,6 +409,19 @@ def _check_floats(robot: RobotParams) -> None:
                     f"robot {robot.name!r}: the {name} of a section would be {values.tolist()} in "
                     "floating point: give sizes and material of a real robot"
                 )
+
+
+def _check_places(robot: RobotParams) -> None:
+    """Refuse tendons and discs that are off the robot."""
+    most = robot.length * (1 + 1e-12)
+    if any(tendon.end > most for tendon in robot.tendons):
+        raise ValueError(f"robot {robot.name!r}: a tendon ends beyond the robot's length")
+    for disc in robot.discs:
+        if disc.station > most:
+            raise ValueError(
+                f"robot {robot.name!r}: a disc at {disc.station} m is off the robot, 0 to "
+                f"{robot.length} m"
+            )
 
 
 def _or_infinite(robot: RobotParams, name: str) -> float:

@@ -68,7 +68,8 @@ class Tendon:
                 f"got guides {self.guides} and end {self.end} m"
             )
         via = (0.0, *(point[0] for point in self.route))
-        if self.route and (via[-1] != self.end or any(b <= a for a, b in pairwise(via))):
+        off = abs(via[-1] - self.end) > 1e-9 * self.end
+        if self.route and (off or any(b <= a for a, b in pairwise(via))):
             raise ValueError(
                 f"tendon {self.name!r}: the stations of its route must increase strictly from "
                 f"beyond 0 to its end at {self.end} m, got {', '.join(map(str, via[1:]))}"
