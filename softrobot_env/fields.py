@@ -8,7 +8,7 @@ not fit is refused in one line that names the field and what is allowed. Lists a
 tuples, so that data classes can be compared; nothing else is converted.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
 from math import inf, isfinite
@@ -54,7 +54,7 @@ class _Rule(NamedTuple):
     fault: Callable[[Any], _Fault | None]
 
 
-def check_fields(record: Any, what: str) -> None:
+def check_fields(record: Any, what: str, but: Sequence[str] = ()) -> None:
     """Refuse a data class of which a field does not hold what its annotation says.
 
     Called first in `__post_init__`.
@@ -62,11 +62,14 @@ def check_fields(record: Any, what: str) -> None:
     Args:
         record: The data class.
         what: It, for people; the message begins with it.
+        but: Fields that are not looked at.
 
     Raises:
         ValueError: A field of another type, shape or range; the message says which is allowed.
     """
     for name, rule in _rules(type(record)).items():
+        if name in but:
+            continue
         value = getattr(record, name)
         frozen = _frozen(value)
         fault = rule.fault(frozen)

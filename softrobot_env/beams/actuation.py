@@ -9,7 +9,7 @@ import numpy as np
 from softrobot_env.beams.numerics.compilation import kernel, structure
 from softrobot_env.beams.numerics.quaternions import add_scaled, difference, dot3, row3
 from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.robots.loads import Load
+from softrobot_env.robots.loads import Load, seen_from_base
 
 #: How tendons can be driven.
 DRIVES = ("tension", "length")
@@ -29,7 +29,7 @@ class Actuation(NamedTuple):
         guided: (n_tendons,) bool, else the tendon runs in a continuous channel.
         first: (n_tendons + 1,) first point of a guided tendon; that of a channel is empty.
         channel: (n_tendons,) index of a tendon among the channels, -1 if guided.
-        channel_offset: (n_channels, 2) [m].
+        channel_offset: (n_channels, 2) [m], at the base.
         channel_end: (n_channels,) [m].
         by_length: Whether tendons are driven by length.
         stiffness, pretension, limit: (n_tendons,) [N/m, N, N], used when driven by length.
@@ -70,7 +70,7 @@ def make_actuation(
             stiffness driven by length.
     """
     _check(robot, loads, drive)
-    return _arrays(robot.tendons, loads, drive)
+    return _arrays(robot.tendons, seen_from_base(robot, loads), drive)
 
 
 def points_only(stations: np.ndarray, offsets: np.ndarray | None = None) -> Actuation:
@@ -86,7 +86,8 @@ def _arrays(tendons: Sequence[Tendon], loads: Sequence[Load], drive: str) -> Act
     first = [len(points)]
     for tendon in tendons:
         if tendon.guides:
-            points += [(s, tendon.offset) for s in (0.0, *tendon.guides, tendon.end)]
+            places = tendon.at(np.array(tendon.stations)).tolist()
+            points += zip(tendon.stations, places, strict=True)
         first.append(len(points))
     force, moment = _vectors([x.force for x in loads]), _vectors([x.moment for x in loads])
     return Actuation(
@@ -106,8 +107,47 @@ def _arrays(tendons: Sequence[Tendon], loads: Sequence[Load], drive: str) -> Act
         stiffness=_values(tendons, "stiffness"),
         pretension=_values(tendons, "pretension"),
         limit=_values(tendons, "tension_limit"),
-        straight=_values(tendons, "end"),
+        straight=_values(tendons, "straight_length"),
     )
+
+
+#: Gauss points of a channel whose place changes, in each stretch without a via-point.
+_NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(4))
+
+#: Shortest stretch of a channel, of the mean interval: rounding error of an end at an edge.
+_SHORTEST = 1e-9
+
+
+def channels_of(robot: RobotParams, actuation: Actuation) -> list[Tendon]:
+    """The tendons in channels that an actuation has: all of the robot's, or none."""
+    return [t for t in robot.tendons if not t.guides] if len(actuation.channel_end) else []
+
+
+def channel_samples(
+    channels: Sequence[Tendon], edges: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points for integrals along channels within intervals between edges (k + 1,) [m].
+
+    One in the interval where the place of a channel is constant, else Gauss points.
+
+    Returns:
+        Interval and channel (m,), ordered by interval, and weight, x, y [m], x' and y' [1] (m, 5).
+    """
+    rows = []
+    for number, tendon in enumerate(channels):
+        cuts = edges if tendon.is_straight else np.union1d(edges, tendon.knots[:, 0])
+        cuts = np.append(cuts[cuts < tendon.end], tendon.end)
+        cuts = cuts[np.append(True, np.diff(cuts) > _SHORTEST * edges[-1] / len(edges))]
+        size, start = np.diff(cuts), cuts[:-1]
+        nodes, shares = (np.zeros(1), np.ones(1)) if tendon.is_straight else (_NODES, _SHARES)
+        s = ((start + size / 2)[:, None] + size[:, None] * nodes).ravel()
+        weight = (size[:, None] * shares).ravel()
+        interval = np.searchsorted(edges, s, side="right") - 1
+        whose = np.full(len(s), number)
+        rows.append(np.column_stack([interval, whose, weight, tendon.at(s), tendon.slope(s)]))
+    table = np.concatenate(rows) if rows else np.empty((0, 7))
+    table = table[np.argsort(table[:, 0], kind="stable")]
+    return table[:, 0].astype(int), table[:, 1].astype(int), np.ascontiguousarray(table[:, 2:])
 
 
 def _check(robot: RobotParams, loads: Sequence[Load], drive: str) -> None:

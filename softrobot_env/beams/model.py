@@ -65,13 +65,17 @@ class ControlAffine(NamedTuple):
 class BeamModel:
     """A discretised robot with tendons and loads; subclasses choose coordinates and kinematics.
 
+    All coordinates are along the robot's own axes at its base; places, velocities and momenta that
+    are read out are in the world, dead loads and gravity are given there.
+
     Inputs u are the tendons' tensions [N] (or lengths pulled in [m]), then the loads' amplitudes.
     Tensions are applied as given: limits, and that tendons cannot push, are up to the drive
     (`TendonMap`).
 
     Attributes:
         robot: The robot.
-        pieces: Number of equal pieces; the robot's own unless given.
+        pieces: Number of pieces, equal in each section; the robot's own unless given.
+        edges: (pieces + 1,) [m], their ends.
         loads: Its loads.
         drive: How tendons are driven, "tension" or "length".
         data: Reference to the structure for the kernels (`beams.mechanics`). Gravity enters it as
@@ -98,8 +102,13 @@ class BeamModel:
             raise ValueError(f"pieces must be a whole number, at least one, got {pieces!r}")
         self.robot, self.loads, self.drive = robot, tuple(loads), drive
         self.pieces = int(pieces)
+        self.edges = robot.backbone.cut(self.pieces)
         self.data: Any = reference(self._data(make_actuation(robot, loads, drive)))
         self.input_names = tuple(x.name for x in (*robot.tendons, *loads))
+        if drive == "length":  # as the model sums it up: rounding must not make a tendon slack
+            straight = self.tendon_length(self.rest())
+            actuation = self.data.actuation._replace(straight=straight)
+            self.data = self.data._replace(actuation=actuation)
 
     # ------------------------------------------------------------------ chosen by a subclass
 
@@ -348,6 +357,9 @@ class BeamModel:
             raise ValueError(f"need coordinates of {self.n} numbers each, got {np.shape(q)}")
         out = np.empty((len(series), len(probe.actuation.point_station), 3))
         _locate_series(probe, series, out)
+        base = self.robot.base
+        if base is not None:
+            out = out @ base.axes.T + np.array(base.position)
         return out if np.ndim(q) == 2 else out[0]
 
     def probe(self, stations: np.ndarray, offsets: np.ndarray | None = None) -> Any:
@@ -385,6 +397,9 @@ class BeamModel:
         probe = self.probe(stations)
         out = np.empty((3 * len(stations), self.n))
         point_derivatives(probe, self._vector(q), out)
+        base = self.robot.base
+        if base is not None:
+            out = (base.axes @ out.reshape(-1, 3, self.n)).reshape(out.shape)
         return out
 
     def tendon_length(self, q: np.ndarray) -> np.ndarray:
@@ -414,6 +429,10 @@ class BeamModel:
         q, v = self._vector(q), self._vector(v)
         out = np.empty(6)
         _momentum(self.data, q, v, out)
+        base = self.robot.base
+        if base is not None:
+            out = (out.reshape(2, 3) @ base.axes.T).ravel()
+            out[3:] += np.cross(base.position, out[:3])
         return out
 
     # ------------------------------------------------------------------ arguments

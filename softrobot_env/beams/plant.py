@@ -13,7 +13,7 @@ from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import constant
 from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.interfaces import Measurement
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import Base, RobotParams
 from softrobot_env.robots.loads import Load
 
 #: Builds the model of a robot under some loads.
@@ -92,12 +92,18 @@ class SteppedModel:
     def _prepare_readout(self) -> None:
         """Place two points, on the outer fibres, in each section whose angle is measured."""
         robot = self.robot
-        stations = np.linspace(0.0, robot.length, _SECTIONS * robot.pieces + 1)
-        offset = np.array([robot.outer_radius, 0.0])
+        robot.require_plane("a planar model")
+        edges = robot.backbone.cut(robot.pieces)
+        parts = np.arange(_SECTIONS * robot.pieces + 1) / _SECTIONS
+        stations = np.interp(parts, np.arange(robot.pieces + 1), edges)
+        offset = np.array([robot.backbone.widest, 0.0])
         places = np.concatenate((stations, stations, [robot.length]))
         offsets = np.zeros((len(places), 2))
         offsets[: len(stations)], offsets[len(stations) : -1] = offset, -offset
         self._probe = self.model.probe(places, offsets)
+        base = robot.base or Base()
+        self._sizes = np.diff(edges)
+        self._base = np.column_stack([base.axes, base.position])[[0, 2]]
 
     # ------------------------------------------------------------------ postures
 
@@ -123,15 +129,17 @@ class SteppedModel:
             ValueError: No moments do that, because the model has too few pieces.
         """
         robot, pieces = self.robot, self.robot.pieces
-        ends = robot.length / pieces * np.arange(1, pieces + 1)
+        edges = robot.backbone.cut(pieces)
+        stiffness = robot.backbone.in_series(robot.backbone.bending, edges)
         loads = [
             Load(f"bend{k + 1}", station=float(s), moment=(0.0, 1.0, 0.0))
-            for k, s in enumerate(ends)
+            for k, s in enumerate(edges[1:])
         ]
         model = self._build(_bare(robot), loads)
 
         def posture(bending: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
-            moments = robot.bending_stiffness * (bending - np.append(bending[1:], 0.0))
+            moments = stiffness * bending
+            moments = moments - np.append(moments[1:], 0.0)
             return model.equilibrium(moments, guess, check_stability=False)
 
         def read(q: np.ndarray) -> np.ndarray:
@@ -199,7 +207,7 @@ class SteppedModel:
         """New arrays with everything that can be measured (`interfaces.PlantModel`)."""
         out = np.zeros((4, max(2, self.robot.pieces)))
         tip, speed, curvature, rate = out[0, :2], out[1, :2], *out[2:, : self.robot.pieces]
-        _measure(self._probe, q, v, self.robot.length, tip, speed, curvature, rate)
+        _measure(self._probe, q, v, self._sizes, self._base, tip, speed, curvature, rate)
         return Measurement(tip, speed, curvature, rate, self.model.tendon_length(q))
 
 
@@ -209,13 +217,14 @@ def _bare(robot: RobotParams) -> RobotParams:
 
 
 @kernel
-def _measure(probe, q, v, length, tip, speed, curvature, rate):
+def _measure(probe, q, v, sizes, base, tip, speed, curvature, rate):
     """Measure tip (2,) [m], curvature (pieces,) [1/m] and their rates in state q, v (n,).
 
     Args:
         probe: Data of a model whose points are those that `SteppedModel` places.
         q, v: State.
-        length: [m] of the robot.
+        sizes: (pieces,) [m].
+        base: (2, 4), x and z in the world of the axes of the base, and of its position [m].
         tip, speed, curvature, rate: Set.
     """
     pieces = len(curvature)
@@ -226,14 +235,16 @@ def _measure(probe, q, v, length, tip, speed, curvature, rate):
     points = np.empty((2 * count + 1, 3), np.complex128)
     mechanics.locate(probe, moving, points)
     for i in range(2):
-        tip[i] = points[2 * count, 2 * i].real
-        speed[i] = points[2 * count, 2 * i].imag / 1e-30
+        tip[i], speed[i] = base[i, 3], 0.0
+        for k in range(3):
+            tip[i] += base[i, k] * points[2 * count, k].real
+            speed[i] += base[i, k] * points[2 * count, k].imag / 1e-30
     for piece in range(pieces):
         curvature[piece], rate[piece] = 0.0, 0.0
         for k in range(_SECTIONS * piece, _SECTIONS * (piece + 1)):
             turn = _turn(points[k], points[count + k], points[k + 1], points[count + k + 1])
-            curvature[piece] += turn.real * pieces / length
-            rate[piece] += turn.imag / 1e-30 * pieces / length
+            curvature[piece] += turn.real / sizes[piece]
+            rate[piece] += turn.imag / 1e-30 / sizes[piece]
 
 
 @kernel

@@ -9,9 +9,10 @@ from softrobot_env.robots.parameters import (
     MAY_VANISH,
     NEUTRAL,
     VARIABLE,
+    Base,
+    Disc,
     Head,
     RobotParams,
-    Tendon,
     as_number,
     centerline,
     check_number,
@@ -28,6 +29,8 @@ from softrobot_env.robots.registry import (
     SERVO_SPEED,
     WORKSPACE,
 )
+from softrobot_env.robots.sections import Backbone, Section
+from softrobot_env.robots.tendons import Tendon
 
 __all__ = [
     "ARM",
@@ -43,9 +46,13 @@ __all__ = [
     "SERVO_SPEED",
     "VARIABLE",
     "WORKSPACE",
+    "Backbone",
+    "Base",
+    "Disc",
     "Head",
     "Load",
     "RobotParams",
+    "Section",
     "Tendon",
     "as_number",
     "centerline",

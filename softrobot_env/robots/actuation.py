@@ -62,10 +62,11 @@ def _sides(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
     """Phi (2,) of one group: the side (+1 or -1) of the neutral fibre each tendon pulls to."""
     offsets = np.array([t.offset for t in tendons])
     sides, beside = offsets.T
-    if len(tendons) != 2 or beside.any() or sides.sum() != 0 or not sides.any():
+    straight = all(t.is_straight for t in tendons)
+    if len(tendons) != 2 or not straight or beside.any() or sides.sum() != 0 or not sides.any():
         raise ValueError(
             f"robot {robot.name!r}: a planar tendon group is a pair at offsets (r, 0) and (-r, 0), "
-            f"got {[t.offset for t in tendons]}"
+            f"straight, got {[t.offset for t in tendons]}"
         )
     if len({(t.end, t.tension_limit, t.pretension) for t in tendons}) > 1:
         raise ValueError(

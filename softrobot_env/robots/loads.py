@@ -1,10 +1,11 @@
 """Loads on a robot, the same for the MuJoCo scene and the beam models."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from softrobot_env.fields import NotNegative, check_fields
-from softrobot_env.robots.parameters import Tendon
+from softrobot_env.robots.parameters import RobotParams
+from softrobot_env.robots.tendons import Tendon
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,16 @@ class Load:
         check_fields(self, f"load {self.name!r}")
 
 
+def seen_from_base(robot: RobotParams, loads: Sequence[Load]) -> tuple[Load, ...]:
+    """The loads along the axes of a robot's base, where dead ones keep the world's directions."""
+    if robot.base is None:
+        return tuple(loads)
+    return tuple(
+        x if x.follows else replace(x, force=robot.seen(x.force), moment=robot.seen(x.moment))
+        for x in loads
+    )
+
+
 def refuse_out_of_plane(
     model: str,
     other: str,
@@ -47,14 +58,18 @@ def refuse_out_of_plane(
     Args:
         model: What the planar model is called.
         other: What to choose instead.
-        loads: On the robot.
-        gravity: (3,) [m/s2].
+        loads: On the robot, along the axes of its base.
+        gravity: (3,) [m/s2] along them.
         tendons: Of the robot.
 
     Raises:
         ValueError: Something acts across the plane; the message names it.
     """
-    crossing = [f"tendon {t.name!r} (offset y)" for t in tendons if t.offset[1]]
+    crossing = [
+        f"tendon {t.name!r} (offset y)"
+        for t in tendons
+        if t.knots[:, 2].any() or (t.turns and t.farthest)
+    ]
     crossing += [f"load {x.name!r} (force y)" for x in loads if x.force[1]]
     crossing += [f"load {x.name!r} (moment x or z)" for x in loads if x.moment[0] or x.moment[2]]
     crossing += ["gravity (y)"] if gravity[1] else []
@@ -64,12 +79,15 @@ def refuse_out_of_plane(
         )
 
 
-def refuse_torsion(model: str, other: str, loads: Sequence[Load]) -> None:
+def refuse_torsion(
+    model: str, other: str, loads: Sequence[Load], tendons: Sequence[Tendon] = ()
+) -> None:
     """Refuse moments about z that a model without torsion cannot answer; arguments as above.
 
     Raises:
-        ValueError: A load has one; the message names it.
+        ValueError: A load or the route of a tendon has one; the message names it.
     """
     twisting = [f"load {x.name!r} (moment z)" for x in loads if x.moment[2]]
+    twisting += [f"tendon {t.name!r} (winds round the fibre)" for t in tendons if t.twists]
     if twisting:
         raise ValueError(f"{model} cannot twist; remove {', '.join(twisting)} or choose {other}")

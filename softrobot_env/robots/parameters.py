@@ -2,17 +2,29 @@
 
 Frame: the straight robot lies along +z from its clamp at the origin; x and y are lateral.
 A planar robot bends in the x-z plane only and positive curvature bends it towards +x.
+A robot with a `base` has this frame turned and moved; gravity stays in the world's.
 """
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from functools import cached_property
 from math import cos, hypot, inf, pi, sin, sqrt
 from numbers import Real
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 
-from softrobot_env.fields import NotNegative, Positive, Range, check_fields, check_unique
+from softrobot_env.fields import (
+    NotNegative,
+    Positive,
+    Range,
+    check_argument,
+    check_fields,
+    check_unique,
+)
+from softrobot_env.robots.sections import Backbone, Pieces, PoissonRatio, Section
+from softrobot_env.robots.tendons import Tendon
+
+__all__ = ["Pieces", "Tendon"]
 
 #: What `RobotParams.vary` varies, with the values that change nothing: factors [1] on parameters of
 #: the robot, and a friction [N].
@@ -34,69 +46,6 @@ MAY_VANISH = ("damping_time", "tendon_friction")
 #: Smallest positive root of cos(x) cosh(x) = -1: first mode of a clamped-free beam.
 _CLAMPED_FREE_ROOT = 1.8751040687119611
 
-#: Of an isotropic material, by thermodynamics, [1].
-_PoissonRatio = Annotated[float, Range("in (-1, 0.5]", lambda nu: -1 < nu <= 0.5)]
-
-
-#: Number of pieces of a robot or scene; the most are far more than memory serves.
-Pieces = Annotated[int, Range("a whole number from 1 to 10000", lambda n: 1 <= n <= 10_000)]
-
-
-@dataclass(frozen=True)
-class Tendon:
-    """A tendon at a constant offset from the neutral fibre, anchored at arc length `end`.
-
-    Attributes:
-        name: Unique name.
-        offset: (2,) [m], position (x, y) of the tendon in the cross-section.
-        end: [m], arc length at which the tendon is anchored.
-        group: Tendons of one group oppose each other (a pair, or three at 120 degrees).
-        tension_limit: [N], largest tension; also the full scale of an action.
-        guides: [m], increasing arc lengths of the guide discs between base and `end`.
-            Empty means a continuous channel: the limit of infinitely many guides, with
-            constant lever arm (the thesis' B(y) of sec. 6.2.2).
-        stiffness: [N/m] between drive and robot; it matters only to tendons driven by length,
-            which need a finite one.
-        pretension: [N], smallest tension kept in the tendon.
-        friction: [N], largest dry (Coulomb) friction between tendon and robot; of a slack tendon
-            as well.
-    """
-
-    name: str
-    offset: tuple[float, float]
-    end: Positive
-    group: int
-    tension_limit: Positive
-    guides: tuple[float, ...] = ()
-    stiffness: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
-    pretension: float = 0.0
-    friction: NotNegative = 0.0
-
-    def __post_init__(self) -> None:
-        check_fields(self, f"tendon {self.name!r}")
-        if not self.tension_limit > self.pretension >= 0:
-            raise ValueError(
-                f"tendon {self.name!r}: need 0 <= pretension < tension_limit, got "
-                f"{self.pretension} and {self.tension_limit} N"
-            )
-        stations = (0.0, *self.guides, self.end)
-        if any(b <= a for a, b in pairwise(stations)):
-            raise ValueError(
-                f"tendon {self.name!r}: guides must increase strictly between 0 and end, "
-                f"got guides {self.guides} and end {self.end} m"
-            )
-
-    def vary(self, radius: float, friction: float) -> "Tendon":
-        """The tendon at `radius` [1] times its distance from the fibre, rubbing more [N]."""
-        offset = tuple(radius * x for x in self.offset)
-        return replace(self, offset=offset, friction=self.friction + friction)
-
-    def turned(self, angle: float, scale: float = 1.0) -> "Tendon":
-        """The tendon turned about the fibre by `angle` [rad], `scale` [1] times as far from it."""
-        x, y = self.offset
-        c, s = scale * cos(angle), scale * sin(angle)
-        return replace(self, offset=(x * c - y * s, x * s + y * c))
-
 
 @dataclass(frozen=True)
 class Head:
@@ -117,16 +66,103 @@ class Head:
 
     def __post_init__(self) -> None:
         check_fields(self, "head")
-        if 2 * max(self.inertia) > sum(self.inertia) * (1 + 1e-9):
-            raise ValueError(
-                "head: no body has a moment of inertia above the sum of the other two, got "
-                f"{self.inertia} kg m2"
-            )
+        _check_inertia("head", self.inertia)
+
+
+@dataclass(frozen=True)
+class Disc:
+    """Rigid disc round the backbone, which turns with the cross-section at its middle.
+
+    Attributes:
+        station: [m], arc length of its centre of mass, which lies on the neutral fibre.
+        mass: [kg].
+        inertia: (3,) [kg m2] about its centre, along x, y and z.
+    """
+
+    station: NotNegative
+    mass: Positive
+    inertia: tuple[Positive, Positive, Positive]
+
+    def __post_init__(self) -> None:
+        check_fields(self, "disc")
+        _check_inertia("disc", self.inertia)
+
+    @classmethod
+    def uniform(cls, station: float, mass: float, radius: float, thickness: float) -> "Disc":
+        """A homogeneous cylinder of a radius and thickness [m]."""
+        lateral = mass * (3 * radius**2 + thickness**2) / 12
+        return cls(station, mass, (lateral, lateral, mass * radius**2 / 2))
+
+
+@dataclass(frozen=True)
+class Base:
+    """Where a robot is clamped and how it points.
+
+    Attributes:
+        position: (3,) [m] of the clamp in the world.
+        direction: (3,) from the clamp along the straight robot, of any length. The smallest turn
+            from +z leads to it; for (0, 0, -1), hanging, half a turn about y, so that +x becomes
+            -x and a planar robot stays in the x-z plane.
+        roll: [rad] about the robot's axis after that, from its x towards its y.
+    """
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    direction: tuple[float, float, float] = (0.0, 0.0, 1.0)
+    roll: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "base")
+        if not any(self.direction):
+            raise ValueError("base: direction must not be zero")
+
+    @cached_property
+    def axes(self) -> np.ndarray:
+        """(3, 3), its columns are the robot's axes x, y and z in the world."""
+        x, y, z = (value / hypot(*self.direction) for value in self.direction)
+        if hypot(x, y) > 1e-15:
+            along, across = x / hypot(x, y), y / hypot(x, y)
+        else:
+            along, across = 1.0, 0.0
+        less = z - 1
+        turn = np.array(
+            [
+                [1 + less * along**2, less * along * across, x],
+                [less * along * across, 1 + less * across**2, y],
+                [-x, -y, z],
+            ]
+        )
+        c, s = cos(self.roll), sin(self.roll)
+        return turn @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _check_inertia(what: str, inertia: tuple[float, float, float]) -> None:
+    if 2 * max(inertia) > sum(inertia) * (1 + 1e-9):
+        raise ValueError(
+            f"{what}: no body has a moment of inertia above the sum of the other two, got "
+            f"{inertia} kg m2"
+        )
+
+
+#: What a robot says itself or through its sections.
+_OF_SECTION = (
+    "outer_radius",
+    "inner_radius",
+    "youngs_modulus",
+    "density",
+    "damping_time",
+    "poisson_ratio",
+)
+_FLAT = ("length", "pieces", *_OF_SECTION)
 
 
 @dataclass(frozen=True)
 class RobotParams:
-    """A soft robot as a uniform circular beam with tendons; SI units.
+    """A soft robot as a circular beam with tendons; SI units.
+
+    A uniform beam is said by length, radii, material and pieces. Any other has `sections` instead:
+    its length and pieces are then the sums over them, and the other numbers of the first are None
+    (a single section that does not taper is the uniform beam and becomes it). `backbone` has the
+    properties of both as functions of the arc length.
 
     Attributes:
         name: Key in `ROBOTS`.
@@ -135,85 +171,170 @@ class RobotParams:
         youngs_modulus: [Pa].
         density: [kg/m3].
         damping_time: mu [s] of stiffness-proportional damping D = mu K; 0 is undamped.
-        pieces: Number of equal pieces of the thesis' discretisation; curvature is
-            reported per piece.
+        pieces: Number of pieces of the thesis' discretisation, equal in each section; curvature
+            is reported per piece.
         poisson_ratio: [1], in (-1, 0.5].
         tendons: Tendons, ordered by group.
         gravity: (3,) [m/s2].
         head: Rigid body on the tip, if any.
         anisotropy: Difference of the bending stiffnesses [1]: it is EI (1 + anisotropy / 2) towards
-            `stiff_azimuth` and EI (1 - anisotropy / 2) across.
+            `stiff_azimuth` and EI (1 - anisotropy / 2) across, in all sections.
         stiff_azimuth: [rad] from +x towards +y.
         precurvature: (2,) [1/m] towards +x and +y, of the robot when nothing acts on it.
+        sections: From the base to the tip, see above.
+        discs: Rigid discs on the backbone.
+        base: Where the robot is clamped; at the world's origin along +z unless given.
     """
 
     name: str
-    length: Positive
-    outer_radius: Positive
-    inner_radius: NotNegative
-    youngs_modulus: Positive
-    density: Positive
-    damping_time: NotNegative
-    pieces: Pieces
-    poisson_ratio: _PoissonRatio = 0.0
+    length: Positive = None
+    outer_radius: Positive = None
+    inner_radius: NotNegative = None
+    youngs_modulus: Positive = None
+    density: Positive = None
+    damping_time: NotNegative = None
+    pieces: Pieces = None
+    poisson_ratio: PoissonRatio = None
     tendons: tuple[Tendon, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     head: Head | None = None
     anisotropy: Annotated[float, Range("in [0, 2)", lambda x: 0 <= x < 2)] = 0.0
     stiff_azimuth: float = 0.0
     precurvature: tuple[float, float] = (0.0, 0.0)
+    sections: tuple[Section, ...] = ()
+    discs: tuple[Disc, ...] = ()
+    base: Base | None = None
 
     def __post_init__(self) -> None:
-        check_fields(self, f"robot {self.name!r}")
+        check_argument(f"robot {self.name!r}: sections", self.sections, tuple[Section, ...])
+        if self.sections:
+            self._adopt_sections()
+        if not self.sections and self.poisson_ratio is None:
+            self._set("poisson_ratio", 0.0)
+        check_fields(self, f"robot {self.name!r}", but=_OF_SECTION if self.sections else ())
         check_unique([t.name for t in self.tendons], f"robot {self.name!r}: tendons")
-        if not self.inner_radius < self.outer_radius:
+        if not (self.sections or self.inner_radius < self.outer_radius):
             raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
-        for name in ("mass", "bending_stiffness"):
-            if not 0 < _or_infinite(self, name) < inf:
-                raise ValueError(
-                    f"robot {self.name!r}: its {name} would be {_or_infinite(self, name):g} in "
-                    "floating point: give sizes and material of a real robot"
-                )
-        if any(t.end > self.length * (1 + 1e-12) for t in self.tendons):
-            raise ValueError(f"robot {self.name!r}: a tendon ends beyond the robot's length")
+        _check_floats(self)
+        _check_places(self)
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(
                 f"robot {self.name!r}: precurvature must stay below {self.curvature_limit:g} 1/m"
             )
 
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)
+
+    def _adopt_sections(self) -> None:
+        """Take length and pieces from the sections, or all from one that does not taper."""
+        self._set("sections", tuple(self.sections))
+        given = [name for name in _OF_SECTION if getattr(self, name) is not None]
+        if given:
+            raise ValueError(
+                f"robot {self.name!r} has sections, which say its {', '.join(given)}: give one or "
+                "the other (`with_sections` replaces sections)"
+            )
+        for name in ("length", "pieces"):
+            total = sum(getattr(section, name) for section in self.sections)
+            if getattr(self, name) not in (None, total):
+                raise ValueError(
+                    f"robot {self.name!r}: the {name} of its sections is {total:g} together, not "
+                    f"{getattr(self, name)} (`with_sections` replaces sections)"
+                )
+            self._set(name, total)
+        if len(self.sections) == 1 and self.sections[0].is_uniform:
+            (one,) = self.sections
+            for name in _OF_SECTION:
+                self._set(name, getattr(one, name))
+            self._set("outer_radius", one.outer_radii[0])
+            self._set("inner_radius", one.inner_radii[0])
+            self._set("sections", ())
+
+    def with_sections(self, *sections: Section) -> "RobotParams":
+        """The same robot with a backbone of other sections."""
+        return replace(self, **dict.fromkeys(_FLAT), sections=sections)
+
+    @cached_property
+    def backbone(self) -> Backbone:
+        """Its sections, and their properties as functions of the arc length."""
+        if self.sections:
+            return Backbone(self.sections)
+        return Backbone([Section(**{name: getattr(self, name) for name in _FLAT})])
+
+    @property
+    def is_uniform(self) -> bool:
+        """Whether its cross-sections are alike, so that `bending_stiffness` and the like exist."""
+        return not self.sections
+
+    def require_uniform(self, what: str) -> None:
+        """Raise ValueError, naming what does so, if it needs a uniform backbone."""
+        if not self.is_uniform:
+            raise ValueError(
+                f"{what} needs a backbone of one section that does not taper; robot "
+                f"{self.name!r} has {len(self.sections)} section(s): use its `backbone`, or take "
+                "the MuJoCo chain, PCC or CosseratRod"
+            )
+
+    def require_plane(self, what: str) -> None:
+        """Raise ValueError if its base turns its x-z plane out of the world's, where `what` is."""
+        if self.base is not None and np.abs(self.base.axes[1, [0, 2]]).max() > 1e-12:
+            raise ValueError(
+                f"{what} is measured in the world's x-z plane; the base of robot {self.name!r} "
+                "turns its own plane out of it: give a direction (x, 0, z) and no roll"
+            )
+
+    @property
+    def own_gravity(self) -> tuple[float, float, float]:
+        """Gravity (3,) [m/s2] along the robot's own axes at its base."""
+        return self.seen(self.gravity)
+
+    def seen(self, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+        """A vector (3,) of the world along the robot's own axes at its base."""
+        if self.base is None:
+            return vector
+        return tuple((np.asarray(vector, dtype=float) @ self.base.axes).tolist())
+
     @property
     def area(self) -> float:
         """Cross-section area A [m2]."""
+        self.require_uniform("area")
         return pi * (self.outer_radius**2 - self.inner_radius**2)
 
     @property
     def second_moment(self) -> float:
         """Second moment of area I about a lateral axis [m4]."""
+        self.require_uniform("second_moment")
         return pi / 4 * (self.outer_radius**4 - self.inner_radius**4)
 
     @property
     def bending_stiffness(self) -> float:
         """EI [N m2]."""
+        self.require_uniform("bending_stiffness")
         return self.youngs_modulus * self.second_moment
 
     @property
     def torsional_stiffness(self) -> float:
         """GJ [N m2]; for a circular section J = 2 I."""
+        self.require_uniform("torsional_stiffness")
         return self.bending_stiffness / (1 + self.poisson_ratio)
 
     @property
     def mass_per_length(self) -> float:
         """Rho A [kg/m]."""
+        self.require_uniform("mass_per_length")
         return self.density * self.area
 
     @property
     def mass(self) -> float:
         """Mass of the backbone [kg]."""
+        if self.sections:
+            return float(self.backbone.integrals(self.backbone.mass, self.backbone.ends).sum())
         return self.mass_per_length * self.length
 
     @property
     def first_frequency(self) -> float:
         """First undamped bending frequency [Hz] of the Euler-Bernoulli beam, (2.75)."""
+        self.require_uniform("first_frequency")
         wave = (_CLAMPED_FREE_ROOT / self.length) ** 2
         return wave * sqrt(self.bending_stiffness / self.mass_per_length) / (2 * pi)
 
@@ -241,7 +362,7 @@ class RobotParams:
     @property
     def curvature_limit(self) -> float:
         """Curvature [1/m] at which the inner side of the bend would fold: 1 / outer_radius."""
-        return 1 / self.outer_radius
+        return 1 / (self.backbone.widest if self.sections else self.outer_radius)
 
     def vary(self, **scales: float) -> "RobotParams":
         """The same robot with some parameters multiplied by factors, and with tendon friction.
@@ -250,7 +371,7 @@ class RobotParams:
             **scales: Value by name, one of `VARIABLE`: `tendon_friction` [N] adds to the dry
                 friction of every tendon, the others are factors [1]. A varied Young's modulus
                 keeps the damping time mu, hence scales D with K (sec. 6.6.3). The tendon radius
-                is the distance of all tendons from the neutral fibre.
+                is the distance of all tendons from the neutral fibre. All sections vary alike.
 
         Raises:
             ValueError: Unknown name, or a value that is not finite and positive; only friction and
@@ -263,11 +384,44 @@ class RobotParams:
         values = {name: float(scale) for name, scale in scales.items()}
         radius = values.pop("tendon_radius", NEUTRAL["tendon_radius"])
         friction = values.pop("tendon_friction", NEUTRAL["tendon_friction"])
-        return replace(
-            self,
-            tendons=tuple(tendon.vary(radius, friction) for tendon in self.tendons),
-            **{name: getattr(self, name) * factor for name, factor in values.items()},
-        )
+        tendons = tuple(tendon.vary(radius, friction) for tendon in self.tendons)
+        if self.sections:
+            sections = (section.vary(**values) for section in self.sections)
+            return replace(self.with_sections(*sections), tendons=tendons)
+        scaled = {name: getattr(self, name) * factor for name, factor in values.items()}
+        return replace(self, tendons=tendons, **scaled)
+
+
+def _check_floats(robot: RobotParams) -> None:
+    """Refuse a backbone of no mass or stiffness in floating point."""
+    for name in ("mass", "bending_stiffness"):
+        if not (robot.sections or 0 < _or_infinite(robot, name) < inf):
+            raise ValueError(
+                f"robot {robot.name!r}: its {name} would be {_or_infinite(robot, name):g} in "
+                "floating point: give sizes and material of a real robot"
+            )
+    for section in robot.sections:
+        one = Backbone([section])
+        ends = np.array([0.0, section.length])
+        for name, values in (("mass", one.mass(ends)), ("bending_stiffness", one.bending(ends))):
+            if not (np.all(values > 0) and np.all(values < inf)):
+                raise ValueError(
+                    f"robot {robot.name!r}: the {name} of a section would be {values.tolist()} in "
+                    "floating point: give sizes and material of a real robot"
+                )
+
+
+def _check_places(robot: RobotParams) -> None:
+    """Refuse tendons and discs that are off the robot."""
+    most = robot.length * (1 + 1e-12)
+    if any(tendon.end > most for tendon in robot.tendons):
+        raise ValueError(f"robot {robot.name!r}: a tendon ends beyond the robot's length")
+    for disc in robot.discs:
+        if disc.station > most:
+            raise ValueError(
+                f"robot {robot.name!r}: a disc at {disc.station} m is off the robot, 0 to "
+                f"{robot.length} m"
+            )
 
 
 def _or_infinite(robot: RobotParams, name: str) -> float:
@@ -298,7 +452,7 @@ def centerline(robot: RobotParams, curvature: np.ndarray, points: int = 10) -> n
 
     Args:
         robot: The robot; only its length is used.
-        curvature: (n_pieces,) [1/m] from the base to the tip.
+        curvature: (n_pieces,) [1/m] from the base to the tip, of equal pieces.
         points: Number of points per piece after its start.
 
     Returns:

@@ -25,7 +25,7 @@ class ThreeTendons:
     """
 
     def __init__(self, robot: RobotParams) -> None:
-        """Raise ValueError unless three tendons in channels of one length surround the fibre."""
+        """Raise ValueError unless three straight channels of one length surround the fibre."""
         tendons = robot.tendons
         _check(robot, tendons)
         offsets = np.array([t.offset for t in tendons], dtype=float)
@@ -107,9 +107,10 @@ def mean_curvature(q: np.ndarray) -> np.ndarray:
 
 
 def _check(robot: RobotParams, tendons: tuple[Tendon, ...]) -> None:
-    if len(tendons) != 3 or any(t.guides for t in tendons) or len({t.end for t in tendons}) > 1:
+    straight = all(t.is_straight and not t.guides for t in tendons)
+    if len(tendons) != 3 or not straight or len({t.end for t in tendons}) > 1:
         raise ValueError(
-            f"robot {robot.name!r}: need three tendons in continuous channels of one length, got "
+            f"robot {robot.name!r}: need three tendons in straight channels of one length, got "
             f"{', '.join(t.name for t in tendons) or 'none'}"
         )
 

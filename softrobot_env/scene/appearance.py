@@ -8,7 +8,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 
-from softrobot_env.robots import Head, RobotParams, Tendon
+from softrobot_env.robots import Disc, Head, RobotParams, Tendon
 from softrobot_env.scene.chain import HEAD_BODY, Chain
 from softrobot_env.scene.config import Appearance, Rgba
 from softrobot_env.scene.extras import add_visual
@@ -34,27 +34,46 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
     """Visible body, base, wall and light, and a drawn line for every channel tendon."""
     _add_skin(chain, robot, look.link_rgba)
     for tendon in robot.tendons:
-        _draw_tendon(chain, tendon, robot.outer_radius, look)
+        _draw_tendon(chain, tendon, robot, look)
     for end in sorted({tendon.end for tendon in robot.tendons}):
         _add_anchor_ring(chain, robot, end)
     if robot.head is not None:
         _add_head(chain.spec.body(HEAD_BODY), robot.head)
-    _add_base(chain.spec, robot)
+    for index, disc in enumerate(robot.discs):
+        _add_disc(chain.spec.body(f"disc{index}"), disc, _radius(robot, disc.station))
+    _add_base(chain.bodies[0], robot)
     # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
     room = 0.0 if chain.kinds == ("hinge",) else robot.reach
-    _add_surroundings(chain.spec, robot, 2 * robot.outer_radius + room)
+    _add_surroundings(chain.spec, robot, 2 * robot.backbone.widest + room)
 
 
-def _draw_tendon(chain: Chain, tendon: Tendon, surface: float, look: Appearance) -> None:
+def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appearance) -> None:
     """Colour a guided tendon; give a channel tendon a line that carries no force."""
     line = chain.spec.tendon(tendon.name)
     if not tendon.guides:
         count = round(tendon.end / _LINE_STEP)
         guides = tuple(np.linspace(0, tendon.end, count + 1)[1:-1])
-        drawn = replace(tendon, guides=guides, offset=_drawn_offset(tendon, surface))
+        drawn = replace(tendon, guides=guides)
+        if tendon.is_straight:
+            drawn = replace(drawn, route=_drawn_route(tendon, drawn.stations, robot))
+            drawn = replace(drawn, offset=_drawn_offset(tendon, _radius(robot, 0.0)))
         line = route_through_guides(chain, drawn, TENDON_LINE.format(tendon.name))
     line.rgba = look.tendon_rgba
     line.width = TENDON_WIDTH
+
+
+def _radius(robot: RobotParams, station: float) -> float:
+    """Outer radius [m] at a station [m]."""
+    return float(robot.backbone.outer_radius(np.array([station]))[0])
+
+
+def _drawn_route(
+    tendon: Tendon, stations: tuple[float, ...], robot: RobotParams
+) -> tuple[tuple[float, float, float], ...]:
+    """Via-points of a straight tendon's line along a surface that is not."""
+    if robot.is_uniform:
+        return ()
+    return tuple((s, *_drawn_offset(tendon, _radius(robot, s))) for s in stations[1:])
 
 
 def _drawn_offset(tendon: Tendon, surface: float) -> tuple[float, float]:
@@ -77,7 +96,7 @@ def _add_anchor_ring(chain: Chain, robot: RobotParams, station: float) -> None:
         body,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         pos=[0, 0, height - half],
-        size=[robot.outer_radius + TENDON_WIDTH, half, 0],
+        size=[_radius(robot, station) + TENDON_WIDTH, half, 0],
         rgba=_DARK,
     )
 
@@ -96,15 +115,25 @@ def _add_head(body: mujoco.MjsBody, head: Head) -> None:
         add_visual(body, type=box, pos=centre + out * half, size=size, rgba=_DARK)
 
 
-def _add_base(spec: mujoco.MjSpec, robot: RobotParams) -> None:
+def _add_disc(body: mujoco.MjsBody, disc: Disc, least: float) -> None:
+    """The uniform disc of its inertia, seen outside the backbone's radius `least` [m]."""
+    lateral, _, axial = disc.inertia
+    radius = max(np.sqrt(2 * axial / disc.mass), least + TENDON_WIDTH)
+    half = np.sqrt(max(3 * (lateral - axial / 2) / disc.mass, 1e-6))
+    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
+    add_visual(body, type=cylinder, size=[radius, half, 0], rgba=_DARK)
+
+
+def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
     """Clamp block below the robot."""
+    radius = _radius(robot, 0.0)
     for width, top, height in ((1.5, 0.25, 0.25), (2.6, -0.25, 0.6)):
-        size = width * robot.outer_radius
+        size = width * radius
         add_visual(
-            spec.worldbody,
+            body,
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[0, 0, (top - height) * robot.outer_radius],
-            size=[size, size, height * robot.outer_radius],
+            pos=[0, 0, (top - height) * radius],
+            size=[size, size, height * radius],
             rgba=_DARK,
         )
 
@@ -157,7 +186,7 @@ def _add_wall(spec: mujoco.MjSpec, behind: float) -> None:
 
 def _add_skin(chain: Chain, robot: RobotParams, rgba: Rgba) -> None:
     """Add the surface of a straight cylinder and tie it to the links of the chain."""
-    stations, radii = _profile(robot.length, robot.outer_radius)
+    stations, radii = _profile(robot)
     weights = _bone_weights(stations, chain.layout.stations, robot.length)
     ring_of_vertex = np.repeat(np.arange(len(stations)), _SIDES)
     bones = [np.flatnonzero(w > 1e-6) for w in weights[ring_of_vertex].T]
@@ -175,15 +204,16 @@ def _add_skin(chain: Chain, robot: RobotParams, rgba: Rgba) -> None:
     )
 
 
-def _profile(length: float, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def _profile(robot: RobotParams) -> tuple[np.ndarray, np.ndarray]:
     """Arc length (n,) and radius (n,) [m] of the rings, with a rounded rim and a closed tip."""
+    length, radius = robot.length, _radius(robot, robot.length)
     edge = _ROUNDING * radius
     rings = int(np.ceil((length - edge) / _RING_DISTANCE)) + 1
     body = np.linspace(0.0, length - edge, rings)
     angle = np.linspace(0, np.pi / 2, 4)[1:]
     stations = np.concatenate((body, length - edge * (1 - np.sin(angle)), [length]))
     rim = radius - edge * (1 - np.cos(angle))
-    return stations, np.concatenate((np.full(rings, radius), rim, [0.0]))
+    return stations, np.concatenate((robot.backbone.outer_radius(body), rim, [0.0]))
 
 
 def _bone_weights(stations: np.ndarray, hinges: np.ndarray, length: float) -> np.ndarray:

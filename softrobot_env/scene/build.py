@@ -9,13 +9,13 @@ import mujoco
 import numpy as np
 
 from softrobot_env.motion import State
-from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion
+from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
 from softrobot_env.scene import extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.coupling import couple_pieces
-from softrobot_env.scene.quadrature import HingeLayout, place_hinges
+from softrobot_env.scene.quadrature import HingeLayout, place_between
 from softrobot_env.scene.springs import add_springs
 from softrobot_env.scene.statics import equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
@@ -224,7 +224,7 @@ def scene_xml(config: SceneConfig) -> str:
 
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
     _refuse_what_is_not_felt(config, config.robot.gravity)
-    layout = place_hinges(config.robot.length, config.n_pieces, config.hinge_rule)
+    layout = place_between(config.edges, config.hinge_rule)
     spec = _empty_spec(config)
     kinds = joint_kinds(config.robot, config.bending, config.torsion, layout.coupled)
     chain = add_chain(spec, config.robot, layout, kinds)
@@ -251,12 +251,15 @@ def _mujocos(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
 
 
 def _refuse_what_is_not_felt(config: SceneConfig, gravity: Sequence[float]) -> None:
-    """Refuse loads and gravity in directions in which the chain does not move."""
+    """Refuse loads, gravity and tendons in directions in which the chain does not move."""
+    robot = config.robot
+    loads = seen_from_base(robot, config.loads)
     if config.bending == "planar":
-        model = "a chain with bending='planar'"
-        refuse_out_of_plane(model, "bending='spatial'", config.loads, gravity)
+        model, other = "a chain with bending='planar'", "bending='spatial'"
+        refuse_out_of_plane(model, other, loads, robot.seen(tuple(gravity)))
+        refuse_torsion(model, other, (), robot.tendons)
     elif not config.torsion:
-        refuse_torsion("a chain with torsion=False", "torsion=True", config.loads)
+        refuse_torsion("a chain with torsion=False", "torsion=True", loads, robot.tendons)
 
 
 def _apply(choice: TimestepChoice, option: mujoco.MjOption) -> None:

@@ -17,16 +17,19 @@ A universal joint also twists, by half the product of its angles, to the side th
 hinges tells. The order goes hinge, side, side, hinge and so on: the twists of two neighbours
 cancel, and the small sideways turn that is left of one pair cancels that of the next.
 
-A head is a body of its own, fixed to the last link, and carries the tip site at its output point.
+A head is a body of its own, fixed to the last link, and carries the tip site at its output point;
+discs are bodies fixed to theirs. The chain of a robot with a base stands on a body that does not
+move. A hinge has the stiffness of the cross-section where it stands, a link the mass of its part.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
 
 import mujoco
 import numpy as np
 
-from softrobot_env.robots import Head, RobotParams
+from softrobot_env.robots import Disc, Head, RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
 
 #: Prefix of the hinges' names -> axis. A positive angle of a "hinge" bends +z towards +x, one of
@@ -38,6 +41,7 @@ BALL = "ball"
 
 TIP_SITE = "tip"
 HEAD_BODY = "head"
+BASE_BODY = "base"
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Chain:
         spec: The model under construction.
         layout: Where the hinges stand.
         length: [m] of the robot.
-        bodies: World body, then one body per station.
+        bodies: World body, or that of the base, then one body per station.
         kinds: What the joint of a station is made of: `BALL`, or keys of `HINGE_AXES`.
         azimuth: [rad] by which the hinges' axes are turned about +z.
     """
@@ -104,7 +108,7 @@ def joint_kinds(
         return ("hinge",)
     if not torsion:
         return ("hinge", "side")
-    isotropic = robot.is_symmetric and robot.torsional_stiffness == robot.bending_stiffness
+    isotropic = robot.is_symmetric and not any(x.poisson_ratio for x in robot.backbone.sections)
     channels = any(not tendon.guides for tendon in robot.tendons)
     return (BALL,) if isotropic and not channels and not coupled else ("hinge", "side", "twist")
 
@@ -151,10 +155,11 @@ def posture(model: mujoco.MjModel, angles: np.ndarray) -> np.ndarray:
 
 
 def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> np.ndarray:
-    """Matrix (n, nv) [1/m] from the hinge angles of a chain to mean curvatures of equal pieces.
+    """Matrix (n, nv) [1/m] from the hinge angles of a chain to mean curvatures of pieces.
 
-    Rows are the pieces of a planar chain; of a spatial one beta (towards +x) and gamma (towards
-    +y), piece by piece. The mean of a piece is the angle of its hinges over its length.
+    Each of them is made of equally many of the chain's own. Rows are the pieces of a planar chain;
+    of a spatial one beta (towards +x) and gamma (towards +y), piece by piece. The mean of a piece
+    is the angle of its hinges over its length.
 
     Raises:
         ValueError: The chain has ball joints, or its own pieces do not divide these.
@@ -166,11 +171,12 @@ def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> n
             f"{', '.join(joints)} and {layout.pieces} pieces"
         )
     kinds = [kind for kind in ("hinge", "side") if kind in joints]
-    turn = _turn(model, len(kinds)) * pieces / layout.weights.sum()
+    turn, together = _turn(model, len(kinds)), layout.pieces // pieces
+    sizes = np.diff(layout.edges[::together])
     matrix = np.zeros((pieces, len(kinds), model.nv))
-    for station, piece in enumerate(layout.piece // (layout.pieces // pieces)):
+    for station, piece in enumerate(layout.piece // together):
         for column, kind in enumerate(kinds):
-            matrix[piece, :, joints[kind][station]] = turn[:, column]
+            matrix[piece, :, joints[kind][station]] = turn[:, column] / sizes[piece]
     return matrix.reshape(-1, model.nv)
 
 
@@ -199,18 +205,47 @@ def add_chain(
 ) -> Chain:
     """Add the links, their joints made of `kinds`, the head and the tip site to an empty spec."""
     azimuth = robot.stiff_azimuth if robot.anisotropy else 0.0
-    bodies = [spec.worldbody]
+    bodies = [_add_base(spec, robot)]
     stations = np.concatenate(([0.0], layout.stations, [robot.length]))
+    joints, inertias = _joint_stiffness(robot, layout, kinds), _inertias(robot, stations[1:])
     for index, weight in enumerate(layout.weights):
         origin = stations[index + 1] - stations[index]
         body = bodies[-1].add_body(name=f"link{index}", pos=[0, 0, origin])
-        _set_inertia(body, robot, stations[index + 2] - stations[index + 1])
+        _set_inertia(body, robot, stations[index + 2] - stations[index + 1], inertias[index])
         for kind in order_of(kinds, index):
-            _add_joint(body, f"{kind}{index}", kind, robot, weight, azimuth)
+            joint = _add_joint(body, f"{kind}{index}", kind, robot, weight, azimuth)
+            joint.stiffness[0] = stiffness = joints[kind][index]
+            joint.damping[0] = joints["damping_time"][index] * stiffness
         bodies.append(body)
     chain = Chain(spec, layout, robot.length, tuple(bodies), kinds, azimuth)
     _add_tip(chain, robot.head)
+    _add_discs(chain, robot.discs)
     return chain
+
+
+def _add_base(spec: mujoco.MjSpec, robot: RobotParams) -> mujoco.MjsBody:
+    """The body on which the chain stands."""
+    if robot.base is None:
+        return spec.worldbody
+    body = spec.worldbody.add_body(name=BASE_BODY, pos=robot.base.position)
+    turn = np.empty(4)
+    mujoco.mju_mat2Quat(turn, robot.base.axes.ravel())
+    body.quat = turn
+    return body
+
+
+def _joint_stiffness(
+    robot: RobotParams, layout: HingeLayout, kinds: tuple[str, ...]
+) -> dict[str, list[float]]:
+    """Stiffness of the stations' joints [N m] by kind, and their damping time [s]."""
+    backbone, half = robot.backbone, robot.anisotropy / 2
+    bending = backbone.bending(layout.stations)
+    towards = bending * (1 + half) / layout.weights
+    found = {"hinge": towards, BALL: towards, "side": bending * (1 - half) / layout.weights}
+    if "twist" in kinds:
+        found["twist"] = backbone.torsion(layout.stations) / layout.weights
+    found["damping_time"] = backbone.damping_time(layout.stations)
+    return {name: values.tolist() for name, values in found.items()}
 
 
 def _add_tip(chain: Chain, head: Head | None) -> None:
@@ -224,18 +259,45 @@ def _add_tip(chain: Chain, head: Head | None) -> None:
     body.add_site(name=TIP_SITE, pos=[0, 0, height], size=[1e-3, 0, 0])
 
 
-def _set_inertia(body: mujoco.MjsBody, robot: RobotParams, length: float) -> None:
-    """Mass and inertia of a hollow cylinder of `length` [m] above the body's origin.
+def _add_discs(chain: Chain, discs: Sequence[Disc]) -> None:
+    # After all links, whose numbers they must not shift.
+    for index, disc in enumerate(discs):
+        link, height = chain.locate(disc.station)
+        body = link.add_body(name=f"disc{index}", pos=[0, 0, height])
+        # Not given, MuJoCo would take the body's own place once more.
+        body.mass, body.ipos, body.inertia = disc.mass, [0, 0, 0], disc.inertia
+        body.explicitinertial = True
+
+
+def _inertias(robot: RobotParams, edges: np.ndarray) -> np.ndarray:
+    """Of links between edges (links, 4): mass, height of its centre, and lateral and axial inertia.
+
+    The latter two are about the centre of mass.
+    """
+    backbone = robot.backbone
+
+    def densities(s: np.ndarray) -> np.ndarray:
+        height = s - edges[np.searchsorted(edges[1:-1], s)]
+        mass = backbone.mass(s)
+        return np.stack([mass, mass * height, mass * height**2, backbone.rotary(s)])
+
+    mass, first, second, rotary = backbone.integrals(densities, edges)
+    centre = first / mass
+    return np.column_stack([mass, centre, second - first * centre + rotary, 2 * rotary])
+
+
+def _set_inertia(
+    body: mujoco.MjsBody, robot: RobotParams, length: float, inertia: np.ndarray
+) -> None:
+    """Mass and inertia of a part of `length` [m] of the backbone, a row of `_inertias`.
 
     Raises:
         ValueError: They are smaller than what MuJoCo takes.
     """
-    mass = robot.mass_per_length * length
-    square = robot.outer_radius**2 + robot.inner_radius**2
-    lateral = mass * (3 * square + length**2) / 12
+    mass, centre, lateral, axial = inertia.tolist()
     body.mass = mass
-    body.ipos = [0, 0, length / 2]
-    body.inertia = [lateral, lateral, mass * square / 2]
+    body.ipos = [0, 0, centre]
+    body.inertia = [lateral, lateral, axial]
     least = min(mass, *body.inertia)
     if least < mujoco.mjMINVAL:
         raise ValueError(
@@ -248,18 +310,15 @@ def _set_inertia(body: mujoco.MjsBody, robot: RobotParams, length: float) -> Non
 
 def _add_joint(
     body: mujoco.MjsBody, name: str, kind: str, robot: RobotParams, weight: float, azimuth: float
-) -> None:
-    """Joint with the stiffness and damping of `weight` [m] of beam, its axis turned by azimuth."""
+) -> mujoco.MjsJoint:
+    """Joint of `weight` [m] of beam, its axis turned by azimuth."""
     if kind == BALL:
-        joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
-    else:
-        axis = _turned(HINGE_AXES[kind], azimuth)
-        joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
-        along, across = seen_from_hinges(robot.precurvature, azimuth)
-        joint.springref = weight * {"hinge": along, "side": across, "twist": 0.0}[kind]
-    stiffness = beam_stiffness(kind, robot) / weight
-    joint.stiffness[0] = stiffness
-    joint.damping[0] = robot.damping_time * stiffness
+        return body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_BALL)
+    axis = _turned(HINGE_AXES[kind], azimuth)
+    joint = body.add_joint(name=name, type=mujoco.mjtJoint.mjJNT_HINGE, axis=axis)
+    along, across = seen_from_hinges(robot.precurvature, azimuth)
+    joint.springref = weight * {"hinge": along, "side": across, "twist": 0.0}[kind]
+    return joint
 
 
 def _turned(axis: tuple[float, float, float], azimuth: float) -> tuple[float, float, float]:
@@ -268,11 +327,3 @@ def _turned(axis: tuple[float, float, float], azimuth: float) -> tuple[float, fl
         return axis
     x, y, z = axis
     return x * cos(azimuth) - y * sin(azimuth), x * sin(azimuth) + y * cos(azimuth), z
-
-
-def beam_stiffness(kind: str, robot: RobotParams) -> float:
-    """Stiffness [N m2] of the beam about the axis of a kind of hinge."""
-    if kind == "twist":
-        return robot.torsional_stiffness
-    towards, across = robot.principal_stiffnesses
-    return across if kind == "side" else towards

@@ -1,7 +1,10 @@
 """What a scene contains. A part that is not listed is not built."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from math import cos, inf, nan, sin
+
+import numpy as np
 
 from softrobot_env.fields import Positive, Share, check_fields, check_unique
 from softrobot_env.robots import RobotParams
@@ -111,7 +114,9 @@ class SceneConfig:
 
     Attributes:
         robot: The robot.
-        pieces: Equal pieces the robot is cut into; the robot's own number unless given.
+        pieces: Pieces the robot is cut into, equal in each section: in total (shared out by
+            length, one or more a section), or one number per section; the robot's own unless given.
+            A section's end is a piece's end, and a channel's end has to be one.
         rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given
             "coupled2" for a chain that twists, else "balanced2".
         actuation: "tension" (controls are tensions [N]) or "length" (controls are the lengths
@@ -127,7 +132,7 @@ class SceneConfig:
     """
 
     robot: RobotParams
-    pieces: Pieces | None = None
+    pieces: Pieces | tuple[Pieces, ...] | None = None
     rule: str | None = None
     actuation: str = "tension"
     control_period: Positive = 0.01
@@ -161,7 +166,7 @@ class SceneConfig:
             )
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
-        _ = self.wanted_accuracy
+        _ = self.wanted_accuracy, self.edges
 
     @property
     def wanted_accuracy(self) -> float:
@@ -175,7 +180,17 @@ class SceneConfig:
     @property
     def n_pieces(self) -> int:
         """Number of pieces really used."""
-        return self.robot.pieces if self.pieces is None else self.pieces
+        return len(self.edges) - 1
+
+    @cached_property
+    def edges(self) -> np.ndarray:
+        """Ends (n_pieces + 1,) [m] of the pieces.
+
+        Raises:
+            ValueError: The pieces do not fit the robot's sections.
+        """
+        pieces = self.robot.pieces if self.pieces is None else self.pieces
+        return self.robot.backbone.cut(pieces)
 
     @property
     def hinge_rule(self) -> str:
@@ -204,6 +219,15 @@ def parse_accuracy(accuracy: float | str, length: float) -> float:
     return value
 
 
+def _middle(robot: RobotParams) -> tuple[float, float]:
+    """(x, z) [m] of about the middle of the straight robot."""
+    height = 0.48 * robot.reach
+    if robot.base is None:
+        return 0.0, height
+    x, _, z = robot.base.position + height * robot.base.axes[:, 2]
+    return float(x), float(z)
+
+
 def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
     """The same scene with a body to look at and a camera that frames the robot's reach.
 
@@ -214,5 +238,5 @@ def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
     reach = config.robot.reach
     height = reach * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
     elevation = _ELEVATION if config.bending == "spatial" else 0.0
-    camera = Camera(FRONT_CAMERA, (0.0, 0.48 * reach), height, elevation)
+    camera = Camera(FRONT_CAMERA, _middle(config.robot), height, elevation)
     return replace(config, appearance=Appearance(), cameras=(camera,))

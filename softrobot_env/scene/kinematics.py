@@ -33,7 +33,7 @@ def places(
     points[:, 2] = stations - np.concatenate(([0.0], layout.stations))[body]
     if offsets is not None:
         points[:, :2] = offsets
-    return body, points
+    return body + (robot.base is not None), points
 
 
 def positions(
@@ -77,7 +77,7 @@ def curvature(model: mujoco.MjModel, layout: HingeLayout, q: np.ndarray) -> np.n
     out = np.zeros((layout.pieces, 3))
     for column, (axis, sign) in enumerate(((1, 1), (0, -1), (2, 1))[: angles.shape[1]]):
         np.add.at(out[:, axis], layout.piece, sign * angles[:, column])
-    return out / layout.piece_length
+    return out / layout.sizes[:, None]
 
 
 def tendon_lengths(model: mujoco.MjModel, robot: RobotParams, q: np.ndarray) -> np.ndarray:

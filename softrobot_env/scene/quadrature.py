@@ -54,20 +54,25 @@ class HingeLayout:
         stations: (n,) [m], arc lengths of the hinges, increasing.
         weights: (n,) [m], length of beam each hinge represents; they sum to the robot's length.
         piece: (n,) index of the piece each hinge stands in.
-        pieces: Number of pieces.
+        edges: (pieces + 1,) [m], ends of the pieces.
         coupled: Whether springs couple them (`scene.coupling`).
     """
 
     stations: np.ndarray
     weights: np.ndarray
     piece: np.ndarray
-    pieces: int
+    edges: np.ndarray
     coupled: bool = False
 
     @property
-    def piece_length(self) -> float:
-        """[m]"""
-        return float(self.weights.sum()) / self.pieces
+    def pieces(self) -> int:
+        """Number of pieces."""
+        return len(self.edges) - 1
+
+    @property
+    def sizes(self) -> np.ndarray:
+        """Lengths (pieces,) [m] of the pieces."""
+        return np.diff(self.edges)
 
 
 def place_hinges(length: float, pieces: int, rule: str) -> HingeLayout:
@@ -78,14 +83,19 @@ def place_hinges(length: float, pieces: int, rule: str) -> HingeLayout:
     """
     if not (pieces >= 1 and pieces % 1 == 0):
         raise ValueError(f"need a whole number of pieces, at least one, got {pieces}")
+    return place_between(length / pieces * np.arange(pieces + 1), rule)
+
+
+def place_between(edges: np.ndarray, rule: str) -> HingeLayout:
+    """Place the hinges of pieces that end at edges (pieces + 1,) [m]; ValueError as above."""
     offsets = np.array(RULES.find(rule))
     shares = np.array(_SHARES.get(rule, np.full(len(offsets), 1 / len(offsets))))
-    size = length / pieces
-    middles = size * (np.arange(pieces) + 0.5)
+    sizes = np.diff(edges)[:, None]
+    middles = edges[:-1, None] + sizes / 2
     return HingeLayout(
-        stations=(middles[:, None] + size * offsets).ravel(),
-        weights=np.tile(size * shares, pieces),
-        piece=np.repeat(np.arange(pieces), len(offsets)),
-        pieces=pieces,
+        stations=(middles + sizes * offsets).ravel(),
+        weights=(sizes * shares).ravel(),
+        piece=np.repeat(np.arange(len(sizes)), len(offsets)),
+        edges=edges,
         coupled=rule in _COUPLED,
     )

@@ -51,11 +51,14 @@ def add_springs(chain: Chain, robot: RobotParams) -> None:
     if "side" not in chain.kinds:
         return
     share = 1.0 if all(tendon.guides for tendon in robot.tendons) else _WITH_CHANNELS
-    for index, weight in enumerate(chain.layout.weights):
+    stations, weights = chain.layout.stations, chain.layout.weights
+    bends = (robot.backbone.bending(stations) / weights).tolist()
+    twists = (robot.backbone.torsion(stations) / weights).tolist()
+    for index, (bend, twist) in enumerate(zip(bends, twists, strict=True)):
         if "twist" in chain.kinds:
-            _couple_three(chain, robot, index, weight, share)
+            _couple_three(chain, index, bend, twist, robot.anisotropy * bend, share)
         else:
-            _couple_two(chain, robot.bending_stiffness / weight, index, share)
+            _couple_two(chain, bend, index, share)
 
 
 def _couple_two(chain: Chain, bend: float, index: int, share: float) -> None:
@@ -69,20 +72,18 @@ def _couple_two(chain: Chain, bend: float, index: int, share: float) -> None:
 
 
 def _couple_three(
-    chain: Chain, robot: RobotParams, index: int, weight: float, share: float
+    chain: Chain, index: int, bend: float, twist: float, more: float, share: float
 ) -> None:
     """Sums over the four tendons x = b + u g + v l t, u and v = +-1:
 
     of u v x^3 = 24 l b g t, of x^4 = 4 b^4 + 4 g^4 + 4 l^4 t^4
-    + 24 (b^2 g^2 + l^2 b^2 t^2 + l^2 g^2 t^2).
+    + 24 (b^2 g^2 + l^2 b^2 t^2 + l^2 g^2 t^2); `more` is how much stiffer b is than g.
     """
-    towards, across = robot.principal_stiffnesses
-    bend, twist = robot.bending_stiffness / weight, robot.torsional_stiffness / weight
     sign = 1 if order_of(chain.kinds, index)[0] == "hinge" else -1
     both, each = twist / 8 - share * bend / 6, bend / 24 - twist / 12
     # Where no l makes both terms, it makes the first.
     lever = sqrt(each / both) if 0 < each * both <= both**2 else 1.0
-    third = ((towards - across) / weight + sign * twist) / 2 / (24 * lever)
+    third = (more + sign * twist) / 2 / (24 * lever)
     fourth = both / 24
     for number, (side, turn) in enumerate(_TWISTING):
         joints = {"hinge": 1.0, "side": side, "twist": turn * lever}

@@ -50,44 +50,67 @@ def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
 
 
 def _route_through_channel(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
-    """Tendon in a continuous channel: its length changes by -(x beta + y gamma) a station."""
-    piece_length = chain.length / chain.layout.pieces
-    last = tendon.end / piece_length
-    if abs(last - round(last)) > 1e-9:
+    """Tendon in a continuous channel, whose length changes by joint angles times lever arms.
+
+    A channel at r(s) = (x, y) has the tangent e_z + r' + kappa x r. To first order in the strains
+    its length changes at a station by -(x beta + y gamma) + (x y' - y x') tau, over the length
+    sqrt(1 + x'^2 + y'^2) of its tangent in the straight robot. Of second order, and left out, is
+    that a tension T makes torsion stiffer by T (x^2 + y^2), a share of about (1 + nu) times
+    curvature times distance.
+    """
+    _check_end(chain, tendon)
+    fixed = chain.spec.add_tendon(name=tendon.name)
+    for index, (*place, twist) in enumerate(_lever_arms(chain, tendon)):
+        along, across = seen_from_hinges(place, chain.azimuth)
+        fixed.wrap_joint(f"hinge{index}", -along)
+        if "side" in chain.kinds:
+            fixed.wrap_joint(f"side{index}", -across)
+        if "twist" in chain.kinds and twist:
+            fixed.wrap_joint(f"twist{index}", twist)
+    return fixed
+
+
+def _lever_arms(chain: Chain, tendon: Tendon) -> list[list[float]]:
+    """[m]: x, y and x y' - y x' at the stations, over the length of the tangent."""
+    stations = chain.layout.stations
+    count = int(np.searchsorted(stations, tendon.end))
+    if tendon.is_straight:
+        return [[*tendon.offset, 0.0]] * count
+    (x, y), (dx, dy) = (values.T for values in tendon.course(stations[:count]))
+    return (np.stack([x, y, x * dy - y * dx]) / np.sqrt(1 + dx**2 + dy**2)).T.tolist()
+
+
+def _check_end(chain: Chain, tendon: Tendon) -> None:
+    edges = chain.layout.edges
+    off = np.abs(edges - tendon.end)
+    if off.min() > 1e-9 * chain.length / chain.layout.pieces:
+        nearest = edges[off.argmin()]
         raise ValueError(
             f"tendon {tendon.name!r} ends inside a piece: choose the number of pieces so that "
-            f"{tendon.end:g} m is a multiple of their length, now {piece_length:g} m"
+            f"{tendon.end:g} m is a multiple of their length (the nearest ends at {nearest:g} m), "
+            "or end a section there"
         )
-    fixed = chain.spec.add_tendon(name=tendon.name)
-    along, across = seen_from_hinges(tendon.offset, chain.azimuth)
-    for index, piece in enumerate(chain.layout.piece):
-        if piece < round(last):
-            fixed.wrap_joint(f"hinge{index}", -along)
-            if "side" in chain.kinds:
-                fixed.wrap_joint(f"side{index}", -across)
-    return fixed
 
 
 def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsTendon:
     """Add a straight-line tendon from the base through its guides to its end."""
     spatial = chain.spec.add_tendon(name=name)
-    for index, station in enumerate((0.0, *tendon.guides, tendon.end)):
+    places = tendon.at(np.array(tendon.stations)).tolist()
+    for index, (station, place) in enumerate(zip(tendon.stations, places, strict=True)):
         body, height = chain.locate(station)
-        site = body.add_site(
-            name=f"{name}_guide{index}", pos=[*tendon.offset, height], size=[1e-3, 0, 0]
-        )
+        site = body.add_site(name=f"{name}_guide{index}", pos=[*place, height], size=[1e-3, 0, 0])
         spatial.wrap_site(site.name)
     return spatial
 
 
 def straight_length(tendon: Tendon) -> float:
     """Length [m] MuJoCo reports in the straight pose (a channel counts from zero)."""
-    return tendon.end if tendon.guides else 0.0
+    return tendon.straight_length if tendon.guides else 0.0
 
 
 def full_length(robot: RobotParams) -> np.ndarray:
     """(n_tendons,) [m] inside the straight robot, less those that MuJoCo tells."""
-    return np.array([t.end - straight_length(t) for t in robot.tendons])
+    return np.array([t.straight_length - straight_length(t) for t in robot.tendons])
 
 
 def _add_actuator(spec: mujoco.MjSpec, tendon: Tendon) -> mujoco.MjsActuator:
@@ -126,5 +149,5 @@ def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, angle: float) -> None:
     actuator.biasprm[1] = -stiffness
     actuator.forcelimited = True
     actuator.forcerange = [0.0, tendon.tension_limit]
-    reach = angle * math.hypot(*tendon.offset) + tendon.tension_limit / stiffness
+    reach = angle * tendon.farthest + tendon.tension_limit / stiffness
     actuator.ctrlrange = [-reach, reach]

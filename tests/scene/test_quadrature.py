@@ -17,8 +17,8 @@ def test_hinges_share_out_the_whole_length_inside_their_pieces(rule, pieces):
     assert len(layout.stations) == len(layout.weights) == pieces * len(RULES[rule])
     assert np.all(np.diff(layout.stations) > 0)
     assert layout.weights.sum() == pytest.approx(0.4, rel=1e-14)
-    assert layout.piece_length == pytest.approx(0.4 / pieces, rel=1e-14)
-    np.testing.assert_array_equal(np.floor(layout.stations / layout.piece_length), layout.piece)
+    np.testing.assert_allclose(layout.sizes, 0.4 / pieces, rtol=1e-13)
+    np.testing.assert_array_equal(np.floor(layout.stations / (0.4 / pieces)), layout.piece)
     # Mirrored, a robot is the same robot.
     np.testing.assert_allclose(layout.stations, 0.4 - layout.stations[::-1], atol=1e-15)
     np.testing.assert_allclose(layout.weights, layout.weights[::-1], rtol=1e-14)

@@ -33,7 +33,7 @@ from softrobot_env.beams.ancf.shapes import (
 )
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.loads import Load, refuse_out_of_plane
+from softrobot_env.robots.loads import Load, refuse_out_of_plane, seen_from_base
 
 #: Laws of a planar model.
 PLANES = ("stress", "strain")
@@ -89,8 +89,17 @@ class ANCF(BeamModel):
             clamped: Whether the first node is fixed; else the rod is free.
 
         Raises:
-            ValueError: An option is not one of these, or something acts across a planar model.
+            ValueError: An option is not one of these, something acts across a planar model, or the
+                robot has several or tapered sections, discs, or channels that are not straight.
         """
+        robot.require_uniform("ANCF")
+        winding = [t.name for t in robot.tendons if not (t.guides or t.is_straight)]
+        if winding or robot.discs:
+            what = f"channels that are not straight ({', '.join(winding)})" if winding else "discs"
+            raise ValueError(
+                f"robot {robot.name!r}: ANCF knows no {what}; take PCC, CosseratRod or the MuJoCo "
+                "chain"
+            )
         if dimension not in (2, 3):
             raise ValueError(f"dimension must be 2 or 3, got {dimension!r}")
         if plane not in PLANES:
@@ -105,8 +114,9 @@ class ANCF(BeamModel):
                 f"the Poisson ratio must lie between -1 and 0.5, got {robot.poisson_ratio}"
             )
         if dimension == 2:
+            seen = seen_from_base(robot, loads)
             refuse_out_of_plane(
-                "ANCF of dimension 2", "dimension 3", loads, robot.gravity, robot.tendons
+                "ANCF of dimension 2", "dimension 3", seen, robot.own_gravity, robot.tendons
             )
         self.dimension, self.plane = int(dimension), plane
         self.quadrature = int(quadrature) if order else quadrature

@@ -72,7 +72,7 @@ def mass_factor(element: np.ndarray, vectors: int, pieces: int, fixed: int) -> n
 def gravity_force(robot: RobotParams, bending: np.ndarray, d: int, pieces: int) -> np.ndarray:
     """Generalised force (pieces + 1, d + 1, d) of gravity: mass times that acceleration of r."""
     out = np.zeros((pieces + 1, d + 1, d))
-    along = np.array(robot.gravity)[list(AXES[d])]
+    along = np.array(robot.own_gravity)[list(AXES[d])]
     share = bending[:, 0] + bending[:, 2]
     out[:-1, :2] += share[:2, None] * along
     out[1:, :2] += share[2:, None] * along

@@ -132,33 +132,29 @@ def add_moments(model, q, moments, out):
 
 
 @kernel
-def _shares(end, k):
-    """Shares of segment k beside its first and its second vertex that a channel runs through.
+def _channel_vector(t, kappa, k, sample):
+    """Tangent of a channel in segment k, in its frame: t + r' + kappa x r, r = (x, y, 0).
 
-    It ends after `end` segments.
+    The rod's tangent t there is e_z and shares of the segment's shear and stretch.
     """
-    portion = min(1.0, end - k)
-    if portion < 1e-9:  # rounding error of an end at a vertex
-        return 0.0, 0.0
-    low = min(portion, 0.5)
-    return low, portion - low
-
-
-@kernel
-def _channel_vector(t, kappa, k, low, high, offset, c):
-    """Tangent of channel c in segment k, in its frame: t + kappa x (x, y, 0)."""
-    first, second = low / (low + high), high / (low + high)
+    size = sample[0] + sample[1]
+    first, second = sample[0] / size, sample[1] / size
     x = first * kappa[k, 0] + second * kappa[k + 1, 0]
     y = first * kappa[k, 1] + second * kappa[k + 1, 1]
     z = first * kappa[k, 2] + second * kappa[k + 1, 2]
-    a, b = offset[c, 0], offset[c, 1]
-    return t[0] - z * b, t[1] + z * a, t[2] + x * b - y * a
+    a, b = sample[2], sample[3]
+    shear, along = sample[6], 1 + sample[7] * (t[2] - 1)
+    return (
+        shear * t[0] + sample[4] - z * b,
+        shear * t[1] + sample[5] + z * a,
+        along + x * b - y * a,
+    )
 
 
 @kernel
-def _lever(offset, c, x):
-    """Place of channel c in its section times its tangent x: (x, y, 0) x tangent."""
-    a, b = offset[c, 0], offset[c, 1]
+def _lever(sample, x):
+    """Place of a channel in its section times its tangent x: (x, y, 0) x tangent."""
+    a, b = sample[2], sample[3]
     return b * x[2], -a * x[2], a * x[1] - b * x[0]
 
 
@@ -166,52 +162,52 @@ def _lever(offset, c, x):
 def channel_lengths(model, q, out):
     """Set out (n_channels,) [m] to the lengths of the continuous channels.
 
-    Rucker and Webster (IEEE Trans. Robotics 27, 2011): the tangent of a channel at (x, y) is
-    gamma + e_z + kappa x (x, y, 0). gamma is that of the segment, kappa that of the nearer
+    Rucker and Webster (IEEE Trans. Robotics 27, 2011): the tangent of a channel at r(s) = (x, y) is
+    gamma + e_z + r' + kappa x r. gamma is that of the segment, kappa that of the nearer
     vertex; the half segment at the tip has none in the thesis' grid, where it cannot bend. The
     stub of the other grid bends with the first vertex.
     """
-    ends, offset = model.actuation.channel_end, model.actuation.channel_offset
-    base, spacing, u = model.base, model.spacing, sections(q, model.pieces)
+    base, first, samples = model.base, model.first_sample, model.samples
+    u = sections(q, model.pieces)
     kappa = curvatures(u, base, model.cells, model.weighting)
     zero = q[0] * 0
-    for c in range(len(ends)):
-        x = _channel_vector((zero, zero, zero + 1), kappa, 0, 1.0, 0.0, offset, c)
-        out[c] = min(ends[c], model.stub) * np.sqrt(dot3(x, x))
+    for c in range(len(out)):
+        out[c] = zero
+    for m in range(first[1]):
+        x = _channel_vector((zero, zero, zero + 1), kappa, 0, samples[m])
+        out[model.sampled[m]] += samples[m, 0] * np.sqrt(dot3(x, x))
     for k in range(model.pieces):
         t = segment_vector(q, base, k, model.segments, row4(u, k + 1))
-        for c in range(len(ends)):
-            low, high = _shares((ends[c] - model.stub) / spacing, k)
-            if low > 0:
-                x = _channel_vector(t, kappa, k, low, high, offset, c)
-                out[c] += spacing * (low + high) * np.sqrt(dot3(x, x))
+        for m in range(first[k + 1], first[k + 2]):
+            x = _channel_vector(t, kappa, k, samples[m])
+            out[model.sampled[m]] += (samples[m, 0] + samples[m, 1]) * np.sqrt(dot3(x, x))
 
 
 @kernel
 def add_channel_forces(model, q, tension, out):
     """Add to out (n,) the generalised force of tensions (n_channels,) [N] in the channels."""
-    ends, offset = model.actuation.channel_end, model.actuation.channel_offset
-    base, spacing, u = model.base, model.spacing, sections(q, model.pieces)
+    base, first, samples = model.base, model.first_sample, model.samples
+    u = sections(q, model.pieces)
     kappa = curvatures(u, base, model.cells, model.weighting)
     torque, moment = np.zeros_like(kappa), np.zeros_like(kappa)
     zero = q[0] * 0
-    for c in range(len(ends)):
-        x = _channel_vector((zero, zero, zero + 1), kappa, 0, 1.0, 0.0, offset, c)
-        pull = tension[c] * min(ends[c], model.stub) / np.sqrt(dot3(x, x))
-        add_scaled(moment, 0, pull, _lever(offset, c, x))
+    for m in range(first[1]):
+        x = _channel_vector((zero, zero, zero + 1), kappa, 0, samples[m])
+        pull = tension[model.sampled[m]] * samples[m, 0] / np.sqrt(dot3(x, x))
+        add_scaled(moment, 0, pull, _lever(samples[m], x))
     for k in range(model.pieces):
         frame = row4(u, k + 1)
         t, force = segment_vector(q, base, k, model.segments, frame), (zero, zero, zero)
-        for c in range(len(ends)):
-            low, high = _shares((ends[c] - model.stub) / spacing, k)
-            if low > 0:
-                x = _channel_vector(t, kappa, k, low, high, offset, c)
-                pull = tension[c] / np.sqrt(dot3(x, x))
-                part = (low + high) * spacing / model.segments[k] * pull
-                force = add(force, scaled(part, x))
-                lever = _lever(offset, c, x)
-                add_scaled(moment, k, spacing * low * pull, lever)
-                add_scaled(moment, k + 1, spacing * high * pull, lever)
+        for m in range(first[k + 1], first[k + 2]):
+            low, high = samples[m, 0], samples[m, 1]
+            x = _channel_vector(t, kappa, k, samples[m])
+            pull = tension[model.sampled[m]] / np.sqrt(dot3(x, x))
+            part = (low + high) / model.segments[k] * pull
+            shear = part * samples[m, 6]
+            force = add(force, (shear * x[0], shear * x[1], part * samples[m, 7] * x[2]))
+            lever = _lever(samples[m], x)
+            add_scaled(moment, k, low * pull, lever)
+            add_scaled(moment, k + 1, high * pull, lever)
         pull_ends(base, k, frame, -1.0, force, out)
         add_scaled(torque, k + 1, model.segments[k], cross(t, force))
     for n in range(first_vertex(base), model.pieces):

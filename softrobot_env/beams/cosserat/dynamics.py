@@ -12,6 +12,7 @@ belongs to D / 4 then acts at 0, which makes the rod softer by an error of secon
 other the vertices are the middles of N equal pieces, each the cell of its vertex, and the tip: a
 rigid stub of D / 2 leads to the first, and the last segment is half as long. A moment that is
 linear within a piece then bends it exactly, and segment k turns with the section at (k + 1) D.
+Pieces of different lengths have a D each, and segments reach from middle to middle.
 
 A quaternion stands for the rotation of its direction: strains, velocities and forces do not
 change when it is scaled, so a drift of its norm does no work. On unit quaternions all is as
@@ -55,7 +56,7 @@ class CosseratData(NamedTuple):
     Attributes:
         pieces: N.
         base: Index of x_0's first coordinate, -1 if clamped.
-        spacing: D [m].
+        spacing: D [m], of unequal pieces the mean.
         stub: [m], place of the first vertex.
         segments: (N,) [m], their lengths.
         cells: (N,) [m] of rod that bend at the vertices 0 to N - 1.
@@ -65,8 +66,8 @@ class CosseratData(NamedTuple):
             influence the motion.
         stretching: (N, 3) [N], shear (2) and tension stiffness C_gamma of the segments; the first
             stretches for the stub, too.
-        bending: (3,) [N m2], bending (2) and torsion stiffness C_kappa.
-        damping_time: [s].
+        bending: (N, 3) [N m2], bending (2) and torsion stiffness C_kappa at the vertices.
+        stretch_damping, bend_damping: (N,) damping time [s] of the segments and at the vertices.
         gravity: (3,) [m/s2].
         weighting: 1 to 5, the xi of (2.23).
         conservative: Whether moments act as the gradient of the energy, else as printed.
@@ -77,6 +78,11 @@ class CosseratData(NamedTuple):
         section, weight: (n_points,), its directors are those of the segments `section` (-1: the
             clamp) and `section` + 1, with weights 1 - weight and weight.
         moment_weight: (n_points,), the same for moments.
+        first_sample: (N + 2,) first sample of the stub and of each segment.
+        sampled: (m,) channel of a sample, a point for integrals along it.
+        samples: (m, 8) its length [m] beside the first and the second vertex of its segment, place
+            in the cross-section [m] and slope [1], and shear and stretch there over those of the
+            segment [1]: not 1 where the rod's stiffness changes within a segment.
     """
 
     n: int
@@ -95,7 +101,8 @@ class CosseratData(NamedTuple):
     normal_inertia: float
     stretching: np.ndarray
     bending: np.ndarray
-    damping_time: float
+    stretch_damping: np.ndarray
+    bend_damping: np.ndarray
     gravity: np.ndarray
     weighting: int
     conservative: bool
@@ -107,6 +114,9 @@ class CosseratData(NamedTuple):
     section: np.ndarray
     weight: np.ndarray
     moment_weight: np.ndarray
+    first_sample: np.ndarray
+    sampled: np.ndarray
+    samples: np.ndarray
 
 
 # ---------------------------------------------------------------- coordinates
@@ -188,13 +198,13 @@ def curvatures(u, base, cells, kind):
 @kernel
 def internal_residual(model, q, v, a, out):
     """Set out (n,) to inertial, elastic and damping forces less gravity, (2.36) and (2.37)."""
-    base, segments, mu = model.base, model.segments, model.damping_time
+    base, segments, mu = model.base, model.segments, model.stretch_damping
     u, w = sections(q, model.pieces), spins(q, v, model.pieces)
     torque = np.zeros_like(w)
     _set_inertia(model.vertex_mass, model.gravity, base, a, out)
     _add_stretching(model.stretching, mu, base, segments, q, v, u, w, torque, out)
     kind = model.weighting if model.conservative else -model.weighting
-    _add_bending(model.bending, mu, kind, base, model.cells, u, w, torque)
+    _add_bending(model.bending, model.bend_damping, kind, base, model.cells, u, w, torque)
     constraint = (model.normal_inertia, model.baumgarte, model.norm_stiffness)
     _set_rotation_rows(model.inertia, constraint, q, v, a, w, torque, out)
 
@@ -217,9 +227,9 @@ def _add_stretching(c, mu, base, segments, q, v, u, w, torque, out):
         rate = segment_vector(v, base, k, segments, frame)
         turning = cross(row3(w, k + 1), t)
         force = (
-            c[k, 0] * (t[0] + mu * (rate[0] - turning[0])),
-            c[k, 1] * (t[1] + mu * (rate[1] - turning[1])),
-            c[k, 2] * (t[2] - 1 + mu * (rate[2] - turning[2])),
+            c[k, 0] * (t[0] + mu[k] * (rate[0] - turning[0])),
+            c[k, 1] * (t[1] + mu[k] * (rate[1] - turning[1])),
+            c[k, 2] * (t[2] - 1 + mu[k] * (rate[2] - turning[2])),
         )
         pull_ends(base, k, frame, 1.0, force, out)
         add_scaled(torque, k + 1, segments[k], cross(t, force))
@@ -250,11 +260,11 @@ def _add_bending(c, mu, kind, base, cells, u, w, torque):
         rate = relative_rate(turn, row3(w, n), row3(w, n + 1))
         xi, slope = weighting(abs(kind), turn)
         factor = 2 / cells[n]
-        still, moving = factor * (xi + mu * slope * rate[0]), factor * mu * xi
+        still, moving = factor * (xi + mu[n] * slope * rate[0]), factor * mu[n] * xi
         moment = (
-            c[0] * (still * turn[1] + moving * rate[1]),
-            c[1] * (still * turn[2] + moving * rate[2]),
-            c[2] * (still * turn[3] + moving * rate[3]),
+            c[n, 0] * (still * turn[1] + moving * rate[1]),
+            c[n, 1] * (still * turn[2] + moving * rate[2]),
+            c[n, 2] * (still * turn[3] + moving * rate[3]),
         )
         if kind < 0:
             xi, slope = xi * 0 + 1, xi * 0
@@ -401,7 +411,7 @@ def potential(model, q):
         if n < model.pieces:
             place += segments[n]
             for i in range(3):
-                total += 0.5 * model.cells[n] * model.bending[i] * kappa[n, i] * kappa[n, i]
+                total += 0.5 * model.cells[n] * model.bending[n, i] * kappa[n, i] * kappa[n, i]
     for k in range(model.pieces):
         t, c = segment_vector(q, base, k, segments, row4(u, k + 1)), model.stretching[k]
         squares = c[0] * t[0] * t[0] + c[1] * t[1] * t[1] + c[2] * (t[2] - 1) * (t[2] - 1)

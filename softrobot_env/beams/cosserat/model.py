@@ -6,11 +6,11 @@ from itertools import pairwise
 import numpy as np
 
 from softrobot_env.beams import mechanics
-from softrobot_env.beams.actuation import Actuation
+from softrobot_env.beams.actuation import Actuation, channel_samples, channels_of
 from softrobot_env.beams.cosserat import actuation, dynamics
 from softrobot_env.beams.cosserat.dynamics import CosseratData
 from softrobot_env.beams.model import BeamModel
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import RobotParams, Tendon
 from softrobot_env.robots.loads import Load
 
 #: Where the rod bends; see `cosserat.dynamics`.
@@ -86,6 +86,8 @@ class CosseratRod(BeamModel):
             grid = "middles" if clamped else "thesis"
         if grid not in GRIDS:
             raise ValueError(f"unknown grid {grid!r}; choose from {', '.join(GRIDS)}")
+        if grid == "thesis":
+            robot.require_uniform("CosseratRod with the grid 'thesis'")
         if grid == "middles" and not clamped:
             raise ValueError("a free rod has the grid 'thesis', with a vertex at each end")
         self.grid, self.weighting, self.moments = grid, int(weighting), moments
@@ -94,26 +96,25 @@ class CosseratRod(BeamModel):
         super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> CosseratData:
-        robot, pieces = self.robot, self.pieces
-        spacing, half = robot.length / pieces, robot.length / pieces / 2
-        segments, cells = np.full(pieces, spacing), np.full(pieces, spacing)
-        stub = half if self.grid == "middles" else 0.0
-        if stub:
-            segments[-1] = half
-        else:
-            cells[0] = half
-        mass = np.zeros(pieces + 1)
-        mass[:-1] += robot.mass_per_length * segments / 2
-        mass[1:] += robot.mass_per_length * segments / 2
-        shear = robot.youngs_modulus / (2 * (1 + robot.poisson_ratio)) * robot.area
-        stretching = np.array(
-            [self.shear_coefficient * shear] * 2 + [robot.youngs_modulus * robot.area]
-        )
+        robot, pieces, backbone = self.robot, self.pieces, self.robot.backbone
+        sizes, vertices = np.diff(self.edges), self._vertices()
+        segments, cells, stub = np.diff(vertices), sizes.copy(), float(vertices[0])
+        if not stub:
+            cells[0] /= 2
         # All of the rod stretches: the first segment for the stub, too.
-        stiffening = np.where(np.arange(pieces) == 0, segments / (segments + stub), 1.0)
-        rotary = robot.density * robot.second_moment
+        stretched = np.append(0.0, vertices[1:])
+        give = (
+            backbone.integrals(lambda s, f=f: 1 / f(s), stretched)
+            for f in (backbone.shear, backbone.axial)
+        )
+        shear, axial = (segments / x for x in give)
+        bending = backbone.in_series(backbone.bending, self.edges)
+        torsion = backbone.in_series(backbone.torsion, self.edges)
+        mass, inertia = self._inertia(vertices)
+        rotary = float(backbone.integrals(backbone.rotary, self.edges).sum())
         scale = np.tile([robot.length] * 3 + [1.0] * 4, pieces)
-        places = self._places(actuation, spacing)
+        places = self._places(actuation.point_station)
+        places["weight"] = self._director_weight(actuation, places["weight"])
         return CosseratData(
             n=7 * pieces + (0 if self.clamped else 3),
             block=7,
@@ -122,29 +123,113 @@ class CosseratRod(BeamModel):
             actuation=actuation,
             pieces=pieces,
             base=-1 if self.clamped else 7 * pieces,
-            spacing=spacing,
+            spacing=robot.length / pieces,
             stub=stub,
             segments=segments,
             cells=cells,
             vertex_mass=mass,
-            inertia=rotary * np.outer(segments, [1.0, 1.0, 2.0]),
-            normal_inertia=4 * rotary * spacing,
-            stretching=np.outer(stiffening, stretching),
-            bending=np.array([robot.bending_stiffness] * 2 + [robot.torsional_stiffness]),
-            damping_time=robot.damping_time,
-            gravity=np.array(robot.gravity, dtype=float),
+            inertia=inertia,
+            normal_inertia=4 * rotary / pieces,
+            stretching=np.column_stack([*[self.shear_coefficient * shear] * 2, axial]),
+            bending=np.column_stack([bending, bending, torsion]),
+            stretch_damping=backbone.damping(backbone.axial, stretched),
+            bend_damping=backbone.damping(backbone.bending, self.edges),
+            gravity=np.array(robot.own_gravity, dtype=float),
             weighting=self.weighting,
             conservative=self.moments == "conservative",
             baumgarte=self.baumgarte,
             norm_stiffness=0.0,
             **places,
+            **self._samples(actuation, vertices),
         )
 
-    def _places(self, actuation: Actuation, spacing: float) -> dict[str, np.ndarray]:
-        """Fields of `CosseratData` about the actuation's points."""
+    def _vertices(self) -> np.ndarray:
+        """Arc lengths (N + 1,) [m] of the vertices."""
+        if self.grid == "thesis":
+            return self.edges
+        return np.append((self.edges[:-1] + self.edges[1:]) / 2, self.edges[-1])
+
+    def _inertia(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Masses (N + 1,) [kg] of the vertices and inertias (N, 3) [kg m2] of the segments.
+
+        A disc is shared out between the vertices, and the sections, beside it.
+        """
+        backbone, pieces = self.robot.backbone, self.pieces
+        number = np.arange(pieces + 1)
+
+        def beyond(s: np.ndarray) -> np.ndarray:
+            at = np.interp(s, vertices, number)
+            return backbone.mass(s) * (at - np.floor(at))
+
+        whole = backbone.integrals(backbone.mass, vertices)
+        second = backbone.integrals(beyond, vertices)
+        mass = np.append(whole - second, 0.0)
+        mass[1:] += second
+        inertia = np.outer(backbone.integrals(backbone.rotary, vertices), [1.0, 1.0, 2.0])
+        for disc in self.robot.discs:
+            place = {k: x[0] for k, x in self._places(np.array([disc.station])).items()}
+            vertex, share = place["vertex"], place["share"]
+            mass[vertex : vertex + 2] += disc.mass * np.array([1 - share, share])
+            section, weight = place["section"], place["moment_weight"]
+            for k, part in ((section, 1 - weight), (section + 1, weight)):
+                if 0 <= k < pieces:
+                    inertia[k] += part * np.array(disc.inertia)
+        return mass, inertia
+
+    def _places(self, stations: np.ndarray) -> dict[str, np.ndarray]:
+        """Fields of `CosseratData` about points at stations (k,) [m]."""
         if self.grid == "middles":
-            return _middle_places(actuation, spacing, self.pieces)
-        return _thesis_places(actuation, spacing, self.pieces, self.clamped)
+            return _middle_places(stations, self.edges, self._vertices())
+        return _thesis_places(
+            stations / (self.robot.length / self.pieces), self.pieces, self.clamped
+        )
+
+    def _director_weight(self, actuation: Actuation, weight: np.ndarray) -> np.ndarray:
+        """Weights of the points; in the thesis' grid discs turn with the last section."""
+        if self.grid == "thesis":
+            discs = slice(actuation.first[0], actuation.first[-1])
+            weight[discs] = np.minimum(weight[discs], 1.0)
+        return weight
+
+    def _strain_shares(self, edges: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+        """Shear and stretch (k, 2) [1] between edges over that of the segment they are in."""
+        if self.robot.is_uniform:
+            return np.ones((len(edges) - 1, 2))
+        backbone = self.robot.backbone
+        middles = (edges[:-1] + edges[1:]) / 2
+        number = np.maximum(np.searchsorted(vertices, middles) - 1, 0)
+        shares = [
+            backbone.in_series(of, vertices)[number] / backbone.in_series(of, edges)
+            for of in (backbone.shear, backbone.axial)
+        ]
+        return np.column_stack(shares)
+
+    def _samples(self, actuation: Actuation, vertices: np.ndarray) -> dict[str, np.ndarray]:
+        """Fields of `CosseratData` about the channels.
+
+        Half a segment bends with each of its vertices; where the place of a channel in a uniform
+        rod is constant one sample stands for both.
+        """
+        pieces, channels = self.pieces, channels_of(self.robot, actuation)
+        halves = (vertices[:-1] + vertices[1:]) / 2
+        if self.grid == "middles":
+            halves = self.edges[1:]
+        # The stub, then two halves a segment, of which the last one's second may be empty.
+        edges = np.append(np.column_stack([vertices[:-1], halves]).ravel(), vertices[-1])
+        edges = np.unique(np.append(0.0, edges))
+        interval, sampled, found = channel_samples(channels, edges)
+        shares = self._strain_shares(edges, vertices)[interval]
+        interval = interval + (self.grid == "thesis")
+        segment, second = (interval + 1) // 2, (interval > 0) & (interval % 2 == 0)
+        low, high = np.where(second, 0.0, found[:, 0]), np.where(second, found[:, 0], 0.0)
+        samples = np.column_stack([low, high, found[:, 1:], shares])
+        if self.robot.is_uniform:
+            segment, sampled, samples = _joined(segment, sampled, samples, channels)
+        return {
+            "first_sample": np.searchsorted(segment, np.arange(pieces + 2)),
+            "sampled": sampled,
+            "samples": samples,
+        }
 
     def _reach(
         self,
@@ -181,7 +266,7 @@ class CosseratRod(BeamModel):
 
     def static_data(self, data: CosseratData) -> CosseratData:
         """Data with a stiffness of the quaternions' norm, which statics leave free otherwise."""
-        return data._replace(norm_stiffness=4 * self.robot.bending_stiffness / data.spacing)
+        return data._replace(norm_stiffness=4 * float(data.bending.max()) / data.spacing)
 
     def rest(self) -> np.ndarray:
         """Coordinates (n,) of the straight pose."""
@@ -244,38 +329,55 @@ class CosseratRod(BeamModel):
         return dynamics.curvatures(u, self.data.base, self.data.cells, weighting)[:-1]
 
 
-def _middle_places(actuation: Actuation, spacing: float, pieces: int) -> dict[str, np.ndarray]:
-    """Fields of `CosseratData` about the actuation's points, in the grid "middles".
+def _joined(
+    segment: np.ndarray, sampled: np.ndarray, samples: np.ndarray, channels: list[Tendon]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Samples with those of straight channels in the two halves of a segment made one."""
+    keep = np.ones(len(segment), dtype=bool)
+    for number, tendon in enumerate(channels):
+        if tendon.is_straight:
+            own = np.flatnonzero(sampled == number)
+            twice = own[1:][np.diff(segment[own]) == 0]
+            before = own[:-1][np.diff(segment[own]) == 0]
+            samples[before, :2] += samples[twice, :2]
+            keep[twice] = False
+    return segment[keep], sampled[keep], np.ascontiguousarray(samples[keep])
 
-    Segment k turns with the section at (k + 1) spacing.
+
+def _middle_places(
+    stations: np.ndarray, edges: np.ndarray, vertices: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Fields of `CosseratData` about points at stations (k,) [m], in the grid "middles".
+
+    Segment k turns with the section at the end of piece k.
     """
-    at = _snapped(actuation.point_station / spacing)
+    pieces = len(edges) - 1
+    number = np.arange(pieces + 1)
+    at = _snapped(np.interp(stations, edges, number))
     vertex = np.clip(np.floor(at - 0.5).astype(int), 0, pieces - 1)
-    length = np.where(vertex == pieces - 1, 0.5, 1.0)
-    on_stub = at < 0.5
+    s = np.interp(at, number, edges)
+    share = _snapped((s - vertices[vertex]) / np.diff(vertices)[vertex])
     section = np.minimum(at.astype(int), pieces - 1) - 1
     weight = at - section - 1
     return {
         "vertex": vertex,
-        "share": np.where(on_stub, 0.0, (at - 0.5 - vertex) / length),
-        "shift": spacing * np.minimum(at, 0.5),
+        "share": np.where(at < 0.5, 0.0, share),
+        "shift": np.minimum(s, vertices[0]),
         "section": section,
         "weight": weight,
         "moment_weight": weight,
     }
 
 
-def _thesis_places(
-    actuation: Actuation, spacing: float, pieces: int, clamped: bool
-) -> dict[str, np.ndarray]:
-    """Fields of `CosseratData` about the actuation's points, in the grid "thesis".
+def _thesis_places(at: np.ndarray, pieces: int, clamped: bool) -> dict[str, np.ndarray]:
+    """Fields of `CosseratData` about points at places (k,) in pieces, in the grid "thesis".
 
     Directors are interpolated linearly between the clamp and the middles of the segments and
     extrapolated beyond the last. The discs of a tendon beyond it turn with the last section: the
     half segment at the tip cannot bend, and a moment on extrapolated directors would bend the
     last vertex half as much again.
     """
-    at = _snapped(actuation.point_station / spacing)
+    at = _snapped(at)
     vertex = np.minimum(at.astype(int), pieces - 1)
     lowest = -1 if clamped or pieces == 1 else 0
     section = np.maximum(np.minimum(np.floor(at - 0.5).astype(int), pieces - 2), lowest)
@@ -283,10 +385,7 @@ def _thesis_places(
     if pieces == 1 and not clamped:
         weight = np.ones_like(at)  # one section for all
     out = {"vertex": vertex, "share": at - vertex, "shift": np.zeros_like(at)}
-    out |= {"section": section, "weight": weight, "moment_weight": np.clip(weight, 0.0, 1.0)}
-    discs = slice(actuation.first[0], actuation.first[-1])
-    weight[discs] = np.minimum(weight[discs], 1.0)
-    return out
+    return out | {"section": section, "weight": weight, "moment_weight": np.clip(weight, 0.0, 1.0)}
 
 
 def _snapped(at: np.ndarray) -> np.ndarray:

@@ -43,10 +43,10 @@ def _locate(length, first, points, turns, out):
             u = points[m, 0]
             phi = scaled(u, whole)
             c = stumpff(dot3(phi, phi))
-            local = add(position(u * length, c, phi), _arm(c, phi, points[m]))
+            local = add(position(u * length[i], c, phi), _arm(c, phi, points[m]))
             store(out[k], add(x, to_world(axes, local)))
         c = stumpff(dot3(whole, whole))
-        x = add(x, to_world(axes, position(length, c, whole)))
+        x = add(x, to_world(axes, position(length[i], c, whole)))
         axes = compose(axes, c, whole)
 
 
@@ -127,7 +127,7 @@ def _collect(length, first, points, wrenches, work):
                 arm = (zero + points[m, 1], zero + points[m, 2], zero)
                 force = to_axes(there, vector(wrenches[k, 0]))
                 moment = add(cross(arm, force), to_axes(there, vector(wrenches[k, 1])))
-                add_wrench(u, length, part, phi, force, moment, row)
+                add_wrench(u, length[i], part, phi, force, moment, row)
         axes = compose(axes, c, whole)
 
 
@@ -139,14 +139,14 @@ def channel_lengths(model, q, out):
     """Set out (n_channels,) [m] to the lengths of the continuous channels."""
     turns = np.empty((model.pieces, 1, 3), q.dtype)
     set_rotations(model.block, model.length, q, turns[:, 0])
-    channels = model.channels
     for k in range(len(out)):
-        total, left = 0 * q[0], channels[k, 0]
-        for i in range(len(turns)):
-            part = min(max(left - i, 0.0), 1.0)
-            stretch, twist = _channel_strain(model.length, vector(turns[i, 0]), channels[k])
-            total += part * np.sqrt(stretch * stretch + twist * twist)
-        out[k] = total
+        out[k] = 0 * q[0]
+    first, samples = model.first_sample, model.samples
+    for i in range(len(turns)):
+        strain = scaled(1 / model.length[i], vector(turns[i, 0]))
+        for m in range(first[i], first[i + 1]):
+            x = _channel_tangent(strain, samples[m])
+            out[model.sampled[m]] += samples[m, 0] * np.sqrt(dot3(x, x))
 
 
 @kernel
@@ -157,23 +157,32 @@ def add_channel_forces(model, q, tension, out):
     """
     turns = np.empty((model.pieces, 1, 3), q.dtype)
     set_rotations(model.block, model.length, q, turns[:, 0])
-    channels = model.channels
-    for k in range(len(tension)):
-        x, y, zero = channels[k, 1], channels[k, 2], 0 * q[0]
-        for i in range(len(turns)):
-            part = min(max(channels[k, 0] - i, 0.0), 1.0)
-            stretch, twist = _channel_strain(model.length, vector(turns[i, 0]), channels[k])
-            pull = tension[k] * part / np.sqrt(stretch * stretch + twist * twist)
-            along, around = pull * stretch, pull * twist * np.sqrt(x * x + y * y)
-            load = (zero - y * along, zero + x * along, zero - around)
-            add_generalised(model.block, model.length, i, load, out)
+    first, samples = model.first_sample, model.samples
+    for i in range(len(turns)):
+        strain = scaled(1 / model.length[i], vector(turns[i, 0]))
+        zero = 0 * q[0]
+        load = (zero, zero, zero)
+        for m in range(first[i], first[i + 1]):
+            x = _channel_tangent(strain, samples[m])
+            pull = tension[model.sampled[m]] * samples[m, 0] / np.sqrt(dot3(x, x))
+            load = add(load, scaled(-pull, _lever(samples[m], x)))
+        load = scaled(1 / model.length[i], load)
+        add_generalised(model.block, model.length, i, load, out)
 
 
 @kernel
-def _channel_strain(length, phi, channel):
-    """Axial and circumferential part of a piece's channel [m], at the place of the section.
+def _channel_tangent(strain, sample):
+    """Tangent e_z + r' + kappa x r of a channel at r = (x, y) in a piece of strain kappa."""
+    x, y = sample[1], sample[2]
+    return (
+        sample[3] - strain[2] * y,
+        sample[4] + strain[2] * x,
+        1 + strain[0] * y - strain[1] * x,
+    )
 
-    A channel at the place r of the section has the tangent e_z + kappa x r.
-    """
-    x, y = channel[1], channel[2]
-    return length + phi[0] * y - phi[1] * x, phi[2] * np.sqrt(x * x + y * y)
+
+@kernel
+def _lever(sample, tangent):
+    """Place of a channel in its section times its tangent: (x, y, 0) x tangent."""
+    x, y = sample[1], sample[2]
+    return y * tangent[2], -x * tangent[2], x * tangent[1] - y * tangent[0]

@@ -41,24 +41,24 @@ COLUMNS = 10
 def set_rotations(block, length, q, out):
     """Set out (pieces, 3) to the pieces' rotation vectors l (-gamma, beta, tau) [rad].
 
-    Linear in q, so also for rates and accelerations.
+    The lengths l are (pieces,). Linear in q, so also for rates and accelerations.
     """
     for i in range(len(out)):
         j = i * block
-        out[i, 0] = -length * q[j + 1] if block > 1 else 0 * q[j]
-        out[i, 1] = length * q[j]
-        out[i, 2] = length * q[j + 2] if block > 2 else 0 * q[j]
+        out[i, 0] = -length[i] * q[j + 1] if block > 1 else 0 * q[j]
+        out[i, 1] = length[i] * q[j]
+        out[i, 2] = length[i] * q[j + 2] if block > 2 else 0 * q[j]
 
 
 @kernel
 def add_generalised(block, length, i, load, out):
     """Add a generalised force on the rotation vector of piece i to that on the coordinates."""
     k = i * block
-    out[k] += length * load[1]
+    out[k] += length[i] * load[1]
     if block > 1:
-        out[k + 1] -= length * load[0]
+        out[k + 1] -= length[i] * load[0]
     if block > 2:
-        out[k + 2] += length * load[2]
+        out[k + 2] += length[i] * load[2]
 
 
 @kernel
@@ -81,8 +81,9 @@ def internal_residual(model, q, v, a, out):
     set_rotations(block, length, a, work[:, SECOND])
     _inertial_wrenches(length, model.gravity, model.first[0], model.bodies, work)
     for k in range(len(out)):
-        stiffness = model.twisting if k % block == 2 else model.bending
-        out[k] = stiffness * (q[k] + model.damping_time * v[k])
+        i = k // block
+        stiffness = model.twisting[i] if k % block == 2 else model.bending[i]
+        out[k] = stiffness * (q[k] + model.damping_time[i] * v[k])
     gather(block, length, work, out)
 
 
@@ -103,12 +104,12 @@ def _inertial_wrenches(length, gravity, first, bodies, work):
             phi = scaled(u, whole)
             c = stumpff(dot3(phi, phi))
             w, aw, r = _moved(
-                u * length, c, phi, scaled(u, rate), scaled(u, second), omega, alpha, rise
+                u * length[i], c, phi, scaled(u, rate), scaled(u, second), omega, alpha, rise
             )
             w, aw, r = turn_back(c, phi, w), turn_back(c, phi, aw), turn_back(c, phi, r)
             force, moment = scaled(bodies[k, 1], r), _euler(bodies[k], w, aw)
             if k < last:
-                add_wrench(u, length, c, phi, force, moment, row)
+                add_wrench(u, length[i], c, phi, force, moment, row)
             else:
                 store(row[STUMPFF], c[:3])
                 store(row[STUMPFF + 1], c[3:6])
@@ -137,7 +138,7 @@ def gather(block, length, work, out):
         c3, c4, c5 = vector(row[STUMPFF + 1])
         c = (c0, c1, c2, c3, c4, c5, zero, zero)
         force, moment = add(force, vector(row[END_FORCE])), add(moment, vector(row[END_MOMENT]))
-        load, force, moment = transmit(length, c, vector(row[ROTATION]), force, moment)
+        load, force, moment = transmit(length[i], c, vector(row[ROTATION]), force, moment)
         force, moment = add(force, vector(row[FORCE])), add(moment, vector(row[MOMENT]))
         add_generalised(block, length, i, add(load, vector(row[LOAD])), out)
 
@@ -280,11 +281,11 @@ def _set_moves(block, length, first, bodies, moves, inertia, out):
             u = bodies[k, 0]
             phi = scaled(u, whole)
             c = stumpff(dot3(phi, phi))
-            here = add(x, to_world(axes, position(u * length, c, phi)))
+            here = add(x, to_world(axes, position(u * length[i], c, phi)))
             there = compose(axes, c, phi)
             _set_inertia(bodies[k], there, here, mass)
             for d in range(block):
-                _set_move(u * length, c, phi, d, axes, here, move[d])
+                _set_move(u * length[i], c, phi, d, axes, here, move[d])
             if k < last:
                 for d in range(OTHERS):
                     accumulate(row[OTHERS + d], vector(mass[d]))
@@ -369,7 +370,8 @@ def potential(model, q):
     """Elastic and gravitational energy [J]; gravity's is zero in the straight pose."""
     energy, block = 0 * q[0], model.block
     for k in range(len(q)):
-        stiffness = model.twisting if k % block == 2 else model.bending
+        i = k // block
+        stiffness = model.twisting[i] if k % block == 2 else model.bending[i]
         energy += 0.5 * stiffness * q[k] * q[k]
     turns = np.empty((model.pieces, 1, 3), q.dtype)
     set_rotations(block, model.length, q, turns[:, 0])
@@ -380,18 +382,18 @@ def potential(model, q):
 def _weight(length, gravity, first, bodies, turns):
     """Potential energy [J] of the bodies' weights, given the rotation vectors (pieces, 1, 3)."""
     axes, x = clamp(0 * turns[0, 0, 0])
-    energy, here, there = 0 * turns[0, 0, 0], x, axes
+    energy, here, there, start = 0 * turns[0, 0, 0], x, axes, 0.0
     for i in range(len(turns)):
         for k in range(first[i], first[i + 1]):
             u = bodies[k, 0]
             phi = scaled(u, vector(turns[i, 0]))
             c = stumpff(dot3(phi, phi))
-            here = add(x, to_world(axes, position(u * length, c, phi)))
+            here = add(x, to_world(axes, position(u * length[i], c, phi)))
             there = compose(axes, c, phi)
             height = gravity[0] * here[0] + gravity[1] * here[1]
-            height += gravity[2] * (here[2] - (i + u) * length)
+            height += gravity[2] * (here[2] - start - u * length[i])
             energy -= bodies[k, 1] * height
-        axes, x = there, here
+        axes, x, start = there, here, start + length[i]
     return energy
 
 

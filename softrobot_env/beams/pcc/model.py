@@ -7,13 +7,13 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams import mechanics
-from softrobot_env.beams.actuation import Actuation
+from softrobot_env.beams.actuation import Actuation, channel_samples, channels_of
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import reference, structure
 from softrobot_env.beams.pcc import actuation, dynamics
 from softrobot_env.registries import Registry
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion
+from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion, seen_from_base
 
 #: Number of coordinates per piece by the choice of `axes`.
 AXES = Registry("axes", {"planar": 1, "spatial": 2, "torsion": 3})
@@ -36,16 +36,18 @@ class PccData(NamedTuple):
     Attributes:
         n, block, reach, scale, actuation: As in `mechanics`.
         pieces: Number of pieces.
-        length: [m] of a piece.
-        bending, twisting: [N m3], l EI and l GJ.
-        damping_time: [s].
+        length: (pieces,) [m].
+        bending, twisting: (pieces,) [N m3], l EI and l GJ.
+        damping_time: (pieces,) [s].
         gravity: (3,) [m/s2].
         first: (2, pieces + 1) first body and first point of a piece.
         bodies: (k, 5) place within the piece (0 to 1), mass [kg] and principal moments of
             inertia [kg m2] of the bodies, ordered by piece. The last of each piece is at its end.
         points: (n_points, 4) place within the piece, that in the cross-section [m] and number of
             the points of the actuation, ordered by piece.
-        channels: (n_channels, 3) end, in pieces, and place in the cross-section [m].
+        first_sample: (pieces + 1,) first sample of a piece.
+        sampled: (m,) channel of a sample, a point for integrals along it.
+        samples: (m, 5) its weight [m], place in the cross-section [m] and slope [1].
     """
 
     n: int
@@ -54,15 +56,17 @@ class PccData(NamedTuple):
     scale: np.ndarray
     actuation: Actuation
     pieces: int
-    length: float
-    bending: float
-    twisting: float
-    damping_time: float
+    length: np.ndarray
+    bending: np.ndarray
+    twisting: np.ndarray
+    damping_time: np.ndarray
     gravity: np.ndarray
     first: np.ndarray
     bodies: np.ndarray
     points: np.ndarray
-    channels: np.ndarray
+    first_sample: np.ndarray
+    sampled: np.ndarray
+    samples: np.ndarray
 
 
 class PCC(BeamModel):
@@ -72,7 +76,8 @@ class PCC(BeamModel):
     torsion tau of the pieces [1/m], piece by piece. In pieces without torsion this is the model
     of thesis (2.4) to (2.15), with the audit's corrections and without its singularity; pieces
     with torsion are exact helices. The elastic moments are EI (beta + mu beta'), likewise gamma,
-    and GJ (tau + mu tau').
+    and GJ (tau + mu tau'); a tapered piece has the stiffness by which a constant moment bends it
+    as much. Along channels of any route the integrals over a piece are taken by Gauss points.
 
     Args:
         robot, pieces, loads, drive: As in `BeamModel`.
@@ -103,22 +108,25 @@ class PCC(BeamModel):
             refuse_out_of_plane(
                 "PCC with axes 'planar'",
                 "'spatial' or 'torsion'",
-                loads,
-                robot.gravity,
+                seen_from_base(robot, loads),
+                robot.own_gravity,
                 robot.tendons,
             )
         elif axes == "spatial":
-            refuse_torsion("PCC with axes 'spatial'", "'torsion'", loads)
+            seen = seen_from_base(robot, loads)
+            refuse_torsion("PCC with axes 'spatial'", "'torsion'", seen, robot.tendons)
         self.axes, self.inertia = axes, inertia
         super().__init__(robot, pieces, loads, drive)
 
     def _data(self, actuation: Actuation) -> PccData:
         robot, pieces = self.robot, self.pieces
-        block, length = AXES[self.axes], robot.length / pieces
-        piece, fraction = _place(actuation.point_station / length, pieces)
+        block, backbone, edges = AXES[self.axes], robot.backbone, self.edges
+        length = np.diff(edges)
+        piece, fraction = _place(actuation.point_station, edges)
         order = np.argsort(piece, kind="stable")
         points = np.column_stack([fraction, actuation.point_offset, np.arange(len(piece))])
-        first, bodies = _bodies(robot, pieces, self.inertia)
+        first, bodies = _bodies(robot, edges, self.inertia)
+        inside, sampled, samples = channel_samples(channels_of(robot, actuation), edges)
         data = PccData(
             n=block * pieces,
             block=block,
@@ -127,14 +135,16 @@ class PCC(BeamModel):
             actuation=actuation,
             pieces=pieces,
             length=length,
-            bending=length * robot.bending_stiffness,
-            twisting=length * robot.torsional_stiffness,
-            damping_time=float(robot.damping_time),
-            gravity=np.array(robot.gravity, dtype=float),
+            bending=length * backbone.in_series(backbone.bending, edges),
+            twisting=length * backbone.in_series(backbone.torsion, edges),
+            damping_time=backbone.damping(backbone.bending, edges),
+            gravity=np.array(robot.own_gravity, dtype=float),
             first=np.stack([first, np.searchsorted(piece[order], np.arange(pieces + 1))]),
             bodies=bodies,
             points=points[order],
-            channels=np.column_stack([actuation.channel_end / length, actuation.channel_offset]),
+            first_sample=np.searchsorted(inside, np.arange(pieces + 1)),
+            sampled=sampled,
+            samples=samples,
         )
         if not isinstance(self.inertia, str):
             _check_definite(data)
@@ -156,46 +166,58 @@ class PCC(BeamModel):
         return strain
 
 
-def _place(places: np.ndarray, pieces: int) -> tuple[np.ndarray, np.ndarray]:
-    """Piece and fraction of places given in pieces; a joint belongs to the piece before it."""
-    piece = np.clip(np.ceil(places - _SNAP) - 1, 0, pieces - 1).astype(int)
-    return piece, places - piece
+def _place(stations: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Piece and fraction of stations [m]; a joint belongs to the piece before it."""
+    pieces = len(edges) - 1
+    near = edges - _SNAP * edges[-1] / pieces
+    piece = np.clip(np.searchsorted(near, stations, side="right") - 1, 0, pieces - 1)
+    fraction = (stations - edges[piece]) / np.diff(edges)[piece]
+    joint = (np.abs(fraction) < 2 * _SNAP) & (piece > 0)
+    return piece - joint, np.where(joint, 1.0 + fraction, fraction)
 
 
 def _bodies(
-    robot: RobotParams, pieces: int, inertia: str | Sequence[Station]
+    robot: RobotParams, edges: np.ndarray, inertia: str | Sequence[Station]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Fields `first` and `bodies` of `PccData`."""
-    length = robot.length / pieces
-    # Mass and moments of inertia of a piece.
-    piece = length * robot.mass_per_length * np.array([1.0, 0.0, 0.0, 0.0])
-    piece[1:] = length * robot.density * robot.second_moment * np.array([1.0, 1.0, 2.0])
-    ends = np.column_stack([np.arange(1.0, pieces + 1), np.zeros((pieces, 4))])
+    pieces, length = len(edges) - 1, np.diff(edges)
+    ends = np.column_stack([edges[1:], np.zeros((pieces, 4))])
     inner = np.empty((0, 5))
     if not isinstance(inertia, str):
-        inner = _given(robot, pieces, inertia)
+        inner = _given(robot, inertia)
     elif inertia == "distributed":
         x, w = np.polynomial.legendre.leggauss(_GAUSS_POINTS)
-        places = (np.arange(pieces)[:, None] + (x + 1) / 2).ravel()
-        inner = np.column_stack([places, np.outer(np.tile(w / 2, pieces), piece)])
+        places = (edges[:-1, None] + length[:, None] * (x + 1) / 2).ravel()
+        shares = (length[:, None] * w / 2).ravel()
+        inner = np.column_stack([places, shares[:, None] * _per_length(robot, places)])
     elif inertia == "lumped":
-        ends[:, 1:] = piece
-        ends[-1, 1:] /= 2
+        backbone = robot.backbone
+        mass, rotary = (backbone.integrals(x, edges) for x in (backbone.mass, backbone.rotary))
+        whole = np.column_stack([mass, rotary, rotary, 2 * rotary])
+        ends[:, 1:] = (whole + np.append(whole[1:], np.zeros((1, 4)), axis=0)) / 2
     else:
         raise ValueError(
             f"unknown inertia {inertia!r}; choose from {', '.join(INERTIAS)} or give stations"
         )
+    if isinstance(inertia, str):
+        discs = [(disc.station, disc.mass, *disc.inertia) for disc in robot.discs]
+        inner = np.concatenate([inner, np.array(discs, dtype=float).reshape(-1, 5)])
     bodies = np.concatenate([inner, ends])
-    index, fraction = _place(bodies[:, 0], pieces)
+    index, bodies[:, 0] = _place(bodies[:, 0], edges)
     order = np.argsort(index, kind="stable")  # ends stay last in their pieces
-    bodies[:, 0] = fraction
     return np.searchsorted(index[order], np.arange(pieces + 1)), bodies[order]
 
 
-def _given(robot: RobotParams, pieces: int, stations: Sequence[Station]) -> np.ndarray:
-    """Place in pieces, mass and moments of inertia (k, 5) of given bodies."""
+def _per_length(robot: RobotParams, places: np.ndarray) -> np.ndarray:
+    """Mass and moments of inertia (k, 4) per length at places (k,) [m]."""
+    mass, rotary = robot.backbone.mass(places), robot.backbone.rotary(places)
+    return np.column_stack([mass, rotary, rotary, 2 * rotary])
+
+
+def _given(robot: RobotParams, stations: Sequence[Station]) -> np.ndarray:
+    """Place [m], mass and moments of inertia (k, 5) of given bodies."""
     check_stations(robot, stations)
-    rows = [(s * pieces / robot.length, mass, *moments) for s, mass, moments in stations]
+    rows = [(s, mass, *moments) for s, mass, moments in stations]
     return np.array(rows, dtype=float).reshape(-1, 5)
 
 

@@ -128,7 +128,7 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
 @kernel
 def hold(rig: FlexibleRig, z: np.ndarray, q: np.ndarray, reduced: np.ndarray) -> bool:
     """Replace q (n,) and reduced (2,) by those that hold the output at z (2,); whether found."""
-    n, length = len(q), rig.model.length * rig.model.pieces
+    n, length = len(q), rig.model.length.sum()
     zero, missing = np.zeros(n), np.empty(n + 2)
     matrix, place = np.empty((n + 2, n + 2)), np.empty(2)
     for _ in range(_ITERATIONS):
@@ -171,7 +171,7 @@ def _solve_step(
         q: (n,), set.
         v, reduced: (n,) and (2,), start of Newton's iteration, replaced by the solution.
     """
-    n, length = len(q), rig.model.length * rig.model.pieces
+    n, length = len(q), rig.model.length.sum()
     missing, place = np.empty(n + 2), np.empty(2, np.complex128)
     matrix = np.empty((n + 2, n + 2))
     inverse = matrix.T  # as `inv` stores it, column by column

@@ -65,6 +65,7 @@ class FlexibleServoConstraints:
         """
         if robot.head is None:
             raise ValueError(f"robot {robot.name!r}: a rig needs a head, whose output it moves")
+        robot.require_uniform("a model of the rig by equal pieces")
         ends = [tendon.end for tendon in robot.tendons]
         # So each piece bends under the moment of all tendons.
         if not np.allclose(ends, robot.length, rtol=1e-12, atol=0):

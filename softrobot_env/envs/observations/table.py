@@ -147,8 +147,8 @@ def _tendon_length(s: Sizes) -> spaces.Box:
     """Lengths inside the robot, or pulled in where servos drive the tendons."""
     if s.pulled is not None:
         return symmetric(len(s.robot.tendons), s.pulled)
-    ends = np.array([t.end for t in s.robot.tendons])
-    lever = np.array([np.hypot(*t.offset) for t in s.robot.tendons])
+    ends = np.array([t.straight_length for t in s.robot.tendons])
+    lever = np.array([t.farthest for t in s.robot.tendons])
     change = ends * lever * s.robot.curvature_limit + s.strain * ends
     return spaces.Box(ends - change, ends + change, dtype=np.float64)
 

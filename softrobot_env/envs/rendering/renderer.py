@@ -183,7 +183,7 @@ class _View:
         # Layers lie in front of the body, which in space comes nearer by up to its reach. Moved
         # along the line of sight they stay where they are in the picture.
         room = config.robot.reach if config.bending == "spatial" else 0.0
-        self._front = config.robot.outer_radius + room
+        self._front = config.robot.backbone.widest + room
         self._disc_size = min(1.0, config.robot.reach / _FULL_SIZE)
         self._limit = np.array([t.tension_limit for t in config.robot.tendons])
         self._lines = [_line_id(self.model, t.name) for t in config.robot.tendons]

@@ -69,7 +69,11 @@ class BatchSimulation:
         self._periods = 0
         # The robot's tendons come before those that hold springs.
         wraps = scene.model.tendon_num[: len(scene.config.robot.tendons)]
-        self._lever_arms = slice(int(wraps.sum()))
+        first = scene.model.body("link0").id
+        links = slice(first, first + len(scene.layout.stations))
+        # What of a field follows the factors: not heads and discs, nor springs.
+        arms = slice(int(wraps.sum()))
+        self._own = {"wrap_prm": arms, "body_mass": links, "body_inertia": links}
 
     def _warn(self) -> None:
         """Tell once that a robot does not keep the accuracy."""
@@ -90,12 +94,15 @@ class BatchSimulation:
             values: (k,) of each of `robots.VARIABLE`, as `RobotParams.vary` takes them.
 
         Raises:
-            ValueError: A factor on the radius of tendons that run through guides, or a robot that
-                an integrator of MuJoCo would need a timestep of its own for.
+            ValueError: A factor on the radius of tendons that run through guides or are not
+                straight, or a robot for which an integrator of MuJoCo would need its own timestep.
         """
-        guided = any(tendon.guides for tendon in self.scene.config.robot.tendons)
-        if guided and np.any(values["tendon_radius"] != 1):
-            raise ValueError("tendon_radius can be varied in many environments for channels only")
+        tendons = self.scene.config.robot.tendons
+        straight = all(tendon.is_straight and not tendon.guides for tendon in tendons)
+        if not straight and np.any(values["tendon_radius"] != 1):
+            raise ValueError(
+                "tendon_radius can be varied in many environments for straight channels only"
+            )
         if not self._varied and all(np.all(values[name] == v) for name, v in NEUTRAL.items()):
             return
         self._check_timesteps(which, values)
@@ -103,7 +110,7 @@ class BatchSimulation:
         model = self.scene.model
         for field, names in _PROPORTIONAL.items():
             factor = np.prod([values[name] for name in names], axis=0)
-            own = self._lever_arms if field == "wrap_prm" else slice(None)
+            own = self._own.get(field, slice(None))
             nominal = getattr(model, field)[own]
             expanded = self._batch.expand(field)
             expanded[which, own] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)

@@ -7,7 +7,7 @@ from softrobot_env.envs.observations.table import Sizes, observation_space, spee
 from softrobot_env.interfaces import Measurement, PlantFactory, PlantModel
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.quadrature import HingeLayout, place_hinges
+from softrobot_env.scene.quadrature import HingeLayout, place_between
 
 
 class BeamPlant:
@@ -35,7 +35,7 @@ class BeamPlant:
         """
         self.robot, self.speed = robot, speed_limit(robot)
         self.config = SceneConfig(robot, control_period=control_period)
-        self.layout: HingeLayout = place_hinges(robot.length, robot.pieces, self.config.hinge_rule)
+        self.layout: HingeLayout = place_between(self.config.edges, self.config.hinge_rule)
         self._factory = factory
         self._nominal = self._model(robot)
 

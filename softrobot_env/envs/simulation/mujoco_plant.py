@@ -59,6 +59,9 @@ class MujocoPlant:
         """
         spatial = self.config.bending == "spatial"
         pieces = self.robot.pieces if spatial else self.layout.pieces
+        _check_pieces(self.robot, self.layout, pieces)
+        if not spatial:
+            self.robot.require_plane("a planar chain")
         axes = TOP if spatial else PLANE
         return ChainReadout(simulation, self.robot, pieces, self.speed, axes, servos)
 
@@ -79,3 +82,15 @@ class MujocoPlant:
     def adopt(self, simulation: Simulation) -> None:
         """Share the scene of a copied simulation of the nominal robot."""
         self.nominal = simulation.scene
+
+
+def _check_pieces(robot: RobotParams, layout: HingeLayout, pieces: int) -> None:
+    """Raise ValueError unless the chain's pieces divide those whose curvature is measured."""
+    together, rest = divmod(layout.pieces, pieces)
+    own = robot.backbone.cut(robot.pieces)
+    if pieces == robot.pieces and (rest or not np.allclose(layout.edges[::together], own)):
+        raise ValueError(
+            f"robot {robot.name!r}: the scene's {layout.pieces} pieces do not divide the robot's "
+            f"own {robot.pieces}, whose curvature is measured: leave out `pieces`, or take a "
+            "multiple in every section"
+        )

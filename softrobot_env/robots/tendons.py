@@ -1,0 +1,185 @@
+"""Tendons and their routes through a robot: straight, helical, converging, or by via-points."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+from math import cos, hypot, inf, pi, sin
+from typing import Annotated
+
+import numpy as np
+
+from softrobot_env.fields import NotNegative, Positive, Range, check_fields
+
+#: Gauss points and weights [1] of a span between two via-points.
+_NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(8))
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A tendon beside the neutral fibre, anchored at arc length `end`.
+
+    Its place in the cross-section is `offset` at the base. It stays there unless `route` or `turns`
+    say otherwise: between the points of a route the offset is linear in the arc length, as a tendon
+    runs through drilled holes or from disc to disc (a spline would overshoot its points and could
+    leave the body), and all of it turns about the fibre at a constant rate. In the straight robot
+    the route without turns is a chain of straight lines, the one with turns alone a helix.
+
+    Attributes:
+        name: Unique name.
+        offset: (2,) [m], position (x, y) of the tendon in the cross-section at the base.
+        end: [m], arc length at which the tendon is anchored.
+        group: Tendons of one group oppose each other (a pair, or three at 120 degrees).
+        tension_limit: [N], largest tension; also the full scale of an action.
+        guides: [m], increasing arc lengths of the guide discs between base and `end`.
+            Empty means a continuous channel: the limit of infinitely many guides, with
+            constant lever arm (the thesis' B(y) of sec. 6.2.2).
+        stiffness: [N/m] between drive and robot; it matters only to tendons driven by length,
+            which need a finite one.
+        pretension: [N], smallest tension kept in the tendon.
+        friction: [N], largest dry (Coulomb) friction between tendon and robot; of a slack tendon
+            as well.
+        route: Via-points (s, x, y) [m] after the base: arc length and position in the
+            cross-section, the last one at `end`. Guides need none of their own.
+        turns: Full turns [1] about the fibre from the base to `end`, from +x towards +y.
+    """
+
+    name: str
+    offset: tuple[float, float]
+    end: Positive
+    group: int
+    tension_limit: Positive
+    guides: tuple[float, ...] = ()
+    stiffness: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
+    pretension: float = 0.0
+    friction: NotNegative = 0.0
+    route: tuple[tuple[float, float, float], ...] = ()
+    turns: float = 0.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"tendon {self.name!r}")
+        if not self.tension_limit > self.pretension >= 0:
+            raise ValueError(
+                f"tendon {self.name!r}: need 0 <= pretension < tension_limit, got "
+                f"{self.pretension} and {self.tension_limit} N"
+            )
+        if any(b <= a for a, b in pairwise(self.stations)):
+            raise ValueError(
+                f"tendon {self.name!r}: guides must increase strictly between 0 and end, "
+                f"got guides {self.guides} and end {self.end} m"
+            )
+        via = (0.0, *(point[0] for point in self.route))
+        off = abs(via[-1] - self.end) > 1e-9 * self.end
+        if self.route and (off or any(b <= a for a, b in pairwise(via))):
+            raise ValueError(
+                f"tendon {self.name!r}: the stations of its route must increase strictly from "
+                f"beyond 0 to its end at {self.end} m, got {', '.join(map(str, via[1:]))}"
+            )
+
+    @property
+    def stations(self) -> tuple[float, ...]:
+        """[m] of base, guides and end."""
+        return (0.0, *self.guides, self.end)
+
+    @cached_property
+    def knots(self) -> np.ndarray:
+        """(k, 3) [m]: arc length and position before turning, which is linear in between."""
+        first = (0.0, *self.offset)
+        return np.array([first, *(self.route or ((self.end, *self.offset),))], dtype=float)
+
+    @cached_property
+    def is_straight(self) -> bool:
+        """Whether it has the same place in all cross-sections."""
+        return self.turns == 0 and all(point[1:] == self.offset for point in self.route)
+
+    @property
+    def twists(self) -> bool:
+        """Whether its pull has a moment about the fibre in the straight robot."""
+        if self.is_straight:
+            return False
+        if self.guides:
+            at = self.at(np.array(self.stations))
+        elif self.turns:
+            return bool(np.any(self.knots[:, 1:]))
+        else:
+            at = self.knots[:, 1:]
+        area = at[:-1, 0] * at[1:, 1] - at[:-1, 1] * at[1:, 0]
+        return bool(np.any(np.abs(area) > 1e-12 * max(self.farthest**2, 1e-300)))
+
+    @property
+    def farthest(self) -> float:
+        """Largest distance [m] from the fibre."""
+        return float(np.hypot(*self.knots[:, 1:].T).max())
+
+    def at(self, s: np.ndarray) -> np.ndarray:
+        """Position (..., 2) [m] in the cross-section at arc lengths (...,) [m]."""
+        return self.course(s)[0]
+
+    def slope(self, s: np.ndarray) -> np.ndarray:
+        """Its derivative (..., 2) [1] by the arc length; at a via-point that towards the tip."""
+        return self.course(s)[1]
+
+    def course(self, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Both of these."""
+        s, knots = np.asarray(s, dtype=float), self.knots
+        if self.is_straight:
+            place = np.empty((*s.shape, 2))
+            place[...] = self.offset
+            return place, np.zeros((*s.shape, 2))
+        low = np.clip(np.searchsorted(knots[:, 0], s, side="right") - 1, 0, len(knots) - 2)
+        change = (knots[low + 1, 1:] - knots[low, 1:]) / np.diff(knots[:, 0])[low][..., None]
+        place = knots[low, 1:] + change * (s - knots[low, 0])[..., None]
+        if not self.turns:
+            return place, change
+        rate = 2 * pi * self.turns / self.end
+        c, q = np.cos(rate * s), np.sin(rate * s)
+        change = change + rate * np.stack([-place[..., 1], place[..., 0]], axis=-1)
+        return _turned(place, c, q), _turned(change, c, q)
+
+    def fine(self, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Gauss points and weights (k, n) [m] for integrals between edges (k + 1,) [m].
+
+        Via-points have to be among the edges.
+        """
+        size = np.diff(edges)[:, None]
+        return edges[:-1, None] + size * (0.5 + _NODES), size * _SHARES
+
+    @property
+    def straight_length(self) -> float:
+        """[m], inside the straight robot: through its guides, or along its channel."""
+        if self.is_straight:
+            return self.end
+        if self.guides:
+            points = np.column_stack([self.at(np.array(self.stations)), self.stations])
+            return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
+        s, weight = self.fine(self.knots[:, 0])
+        return float(np.sum(weight * np.sqrt(1 + np.sum(self.slope(s) ** 2, axis=-1))))
+
+    def vary(self, radius: float, friction: float) -> "Tendon":
+        """The tendon at `radius` [1] times its distance from the fibre, rubbing more [N]."""
+        return replace(self._mapped(radius, 0.0), friction=self.friction + friction)
+
+    def turned(self, angle: float, scale: float = 1.0) -> "Tendon":
+        """The tendon turned about the fibre by `angle` [rad], `scale` [1] times as far from it."""
+        return self._mapped(scale * cos(angle), scale * sin(angle))
+
+    def _mapped(self, c: float, s: float) -> "Tendon":
+        """The tendon with all its places (x, y) at (c x - s y, s x + c y)."""
+
+        def moved(x: float, y: float) -> tuple[float, float]:
+            return (x * c - y * s, x * s + y * c) if s else (x * c, y * c)
+
+        route = tuple((station, *moved(x, y)) for station, x, y in self.route)
+        return replace(self, offset=moved(*self.offset), route=route)
+
+    def mean_square(self) -> float:
+        """Mean over its length of the squared distance [m2] from the fibre."""
+        if self.is_straight:
+            return hypot(*self.offset) ** 2
+        s, weight = self.fine(self.knots[:, 0])
+        return float(np.sum(weight * np.sum(self.at(s) ** 2, axis=-1))) / self.end
+
+
+def _turned(xy: np.ndarray, c: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Vectors (..., 2) turned by angles with cosines and sines (...,)."""
+    x, y = xy[..., 0], xy[..., 1]
+    return np.stack([c * x - s * y, s * x + c * y], axis=-1)

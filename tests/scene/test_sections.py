@@ -1,0 +1,215 @@
+"""Chains of robots with sections, routes, discs and bases against exact rods."""
+
+from dataclasses import replace
+from math import pi, sqrt
+
+import mujoco
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.optimize import brentq
+from support.routed_robots import CONVERGING, HELICAL, PULLED, ROD, TAPERED, TWO, VIA, tendon
+
+from softrobot_env.beams.exact.tendon_rod import tendon_helix, tendon_rod
+from softrobot_env.beams.exact.varying_beam import bending_frequencies
+from softrobot_env.robots import Base, Disc
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors
+from softrobot_env.scene.timestep import linearize, slowest
+
+#: A base that shares no axis with the world.
+SLANTED = Base((0.1, -0.2, 0.6), (0.3, -0.5, -0.8), 0.7)
+GRAVITY = (0.0, 0.0, -9.81)
+ALL = replace(
+    TWO,
+    gravity=GRAVITY,
+    discs=(Disc.uniform(0.25, 0.01, 0.02, 0.004),),
+    tendons=(
+        *TWO.tendons,
+        tendon("winding", (0.008, 0.002), 0.4, turns=-0.3),
+        tendon("guided", (0.0, 0.008), 0.4, guides=(0.1, 0.2, 0.3), turns=0.25),
+    ),
+)
+
+
+def spatial(robot, **options):
+    return build_scene(SceneConfig(robot, bending="spatial", torsion=True, **options))
+
+
+# ---------------------------------------------------------------- statics
+
+
+@pytest.mark.parametrize("name", PULLED)
+def test_pulled_robots_bend_as_the_exact_rod(name):
+    robot, tension = PULLED[name]
+    built = spatial(robot)
+    tip = tendon_rod(robot, tension, [robot.length]).tip
+    off = np.linalg.norm(built.tip(built.equilibrium(np.array(tension))) - tip)
+    assert off < 5e-4 * robot.length
+    assert off < 5e-3 * np.linalg.norm(tip - [0, 0, robot.length])
+
+
+@pytest.mark.parametrize("turns", [0.5, -1.0])
+def test_a_helical_tendon_bends_and_twists_a_rod_into_a_helix(turns):
+    robot = replace(HELICAL, tendons=(replace(HELICAL.tendons[0], turns=turns),))
+    built, stations = spatial(robot), np.linspace(0, robot.length, 9)
+    q = built.equilibrium(np.array([3.0]))
+    exact = tendon_helix(robot, 3.0, stations)
+    found = built.positions(q, stations)
+    assert np.abs(found - exact.position).max() < 1e-3 * robot.length
+    # Most of the strain is bending, so that the twist shows what the tendon's winding does.
+    twist = built.curvature(q)[:, 2].mean()
+    moment = 3.0 * 0.008**2 * 2 * pi * turns / 0.4
+    assert twist == pytest.approx(-moment / robot.torsional_stiffness, rel=0.03)
+
+
+def test_a_small_moment_of_a_converging_tendon_is_its_tension_times_its_distance():
+    tension = 1e-3
+    # x = 0.010 - 0.02 s: deflection T / EI times the integral of (L - s) x.
+    length, bending = CONVERGING.length, CONVERGING.bending_stiffness
+    deflection = tension / bending * (0.010 * length**2 / 2 - 0.02 * length**3 / 6)
+    built = build_scene(SceneConfig(CONVERGING))
+    found = built.tip(built.equilibrium(np.array([tension])))[0]
+    assert found == pytest.approx(deflection, rel=2e-3)
+
+
+def test_a_small_force_bends_a_cone_as_the_closed_form():
+    # F L^3 / (3 E I0) r0 / r1 with I0 and r0 at the clamp.
+    force, load = 1e-5, Load("force", 0.4, (1e-5, 0.0, 0.0))
+    exact = force * 0.4**3 / (3 * 1e6 * pi / 4 * 0.012**4) * 0.012 / 0.006
+    built = build_scene(SceneConfig(replace(TAPERED, tendons=()), loads=(load,)))
+    assert built.tip(built.equilibrium(np.ones(1)))[0] == pytest.approx(exact, rel=1e-4)
+
+
+def test_a_moment_bends_each_section_by_its_own_stiffness():
+    load = Load("moment", 0.4, moment=(0.0, 0.02, 0.0))
+    built = build_scene(SceneConfig(replace(TWO, tendons=()), loads=(load,), pieces=(2, 3)))
+    curvature = built.curvature(built.equilibrium(np.ones(1)))[:, 1]
+    expected = 0.02 / TWO.backbone.bending(np.array([0.1, 0.3]))
+    assert_allclose(curvature, np.repeat(expected, [2, 3]), rtol=1e-9)
+
+
+@pytest.mark.parametrize("robot", [HELICAL, VIA, ALL], ids=lambda robot: robot.name)
+def test_tendon_lengths_are_told_in_the_straight_pose(robot):
+    built = spatial(robot)
+    expected = [tendon.straight_length for tendon in robot.tendons]
+    assert_allclose(built.tendon_length(built.start().q), expected, rtol=1e-12)
+
+
+# ---------------------------------------------------------------- dynamics
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        replace(TWO, tendons=()),
+        replace(TAPERED, tendons=()),
+        replace(ROD, discs=(Disc.uniform(0.15, 0.06, 0.03, 0.01), Disc(0.4, 0.03, (1e-5,) * 3))),
+        replace(TWO, tendons=(), discs=(Disc.uniform(0.3, 0.02, 0.02, 0.006),)),
+    ],
+    ids=["two sections", "tapered", "discs", "discs on two sections"],
+)
+def test_frequencies_are_those_of_the_exact_beam(robot):
+    exact = bending_frequencies(robot, 3)
+    chain = linearize(build_scene(SceneConfig(robot)).model)
+    found = chain.frequencies()[:3] / (2 * pi)
+    assert_allclose(found, exact, rtol=2e-3)
+    assert found[0] == pytest.approx(exact[0], rel=5e-4)
+    assert slowest(robot, winding=False) == pytest.approx(2 * pi * exact[0], rel=0.15)
+
+
+def test_a_disc_on_the_tip_lowers_the_frequency_as_the_closed_form():
+    ratio = 0.5  # of the masses; the disc's own inertia is negligible
+    disc = Disc(ROD.length, ratio * ROD.mass, (1e-9,) * 3)
+
+    def determinant(x):
+        c, s, ch, sh = np.cos(x), np.sin(x), np.cosh(x), np.sinh(x)
+        return 1 + c * ch + ratio * x * (c * sh - s * ch)
+
+    wave = brentq(determinant, 0.5, 1.875) / ROD.length
+    thin = replace(ROD, discs=(disc,), outer_radius=ROD.outer_radius)
+    exact = wave**2 * sqrt(ROD.bending_stiffness / ROD.mass_per_length)
+    found = linearize(build_scene(SceneConfig(thin)).model).frequencies()[0]
+    assert found == pytest.approx(exact, rel=3e-3)  # its sections' rotary inertia is in the chain
+
+
+def test_the_own_integrator_moves_all_of_it_as_runge_kutta():
+    robot = replace(ALL, base=SLANTED)
+    u = np.array([1.0, 0.5, 0.5, 0.5])
+    own = spatial(robot, accuracy=1e-5, pieces=4)
+    other = spatial(robot, integrator="RK4", timestep=1e-4, pieces=4)
+    found, truth = (built.tip(built.simulate(0.1, u, samples=0.05).q) for built in (own, other))
+    assert_allclose(found, truth, atol=2e-5)
+
+
+# ---------------------------------------------------------------- bases
+
+
+def test_a_turned_base_is_a_turned_gravity():
+    turned = replace(ALL, base=SLANTED)
+    axes, u = SLANTED.axes, np.array([2.0, 1.0, 0.5, 0.5, 1.0])
+    load = Load("load", 0.3, (0.05, 0.02, -0.03), (0.001, 0.0, 0.002))
+    seen = replace(load, force=tuple(axes.T @ load.force), moment=tuple(axes.T @ load.moment))
+    upright = replace(ALL, gravity=turned.own_gravity)
+    one, other = spatial(turned, loads=(load,)), spatial(upright, loads=(seen,))
+    q, p = one.equilibrium(u), other.equilibrium(u)
+    assert_allclose(q, p, atol=1e-9)
+    places, offsets = [0.0, 0.1, 0.25, 0.4], np.full((4, 2), 0.01)
+    expected = other.positions(p, places, offsets) @ axes.T + SLANTED.position
+    assert_allclose(one.positions(q, places, offsets), expected, atol=1e-9)
+    assert_allclose(one.tip(q), axes @ other.tip(p) + SLANTED.position, atol=1e-9)
+    v = np.random.default_rng(1).standard_normal(one.model.nv)
+    speed = other.velocities(q, v, places) @ axes.T
+    assert_allclose(one.velocities(q, v, places), speed, atol=1e-9)
+
+
+def test_a_hanging_planar_robot_is_stretched_by_its_weight():
+    frequency = {}
+    for direction in ((0, 0, 1), (0, 0, -1)):
+        robot = replace(ROD, gravity=GRAVITY, base=Base(direction=direction))
+        frequency[direction] = slowest(robot, winding=False)
+    assert frequency[0, 0, -1] > 1.2 * frequency[0, 0, 1]
+
+
+# ---------------------------------------------------------------- what is built, what is refused
+
+
+def test_robots_without_them_get_no_bodies_for_base_and_discs():
+    names = {build_scene(SceneConfig(ROD)).model.body(i).name for i in range(3)}
+    assert names == {"world", "link0", "link1"}
+
+
+def test_appearance_moves_nothing():
+    robot, u = replace(ALL, base=SLANTED), np.array([2.0, 1.0, 0.5, 0.5])
+    bare, seen = spatial(robot), spatial(robot, appearance=Appearance(), sensors=(TipSensors(),))
+    assert_allclose(seen.equilibrium(u), bare.equilibrium(u), atol=1e-12)
+    data = mujoco.MjData(seen.model)
+    mujoco.mj_forward(seen.model, data)
+    expected = SLANTED.axes @ [0, 0, 0.4] + SLANTED.position
+    assert_allclose(data.sensordata[:3], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("robot", "options", "message"),
+    [
+        (HELICAL, {}, r"bending='planar' cannot twist; remove tendon 'helical' \(winds"),
+        (HELICAL, {"bending": "spatial"}, r"torsion=False cannot twist; remove tendon 'helical'"),
+        (TWO, {"pieces": 1}, "need a piece for each of 2 sections, got 1"),
+        (TWO, {"pieces": (3, 3, 3)}, r"need pieces of 2 sections, got \(3, 3, 3\)"),
+        (TWO, {"pieces": (3, 0)}, "pieces"),
+        (
+            replace(TWO, tendons=(tendon("t", (0.01, 0.0), 0.3),)),
+            {"pieces": (2, 2)},
+            "'t' ends inside a piece.*nearest ends at 0.325 m.*or end a section there",
+        ),
+        (
+            replace(ROD, gravity=(0.0, 0.0, -9.81), base=Base(direction=(0, 1, 0))),
+            {},
+            r"gravity \(y\)",
+        ),
+    ],
+)
+def test_what_a_chain_cannot_do_is_refused_by_name(robot, options, message):
+    with pytest.raises(ValueError, match=message):
+        build_scene(SceneConfig(robot, **options))
