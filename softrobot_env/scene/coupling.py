@@ -28,8 +28,8 @@ p (EI - GJ) times twist times the turning of the bend, which is zero without twi
 
 At the ends of coupled pieces an error of third order is left. Loads inside a rod break K and K'.
 So pieces are coupled only between two loads, guides, discs, ends of tendons or of sections; fewer
-than three of them, and those that taper, stay as they are. Forces that the scene does not know beforehand (contacts, pushes) keep an error
-of second order.
+than three of them, and those that taper, stay as they are. Forces that the scene does not know
+beforehand (contacts, pushes) keep an error of second order.
 
 At 12 stations the mean error of a tip under random wrenches in space falls from 0.20 to 0.05 mm
 (thermoplastic, 0.4 m). Large moments alone bend the outer pieces, whose second derivative is their

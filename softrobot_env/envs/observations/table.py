@@ -25,12 +25,14 @@ Read = Callable[[], np.ndarray]
 def speed_limit(robot: RobotParams) -> float:
     """Speed [m/s] of the tip beyond which an episode fails.
 
-    Bending waves whose strains fold the material move it about as fast as sound, sqrt(E / rho).
+    Bending waves whose strains fold the material move it about as fast as sound, sqrt(E / rho), in
+    the section where it is fastest.
     Full tensions along the length, and the fall over twice the reach, add their energy.
     """
     pull = sum(tendon.tension_limit for tendon in robot.tendons) * robot.length / robot.mass
     fall = float(np.linalg.norm(robot.gravity)) * 2 * robot.reach
-    return SPEED_ROOM * sqrt(robot.youngs_modulus / robot.density + 2 * (pull + fall))
+    sound = max(part.youngs_modulus / part.density for part in robot.backbone.sections)
+    return SPEED_ROOM * sqrt(sound + 2 * (pull + fall))
 
 
 def curvature_rate_limit(robot: RobotParams, speed: float) -> float:
