@@ -92,6 +92,11 @@ class Tendon:
         return self.turns == 0 and all(point[1:] == self.offset for point in self.route)
 
     @property
+    def leaves_plane(self) -> bool:
+        """Whether it lies outside the x-z plane of the straight robot anywhere."""
+        return bool(self.knots[:, 2].any() or (self.turns and self.farthest))
+
+    @property
     def twists(self) -> bool:
         """Whether its pull has a moment about the fibre in the straight robot."""
         if self.is_straight:
