@@ -8,6 +8,7 @@ from pathlib import Path
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import FEEDBACKS, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
+from softrobot_env.robots import DRIVEN_ROBOTS
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 
@@ -44,6 +45,15 @@ def scene_options(args: argparse.Namespace) -> dict[str, object]:
     names = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
     given = {name: getattr(args, name) for name in names}
     return {name: value for name, value in given.items() if value is not None}
+
+
+def add_robot(parser: argparse.ArgumentParser, note: str) -> None:
+    """--robot, for `find_robot`; None unless given."""
+    parser.add_argument(
+        "--robot",
+        metavar="ROBOT",
+        help=f"a robot file (*.toml), or a robot out of {', '.join(DRIVEN_ROBOTS)}; {note}",
+    )
 
 
 def add_plant(parser: argparse.ArgumentParser) -> None:

@@ -1,25 +1,33 @@
-"""`softrobot export`: the registered scenes as MJCF."""
+"""`softrobot export`: the registered scenes, or a robot's, as MJCF."""
 
 import argparse
 
 from rich.console import Console
 
-from softrobot_env.commands.arguments import add_out
+from softrobot_env.commands.arguments import add_out, add_robot
+from softrobot_env.robots import find_robot
 from softrobot_env.scene.build import scene_xml
-from softrobot_env.scene.registry import SCENES
+from softrobot_env.scene.config import visible
+from softrobot_env.scene.registry import SCENES, scene_of
 
-EXAMPLE = "softrobot export --out assets"
+EXAMPLE = """softrobot export --out assets
+  softrobot export --robot my.toml --out out"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_out(parser, "out/assets")
+    add_robot(parser, "default: all registered scenes")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
+    scenes = SCENES
+    if args.robot is not None:
+        scene = scene_of(find_robot(args.robot))
+        scenes = {scene.robot.name: scene, f"{scene.robot.name}_view": visible(scene)}
     args.out.mkdir(parents=True, exist_ok=True)
-    for name, config in SCENES.items():
+    for name, config in scenes.items():
         path = args.out / f"{name}.xml"
         path.write_text(scene_xml(config), encoding="utf-8")
         Console().print(f"Wrote {path}")

@@ -1,25 +1,27 @@
 """`softrobot inspect`: what a scene contains, what it leaves out, and what a step costs."""
 
 import argparse
+from dataclasses import replace
 from math import isinf
 
 import mujoco
 from rich.console import Console
 from rich.table import Table
 
-from softrobot_env.commands.arguments import add_scene, add_twin, scene_options
+from softrobot_env.commands.arguments import add_robot, add_scene, add_twin, scene_options
 from softrobot_env.commands.setups import RigSetup
 from softrobot_env.commands.task_options import add_task, one_task
-from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.rendering.tables import Column, make_table, named_values
-from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots import RobotParams, Tendon, find_robot
 from softrobot_env.robots.twin import Twin, twin_or_ideal
-from softrobot_env.scene.build import Scene
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.registry import scene_of
 
 EXAMPLE = """softrobot inspect --task swing
-  softrobot inspect --task triangle --twin 0"""
+  softrobot inspect --task triangle --twin 0
+  softrobot inspect --robot my.toml"""
 
 #: What a scene may leave out: description -> whether this model has it.
 _OPTIONAL = {
@@ -39,12 +41,29 @@ _OPTIONAL = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_task(parser)
+    add_robot(parser, "its own scene, without a task; default: the task's")
     add_twin(parser)
     add_scene(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
+    return _inspect_task(args) if args.robot is None else _inspect_robot(args)
+
+
+def _inspect_robot(args: argparse.Namespace) -> int:
+    """Print the scene of a robot without a task."""
+    if args.twin is not None or args.option or args.step_width or args.task != "swing":
+        raise ValueError("--task, --option, --step-width and --twin do not go with --robot")
+    config = replace(scene_of(find_robot(args.robot)), **scene_options(args))
+    own = {"bends": f"{config.bending}, {'twists' if config.torsion else 'without torsion'}"}
+    title = f"Robot {config.robot.name}"
+    _print(build_scene(config), title, [] if config.torsion else ["torsion"], own)
+    return 0
+
+
+def _inspect_task(args: argparse.Namespace) -> int:
+    """Print the scene of a task."""
     task = one_task(args)
     rig, scene = RigSetup(args), scene_options(args)
     if task.axes == "xy":
@@ -55,15 +74,21 @@ def run(args: argparse.Namespace) -> int:
         env = TrackingEnv(task, **scene)
         inputs = f"{env.action_space.shape[0]} inputs, full scale {env.input_scale.tolist()} N"
         left_out, own = [], {"action": inputs}
-    console = Console()
-    console.print(_overview(env, task.label, left_out, own))
-    console.print(_tendons(env.scene.config.robot))
+    seen = ", ".join(f"{k} {v.shape[0]}" for k, v in env.observation_space.items())
+    title = f"Task {task.label}, robot {env.scene.config.robot.name}"
+    _print(env.scene, title, left_out, {"observation": seen, **own})
     return 0
 
 
-def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, str]) -> Table:
+def _print(scene: Scene, title: str, left_out: list[str], own: dict[str, str]) -> None:
+    console = Console()
+    console.print(_overview(scene, title, left_out, own))
+    console.print(_tendons(scene.config.robot))
+
+
+def _overview(scene: Scene, title: str, left_out: list[str], own: dict[str, str]) -> Table:
     """What every scene has, what else a robot leaves out, and rows of its own."""
-    scene, model = env.scene, env.model
+    model = scene.model
     tendons = len(scene.config.robot.tendons)
     left_out = [*(name for name, has in _OPTIONAL.items() if not has(model)), *left_out]
     rows = {
@@ -74,10 +99,9 @@ def _overview(env: EpisodeEnv, label: str, left_out: list[str], own: dict[str, s
         "sensors": ", ".join(model.sensor(i).name for i in range(model.nsensor)) or "none",
         "left out": "; ".join(left_out),
         **_timing(scene),
-        "observation": ", ".join(f"{k} {v.shape[0]}" for k, v in env.observation_space.items()),
         **own,
     }
-    return named_values(f"Task {label}, robot {scene.config.robot.name}", rows)
+    return named_values(title, rows)
 
 
 def _timing(scene: Scene) -> dict[str, str]:

@@ -4,6 +4,7 @@ The names here are what other parts import; `robots.twin`, `robots.actuation` an
 `robots.three_tendons` hold the rest.
 """
 
+from softrobot_env.robots.file import DrivenRobot, read_driven_robot, read_robot, write_robot
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import (
     MAY_VANISH,
@@ -21,13 +22,16 @@ from softrobot_env.robots.registry import (
     ARM,
     CANTILEVER_STIFF,
     CANTILEVER_WEAK,
+    DRIVEN_ROBOTS,
     EQUIVALENT,
     EQUIVALENT_RIG,
+    EXAMPLES,
     LENGTH_SCALE,
     RIG,
     ROBOTS,
     SERVO_SPEED,
     WORKSPACE,
+    find_robot,
 )
 from softrobot_env.robots.sections import Backbone, Section
 from softrobot_env.robots.tendons import Tendon
@@ -36,8 +40,10 @@ __all__ = [
     "ARM",
     "CANTILEVER_STIFF",
     "CANTILEVER_WEAK",
+    "DRIVEN_ROBOTS",
     "EQUIVALENT",
     "EQUIVALENT_RIG",
+    "EXAMPLES",
     "LENGTH_SCALE",
     "MAY_VANISH",
     "NEUTRAL",
@@ -49,6 +55,7 @@ __all__ = [
     "Backbone",
     "Base",
     "Disc",
+    "DrivenRobot",
     "Head",
     "Load",
     "RobotParams",
@@ -57,4 +64,8 @@ __all__ = [
     "as_number",
     "centerline",
     "check_number",
+    "find_robot",
+    "read_driven_robot",
+    "read_robot",
+    "write_robot",
 ]

@@ -65,11 +65,7 @@ def refuse_out_of_plane(
     Raises:
         ValueError: Something acts across the plane; the message names it.
     """
-    crossing = [
-        f"tendon {t.name!r} (offset y)"
-        for t in tendons
-        if t.knots[:, 2].any() or (t.turns and t.farthest)
-    ]
+    crossing = [f"tendon {t.name!r} (offset y)" for t in tendons if t.leaves_plane]
     crossing += [f"load {x.name!r} (force y)" for x in loads if x.force[1]]
     crossing += [f"load {x.name!r} (moment x or z)" for x in loads if x.moment[0] or x.moment[2]]
     crossing += ["gravity (y)"] if gravity[1] else []

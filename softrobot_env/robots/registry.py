@@ -1,4 +1,4 @@
-"""The named robots: the planar arm, the spatial test rig and the cantilevers of the thesis.
+"""The named robots: arm, rig and cantilevers of the thesis, and examples that are files.
 
 "T" marks a value printed in the thesis, "I" one inferred from it by recomputation, "S" an
 assumption of this package.
@@ -7,7 +7,9 @@ assumption of this package.
 from dataclasses import replace
 from math import cos, pi, sin
 
+from softrobot_env.paths import assets_dir
 from softrobot_env.registries import Registry
+from softrobot_env.robots.file import DrivenRobot, read_driven_robot
 from softrobot_env.robots.parameters import Head, RobotParams, Tendon
 
 #: Cantilevers of Tab. 2.1 (T), horizontal under gravity; damping of the spiral runs (T). Poisson
@@ -106,6 +108,26 @@ LENGTH_SCALE = 0.03
 #: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
 SERVO_SPEED = pi / 3 / 0.16 * 0.020
 
-_NAMED = (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG, EQUIVALENT_RIG)
+#: Robots of assets/robots/, described by files as a user's own.
+EXAMPLES = ("planar_finger", "silicone_rod", "hanging_trunk", "ftdcr_v4")
 
-ROBOTS = Registry("robot", {robot.name: robot for robot in _NAMED})
+_DRIVEN = (
+    *(DrivenRobot(robot) for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)),
+    *(DrivenRobot(robot, "length", SERVO_SPEED) for robot in (RIG, EQUIVALENT_RIG)),
+    *(read_driven_robot(assets_dir() / "robots" / f"{name}.toml") for name in EXAMPLES),
+)
+
+#: The named robots with their drives.
+DRIVEN_ROBOTS = Registry("robot", {driven.robot.name: driven for driven in _DRIVEN})
+
+ROBOTS = Registry("robot", {name: driven.robot for name, driven in DRIVEN_ROBOTS.items()})
+
+
+def find_robot(which: str) -> DrivenRobot:
+    """The robot of a name, or of a file: a path that ends in .toml.
+
+    Raises:
+        ValueError: No such name, the message lists them; or the file says what is not allowed.
+        OSError: The file cannot be read.
+    """
+    return read_driven_robot(which) if which.endswith(".toml") else DRIVEN_ROBOTS.find(which)

@@ -92,6 +92,11 @@ class Tendon:
         return self.turns == 0 and all(point[1:] == self.offset for point in self.route)
 
     @property
+    def leaves_plane(self) -> bool:
+        """Whether it lies outside the x-z plane of the straight robot anywhere."""
+        return bool(self.knots[:, 2].any() or (self.turns and self.farthest))
+
+    @property
     def twists(self) -> bool:
         """Whether its pull has a moment about the fibre in the straight robot."""
         if self.is_straight:
@@ -158,9 +163,15 @@ class Tendon:
         """The tendon at `radius` [1] times its distance from the fibre, rubbing more [N]."""
         return replace(self._mapped(radius, 0.0), friction=self.friction + friction)
 
-    def turned(self, angle: float, scale: float = 1.0) -> "Tendon":
-        """The tendon turned about the fibre by `angle` [rad], `scale` [1] times as far from it."""
-        return self._mapped(scale * cos(angle), scale * sin(angle))
+    def turned(self, angle: float, scale: float = 1.0, name: str | None = None) -> "Tendon":
+        """The tendon turned about the fibre by `angle` [rad], `scale` [1] times as far from it.
+
+        Quarter turns are exact; the turned tendon may have another name.
+        """
+        # Pi is rounded: what is left of a cosine or sine that vanishes would leave the plane.
+        c, s = (x if abs(x) > 1e-15 else 0.0 for x in (cos(angle), sin(angle)))
+        turned = self._mapped(scale * c, scale * s)
+        return turned if name is None else replace(turned, name=name)
 
     def _mapped(self, c: float, s: float) -> "Tendon":
         """The tendon with all its places (x, y) at (c x - s y, s x + c y)."""

@@ -1,7 +1,5 @@
 """Robot files: TOML with units in its keys."""
 
-import json
-import tomllib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields
@@ -10,6 +8,7 @@ from typing import Any
 
 from softrobot_env.hardware.robot_file.keys import Key, RobotFileError, keys
 from softrobot_env.hardware.robot_file.model import RobotFile, Servo, Supervision, Tip
+from softrobot_env.toml_text import lines, read_table
 
 _TENDONS, _SUPERVISION, _TIP = "tendons", "supervision", "tip"
 
@@ -23,9 +22,9 @@ def read_robot_file(path: Path) -> RobotFile:
     """
     with _told_of(str(path)):
         try:
-            table = tomllib.loads(path.read_text("utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-            raise RobotFileError(f"no TOML: {error}") from None
+            table = read_table(path)
+        except ValueError as error:
+            raise RobotFileError(str(error)) from None
         return _robot(table)
 
 
@@ -33,27 +32,11 @@ def write_robot_file(robot: RobotFile, path: Path) -> None:
     """Write a robot to a TOML file that `read_robot_file` reads as the same robot."""
     table = _as_table(robot)
     servos, supervision, tip = table.pop(_TENDONS), table.pop(_SUPERVISION), table.pop(_TIP)
-    blocks = [_lines(table)]
-    blocks += [f"[[{_TENDONS}]]\n{_lines(_as_table(servo))}" for servo in servos]
-    blocks.append(f"[{_SUPERVISION}]\n{_lines(_as_table(supervision))}")
-    blocks.append(f"[{_TIP}]\n{_lines({'kind': tip.kind, **tip.options})}")
+    blocks = [lines(table)]
+    blocks += [f"[[{_TENDONS}]]\n{lines(_as_table(servo))}" for servo in servos]
+    blocks.append(f"[{_SUPERVISION}]\n{lines(_as_table(supervision))}")
+    blocks.append(f"[{_TIP}]\n{lines({'kind': tip.kind, **tip.options})}")
     path.write_text("\n".join(blocks), "utf-8")
-
-
-def _lines(table: Mapping[str, Any]) -> str:
-    return "".join(f"{_key(name)} = {_value(value)}\n" for name, value in table.items())
-
-
-def _key(name: str) -> str:
-    return name if name.isidentifier() and name.isascii() else json.dumps(name, ensure_ascii=False)
-
-
-def _value(value: Any) -> str:
-    """A value; texts, numbers and lists of them are written alike in JSON and TOML."""
-    if isinstance(value, Mapping):
-        pairs = (f"{_key(name)} = {_value(inner)}" for name, inner in value.items())
-        return f"{{{', '.join(pairs)}}}"
-    return json.dumps(value, ensure_ascii=False)
 
 
 def _robot(table: Mapping[str, Any]) -> RobotFile:
