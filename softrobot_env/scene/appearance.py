@@ -186,7 +186,7 @@ def _add_wall(spec: mujoco.MjSpec, behind: float) -> None:
 
 def _add_skin(chain: Chain, robot: RobotParams, rgba: Rgba) -> None:
     """Add the surface of a straight cylinder and tie it to the links of the chain."""
-    stations, radii = _profile(robot)
+    stations, radii = _profile(robot, _ring_distance(chain))
     weights = _bone_weights(stations, chain.layout.stations, robot.length)
     ring_of_vertex = np.repeat(np.arange(len(stations)), _SIDES)
     bones = [np.flatnonzero(w > 1e-6) for w in weights[ring_of_vertex].T]
@@ -204,11 +204,17 @@ def _add_skin(chain: Chain, robot: RobotParams, rgba: Rgba) -> None:
     )
 
 
-def _profile(robot: RobotParams) -> tuple[np.ndarray, np.ndarray]:
+def _ring_distance(chain: Chain) -> float:
+    """Distance [m] of rings, of which every link has one at least."""
+    gaps = np.diff(chain.layout.stations)
+    return min(_RING_DISTANCE, 0.5 * gaps[gaps > 0].min(initial=np.inf))
+
+
+def _profile(robot: RobotParams, distance: float) -> tuple[np.ndarray, np.ndarray]:
     """Arc length (n,) and radius (n,) [m] of the rings, with a rounded rim and a closed tip."""
     length, radius = robot.length, _radius(robot, robot.length)
     edge = _ROUNDING * radius
-    rings = int(np.ceil((length - edge) / _RING_DISTANCE)) + 1
+    rings = int(np.ceil((length - edge) / distance)) + 1
     body = np.linspace(0.0, length - edge, rings)
     angle = np.linspace(0, np.pi / 2, 4)[1:]
     stations = np.concatenate((body, length - edge * (1 - np.sin(angle)), [length]))

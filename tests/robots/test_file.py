@@ -1,0 +1,177 @@
+"""Robot files: read and written alike, and refused by place; the example robots."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from softrobot_env.beams.pcc import PCC
+from softrobot_env.cli import main
+from softrobot_env.robots import (
+    ARM,
+    EXAMPLES,
+    RIG,
+    Base,
+    Disc,
+    Head,
+    RobotParams,
+    Section,
+    Tendon,
+    find_robot,
+    read_driven_robot,
+    read_robot,
+    write_robot,
+)
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.registry import scene_of
+
+GOOD = """name = "mine"
+[[section]]
+length_m = 0.2
+outer_radius_m = 0.02
+youngs_modulus_Pa = 4e5
+density_kg_m3 = 1070
+damping_time_s = 0.03
+[[tendon]]
+name = ["a", "b"]
+ends_at_section = 1
+radius_m = 0.01
+tension_limit_N = 40
+"""
+
+some = st.floats(-1e3, 1e3)
+size = st.floats(1e-3, 1.0)
+
+
+@st.composite
+def _sections(draw):
+    outer = draw(size | st.tuples(size, size))
+    return Section(
+        draw(size), outer, draw(st.floats(1e3, 1e11)), draw(st.floats(1, 1e4)), draw(size),
+        draw(st.integers(1, 20)), draw(st.sampled_from([0.0, 1e-4])), draw(st.floats(-0.9, 0.5)),
+    )  # fmt: skip
+
+
+@st.composite
+def _tendon(draw, name, length):
+    end = length * draw(st.floats(0.1, 1.0))
+    place = st.tuples(some, some)
+    route = ((end / 2, *draw(place)), (end, *draw(place))) if draw(st.booleans()) else ()
+    return Tendon(
+        name, draw(place), end, draw(st.integers(0, 5)), draw(st.floats(10, 50)),
+        guides=(end / 3,) * draw(st.booleans()), stiffness=draw(st.floats(1, 1e4) | st.just(np.inf)),
+        pretension=draw(st.floats(0, 5)), friction=draw(size), route=route, turns=draw(some),
+    )  # fmt: skip
+
+
+@st.composite
+def _robots(draw):
+    sections = tuple(draw(st.lists(_sections(), min_size=1, max_size=3)))
+    length = float(sum(s.length for s in sections))
+    inertia = draw(st.sampled_from([(1e-6, 1e-6, 2e-6), (3e-7, 4e-7, 5e-7)]))
+    names = draw(st.lists(st.text(st.characters(codec="utf-8"), min_size=1), max_size=3))
+    vector = st.tuples(some, some, some)
+    base = Base(draw(vector), (0.1, draw(some), 1.0), draw(some))
+    return RobotParams(
+        draw(st.text(st.characters(codec="utf-8"), min_size=1)),
+        sections=sections,
+        tendons=tuple(draw(_tendon(n, length)) for n in dict.fromkeys(names)),
+        gravity=draw(vector),
+        head=draw(st.sampled_from([None, Head(0.1, 0.0, inertia, 0.02)])),
+        anisotropy=draw(st.floats(0, 1.9)),
+        stiff_azimuth=draw(some),
+        precurvature=(draw(st.floats(-0.5, 0.5)), 0.1),
+        discs=(Disc(length / 3, draw(size), inertia),) * draw(st.integers(0, 2)),
+        base=draw(st.sampled_from([None, Base(), base])),
+    )
+
+
+@settings(max_examples=40, deadline=None)
+@given(robot=_robots())
+def test_what_is_written_is_read_as_the_same_robot(robot, tmp_path_factory):
+    path = tmp_path_factory.mktemp("robot") / "robot.toml"
+    write_robot(robot, path)
+    assert read_robot(path) == robot
+
+
+@pytest.mark.parametrize("name", ["arm", "rig", *EXAMPLES])
+def test_named_robots_with_their_drives_are_written_and_read(name, tmp_path):
+    write_robot(find_robot(name), tmp_path / "x.toml")
+    assert read_driven_robot(tmp_path / "x.toml") == find_robot(name)
+    assert {"arm": ARM, "rig": RIG}.get(name, find_robot(name).robot) == find_robot(name).robot
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("length_m = 0.2", "length_mm = 200", r"section\[1\]\.length_mm is no key; allowed are"),
+        ("length_m = 0.2\n", "", r"section\[1\]\.length_m missing"),
+        ("outer_radius_m = 0.02", "outer_radius_m = -1", r"section\[1\]\.outer_radius_m must be"),
+        ("= 1070", '= "much"', r"section\[1\]\.density_kg_m3 must be finite and positive"),
+        ("ends_at_section = 1", "ends_at_section = 2", r"tendon\[1\]\.ends_at_section must be"),
+        ("ends_at_section = 1", "end_m = 0.3", r"tendon\[1\]\.end_m must be at most"),
+        ("radius_m = 0.01\n", "radius_m = 0.01\noffset_m = [0, 0]\n", "not both"),
+        ("radius_m = 0.01\n", 'radius_m = 0.01\ndrive = "air"\n', r"tendon\[1\]\.drive must be"),
+        ("radius_m = 0.01\n", 'radius_m = 0.01\ndrive = "length"\n', "finite stiffness"),
+        ('name = "mine"', 'name = "mine"\nbase = 3', "base must be a table"),
+        ('name = "mine"', "name = mine", "no TOML"),
+        ('["a", "b"]', '["a", "a"]', "different names"),
+        ('["a", "b"]', "[]", r"tendon\[1\]\.name must be a text"),
+    ],
+)
+def test_bad_files_are_refused_in_one_line_with_file_and_key(old, new, said, tmp_path, capsys):
+    assert old in GOOD
+    path = tmp_path / "my.toml"
+    path.write_text(GOOD.replace(old, new, 1), "utf-8")
+    with pytest.raises(ValueError, match=said) as caught:
+        read_robot(path)
+    assert str(caught.value).startswith(f"{path}: ") and "\n" not in str(caught.value)
+    assert main(["robot-file", "check", str(path)]) == 2
+    assert capsys.readouterr().err.count("\n") == 1
+
+
+def test_mixed_drives_are_refused_by_name(tmp_path):
+    other = '[[tendon]]\nname = "c"\nend_m = 0.1\nradius_m = 0.01\ntension_limit_N = 9\n'
+    text = GOOD + other + 'drive = "length"\nstiffness_N_m = 9\n'
+    (tmp_path / "my.toml").write_text(text, "utf-8")
+    with pytest.raises(ValueError, match=r"tendon\[2\]\.drive must be 'tension' as in tendon\[1\]"):
+        read_robot(tmp_path / "my.toml")
+
+
+def test_several_names_stand_at_equal_angles(tmp_path):
+    (tmp_path / "my.toml").write_text(GOOD, "utf-8")
+    assert [t.offset for t in read_robot(tmp_path / "my.toml").tendons] == [(0.01, 0), (-0.01, 0)]
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_examples_find_equilibria_as_a_beam_model_and_move(name):
+    driven = find_robot(name)
+    scene, robot = build_scene(scene_of(driven)), driven.robot
+    u = np.zeros(len(robot.tendons))
+    u[-2] = 0.003 if driven.drive == "length" else 0.1 * robot.tendons[-2].tension_limit
+    rest = scene.equilibrium(u)
+    beam = PCC(robot, pieces=12, axes=scene.config.bending, drive=driven.drive)
+    expected = beam.tip(beam.equilibrium(u))
+    assert np.linalg.norm(scene.tip(rest) - expected) < 0.01 * robot.length
+    assert np.linalg.norm(expected[:2]) > 0.02 * robot.length
+    motion = scene.simulate(0.05, u)
+    assert np.all(np.isfinite(scene.tip(motion.q)))
+
+
+def test_commands_take_a_robot_by_file_or_name(tmp_path, capsys):
+    path = tmp_path / "my.toml"
+    write_robot(replace(find_robot("ftdcr_v4").robot, name="mine"), path)
+    assert main(["robot-file", "check", str(path)]) == 0
+    assert capsys.readouterr().out.count("\n") == 1
+    assert main(["export", "--robot", str(path), "--out", str(tmp_path)]) == 0
+    assert (tmp_path / "mine.xml").exists() and (tmp_path / "mine_view.xml").exists()
+    assert main(["export", "--robot", "nobody"]) == 2
+    assert "hanging_trunk" in capsys.readouterr().err
+
+
+def test_inspect_takes_a_robot(capsys):
+    assert main(["inspect", "--robot", "planar_finger"]) == 0
+    assert "upper_front" in capsys.readouterr().out
+    assert main(["inspect", "--robot", "planar_finger", "--task", "step"]) == 2
