@@ -20,9 +20,10 @@ def wheel(tmp_path_factory, request):
 
 def test_wheel_carries_assets_models_and_firmware(wheel, request):
     names = set(zipfile.ZipFile(wheel).namelist())
-    for folder in ("assets", "models", "firmware/core", "firmware/host", "firmware/avr"):
+    folders = ("assets", "assets/robots", "models")
+    for folder in (*folders, "firmware/core", "firmware/host", "firmware/avr"):
         for path in (request.config.rootpath / folder).iterdir():
-            assert f"softrobot_env/_data/{folder}/{path.name}" in names
+            assert path.is_dir() or f"softrobot_env/_data/{folder}/{path.name}" in names
     assert not any("firmware/build" in name for name in names)
     assert not any(name.startswith(("tests/", "scripts/")) for name in names)
 

@@ -61,7 +61,8 @@ def _tendon(draw, name, length):
     route = ((end / 2, *draw(place)), (end, *draw(place))) if draw(st.booleans()) else ()
     return Tendon(
         name, draw(place), end, draw(st.integers(0, 5)), draw(st.floats(10, 50)),
-        guides=(end / 3,) * draw(st.booleans()), stiffness=draw(st.floats(1, 1e4) | st.just(np.inf)),
+        guides=(end / 3,) * draw(st.booleans()),
+        stiffness=draw(st.floats(1, 1e4) | st.just(np.inf)),
         pretension=draw(st.floats(0, 5)), friction=draw(size), route=route, turns=draw(some),
     )  # fmt: skip
 
