@@ -30,6 +30,7 @@ FOUNDATION = {
     "machine_code",
     "processes",
     "fields",
+    "toml_text",
     "artifacts",
     "registration",
     "loads",
