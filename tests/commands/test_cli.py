@@ -177,4 +177,10 @@ def test_quick_speed_benchmark(tmp_path):
     rows = json.loads((tmp_path / "speed" / "report.json").read_text())["rows"]
     names = {row["variant"] for row in rows}
     assert {"HalfCheetah-v5", "SoftRobot/ArmSwing-v0"} <= names
-    assert {row["what"] for row in rows} == {"env.step", "vector env.step", "start", "render"}
+    assert {row["what"] for row in rows} == {
+        "env.step",
+        "moving",
+        "vector env.step",
+        "start",
+        "render",
+    }
