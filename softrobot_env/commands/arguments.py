@@ -8,7 +8,7 @@ from pathlib import Path
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import FEEDBACKS, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
-from softrobot_env.robots import DRIVEN_ROBOTS
+from softrobot_env.robots import ROBOTS
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 
@@ -52,7 +52,7 @@ def add_robot(parser: argparse.ArgumentParser, note: str) -> None:
     parser.add_argument(
         "--robot",
         metavar="ROBOT",
-        help=f"a robot file (*.toml), or a robot out of {', '.join(DRIVEN_ROBOTS)}; {note}",
+        help=f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)}; {note}",
     )
 
 

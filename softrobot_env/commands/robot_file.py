@@ -7,7 +7,7 @@ from types import SimpleNamespace
 from rich.console import Console
 
 from softrobot_env.commands.subcommands import Command, add_commands
-from softrobot_env.robots import read_driven_robot
+from softrobot_env.robots import read_robot
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import scene_of
 
@@ -30,13 +30,13 @@ def _add_file(parser: argparse.ArgumentParser) -> None:
 
 def _check(args: argparse.Namespace) -> int:
     """Read a file, build its scene and say what it is."""
-    driven = read_driven_robot(args.file)
-    robot, config = driven.robot, scene_of(driven)
+    robot = read_robot(args.file)
+    config = scene_of(robot)
     model = build_scene(config).model
     text = (
         f"{args.file}: good: robot {robot.name}, {robot.length:g} m in "
         f"{len(robot.backbone.sections)} section(s), {len(robot.tendons)} tendon(s) driven by "
-        f"{driven.drive}, {len(robot.discs)} disc(s), {config.bending}, {model.nv} DOFs"
+        f"{robot.drive.kind}, {len(robot.discs)} disc(s), {config.bending}, {model.nv} DOFs"
     )
     Console(soft_wrap=True, highlight=False, markup=False).print(text)
     return 0

@@ -4,7 +4,7 @@ The names here are what other parts import; `robots.twin`, `robots.actuation` an
 `robots.three_tendons` hold the rest.
 """
 
-from softrobot_env.robots.file import DrivenRobot, read_driven_robot, read_robot, write_robot
+from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import (
     MAY_VANISH,
@@ -12,6 +12,7 @@ from softrobot_env.robots.parameters import (
     VARIABLE,
     Base,
     Disc,
+    Drive,
     Head,
     RobotParams,
     as_number,
@@ -22,7 +23,6 @@ from softrobot_env.robots.registry import (
     ARM,
     CANTILEVER_STIFF,
     CANTILEVER_WEAK,
-    DRIVEN_ROBOTS,
     EQUIVALENT,
     EQUIVALENT_RIG,
     EXAMPLES,
@@ -40,7 +40,6 @@ __all__ = [
     "ARM",
     "CANTILEVER_STIFF",
     "CANTILEVER_WEAK",
-    "DRIVEN_ROBOTS",
     "EQUIVALENT",
     "EQUIVALENT_RIG",
     "EXAMPLES",
@@ -55,7 +54,7 @@ __all__ = [
     "Backbone",
     "Base",
     "Disc",
-    "DrivenRobot",
+    "Drive",
     "Head",
     "Load",
     "RobotParams",
@@ -65,7 +64,6 @@ __all__ = [
     "centerline",
     "check_number",
     "find_robot",
-    "read_driven_robot",
     "read_robot",
     "write_robot",
 ]

@@ -1,76 +1,282 @@
-"""From reduced inputs to tendon tensions: the actuation redundancy of opposing tendons."""
+"""What is commanded of a robot: from inputs without redundancy to what its drives apply."""
 
 from copy import copy
+from itertools import pairwise
+from math import pi
+from typing import Protocol
 
 import numpy as np
 
 from softrobot_env.robots.parameters import RobotParams, Tendon
 
+_ROUNDING = 1e-9
 
-class TendonMap:
-    """Resolves the actuation redundancy of opposing tendons (secs. 3.1.2 and 6.2.2).
 
-    The tensions of a pair that produce the reduced input u are known up to a common tension; the
-    map returns the smallest ones that respect the pretension: F_k = max(F~_k - F~_j, 0) + F_pre,
-    where j opposes k and F~ = pinv(Phi) u (audit of (3.3) to (3.5)). That is (6.8): one tendon
-    pulls, the other keeps its pretension.
+class Inputs(Protocol):
+    """Maps inputs of a robot to what its drives apply, and actions in [-1, 1] to inputs.
+
+    An action a stands for the input `input_centre` + a * `input_scale`.
 
     Attributes:
-        phi: (n_inputs, n_tendons), reduced input u = phi @ tension.
-        input_scale: (n_inputs,) [N], reduced input of a full-scale action.
+        n_inputs: Number of inputs.
+        input_scale, input_centre: (n_inputs,).
+        unit: Of inputs and of what is applied, "N" or "m".
     """
 
-    def __init__(self, robot: RobotParams) -> None:
-        groups = [t.group for t in robot.tendons]
-        if groups != sorted(groups):
-            raise ValueError(f"robot {robot.name!r}: order the tendons by group")
-        pairs = [[t for t in robot.tendons if t.group == g] for g in sorted(set(groups))]
-        self.phi = np.zeros((len(pairs), len(robot.tendons)))
-        for k, pair in enumerate(pairs):
-            self.phi[k, 2 * k : 2 * k + 2] = _sides(robot, pair)
-        self.input_scale = np.array([p[0].tension_limit - p[0].pretension for p in pairs])
-        self._pretension = np.array([t.pretension for t in robot.tendons])
-        self._pretensioned = bool(self._pretension.any())
-        spread = np.linalg.pinv(self.phi)
-        opposing = np.arange(len(robot.tendons)) ^ 1
-        self._difference = (spread - spread[opposing]).T
+    n_inputs: int
+    input_scale: np.ndarray
+    input_centre: np.ndarray
+    unit: str
 
-    @property
-    def n_inputs(self) -> int:
-        """Number of reduced inputs."""
-        return self.phi.shape[0]
+    def command(self, inputs: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """What the drives apply, (..., n_tendons), for inputs (..., n_inputs)."""
+
+    def per_action(self) -> "Inputs":
+        """The same map from actions: its `command` takes actions in place of inputs."""
+
+
+def robot_inputs(robot: RobotParams) -> Inputs:
+    """The inputs of a robot: reduced ones [N] of tensions, or lengths [m] pulled in."""
+    return PulledLengths(robot) if robot.drive.kind == "length" else TendonMap(robot)
+
+
+class PulledLengths:
+    """Lengths pulled in by each tendon of a robot driven by length, from the straight pose on.
+
+    Full scale is the drive's travel; where it says none, half a turn about the fibre: pi times the
+    largest distance of the tendon from it.
+    """
+
+    unit = "m"
+
+    def __init__(self, robot: RobotParams) -> None:
+        travel = robot.drive.travel
+        self.n_inputs = len(robot.tendons)
+        self.input_scale = np.array(
+            [pi * t.farthest if travel is None else travel for t in robot.tendons]
+        )
+        self.input_centre = np.zeros(self.n_inputs)
+        self._factor: np.ndarray | float = 1.0
+
+    def command(self, inputs: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+        """The lengths (..., n_tendons) [m] themselves, a new array unless `out` is given."""
+        return np.multiply(inputs, self._factor, out=out)
+
+    def per_action(self) -> "PulledLengths":
+        """See `Inputs`."""
+        scaled = copy(self)
+        scaled._factor = self.input_scale
+        return scaled
+
+
+class TendonMap:
+    """Resolves the actuation redundancy of tendons that oppose each other (secs. 3.1.2, 6.2.2).
+
+    The tendons of one group end at the same station, and their routes differ by a turn about the
+    fibre and a factor. Their pull is a bending moment, `phi` @ tension times the group's lever (the
+    mean distance of its tendons from the fibre): one reduced input where they lie on one line
+    through the fibre, positive towards +x (or +y), else two, towards x and y.
+
+    Of all tensions with the same reduced input u the map returns those with the least sum that
+    respect the pretension. With v = u / phi on a line one tendon pulls and the others keep their
+    pretension, (6.8); around the fibre the two tendons pull between which u points: of three at 120
+    degrees these are F = F~ - min F~ + F_pre, F~ = 2/3 Phi^T u (audit of (3.3) to (3.5)). Tensions
+    are continuous in u, and never push.
+
+    Tendons of a group that does not surround the fibre, or whose routes differ, are driven one by
+    one: their inputs are tensions above the pretension, and the action -1 stands for none.
+
+    Attributes:
+        phi: (n_inputs, n_tendons) [1], reduced input u = phi @ tension.
+        input_scale, input_centre: (n_inputs,) [N]. A scale is the largest with which no action
+            asks for more than a tendon's limit.
+        opposed: (n_inputs,) bool, which inputs are not of a single tendon.
+    """
+
+    unit = "N"
+
+    def __init__(self, robot: RobotParams) -> None:
+        """Raise ValueError where the pretensions of a group do not cancel each other."""
+        self.robot = robot
+        tendons = robot.tendons
+        groups = [_Group(robot, g) for g in sorted({t.group for t in tendons})]
+        self.n_inputs = sum(len(group.phi) for group in groups)
+        self.phi = np.zeros((self.n_inputs, len(tendons)))
+        one, other = (np.zeros((self.n_inputs, len(tendons))) for _ in range(2))
+        self._widest = np.zeros(len(tendons), dtype=bool)
+        self.input_scale, self.input_centre, self.opposed = (
+            np.concatenate([getattr(group, name) for group in groups] or [np.zeros(0)])
+            for name in ("scale", "centre", "opposed")
+        )
+        row = 0
+        for group in groups:
+            where = np.ix_(range(row, row + len(group.phi)), group.members)
+            self.phi[where], one[where], other[where] = group.phi, group.one, group.other
+            self._widest[group.members] = group.widest
+            row += len(group.phi)
+        self._one, self._other = one, (None if np.array_equal(one, other) else other)
+        self._base = np.array([t.pretension for t in tendons])
+        self._pretensioned = bool(self._base.any())
+        self._shift: np.ndarray | None = None
 
     def per_action(self) -> "TendonMap":
-        """The same map for actions: its `tension` takes multiples [1] of `input_scale`."""
+        """See `Inputs`."""
         scaled = copy(self)
-        scaled._difference = self._difference * self.input_scale[:, None]
+        scaled._one = self._one * self.input_scale[:, None]
+        if self._other is not None:
+            scaled._other = self._other * self.input_scale[:, None]
+        if self.input_centre.any():
+            scaled._shift = self.input_centre / self.input_scale
         return scaled
 
     def tension(self, reduced: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Tensions (..., n_tendons) [N] >= pretension for reduced inputs (..., n_inputs) [N]."""
-        out = np.maximum(reduced.dot(self._difference), 0.0, out=out)
+        if self._shift is not None:
+            reduced = reduced + self._shift
+        pulls = reduced.dot(self._one)
+        if self._other is not None:
+            beside = reduced.dot(self._other)
+            pulls = np.where(self._widest, np.maximum(pulls, beside), np.minimum(pulls, beside))
+        out = np.maximum(pulls, 0.0, out=out)
         if self._pretensioned:
-            out += self._pretension
+            out += self._base
         return out
+
+    command = tension
 
     def reduced(self, tension: np.ndarray) -> np.ndarray:
         """Reduced inputs (..., n_inputs) [N] that tensions (..., n_tendons) [N] produce."""
-        return np.asarray(tension) @ self.phi.T
+        return (np.asarray(tension) - self._base) @ self.phi.T
+
+    def require_pairs(self, what: str) -> None:
+        """Raise ValueError, naming what does so, if it needs planar pairs of straight tendons."""
+        robot = self.robot
+        for g in sorted({t.group for t in robot.tendons}):
+            pair = [t for t in robot.tendons if t.group == g]
+            (x, y), *_ = [t.offset for t in pair]
+            mirrored = [t.offset for t in pair] == [(x, y), (-x, y)] and x and not y
+            if not (mirrored and all(t.is_straight for t in pair)):
+                raise ValueError(
+                    f"{what} needs planar tendon groups, each a pair at offsets (r, 0) and "
+                    f"(-r, 0), straight; robot {robot.name!r} has {[t.offset for t in pair]}"
+                )
+            if len({(t.end, t.tension_limit, t.pretension) for t in pair}) > 1:
+                raise ValueError(
+                    f"{what}: opposing tendons need the same end, tension_limit and pretension, "
+                    f"unlike {' and '.join(t.name for t in pair)} of robot {robot.name!r}"
+                )
 
 
-def _sides(robot: RobotParams, tendons: list[Tendon]) -> np.ndarray:
-    """Phi (2,) of one group: the side (+1 or -1) of the neutral fibre each tendon pulls to."""
-    offsets = np.array([t.offset for t in tendons])
-    sides, beside = offsets.T
-    straight = all(t.is_straight for t in tendons)
-    if len(tendons) != 2 or not straight or beside.any() or sides.sum() != 0 or not sides.any():
-        raise ValueError(
-            f"robot {robot.name!r}: a planar tendon group is a pair at offsets (r, 0) and (-r, 0), "
-            f"straight, got {[t.offset for t in tendons]}"
-        )
-    if len({(t.end, t.tension_limit, t.pretension) for t in tendons}) > 1:
-        raise ValueError(
-            f"robot {robot.name!r}: opposing tendons need the same end, tension_limit and "
-            f"pretension, unlike {' and '.join(t.name for t in tendons)}"
-        )
-    return np.sign(sides)
+class _Group:
+    """The tendons of one group.
+
+    Attributes:
+        members: (k,) indices of its tendons.
+        phi: (m, k).
+        one, other, widest: A tendon's tension above pretension is zero or the smaller of
+            one @ u and other @ u, the larger where `widest`.
+        scale, centre, opposed: (m,), as of the map.
+    """
+
+    def __init__(self, robot: RobotParams, group: int) -> None:
+        self.members = [k for k, t in enumerate(robot.tendons) if t.group == group]
+        tendons = [robot.tendons[k] for k in self.members]
+        self.widest = np.zeros(len(tendons), dtype=bool)
+        room = np.array([t.tension_limit - t.pretension for t in tendons])
+        places = _directions(tendons)
+        if not (self._on_a_line(places) or self._around(places)):
+            self.phi = self.one = self.other = np.eye(len(tendons))
+            self.scale = self.centre = room / 2
+            self.opposed = np.zeros(len(tendons), dtype=bool)
+            return
+        idle = self.phi @ [t.pretension for t in tendons]
+        if np.abs(idle).max() > _ROUNDING * sum(t.pretension for t in tendons):
+            raise ValueError(
+                f"robot {robot.name!r}: the pretensions of the opposing tendons "
+                f"{', '.join(t.name for t in tendons)} must cancel each other"
+            )
+        self.scale = np.full(len(self.phi), self._scale(room))
+        self.centre, self.opposed = np.zeros(len(self.phi)), np.ones(len(self.phi), dtype=bool)
+
+    def _on_a_line(self, places: np.ndarray | None) -> bool:
+        """Whether the tendons (k, 2) lie on one line through the fibre, on both sides of it."""
+        if places is None:
+            return False
+        far = places[np.argmax(np.hypot(*places.T))]
+        line = far / np.hypot(*far)
+        line *= 1 if tuple(np.where(np.abs(line) > _ROUNDING, line, 0.0)) > (0.0, 0.0) else -1
+        along = places @ line
+        beside = np.abs(places - np.outer(along, line)).max()
+        if beside > _ROUNDING or not along.max() > _ROUNDING or not along.min() < -_ROUNDING:
+            return False
+        self.phi = along[None]
+        self.one = np.zeros_like(self.phi)
+        for best in (np.argmax(along), np.argmin(along)):
+            self.one[0, best] = 1 / along[best]
+        self.other = self.one
+        return True
+
+    def _around(self, places: np.ndarray | None) -> bool:
+        """Whether the tendons (k, 2) surround the fibre; those within the others never pull."""
+        hull = [] if places is None else _hull(places)
+        turns = [_cross(places[i], places[j]) for i, j in pairwise([*hull, *hull[:1]])]
+        if len(hull) < 3 or min(turns) < _ROUNDING:
+            return False
+        self.phi = places.T
+        self.one, self.other = np.zeros((2, 2, len(places)))
+        for before, k, after in zip(hull[-1:] + hull, hull, hull[1:] + hull[:1], strict=False):
+            self.one[:, k] = np.linalg.inv(places[[before, k]].T)[1]
+            self.other[:, k] = np.linalg.inv(places[[k, after]].T)[0]
+            self.widest[k] = self.other[:, k] @ places[before] < 0
+        return True
+
+    def _scale(self, room: np.ndarray) -> float:
+        """Largest factor on actions in [-1, 1] that leaves all tensions their room [N]."""
+        if len(self.phi) == 1:
+            farthest = np.array([[1.0], [-1.0]])
+        else:  # tensions are linear between the corners and where u points at a tendon
+            towards = (self.phi / np.abs(self.phi).max(axis=0)).T
+            farthest = np.concatenate((towards, [(1, 1), (1, -1), (-1, 1), (-1, -1)]))
+        one, other = farthest @ self.one, farthest @ self.other
+        pulls = np.where(self.widest, np.maximum(one, other), np.minimum(one, other))
+        return float(1 / np.max(pulls / room))
+
+
+def _directions(tendons: list[Tendon]) -> np.ndarray | None:
+    """Offsets (k, 2) over their mean distance from the fibre; None unless routes are alike."""
+    places = np.array([t.offset for t in tendons])
+    distance = np.hypot(*places.T)
+    if not np.all(distance > 0) or len({t.end for t in tendons}) > 1:
+        return None
+    first = tendons[0]
+    for tendon, (x, y) in zip(tendons, places, strict=True):
+        if len(tendon.knots) != len(first.knots) or tendon.turns != first.turns:
+            return None
+        shape = (tendon.knots[:, 1:] @ [1, 1j]) / complex(x, y)
+        like = (first.knots[:, 1:] @ [1, 1j]) / complex(*first.offset)
+        moved = np.abs(tendon.knots[:, 0] - first.knots[:, 0]).max() / first.end
+        if max(np.abs(shape - like).max(), moved) > _ROUNDING:
+            return None
+    return places / distance.mean()
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> float:
+    return float(a[0] * b[1] - a[1] * b[0])
+
+
+def _hull(points: np.ndarray) -> list[int]:
+    """Indices of the corners of the convex hull of points (k, 2), counter-clockwise."""
+    order = np.lexsort(points.T[::-1]).tolist()
+    hull: list[int] = []
+    for way in (order, order[::-1]):
+        side: list[int] = []
+        for k in way:
+            while (
+                len(side) > 1
+                and _cross(points[side[-1]] - points[side[-2]], points[k] - points[side[-1]])
+                <= _ROUNDING
+            ):
+                side.pop()
+            side.append(k)
+        hull += side[:-1]
+    return hull

@@ -7,13 +7,13 @@ angles. Places in messages count from 1: `section[1]` is the section at the base
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, dataclass, fields
-from math import inf, isfinite, radians
+from dataclasses import MISSING, asdict, fields
+from math import inf, radians
 from pathlib import Path
-from typing import Annotated, Any, Literal, get_type_hints
+from typing import Any, get_type_hints
 
-from softrobot_env.fields import Positive, Range, check_argument, check_fields
-from softrobot_env.robots.parameters import Base, Disc, Head, RobotParams
+from softrobot_env.fields import Positive, check_argument
+from softrobot_env.robots.parameters import Base, Disc, Drive, DriveKind, Head, RobotParams
 from softrobot_env.robots.sections import Section
 from softrobot_env.robots.tendons import Tendon
 from softrobot_env.toml_text import lines, read_table
@@ -63,7 +63,8 @@ KEYS: dict[type, dict[str, str]] = {
     Disc: {"station": "station_m", "mass": "mass_kg", "inertia": "inertia_kg_m2"},
 }
 
-Drive = Literal["tension", "length"]
+#: Keys of a drive, which stand in the tables of the tendons.
+_DRIVE_KEYS = {"kind": "drive", "speed": "speed_m_s", "travel": "travel_m"}
 
 #: Keys that are not fields, and what they may hold.
 _SHORT: dict[type, dict[str, Any]] = {
@@ -72,67 +73,33 @@ _SHORT: dict[type, dict[str, Any]] = {
         "ends_at_section": int,
         "radius_m": Positive,
         "angle_deg": float,
-        "drive": Drive,
+        "drive": DriveKind,
         "speed_m_s": Positive,
+        "travel_m": Positive,
     },
     Disc: {"radius_m": Positive, "thickness_m": Positive},
 }
 
-Speed = Annotated[float, Range("positive, or inf", lambda x: x > 0)]
-
-
-@dataclass(frozen=True)
-class DrivenRobot:
-    """A robot and how its tendons are driven.
-
-    Attributes:
-        robot: The robot.
-        drive: "tension" or "length", as `SceneConfig.actuation`; length needs tendons that give.
-        speed: [m/s] at which a length can change; inf unless known.
-    """
-
-    robot: RobotParams
-    drive: Drive = "tension"
-    speed: Speed = inf
-
-    def __post_init__(self) -> None:
-        check_fields(self, f"robot {self.robot.name!r}")
-        stiff = [t.name for t in self.robot.tendons if not isfinite(t.stiffness)]
-        if self.drive == "length" and stiff:
-            raise ValueError(
-                f"tendons driven by length need a finite stiffness, unlike {', '.join(stiff)}"
-            )
-        if self.drive == "tension" and isfinite(self.speed):
-            raise ValueError("only tendons driven by length have a speed")
-
 
 def read_robot(path: Path | str) -> RobotParams:
-    """The robot that a file describes; errors as of `read_driven_robot`."""
-    return read_driven_robot(path).robot
-
-
-def read_driven_robot(path: Path | str) -> DrivenRobot:
-    """The robot that a file describes and how it is driven.
+    """The robot that a file describes.
 
     Raises:
         ValueError: The file says what is not allowed; one line with file and key.
         OSError: The file cannot be read.
     """
     with _told_of(f"{path}: "):
-        return _driven(read_table(Path(path)))
+        return _robot(read_table(Path(path)))
 
 
-def write_robot(robot: RobotParams | DrivenRobot, path: Path | str) -> None:
-    """Write a file that is read as the same robot; tension drives unless it says otherwise."""
-    driven = robot if isinstance(robot, DrivenRobot) else DrivenRobot(robot)
-    Path(path).write_text(_text(driven), "utf-8")
+def write_robot(robot: RobotParams, path: Path | str) -> None:
+    """Write a file that is read as the same robot."""
+    Path(path).write_text(_text(robot), "utf-8")
 
 
-def _text(driven: DrivenRobot) -> str:
-    robot = driven.robot
-    drive = {"drive": driven.drive}
-    if isfinite(driven.speed):
-        drive["speed_m_s"] = driven.speed
+def _text(robot: RobotParams) -> str:
+    drive = {_DRIVE_KEYS[name]: value for name, value in asdict(robot.drive).items()}
+    drive = {key: value for key, value in drive.items() if value not in (None, inf)}
     blocks = [lines(_table_of(robot))]
     for name, part in (("base", robot.base), ("head", robot.head)):
         blocks += [f"[{name}]\n{lines(_table_of(part))}"] if part is not None else []
@@ -162,22 +129,22 @@ def _tendon_table(tendon: Tendon) -> dict[str, Any]:
     return table
 
 
-def _driven(table: Mapping[str, Any]) -> DrivenRobot:
+def _robot(table: Mapping[str, Any]) -> RobotParams:
     _check(RobotParams, table, "", needed=("name", "section"))
     sections = [_section(*x) for x in _tables(table, "section")]
     if not sections:
         raise ValueError("section must be one or more tables, each begun with [[section]]")
     ends = [float(sum(s.length for s in sections[: k + 1])) for k in range(len(sections))]
     read = [_tendons(*x, k, ends) for k, x in enumerate(_tables(table, "tendon"))]
-    robot = RobotParams(
+    return RobotParams(
         **_fields(RobotParams, table),
         sections=tuple(sections),
         tendons=tuple(tendon for tendons, _ in read for tendon in tendons),
         discs=tuple(_disc(*x, ends[-1]) for x in _tables(table, "disc")),
         base=_part(Base, table, "base"),
         head=_part(Head, table, "head"),
+        drive=_one_drive([drive for _, drive in read]),
     )
-    return DrivenRobot(robot, *_one_drive([drive for _, drive in read]))
 
 
 def _tables(table: Mapping[str, Any], name: str) -> list[tuple[str, Mapping[str, Any]]]:
@@ -222,7 +189,7 @@ def _disc(where: str, table: Mapping[str, Any], length: float) -> Disc:
 
 def _tendons(
     where: str, table: Mapping[str, Any], number: int, ends: Sequence[float]
-) -> tuple[list[Tendon], tuple[str, str, float]]:
+) -> tuple[list[Tendon], tuple[str, dict[str, Any]]]:
     """Tendons of a table, at equal angles if it has several names, and how they are driven."""
     names = table.get("name")
     single = {"group": number, **table, "name": names[0] if _several(names) else names}
@@ -239,7 +206,9 @@ def _tendons(
             one.turned(first + radians(360 * k / len(names)), name=name)
             for k, name in enumerate(names)
         ]
-    return tendons, (where, table.get("drive", "tension"), table.get("speed_m_s", inf))
+    said = {name: table[key] for name, key in _DRIVE_KEYS.items() if key in table}
+    drive = {"kind": Drive.kind} | said
+    return tendons, (where, drive)
 
 
 _NEEDED = ("name", "tension_limit_N")
@@ -283,20 +252,20 @@ def _course(where: str, table: Mapping[str, Any], ends: Sequence[float]) -> dict
     return course
 
 
-def _one_drive(drives: Sequence[tuple[str, str, float]]) -> tuple[str, float]:
-    """The drive and speed that all tendons share."""
+def _one_drive(drives: Sequence[tuple[str, dict[str, Any]]]) -> Drive:
+    """The drive that all tendons share."""
     if not drives:
-        return "tension", inf
-    first, kind, speed = drives[0]
-    for where, other, pace in drives[1:]:
-        if other != kind:
-            raise ValueError(
-                f"{where}.drive must be {kind!r} as in {first}: the tendons of a robot are driven "
-                f"alike, got {other!r}"
-            )
-        if pace != speed:
-            raise ValueError(f"{where}.speed_m_s must be {speed} as in {first}, got {pace}")
-    return kind, speed
+        return Drive()
+    first, drive = drives[0]
+    for where, other in drives[1:]:
+        for name, key in _DRIVE_KEYS.items():
+            if other.get(name) != drive.get(name):
+                raise ValueError(
+                    f"{where}.{key} must be {drive.get(name)!r} as in {first}: the tendons of a "
+                    f"robot are driven alike, got {other.get(name)!r}"
+                )
+    with _told_of(f"{first}: "):
+        return Drive(**drive)
 
 
 def _check(kind: type, table: Mapping[str, Any], where: str, needed: Sequence[str]) -> None:

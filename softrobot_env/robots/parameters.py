@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from math import cos, hypot, inf, pi, sin, sqrt
 from numbers import Real
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from softrobot_env.robots.sections import Backbone, Pieces, PoissonRatio, Sectio
 from softrobot_env.robots.tendons import Tendon
 
 __all__ = ["Pieces", "Tendon"]
+
+#: How tendons can be driven.
+DriveKind = Literal["tension", "length"]
 
 #: What `RobotParams.vary` varies, with the values that change nothing: factors [1] on parameters of
 #: the robot, and a friction [N].
@@ -45,6 +48,27 @@ MAY_VANISH = ("damping_time", "tendon_friction")
 
 #: Smallest positive root of cos(x) cosh(x) = -1: first mode of a clamped-free beam.
 _CLAMPED_FREE_ROOT = 1.8751040687119611
+
+
+@dataclass(frozen=True)
+class Drive:
+    """How the tendons of a robot are driven.
+
+    Attributes:
+        kind: "tension", or "length" by servos that wind up tendons which give.
+        speed: [m/s] at which a length can change; inf unless known.
+        travel: [m], pulled in by a full-scale action to either side; see `robots.actuation` for
+            what it is unless given.
+    """
+
+    kind: DriveKind = "tension"
+    speed: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
+    travel: Positive | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, "drive")
+        if self.kind == "tension" and (self.speed < inf or self.travel is not None):
+            raise ValueError("drive: only tendons driven by length have a speed and a travel")
 
 
 @dataclass(frozen=True)
@@ -184,6 +208,7 @@ class RobotParams:
         sections: From the base to the tip, see above.
         discs: Rigid discs on the backbone.
         base: Where the robot is clamped; at the world's origin along +z unless given.
+        drive: How its tendons are driven.
     """
 
     name: str
@@ -204,6 +229,7 @@ class RobotParams:
     sections: tuple[Section, ...] = ()
     discs: tuple[Disc, ...] = ()
     base: Base | None = None
+    drive: Drive = Drive()
 
     def __post_init__(self) -> None:
         check_argument(f"robot {self.name!r}: sections", self.sections, tuple[Section, ...])
@@ -217,6 +243,12 @@ class RobotParams:
             raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
         _check_floats(self)
         _check_places(self)
+        stiff = [t.name for t in self.tendons if not t.stiffness < inf]
+        if self.drive.kind == "length" and stiff:
+            raise ValueError(
+                f"robot {self.name!r}: tendons driven by length need a finite stiffness, unlike "
+                f"{', '.join(stiff)}"
+            )
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(
                 f"robot {self.name!r}: precurvature must stay below {self.curvature_limit:g} 1/m"
@@ -353,6 +385,17 @@ class RobotParams:
     def is_symmetric(self) -> bool:
         """Whether it is straight and bends alike to all sides."""
         return self.anisotropy == 0 and not any(self.precurvature)
+
+    @property
+    def is_planar(self) -> bool:
+        """Whether nothing of it, nor its weight, leaves the x-z plane at its base."""
+        crossing = any(t.leaves_plane for t in self.tendons) or self.own_gravity[1]
+        return self.is_symmetric and not crossing
+
+    @property
+    def twists(self) -> bool:
+        """Whether a tendon pulls with a moment about the fibre."""
+        return any(tendon.twists for tendon in self.tendons)
 
     @property
     def rubs(self) -> bool:

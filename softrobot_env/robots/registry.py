@@ -9,8 +9,8 @@ from math import cos, pi, sin
 
 from softrobot_env.paths import assets_dir
 from softrobot_env.registries import Registry
-from softrobot_env.robots.file import DrivenRobot, read_driven_robot
-from softrobot_env.robots.parameters import Head, RobotParams, Tendon
+from softrobot_env.robots.file import read_robot
+from softrobot_env.robots.parameters import Drive, Head, RobotParams, Tendon
 
 #: Cantilevers of Tab. 2.1 (T), horizontal under gravity; damping of the spiral runs (T). Poisson
 #: ratio 0 as in every model comparison (I). The thesis varies the number of pieces (S: 6).
@@ -56,6 +56,12 @@ ARM = RobotParams(
     ),
 )
 
+#: [m], pulled in by a full-scale action.
+LENGTH_SCALE = 0.03
+
+#: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
+SERVO_SPEED = pi / 3 / 0.16 * 0.020
+
 #: Spatial test rig of ch. 3 and 5, upright under gravity. EI, damping and the masses are printed
 #: (Tab. 5.1; audit: damping in N s, inertia in 1e-6 kg m2): 40 g of silicone per 60 mm with the
 #: inertia of a cylinder of 14 mm radius, and 55 g more at 198 mm, the cube with the markers (I: the
@@ -90,6 +96,7 @@ RIG = RobotParams(
     ),
     gravity=(0.0, 0.0, -9.81),
     head=Head(mass=0.055, centre=0.018, inertia=(6.2e-6, 6.2e-6, 6.2e-6), output=0.022),
+    drive=Drive("length", SERVO_SPEED, LENGTH_SCALE),
 )
 
 #: Young's modulus of a beam over that of the one-piece model of the same rig [1], see
@@ -102,32 +109,22 @@ EQUIVALENT_RIG = replace(RIG, name="rig_equivalent", youngs_modulus=EQUIVALENT *
 #: Radius [m] of the rig's usable workspace (audit).
 WORKSPACE = 0.121
 
-#: [m], pulled in by a full-scale action.
-LENGTH_SCALE = 0.03
-
-#: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
-SERVO_SPEED = pi / 3 / 0.16 * 0.020
-
 #: Robots of assets/robots/, described by files as a user's own.
 EXAMPLES = ("planar_finger", "silicone_rod", "hanging_trunk", "ftdcr_v4")
 
-_DRIVEN = (
-    *(DrivenRobot(robot) for robot in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF)),
-    *(DrivenRobot(robot, "length", SERVO_SPEED) for robot in (RIG, EQUIVALENT_RIG)),
-    *(read_driven_robot(assets_dir() / "robots" / f"{name}.toml") for name in EXAMPLES),
+#: The named robots.
+ROBOTS = Registry(
+    "robot",
+    {r.name: r for r in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG, EQUIVALENT_RIG)}
+    | {name: read_robot(assets_dir() / "robots" / f"{name}.toml") for name in EXAMPLES},
 )
 
-#: The named robots with their drives.
-DRIVEN_ROBOTS = Registry("robot", {driven.robot.name: driven for driven in _DRIVEN})
 
-ROBOTS = Registry("robot", {name: driven.robot for name, driven in DRIVEN_ROBOTS.items()})
-
-
-def find_robot(which: str) -> DrivenRobot:
+def find_robot(which: str) -> RobotParams:
     """The robot of a name, or of a file: a path that ends in .toml.
 
     Raises:
         ValueError: No such name, the message lists them; or the file says what is not allowed.
         OSError: The file cannot be read.
     """
-    return read_driven_robot(which) if which.endswith(".toml") else DRIVEN_ROBOTS.find(which)
+    return read_robot(which) if which.endswith(".toml") else ROBOTS.find(which)

@@ -1,7 +1,7 @@
 """Scenes by name, as they are exported to assets/, and the scene of any robot."""
 
 from softrobot_env.registries import Registry
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, EQUIVALENT_RIG, DrivenRobot
+from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, EQUIVALENT_RIG, RobotParams
 from softrobot_env.scene.config import SceneConfig, TipSensors, visible
 
 #: Pieces the rig is cut into: its first frequency is then within 1 % of the beam's.
@@ -32,18 +32,15 @@ SCENES = Registry(
 )
 
 
-def scene_of(driven: DrivenRobot) -> SceneConfig:
+def scene_of(robot: RobotParams) -> SceneConfig:
     """The scene of a robot with its own drives; planar where nothing leaves the x-z plane.
 
     It twists where a tendon winds round the fibre.
     """
-    robot = driven.robot
-    crossing = any(t.leaves_plane for t in robot.tendons) or robot.own_gravity[1]
-    spatial = bool(crossing or not robot.is_symmetric)
     return SceneConfig(
         robot,
-        actuation=driven.drive,
+        actuation=robot.drive.kind,
         sensors=(TipSensors(),),
-        bending="spatial" if spatial else "planar",
-        torsion=spatial and any(t.twists for t in robot.tendons),
+        bending="planar" if robot.is_planar else "spatial",
+        torsion=robot.twists,
     )

@@ -20,7 +20,6 @@ from softrobot_env.robots import (
     Section,
     Tendon,
     find_robot,
-    read_driven_robot,
     read_robot,
     write_robot,
 )
@@ -100,8 +99,8 @@ def test_what_is_written_is_read_as_the_same_robot(robot, tmp_path_factory):
 @pytest.mark.parametrize("name", ["arm", "rig", *EXAMPLES])
 def test_named_robots_with_their_drives_are_written_and_read(name, tmp_path):
     write_robot(find_robot(name), tmp_path / "x.toml")
-    assert read_driven_robot(tmp_path / "x.toml") == find_robot(name)
-    assert {"arm": ARM, "rig": RIG}.get(name, find_robot(name).robot) == find_robot(name).robot
+    assert read_robot(tmp_path / "x.toml") == find_robot(name)
+    assert {"arm": ARM, "rig": RIG}.get(name, find_robot(name)) == find_robot(name)
 
 
 @pytest.mark.parametrize(
@@ -148,12 +147,12 @@ def test_several_names_stand_at_equal_angles(tmp_path):
 
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_examples_find_equilibria_as_a_beam_model_and_move(name):
-    driven = find_robot(name)
-    scene, robot = build_scene(scene_of(driven)), driven.robot
+    robot = find_robot(name)
+    scene = build_scene(scene_of(robot))
     u = np.zeros(len(robot.tendons))
-    u[-2] = 0.003 if driven.drive == "length" else 0.1 * robot.tendons[-2].tension_limit
+    u[-2] = 0.003 if robot.drive.kind == "length" else 0.1 * robot.tendons[-2].tension_limit
     rest = scene.equilibrium(u)
-    beam = PCC(robot, pieces=12, axes=scene.config.bending, drive=driven.drive)
+    beam = PCC(robot, pieces=12, axes=scene.config.bending, drive=robot.drive.kind)
     expected = beam.tip(beam.equilibrium(u))
     assert np.linalg.norm(scene.tip(rest) - expected) < 0.01 * robot.length
     assert np.linalg.norm(expected[:2]) > 0.02 * robot.length
@@ -163,7 +162,7 @@ def test_examples_find_equilibria_as_a_beam_model_and_move(name):
 
 def test_commands_take_a_robot_by_file_or_name(tmp_path, capsys):
     path = tmp_path / "my.toml"
-    write_robot(replace(find_robot("ftdcr_v4").robot, name="mine"), path)
+    write_robot(replace(find_robot("ftdcr_v4"), name="mine"), path)
     assert main(["robot-file", "check", str(path)]) == 0
     assert capsys.readouterr().out.count("\n") == 1
     assert main(["export", "--robot", str(path), "--out", str(tmp_path)]) == 0

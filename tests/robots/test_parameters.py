@@ -7,19 +7,23 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.optimize import linprog
 
 from softrobot_env.robots import (
     ARM,
     CANTILEVER_STIFF,
     CANTILEVER_WEAK,
     NEUTRAL,
+    RIG,
     ROBOTS,
     VARIABLE,
     RobotParams,
     Tendon,
     centerline,
+    find_robot,
 )
-from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots.actuation import TendonMap, robot_inputs
+from softrobot_env.robots.three_tendons import ThreeTendons
 
 # ---------------------------------------------------------------- derived values
 
@@ -174,33 +178,113 @@ def test_reduced_inputs_of_many_tensions():
 @pytest.mark.parametrize(
     "tendons",
     [
-        pytest.param(ARM.tendons[:1], id="single tendon"),
-        pytest.param(
-            (ARM.tendons[0], replace(ARM.tendons[0], name="other")), id="both on one side"
-        ),
+        pytest.param(ARM.tendons[:1], id="one"),
         pytest.param(
             (ARM.tendons[0], replace(ARM.tendons[1], offset=(-0.02, 0.0))), id="uneven radii"
         ),
         pytest.param(
             tuple(replace(t, offset=(0.0, t.offset[0])) for t in ARM.tendons[:2]), id="out of plane"
         ),
-        pytest.param(ARM.tendons[2:] + ARM.tendons[:2], id="not ordered by group"),
         pytest.param(
-            tuple(replace(t, offset=(0.0, 0.0)) for t in ARM.tendons[:2]), id="on the neutral fibre"
+            (ARM.tendons[0], replace(ARM.tendons[1], tension_limit=40.0)), id="uneven limits"
         ),
     ],
 )
-def test_tendon_groups_that_are_no_planar_pair(tendons):
-    with pytest.raises(ValueError, match=r"robot 'arm': .*(a pair at|order)"):
-        TendonMap(replace(ARM, tendons=tendons))
+def test_closed_forms_need_planar_pairs(tendons):
+    with pytest.raises(ValueError, match=r"(planar tendon groups|opposing tendons)"):
+        TendonMap(replace(ARM, tendons=tendons)).require_pairs("a model")
 
 
-@pytest.mark.parametrize("changes", [{"pretension": 5.0}, {"tension_limit": 40.0}], ids=str)
-def test_opposing_tendons_are_alike(changes):
-    """phi @ tension = u and |u| <= input_scale hold only for equal pretensions and limits."""
-    uneven = (ARM.tendons[0], replace(ARM.tendons[1], **changes), *ARM.tendons[2:])
-    with pytest.raises(ValueError, match="pair1"):
+def test_pretensions_of_a_group_cancel_each_other():
+    uneven = (ARM.tendons[0], replace(ARM.tendons[1], pretension=5.0), *ARM.tendons[2:])
+    with pytest.raises(ValueError, match="pair1_up, pair1_low must cancel"):
         TendonMap(replace(ARM, tendons=uneven))
+
+
+def _star(angles, radii, pretension=0.0, limit=30.0, **course):
+    """A robot with one group of tendons at angles [deg] and distances [m] from the fibre."""
+    one = replace(ARM.tendons[0], pretension=pretension, tension_limit=limit, **course)
+    placed = (
+        replace(one.turned(np.radians(a), r / 0.025), name=f"t{k}")
+        for k, (a, r) in enumerate(zip(angles, radii, strict=True))
+    )
+    return replace(ARM, tendons=tuple(placed))
+
+
+_AROUND = {
+    "square": ([0, 90, 180, 270], [0.02] * 4),
+    "five": ([0, 60, 130, 200, 290], [0.02, 0.018, 0.02, 0.022, 0.019]),
+    "skew": ([10, 100, 230], [0.02, 0.01, 0.015]),
+    "one within": ([0, 120, 240, 60], [0.02, 0.02, 0.02, 0.005]),
+    "six": ([0, 60, 120, 180, 240, 300], [0.02] * 6),
+}
+
+
+@pytest.mark.parametrize("name", _AROUND)
+def test_tensions_of_any_group_are_the_least_by_linear_programming(name):
+    """And continuous, within the limits at full scale, of which one is met."""
+    robot = _star(*_AROUND[name])
+    tendon_map = TendonMap(robot)
+    rng = np.random.default_rng(0)
+    for reduced in rng.normal(0, 5, (40, 2)):
+        tension = tendon_map.tension(reduced)
+        np.testing.assert_allclose(tendon_map.reduced(tension), reduced, atol=1e-12)
+        best = linprog(np.ones(len(tension)), A_eq=tendon_map.phi, b_eq=reduced)
+        assert tension.sum() == pytest.approx(best.fun, rel=1e-9)
+        assert tension.min() >= 0
+    turn = np.linspace(0, 2 * np.pi, 20001)
+    around = tendon_map.tension(np.stack([np.cos(turn), np.sin(turn)], axis=1))
+    assert np.abs(np.diff(around, axis=0)).max() < 2e-3
+    side = np.linspace(-1, 1, 2001)
+    corners = [(s, e) for s in side for e in (-1, 1)] + [(e, s) for s in side for e in (-1, 1)]
+    assert tendon_map.per_action().tension(np.array(corners)).max() == pytest.approx(30.0, rel=1e-3)
+
+
+def test_three_tendons_are_a_special_case():
+    """Also with pretension, and wound about the fibre."""
+    robot = _star([0, 120, 240], [0.02] * 3, pretension=2.0)
+    reduced = np.random.default_rng(1).normal(0, 4, (50, 2))
+    expected = ThreeTendons(robot).tension(reduced)
+    np.testing.assert_allclose(TendonMap(robot).tension(reduced), expected, atol=1e-12)
+    wound = _star([0, 120, 240], [0.02] * 3, pretension=2.0, turns=0.7)
+    np.testing.assert_allclose(TendonMap(wound).tension(reduced), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "robot",
+    [
+        _star([0, 40, 80], [0.02] * 3, pretension=1.0),
+        _star([30], [0.02], pretension=1.0),
+        replace(
+            ARM,
+            tendons=(
+                replace(ARM.tendons[0], pretension=1.0, tension_limit=30.0),
+                replace(ARM.tendons[1], pretension=1.0, tension_limit=30.0, turns=0.5),
+            ),
+        ),
+    ],
+    ids=["one side", "one tendon", "unlike routes"],
+)
+def test_tendons_that_do_not_oppose_each_other_are_driven_one_by_one(robot):
+    """From the pretension at action -1 to the limit at 1."""
+    tendon_map = TendonMap(robot)
+    n = len(robot.tendons)
+    assert tendon_map.n_inputs == n and not tendon_map.opposed.any()
+    tension = np.linspace(1.0, 30.0, 7)[:, None] * np.ones(n)
+    reduced = tendon_map.reduced(tension)
+    np.testing.assert_allclose(tendon_map.tension(reduced), tension, atol=1e-12)
+    action = (reduced - tendon_map.input_centre) / tendon_map.input_scale
+    np.testing.assert_allclose(action[[0, -1]], [[-1.0] * n, [1.0] * n], atol=1e-12)
+    np.testing.assert_allclose(tendon_map.per_action().tension(action), tension, atol=1e-12)
+
+
+def test_lengths_are_their_own_inputs():
+    inputs = robot_inputs(RIG)
+    np.testing.assert_array_equal(inputs.input_scale, 0.03)
+    action = np.array([0.5, -1.0, 0.0])
+    np.testing.assert_allclose(inputs.per_action().command(action), 0.03 * action)
+    rod = robot_inputs(find_robot("silicone_rod"))  # its file says no travel: half a turn
+    np.testing.assert_allclose(rod.input_scale, np.pi * 0.01)
 
 
 def test_robot_without_tendons_has_no_inputs():

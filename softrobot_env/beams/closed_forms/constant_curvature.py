@@ -27,6 +27,7 @@ class ConstantCurvatureStatics:
             )
         self.robot = robot
         tendon_map = TendonMap(robot)
+        tendon_map.require_pairs("constant-curvature statics")
         self.n_inputs = tendon_map.n_inputs
         self.limit = tendon_map.input_scale
         self._sides, self._ends = self._pairs(tendon_map)

@@ -75,7 +75,9 @@ def make_planar_arm(robot: RobotParams) -> PlanarArm:
 
 def _inputs(robot: RobotParams, n: int, length: float) -> np.ndarray:
     """B (n, n_inputs): a pair bends the pieces up to its end with its lever arm."""
-    pairs = [np.flatnonzero(row)[0] for row in TendonMap(robot).phi]
+    tendon_map = TendonMap(robot)
+    tendon_map.require_pairs("a planar arm in closed form")
+    pairs = [np.flatnonzero(row)[0] for row in tendon_map.phi]
     out = np.zeros((n, len(pairs)))
     for j, k in enumerate(pairs):
         tendon = robot.tendons[k]
