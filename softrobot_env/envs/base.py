@@ -10,9 +10,9 @@ from numpy import float64
 from softrobot_env.envs.observations.table import Measured, Read, Sources, readers
 from softrobot_env.envs.options import ResetOptions, check_rendering, one_action
 from softrobot_env.envs.reference import ReferenceTable
-from softrobot_env.envs.rendering.renderer import Frame, make_renderer
+from softrobot_env.envs.rendering.renderer import Frame, lifted, make_renderer
 from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
-from softrobot_env.envs.setting import Setting, Start
+from softrobot_env.envs.setting import SimulatedSetting, Start
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.envs.spec import EpisodeSpec
 from softrobot_env.fields import check_argument
@@ -44,7 +44,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def __init__(
         self,
-        setting: Setting,
+        setting: SimulatedSetting,
         reward: TrackingReward | None,
         render_mode: str | None,
         frame_size: tuple[int, int],
@@ -95,6 +95,11 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
     # ------------------------------------------------------------------ simulation
 
     @property
+    def current_task(self) -> Task:
+        """The task of the running episode: `task`, with what was drawn and the options of `reset`."""
+        return self._current
+
+    @property
     def scene(self) -> Scene | None:
         """The scene of the running episode; None with another plant than the MuJoCo chain."""
         return self._simulation.scene
@@ -138,8 +143,8 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         Args:
             seed: Seed of `np_random`. Only `randomization` and the noise of sensors and of a twin's
                 camera draw from it.
-            options: `ARM_OPTIONS` or `RIG_OPTIONS` of `envs.options`, see there; each holds for
-                this episode only.
+            options: `SIMULATED_OPTIONS` of `envs.options`, see there; each holds for this episode
+                only.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.
@@ -152,7 +157,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         start, reference = self._setting.start(parsed, task), self._reference_of(task)
         self._start(parsed, start)
         self._follow(task, reference)
-        self._action_array = start.input / self._setting.input_scale
+        self._action_array = self._setting.action_of(start.input)
         self._action = self._action_array.tolist()
         self._rows = self._reference.rows()
         self._index = 0
@@ -274,8 +279,11 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         )
 
     def _in_space(self, points: np.ndarray) -> np.ndarray:
-        """Where to draw points (k, 2) [m] of the reference, (k, 3)."""
-        placed = np.zeros((len(points), 3))
+        """Where to draw points (k, d) [m] of the reference, (k, 3)."""
+        if self.task.axes == "xy":
+            return lifted(self.task.robot, points)
+        base = self.task.robot.base
+        placed = np.tile((0.0, 0.0, 0.0) if base is None else base.position, (len(points), 1))
         placed[:, self.axes] = points
         return placed
 

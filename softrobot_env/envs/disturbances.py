@@ -65,11 +65,16 @@ class Disturbance:
         drives.start(_FIRST, np.array([self.tension_gain]), np.array([self.delay]), tension)
         return drives
 
-    def noise(self, pieces: int, rng: np.random.Generator) -> "SensorNoise | None":
-        """Started noise of one robot, seeded by a draw; None without, and then nothing is drawn."""
+    def noise(self, sizes: dict[str, int], rng: np.random.Generator) -> "SensorNoise | None":
+        """Started noise of one robot, seeded by a draw; None without, and then nothing is drawn.
+
+        Args:
+            sizes: Of the observables that can have noise.
+            rng: Where the seed comes from.
+        """
         if self.sensor_noise == 0:
             return None
-        noise = SensorNoise(1, pieces)
+        noise = SensorNoise(1, sizes)
         noise.start(0, self.sensor_noise, noise_seed(rng))
         return noise
 
@@ -195,12 +200,12 @@ class SensorNoise:
     depends on its seed alone: all observables draw, observed or not.
     """
 
-    def __init__(self, count: int, pieces: int) -> None:
-        """No noise for `count` robots of `pieces` pieces."""
-        sizes = [pieces if name.startswith("curvature") else 2 for name in SENSOR_NOISE]
-        ends = np.cumsum(sizes)
-        self._columns = dict(zip(SENSOR_NOISE, map(slice, ends - sizes, ends), strict=True))
-        self._deviation = np.repeat(list(SENSOR_NOISE.values()), sizes)
+    def __init__(self, count: int, sizes: dict[str, int]) -> None:
+        """No noise for `count` robots, whose observables with sensors have these sizes."""
+        each = list(sizes.values())
+        ends = np.cumsum(each)
+        self._columns = dict(zip(sizes, map(slice, ends - each, ends), strict=True))
+        self._deviation = np.repeat([SENSOR_NOISE[name] for name in sizes], each)
         self._everyone = np.arange(count)
         self._scale = np.zeros(count)
         self._generators: list[np.random.Generator | None] = [None] * count

@@ -103,19 +103,20 @@ RESET_OPTIONS = {
     "step_width": ResetOption("width [m] of the step task", positive),
     "duration": ResetOption("duration [s] of the episode instead of the task's", positive),
     "start_input": ResetOption(
-        "reduced tendon inputs [N] in whose equilibrium the episode starts", _vector
+        "inputs of the robot (reduced tendon forces [N], or lengths pulled in [m]) in whose "
+        "equilibrium the episode starts",
+        _vector,
     ),
-    "start_curvature": ResetOption("curvature [1/m] per piece at the start, at rest", _vector),
-    "start_length": ResetOption(
-        "pulled-in tendon lengths [m] in whose equilibrium the episode starts", _vector
+    "start_curvature": ResetOption(
+        "curvature [1/m] per piece at the start, at rest; of a spatial robot to x and y", _vector
     ),
+    "start_length": ResetOption("as start_input, of robots driven by length", _vector),
     "task": ResetOption("dict of options of the task, as those of the environment", _numbers),
     "clear_fault": ResetOption("True to clear the fault that ended the last episode", _truth),
 }
 
-#: Those of the planar arm, of the test rig, and of the real rig.
-ARM_OPTIONS = ("vary", "step_width", "duration", "start_input", "start_curvature")
-RIG_OPTIONS = ("duration", "start_length", "task")
+#: Those of simulated robots, and of the real rig.
+SIMULATED_OPTIONS = tuple(name for name in RESET_OPTIONS if name != "clear_fault")
 REAL_OPTIONS = ("duration", "task", "clear_fault")
 
 
@@ -139,8 +140,9 @@ def parse_options(
     if unknown:
         listed = "; ".join(f"{name}: {RESET_OPTIONS[name].text}" for name in allowed)
         raise ValueError(f"unknown reset option {unknown[0]!r}; allowed are {listed}")
-    if "start_input" in given and "start_curvature" in given:
-        raise ValueError("give start_input or start_curvature, not both")
+    starts = [name for name in given if name.startswith("start_")]
+    if len(starts) > 1:
+        raise ValueError(f"give {' or '.join(starts)}, not both")
     sizes = sizes or {}
     return ResetOptions(
         **{n: RESET_OPTIONS[n].check(n, value, sizes.get(n, 0)) for n, value in given.items()}

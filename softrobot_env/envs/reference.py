@@ -8,11 +8,12 @@ import numpy as np
 from softrobot_env.envs.observations.table import REFERENCE_ACCELERATION, REFERENCE_SPEED
 from softrobot_env.tasks import Task
 
-#: Index of x and z, the coordinates of a planar robot, and of x and y, those of a spatial one.
-PLANE, TOP = slice(0, 3, 2), slice(0, 2)
+#: Index of x and z, the coordinates of a planar robot; of x and y, where the height of a spatial
+#: one follows; and of all three.
+PLANE, TOP, SPACE = slice(0, 3, 2), slice(0, 2), slice(0, 3)
 
 #: The same by the axes of a task.
-AXES = {"xz": PLANE, "xy": TOP}
+AXES = {"xz": PLANE, "xy": TOP, "xyz": SPACE}
 
 
 @dataclass(frozen=True)
@@ -20,10 +21,11 @@ class ReferenceTable:
     """Reference of an episode with n steps.
 
     Attributes:
-        points: (x, z) or (x, y) [m] at the n + 1 control instants, as plain numbers.
-        position: (n + 1, 2) [m], the same.
-        velocity, acceleration: (n + 1, 2) [m/s, m/s2].
-        preview: (n + 1, 2 k) [m], positions after each of the k preview times.
+        points: The d coordinates [m] that the task names, at the n + 1 control instants, as plain
+            numbers.
+        position: (n + 1, d) [m], the same.
+        velocity, acceleration: (n + 1, d) [m/s, m/s2].
+        preview: (n + 1, d k) [m], positions after each of the k preview times.
     """
 
     points: list[list[float]]
@@ -55,7 +57,7 @@ def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> 
         ValueError: The reference is not finite, leaves the robot's reach, or is faster than
             `REFERENCE_SPEED` or `REFERENCE_ACCELERATION`.
     """
-    axes, length = AXES[task.axes], task.robot.reach
+    axes, length, base = AXES[task.axes], task.robot.reach, task.robot.base
     steps = instants(task.duration, control_period)
     now = np.arange(steps + 1) * control_period
     # Rounding merges equal times, and puts those at a kink behind it.
@@ -64,8 +66,10 @@ def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> 
     position = task.trajectory.position(unique)[:, axes][where].reshape(steps + 1, -1)
     velocity = task.trajectory.velocity(times[:, 0])[:, axes]
     acceleration = task.trajectory.acceleration(times[:, 0])[:, axes]
+    d = velocity.shape[1]
+    away = position if base is None else position - np.tile(base.position[axes], 1 + len(preview))
     fastest = REFERENCE_SPEED * length
-    if not (np.abs(position).max() <= length and np.abs(velocity).max() <= fastest):
+    if not (np.abs(away).max() <= length and np.abs(velocity).max() <= fastest):
         raise ValueError(
             f"the reference of task {task.name!r} must be finite, stay within {length} m of the "
             f"base in {' and '.join(task.axes)}, and below {fastest} m/s"
@@ -75,5 +79,5 @@ def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> 
         raise ValueError(
             f"the acceleration of task {task.label!r} must be finite and below {sharpest} m/s2"
         )
-    here = position[:, :2]
-    return ReferenceTable(here.tolist(), here, velocity, acceleration, position[:, 2:])
+    here = position[:, :d]
+    return ReferenceTable(here.tolist(), here, velocity, acceleration, position[:, d:])

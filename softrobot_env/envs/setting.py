@@ -3,7 +3,7 @@
 Single and vectorised environments of a robot hold the same setting.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,27 +12,27 @@ from gymnasium import spaces
 from softrobot_env.envs.disturbances import NOISE_ROOM
 from softrobot_env.envs.observations.camera import FARTHEST
 from softrobot_env.envs.observations.table import (
-    ARM_OBSERVABLES,
-    RIG_OBSERVABLES,
+    OBSERVABLES,
+    SENSOR_NOISE,
     Sizes,
     observation_space,
     speed_limit,
 )
 from softrobot_env.envs.options import (
-    ARM_OPTIONS,
-    RIG_OPTIONS,
+    SIMULATED_OPTIONS,
     ResetOptions,
     check_timing,
     unexpected_argument,
 )
 from softrobot_env.envs.options import parse_options as parse
+from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
 from softrobot_env.envs.simulation.beam_plant import BeamPlant
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import PlantFactory
-from softrobot_env.robots import LENGTH_SCALE, RIG, RobotParams
-from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
 from softrobot_env.robots.twin import (
     FRAME,
     LARGEST_ERROR,
@@ -44,9 +44,16 @@ from softrobot_env.robots.twin import (
 )
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
-from softrobot_env.tasks import OPTIONS, RIG_TASKS, Task, defaults, make_task
+from softrobot_env.tasks import OPTIONS, Task, make_task, options_of
 
 DEFAULT_ACCURACY = DEFAULT_SHARE
+
+#: Beginnings of the observables that are not observed unless asked for, by drive. What is left of a
+#: robot driven by length is what a lab has of it: camera, servos and reference.
+_ASKED_FOR = {
+    "tension": ("tendon", "reference_acceleration"),
+    "length": ("curvature", "tendon_tension"),
+}
 
 
 class Start(NamedTuple):
@@ -54,38 +61,41 @@ class Start(NamedTuple):
 
     Attributes:
         input: (n_inputs,), of the robot.
+        command: (n_tendons,) [N] or [m], what the drives apply.
         posture: Coordinates of the plant, hinge angles [rad] of a chain.
     """
 
     input: np.ndarray
+    command: np.ndarray
     posture: np.ndarray
 
 
 class Setting:
-    """A task, what is simulated for it, and its spaces.
+    """A task and its spaces.
 
     Attributes:
         task: The task.
         control_period: [s].
-        plant: Builds simulations of its robot.
         observation_space, action_space: Spaces of one robot.
-        input_scale: (n_inputs,), input of a full-scale action.
+        inputs: Of the robot, and what actions stand for.
         axes: The coordinates out of x, y and z that positions have, a slice of (3,).
         reference: Of the task.
     """
 
-    plant: MujocoPlant | BeamPlant
     observation_space: spaces.Dict
-    input_scale: np.ndarray
 
     def __init__(self, task: Task, control_period: float, preview: tuple[float, ...]) -> None:
         check_timing(control_period, preview)
         self.task, self.control_period, self.axes = task, control_period, AXES[task.axes]
+        self.inputs: Inputs = robot_inputs(task.robot)
         self._preview = np.array(preview, dtype=float)
 
     def _make_spaces(
-        self, observe: tuple[str, ...] | str, known: tuple[str, ...], sizes: Sizes
+        self, observe: tuple[str, ...] | str | None, known: tuple[str, ...], sizes: Sizes
     ) -> None:
+        if observe is None:
+            without = _ASKED_FOR[self.task.robot.drive.kind]
+            observe = tuple(name for name in OBSERVABLES if not name.startswith(without))
         self.observation_space = observation_space(observe, known, sizes)
         self.action_space = spaces.Box(-1.0, 1.0, (sizes.n_inputs,), dtype=np.float32)
         self.reference = self.reference_of(self.task)
@@ -98,9 +108,90 @@ class Setting:
         """
         return sample_reference(task, self.control_period, self._preview)
 
+    def action_of(self, inputs: np.ndarray) -> np.ndarray:
+        """The action (n_inputs,) that stands for inputs (n_inputs,)."""
+        return (inputs - self.inputs.input_centre) / self.inputs.input_scale
+
     def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
         """The checked options of a `reset`; raises ValueError."""
         raise NotImplementedError
+
+
+class SimulatedSetting(Setting):
+    """Any robot, simulated: what stands for it may be a twin or a beam model.
+
+    Attributes:
+        twin: What is simulated of a robot driven by length, its servos and camera; else None.
+        plant: Builds simulations.
+        noise_sizes: Of the observables whose sensors can have noise.
+        dimensions: Number d of the coordinates that positions have.
+        most: (n_tendons,) [N], what drives apply at most; lengths have no bound of their own.
+    """
+
+    def __init__(
+        self,
+        task: str | Task,
+        task_options: dict[str, float],
+        *,
+        robot: str | RobotParams | None = None,
+        twin: Twin | int | None = None,
+        control_period: float,
+        observe: tuple[str, ...] | str | None,
+        preview: tuple[float, ...],
+        plant: PlantFactory | None = None,
+        **chain: Any,
+    ) -> None:
+        """Arguments as those of `TrackingEnv`."""
+        check_argument("plant", plant, Callable | None)
+        super().__init__(make_env_task(task, robot, task_options), control_period, preview)
+        self.twin = _twin_for(twin, self.task)
+        robot = self.task.robot if self.twin is None else self.twin.robot
+        speed = speed_limit(self.task.robot)  # policies do not know the twin
+        self.plant = _plant(robot, control_period, speed, self.axes, plant, chain)
+        self._offset = 0.0 if self.twin is None else np.array(self.twin.servo_offset)
+        plant = self.plant
+        sizes = sizes_of(self.task, plant.layout, plant.pieces, len(preview), plant.strain)
+        self.noise_sizes = {name: OBSERVABLES[name].space(sizes).shape[0] for name in SENSOR_NOISE}
+        self.dimensions = sizes.dimensions
+        limits = [tendon.tension_limit for tendon in self.task.robot.tendons]
+        self.most = np.array(limits) if self.twin is None else np.full(len(limits), np.inf)
+        self._bends = self.noise_sizes["curvature"]
+        self._make_spaces(observe, tuple(OBSERVABLES), sizes)
+
+    @property
+    def is_drawn(self) -> bool:
+        """Whether the task is drawn from a seed."""
+        return self.task.option("seed") is not None
+
+    def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
+        """See `Setting`."""
+        n = self.inputs.n_inputs
+        sizes = {"start_input": n, "start_length": n, "start_curvature": self._bends}
+        parsed = parse(options, SIMULATED_OPTIONS, sizes)
+        if parsed.start_length is not None and self.twin is None:
+            raise ValueError(
+                "option 'start_length' is for robots driven by length, robot "
+                f"{self.task.robot.name!r} is driven by tension: give start_input"
+            )
+        self.check_variation(parsed.vary)
+        return parsed
+
+    def check_variation(self, variation: Mapping[str, Any]) -> None:
+        """Raise ValueError for a value, or one of an array, that this robot cannot have."""
+        if np.any(np.asarray(variation.get("tension_gain", 1.0)) != 1):
+            self._check_gain()
+
+    def check_randomization(self, randomization: Randomization | None) -> None:
+        """Raise ValueError for what cannot vary between episodes of this robot."""
+        if randomization is not None and randomization.tension_gain != (1.0, 1.0):
+            self._check_gain()
+
+    def _check_gain(self) -> None:
+        if self.twin is not None:
+            raise ValueError(
+                f"tension_gain varies tensions that drives apply; robot {self.task.robot.name!r} "
+                "is driven by length"
+            )
 
     def start(self, options: ResetOptions, task: Task) -> Start:
         """How the options, or else the task, let an episode begin.
@@ -109,82 +200,29 @@ class Setting:
             ValueError: A start out of range.
             EquilibriumError: There is no equilibrium there.
         """
-        raise NotImplementedError
-
-
-class TensionSetting(Setting):
-    """A planar robot whose tendons are driven in tension.
-
-    Attributes:
-        tendon_map: From reduced inputs to tensions.
-    """
-
-    def __init__(
-        self,
-        task: str | Task,
-        *,
-        control_period: float,
-        observe: tuple[str, ...] | str,
-        preview: tuple[float, ...],
-        plant: PlantFactory | None = None,
-        pieces: int | None = None,
-        rule: str | None = None,
-        timestep: float | None = None,
-        integrator: str | None = None,
-        accuracy: float | str = DEFAULT_ACCURACY,
-    ) -> None:
-        """Arguments as those of `TrackingEnv`."""
-        chain = {"pieces": pieces, "rule": rule, "timestep": timestep, "integrator": integrator}
-        check_argument("task", task, str | Task)
-        check_argument("plant", plant, Callable | None)
-        chain["accuracy"] = accuracy
-        task = make_task(task) if isinstance(task, str) else task
-        super().__init__(task, control_period, preview)
-        robot = task.robot
-        self.tendon_map = TendonMap(robot)
-        self.input_scale = self.tendon_map.input_scale
-        self.plant = _tension_plant(robot, control_period, plant, chain)
-        sizes = Sizes(
-            robot,
-            self.plant.layout,
-            self.plant.layout.pieces,
-            self.plant.speed,
-            directions=1,
-            n_preview=len(preview),
-            n_inputs=self.tendon_map.n_inputs,
-            strain=self.plant.strain,
-            noise=NOISE_ROOM,
-        )
-        self._make_spaces(observe, ARM_OBSERVABLES, sizes)
-
-    def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
-        """See `Setting`."""
-        pieces = self.plant.layout.pieces
-        sizes = {"start_input": len(self.input_scale), "start_curvature": pieces}
-        return parse(options, ARM_OPTIONS, sizes)
-
-    def start(self, options: ResetOptions, task: Task) -> Start:
-        """See `Setting`."""
-        given = task.start_input if options.start_input is None else options.start_input
-        chosen = np.asarray(given, dtype=float)
-        if np.any(np.abs(chosen) > self.input_scale):
-            raise ValueError(
-                f"start_input must lie within +-{self.input_scale.tolist()} N, got "
-                f"{chosen.tolist()}"
-            )
+        given = options.start_length if options.start_input is None else options.start_input
+        chosen = np.array(task.start_input if given is None else given, dtype=float)
+        name = "start_input" if options.start_length is None else "start_length"
+        check_inputs(self.inputs, chosen, f"option {name!r}")
+        command = self.inputs.command(chosen)
         if options.start_curvature is None:
-            return Start(chosen, self.plant.equilibrium(self.tendon_map.tension(chosen)))
+            return Start(chosen, command, self.plant.equilibrium(command + self._offset))
         limit = self.task.robot.curvature_limit
         if np.any(np.abs(options.start_curvature) > limit):
             raise ValueError(f"start_curvature must lie within +-{limit:g} 1/m")
-        return Start(chosen, self.plant.bent(options.start_curvature))
+        return Start(chosen, command, self.plant.bent(options.start_curvature))
 
 
-def _tension_plant(
-    robot: RobotParams, control_period: float, factory: PlantFactory | None, chain: dict[str, Any]
+def _plant(
+    robot: RobotParams,
+    control_period: float,
+    speed: float,
+    axes: slice,
+    factory: PlantFactory | None,
+    chain: dict[str, Any],
 ) -> MujocoPlant | BeamPlant:
     if factory is None:
-        return MujocoPlant(robot, control_period, **chain)
+        return MujocoPlant(robot, control_period, speed, axes, **chain)
     given = {k: v for k, v in chain.items() if v not in (None, DEFAULT_ACCURACY)}
     if given:
         raise ValueError(
@@ -193,103 +231,88 @@ def _tension_plant(
     return BeamPlant(robot, control_period, factory)
 
 
-class LengthSetting(Setting):
-    """The spatial test rig, whose tendons are driven in length by servos.
-
-    Attributes:
-        twin: The rig that is simulated.
-    """
-
-    def __init__(
-        self,
-        task: str | Task,
-        task_options: dict[str, float],
-        twin: Twin | int | None,
-        *,
-        control_period: float,
-        observe: tuple[str, ...] | str,
-        preview: tuple[float, ...],
-        **chain: Any,
-    ) -> None:
-        """Arguments as those of `RigEnv`."""
-        super().__init__(rig_task(task, task_options), control_period, preview)
-        self.twin = _twin_for(twin, self.task)
-        robot = self.twin.robot
-        self.input_scale = np.full(len(robot.tendons), LENGTH_SCALE)
-        speed = speed_limit(self.task.robot)  # policies do not know the twin
-        self.plant = MujocoPlant(
-            robot, control_period, speed, bending="spatial", actuation="length", **chain
-        )
-        sizes = rig_sizes(robot, self.plant.layout, speed, len(preview))
-        self._make_spaces(observe, RIG_OBSERVABLES, sizes)
-
-    def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
-        """See `Setting`."""
-        return parse(options, RIG_OPTIONS, {"start_length": len(self.input_scale)})
-
-    def start(self, options: ResetOptions, task: Task) -> Start:
-        """See `Setting`."""
-        given = task.start_input if options.start_length is None else options.start_length
-        length = np.array(given, dtype=float)
-        if np.any(np.abs(length) > self.input_scale):
-            raise ValueError(
-                f"option 'start_length' must lie within +-{LENGTH_SCALE:g} m, got {length.tolist()}"
-            )
-        return Start(length, self.plant.equilibrium(length + np.array(self.twin.servo_offset)))
-
-
-def rig_task(task: str | Task, options: dict[str, float]) -> Task:
-    """A task of the rig, made if it is a name.
+def make_env_task(
+    task: str | Task, robot: str | RobotParams | None, options: dict[str, float]
+) -> Task:
+    """The task of an environment, made if it is a name.
 
     Raises:
-        ValueError: A bad name or option, or options of a task that is made already.
+        ValueError: A bad name or option, or options or a robot for a task that is made already.
     """
     check_argument("task", task, str | Task)
+    check_argument("robot", robot, str | RobotParams | None)
     if isinstance(task, str):
-        return make_task(task, among=RIG_TASKS, **options)
-    if options:
-        raise ValueError(f"options of a task need its name, got a task and {', '.join(options)}")
+        return make_task(task, robot=robot, **options)
+    if options or robot is not None:
+        given = ", ".join([*options, *(["robot"] if robot is not None else [])])
+        raise ValueError(f"a task that is made already has its robot and options, got {given}")
     return task
 
 
-def check_task_options(kind: type, task: str | Task, options: dict[str, float]) -> None:
+def check_task_options(
+    kind: type, task: str | Task, robot: str | RobotParams | None, options: dict[str, float]
+) -> None:
     """Raise TypeError for an argument of an environment class that is no option of any task."""
-    make = RIG_TASKS.get(task) if isinstance(task, str) else None
-    own = [] if make is None else list(defaults(make))
+    own = options_of(task, robot) if isinstance(task, str) else ()
     for name in options:
         if name not in own and name not in OPTIONS:
             raise unexpected_argument(kind, name, own)
 
 
-def rig_sizes(robot: RobotParams, layout: HingeLayout, speed: float, n_preview: int) -> Sizes:
-    """What sizes and bounds of the rig's observables depend on, with room for any twin's errors."""
+def sizes_of(
+    task: Task,
+    layout: HingeLayout,
+    pieces: int,
+    n_preview: int,
+    strain: float = 0.0,
+) -> Sizes:
+    """What sizes and bounds of a robot's observables depend on.
+
+    They leave room for noise, and for the errors of servos and cameras of any twin.
+    """
+    robot = task.robot
+    common = {
+        "robot": robot,
+        "layout": layout,
+        "pieces": pieces,
+        "speed": speed_limit(robot),
+        "directions": 1 if robot.is_planar else 2,
+        "axes": AXES[task.axes],
+        "n_preview": n_preview,
+        "n_inputs": robot_inputs(robot).n_inputs,
+        "strain": strain,
+        "noise": NOISE_ROOM,
+    }
+    if robot.drive.kind == "tension":
+        return Sizes(**common)
     return Sizes(
-        robot,
-        layout,
-        robot.pieces,
-        speed,
-        directions=2,
-        n_preview=n_preview,
-        n_inputs=len(robot.tendons),
-        pulled=LENGTH_SCALE + LARGEST_ERROR,
+        **common,
+        pulled=float(robot_inputs(robot).input_scale.max()) + LARGEST_ERROR,
         tip_room=FARTHEST * LARGEST_NOISE,
         speed_room=4 * FARTHEST * LARGEST_NOISE / FRAME,  # pictures are half a frame apart or more
     )
 
 
-def _twin_for(twin: Twin | int | None, task: Task) -> Twin:
+def _twin_for(twin: Twin | int | None, task: Task) -> Twin | None:
     check_argument("twin", twin, Twin | int | None)
+    robot = task.robot
+    if robot.drive.kind == "tension":
+        if twin is not None:
+            raise ValueError(
+                f"a twin is a robot whose tendons are wound up by servos; robot {robot.name!r} is "
+                "driven by tension (use `vary` or `randomization`)"
+            )
+        return None
     if twin is None:
-        return twin_or_ideal(None) if task.robot == RIG else nominal_twin(task.robot)
-    if not isinstance(twin, Twin) and task.robot != RIG:
+        return twin_or_ideal(None) if robot == RIG else nominal_twin(robot)
+    if not isinstance(twin, Twin) and robot != RIG:
         raise ValueError(
             f"the seed of a twin stands for a {RIG.name!r} with its errors, and task "
-            f"{task.label!r} has another robot, {task.robot.name!r}: give a `Twin` of it"
+            f"{task.label!r} has another robot, {robot.name!r}: give a `Twin` of it"
         )
     made = twin if isinstance(twin, Twin) else rig3d_twin(twin)
-    if len(made.robot.tendons) != len(task.robot.tendons):
+    if len(made.robot.tendons) != len(robot.tendons):
         raise ValueError(
-            f"the twin has {len(made.robot.tendons)} tendons, the task's robot "
-            f"{len(task.robot.tendons)}"
+            f"the twin has {len(made.robot.tendons)} tendons, the task's robot {len(robot.tendons)}"
         )
     return made

@@ -11,19 +11,29 @@ from softrobot_env.envs.disturbances import (
     NEUTRAL,
     Drives,
     SensorNoise,
+    noise_seed,
     rounded,
     split,
     told_variation,
 )
+from softrobot_env.envs.observations.camera import Camera, filmed
 from softrobot_env.envs.observations.readouts import noisy
-from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Measured
-from softrobot_env.envs.options import ResetOptions, unexpected_argument
+from softrobot_env.envs.observations.table import Measured
+from softrobot_env.envs.options import ResetOptions
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.envs.setting import DEFAULT_ACCURACY, Start, TensionSetting
+from softrobot_env.envs.setting import (
+    DEFAULT_ACCURACY,
+    SimulatedSetting,
+    Start,
+    check_task_options,
+)
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
+from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import Observation, PlantFactory
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
@@ -35,23 +45,29 @@ DEFAULT_PERIOD = 0.01
 class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     """Move the tip of a tendon-driven robot along a reference.
 
-    The action is a vector in [-1, 1], one entry per tendon pair. Times `input_scale` [N] it is the
-    reduced input of (6.5): positive pulls the tendon on the +x side, negative the opposite
-    one, and the redundancy is resolved by minimum tension, so tendons never push. It is held for
-    one `control_period`.
+    The action is a vector in [-1, 1], held for one `control_period`, and stands for the inputs of
+    the robot (`robots.actuation`). Of a robot driven by tension these are reduced ones [N], such as
+    (6.5): each group of opposing tendons has one that bends it to either side of a plane, or two
+    that bend it in space; the redundancy is resolved by least tensions, so tendons never push. Of
+    a robot driven by length they are the lengths [m] that servos are to pull in, from the straight
+    pose on. Servos have a limited speed and what else the twin says; a tendon that slackens pulls
+    no more, and none pulls more than its limit. Dry friction of a twin's tendons is not part of the
+    tension and acts on slack tendons too: there it can push.
 
-    Observations are a dict of float64 vectors in SI units; positions are (x, z). The bounds of the
-    space are those of the workspace, plus room for the largest noise that the sensors can be given.
-    Those of velocities and rates are some thirty times what the robot can do: scale by experience
+    Observations are a dict of float64 vectors in SI units; d is the number of the coordinates that
+    the task names: (x, z), (x, y) or (x, y, z). The bounds of the space are those of the workspace,
+    plus room for the largest noise that the sensors can be given, and for any twin's errors. Those
+    of velocities and rates are some thirty times what the robot can do: scale by experience
     (`gymnasium.wrappers.NormalizeObservation`), not by them:
 
     | key | size | what | unit |
     |---|---|---|---|
-    | tip_position, tip_velocity | 2 | tip | m, m/s |
-    | curvature, curvature_rate | pieces | mean over each piece | 1/m, 1/(m s) |
-    | tendon_tension, tendon_length | tendons | applied tension, length inside the robot | N, m |
-    | reference, reference_velocity | 2 | reference now | m, m/s |
-    | reference_preview | 2 x preview | reference after each of the `preview` times | m |
+    | tip_position, tip_velocity | d | tip, as the camera sees it where there is one | m, m/s |
+    | curvature, curvature_rate | pieces | mean of each, in space (beta, gamma) | 1/m, 1/(m s) |
+    | tendon_tension | tendons | applied tension | N |
+    | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
+    | reference, reference_velocity, reference_acceleration | d | reference now | m, m/s, m/s2 |
+    | reference_preview | d x preview | reference after each of the `preview` times | m |
     | previous_action | inputs | action of the step before | 1 |
 
     The reward is the sum of these terms, also in `info` as `reward_tracking` and so on (e is the
@@ -71,20 +87,31 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     `info["failure"]` then says what and when, and the observation is the one
     before the failure, as the caller holds it.
 
-    `info` holds the error [m], time [s], tendon tension [N] and length [m], and reward terms; after
-    a divergence error and lengths may not be finite. The reset option `vary` and `randomization`
-    vary the robot and what lies between it and the policy. The drives may apply another tension
-    than commanded (`tension_gain`), up to the tendon's limit, and later (`delay`, a multiple of the
-    control period); until the first action arrives the start tension is in force. A varied robot
-    starts in the posture of the nominal one, with the same tensions (thesis sec. 6.6.3), times the
-    `tension_gain`; names and units of `vary` are those of `Randomization`. Sensors may be noisy
-    (`sensor_noise`). Rewards, error, failures and `previous_action` keep to the true state and the
-    commanded action, and with noise `info` also holds the true tip_position and curvature.
+    `info` holds the error [m], time [s], tendon tension [N] and length [m] (of servos what their
+    horns pull in), and reward terms; after a divergence error and lengths may not be finite. The
+    reset option `vary` and `randomization` vary the robot and what lies between it and the policy.
+    The drives may apply another tension than commanded (`tension_gain`), up to the tendon's limit,
+    and any command later (`delay`, a multiple of the control period); until the first action
+    arrives the start is in force. A varied robot starts in the posture of the nominal one, with the
+    same commands (thesis sec. 6.6.3), times the `tension_gain`; names and units of `vary` are
+    those of `Randomization`. Sensors may be noisy (`sensor_noise`). Rewards, error, failures and
+    `previous_action` keep to the true state and the commanded action, and with noise or a camera
+    that errs `info` also holds the true tip_position, and curvature.
+
+    A camera without noise and delay sees the true position and velocity. Otherwise it takes a
+    picture every `twin.FRAME` (90 a second, or one per control period where that is longer), each
+    at the control instant that follows, and the velocity is the difference of its last two over
+    the time between them. Potentiometers know neither offset nor backlash of a servo.
+
+    A task that is drawn from a seed (`random`, `reach`) and given by name without one is drawn anew
+    for every episode, by `np_random`, and keeps its duration; with `seed=` it stays.
 
     Attributes:
         task: The task, `task.robot` its nominal robot.
+        twin: What is simulated of a robot driven by length, which policies are not meant to look
+            at; None of another.
         control_period: [s].
-        input_scale: (n_inputs,) [N], reduced input of a full-scale action.
+        input_scale: (n_inputs,) [N] or [m], input of a full-scale action.
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
@@ -92,12 +119,14 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
         self,
         task: str | Task = "swing",
         *,
+        robot: str | RobotParams | None = None,
+        twin: Twin | int | None = None,
         control_period: float = DEFAULT_PERIOD,
-        observe: tuple[str, ...] | str = DEFAULT_OBSERVABLES,
+        observe: tuple[str, ...] | str | None = None,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
         reward: TrackingReward | None = None,
         randomization: Randomization | None = None,
-        pieces: int | None = None,
+        pieces: int | tuple[int, ...] | None = None,
         rule: str | None = None,
         timestep: float | None = None,
         integrator: str | None = None,
@@ -106,36 +135,46 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
         render_mode: str | None = None,
         width: int = 640,
         height: int = 480,
-        **unknown: Any,
+        **task_options: float,
     ) -> None:
         """Build the environment.
 
         Args:
             task: Task or its name.
+            robot: The robot of a task given by name: itself, its name, or a robot file (*.toml).
+                Unless given, the one that the task is made for.
+            twin: Of a robot driven by length, the one that is simulated; or the seed of a rig with
+                errors (`twin.rig3d_twin`). Unless given, a robot as its parameters say.
             control_period: [s], between 1 ms and 200 ms.
-            observe: Names of the observables in an observation, or "all".
+            observe: Names of the observables in an observation, or "all". Unless given, all but
+                tensions, lengths and reference_acceleration of a robot driven by tension, and all
+                but curvatures and tensions of one driven by length, as a lab can measure them.
             preview: Times [s] ahead of now of `reference_preview`.
             reward: Weights and scales of the reward.
             randomization: Ranges of what varies, drawn by `np_random` for every episode that is
                 reset without `vary`, and told in `info["variation_density"]` and so on.
-            pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`.
+            pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`; in
+                space, pieces must be a multiple of the robot's.
             plant: Builds the model that is simulated in place of the MuJoCo chain, for instance
                 `beams.registry.BeamPlant("pcc")`.
             render_mode: None, "rgb_array" or "human".
             width, height: Size of a frame in pixels.
+            **task_options: Of a task given by name, see `tasks.make_task`.
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
             TypeError: An unknown argument.
         """
-        for name in unknown:
-            raise unexpected_argument(type(self), name)
+        check_task_options(type(self), task, robot, task_options)
         check_argument("randomization", randomization, Randomization | None)
-        self._randomization = randomization
         self._drives: Drives | None = None
         self._noise: SensorNoise | None = None
-        setting = TensionSetting(
+        self._camera: Camera | None = None
+        setting = SimulatedSetting(
             task,
+            task_options,
+            robot=robot,
+            twin=twin,
             control_period=control_period,
             observe=observe,
             preview=preview,
@@ -146,47 +185,80 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
             integrator=integrator,
             accuracy=accuracy,
         )
-        self._tendon_map, self.input_scale = setting.tendon_map, setting.input_scale
-        self._pull = setting.tendon_map.per_action().tension
+        setting.check_randomization(randomization)
+        self._randomization = randomization
+        self.twin = built = setting.twin
+        self._servos = None
+        if built is not None:
+            self._servos = Servos(built.servo_speed, built.servo_offset, built.backlash)
+        self.input_scale = setting.inputs.input_scale
+        self._command = setting.inputs.per_action().command
+        self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
         super().__init__(setting, reward, render_mode, (width, height))
 
     def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
-        readout = self._setting.plant.readout(simulation)
+        readout = self._setting.plant.readout(simulation, self._servos)
+        if self._camera is not None:
+            readout = filmed(readout, self._camera)
         return readout if self._noise is None else noisy(readout, self._noise, 0)
 
     def _move(self, action: np.ndarray) -> bool:
-        if self._drives is None:
-            self._pull(action, self._ctrl)
-        else:
-            self._ctrl[:] = self._drives.apply(self._pull(action))[0]
-        return self._advance()
+        if self._servos is None and self._drives is None:
+            self._command(action, self._ctrl)
+            return self._advance()
+        command = self._command(action)
+        if self._drives is not None:
+            command = self._drives.apply(command)[0]
+        if self._servos is None:
+            self._ctrl[:] = command
+            return self._advance()
+        simulation = self._simulation
+        return simulation.advance_through(self._servos.move(command, simulation.step_times))
 
     # ------------------------------------------------------------------ episodes
 
     def _parse(self, options: dict[str, Any] | None) -> ResetOptions:
         parsed = super()._parse(options)
+        if self._redrawn and "seed" not in parsed.task:
+            drawn = int(self.np_random.integers(2**31))
+            lasts = parsed.duration or self.task.duration  # whatever the draw
+            parsed = replace(parsed, task=parsed.task | {"seed": drawn}, duration=lasts)
         if self._randomization is None or "vary" in (options or {}):
             return parsed
         drawn = self._randomization.draw(self.np_random)
         return replace(parsed, vary=rounded(drawn, self.control_period))
 
     def _start(self, options: ResetOptions, start: Start) -> None:
-        plant = self._setting.plant
+        setting = self._setting
         robot_vary, disturbance = split(options.vary, self.control_period)
         # The running simulation goes on if it is of the wanted robot.
         simulation = self._simulation
         if robot_vary != self._robot_vary:
-            simulation = plant.simulation(robot_vary)
-        self._robot_vary = robot_vary
+            simulation = setting.plant.simulation(robot_vary)
+        drives = disturbance.drives(setting.most, start.command)
+        self._robot_vary, self._drives = robot_vary, drives
         if self._randomization is not None:
             self._variation = told_variation(NEUTRAL | options.vary)
-        noise = disturbance.noise(plant.layout.pieces, self.np_random)
-        if simulation is not self._simulation or noise is not self._noise:
-            self._noise = noise
+        command = start.command if drives is None else drives.tension[0]
+        noise, camera = disturbance.noise(setting.noise_sizes, self.np_random), self._make_camera()
+        changed = simulation is not self._simulation
+        if self._servos is not None:
+            self._servos.start(command)
+            command = self._servos.horn
+        simulation.reset(start.posture, command)
+        if changed or noise is not self._noise or camera is not self._camera:
+            self._noise, self._camera = noise, camera
             self._install(simulation)
-        tension = self._tendon_map.tension(start.input)
-        limit = np.array([t.tension_limit for t in self.task.robot.tendons])
-        self._drives = disturbance.drives(limit, tension)
-        if self._drives is not None:
-            tension = self._drives.tension[0]
-        self._simulation.reset(start.posture, tension)
+        if camera is not None:
+            camera.start(np.array(self._readout.tip))
+
+    def _make_camera(self) -> Camera | None:
+        """The camera of an episode; None without errors, and then nothing is drawn."""
+        twin = self.twin
+        if twin is None:
+            return None
+        delay = round(twin.camera_delay / self.control_period)
+        if twin.camera_noise == 0 and delay == 0:
+            return None
+        seed = noise_seed(self.np_random) if twin.camera_noise else 0
+        return Camera(twin.camera_noise, delay, self.control_period, seed, self._setting.dimensions)

@@ -1,5 +1,7 @@
 """Tip tracking with many robots at once."""
 
+from collections.abc import Iterator
+from dataclasses import replace
 from sys import maxsize
 from typing import Any, ClassVar, Literal, NamedTuple, NoReturn
 
@@ -18,36 +20,89 @@ from softrobot_env.envs.disturbances import (
     told_variation,
 )
 from softrobot_env.envs.observations.readouts import BatchReadout, noisy
-from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Sources, readers
+from softrobot_env.envs.observations.table import Sources, readers
 from softrobot_env.envs.options import (
+    ResetOptions,
     checked_actions,
     parse_mask,
     parse_seeds,
     parse_variation,
-    unexpected_argument,
 )
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.envs.reference import instants
+from softrobot_env.envs.reference import ReferenceTable
 from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
-from softrobot_env.envs.setting import DEFAULT_ACCURACY, TensionSetting
+from softrobot_env.envs.setting import (
+    DEFAULT_ACCURACY,
+    SimulatedSetting,
+    Start,
+    check_task_options,
+)
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.spec import EpisodeSpec
+from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.fields import Count, Whole, check_argument
 from softrobot_env.interfaces import Observation
-from softrobot_env.robots import VARIABLE
-from softrobot_env.robots.actuation import TendonMap
-from softrobot_env.tasks import Task
+from softrobot_env.robots import VARIABLE, RobotParams
+from softrobot_env.robots.twin import Twin
+from softrobot_env.tasks import Task, remake_task
 
 #: Reset options that hold for all environments of a call alike.
 _MASK = "reset_mask"
 
 
-class _Start(NamedTuple):
-    """How episodes begin: reduced input [N], hinge angles [rad], and index of the last instant."""
+class _Beginning(NamedTuple):
+    """How episodes begin: start, reference, and index of the last instant."""
 
-    input: np.ndarray
-    posture: np.ndarray
+    start: Start
+    reference: ReferenceTable
     last: int
+
+
+class _References:
+    """References of n environments: one that they share, or a row each once they differ.
+
+    Attributes:
+        columns: By name, (rows * instants, size), row by row.
+    """
+
+    def __init__(self, count: int, shared: ReferenceTable) -> None:
+        self._count, self._offset = count, np.zeros(count, dtype=np.int64)
+        self._shared: ReferenceTable | None = shared
+        self._instants = shared.last_index + 1
+        self.columns = shared.rows()
+
+    def set(self, which: np.ndarray, table: ReferenceTable) -> None:
+        """Let environments `which` (k,) have a reference."""
+        if table is self._shared:
+            return
+        if self._shared is not None:
+            self._part()
+        instants = table.last_index + 1
+        if instants > self._instants:
+            self._lengthen(instants)
+        for name, column in table.rows().items():
+            rows = self.columns[name].reshape(self._count, self._instants, -1)
+            rows[which, :instants] = column
+            rows[which, instants:] = column[-1]
+
+    def _part(self) -> None:
+        """Give every environment a row of its own."""
+        self._shared = None
+        self._offset = np.arange(self._count) * self._instants
+        self.columns = {name: np.tile(c, (self._count, 1)) for name, c in self.columns.items()}
+
+    def _lengthen(self, instants: int) -> None:
+        more = instants - self._instants
+        for name, column in self.columns.items():
+            rows = column.reshape(self._count, self._instants, -1)
+            longer = np.concatenate((rows, np.repeat(rows[:, -1:], more, axis=1)), axis=1)
+            self.columns[name] = longer.reshape(self._count * instants, -1)
+        self._instants = instants
+        self._offset = np.arange(self._count) * instants
+
+    def at(self, index: np.ndarray) -> np.ndarray:
+        """Where in `columns` the instants `index` (n,) of all environments stand."""
+        return self._offset + index
 
 
 class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.ndarray]):
@@ -75,40 +130,42 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         num_envs: int = 1,
         task: str | Task = "swing",
         *,
-        control_period: float = 0.01,
-        observe: tuple[str, ...] | str = DEFAULT_OBSERVABLES,
+        robot: str | RobotParams | None = None,
+        twin: Twin | int | None = None,
+        control_period: float = DEFAULT_PERIOD,
+        observe: tuple[str, ...] | str | None = None,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
         reward: TrackingReward | None = None,
         randomization: Randomization | None = None,
         threads: int = 0,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
-        pieces: int | None = None,
+        pieces: int | tuple[int, ...] | None = None,
         rule: str | None = None,
         timestep: float | None = None,
         integrator: str | None = None,
         accuracy: float | str = DEFAULT_ACCURACY,
         render_mode: None = None,
-        **unknown: Any,
+        **task_options: float,
     ) -> None:
         """Build the environments.
 
         Args:
             num_envs: Their number n.
-            task, control_period, observe, preview, reward, randomization: As those of
+            task, robot, twin, control_period, observe, preview, reward, randomization: As those of
                 `TrackingEnv`.
             threads: Of the pool, 0 for one per core.
             max_episode_steps: After which an episode is truncated, if it is not over before.
             autoreset_mode: One of `AutoresetMode`, or its value.
             pieces, rule, timestep, integrator, accuracy: As those of `TrackingEnv`.
             render_mode: None; many environments are not drawn.
+            **task_options: As those of `TrackingEnv`.
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
             TypeError: An unknown argument.
         """
-        for name in unknown:
-            raise unexpected_argument(type(self), name)
+        check_task_options(type(self), task, robot, task_options)
         check_argument("render_mode", render_mode, type(None))
         check_argument("max_episode_steps", max_episode_steps, Count | None)
         check_argument("num_envs", num_envs, Count)
@@ -116,9 +173,11 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         check_argument("reward", reward, TrackingReward | None)
         check_argument("randomization", randomization, Randomization | None)
         self._reward = TrackingReward() if reward is None else reward
-        self._randomization = randomization
-        self._setting = setting = TensionSetting(
+        self._setting = setting = SimulatedSetting(
             task,
+            task_options,
+            robot=robot,
+            twin=twin,
             control_period=control_period,
             observe=observe,
             preview=preview,
@@ -128,8 +187,11 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             integrator=integrator,
             accuracy=accuracy,
         )
+        setting.check_randomization(randomization)
+        self._randomization = randomization
+        self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
         self.num_envs, self.task = int(num_envs), setting.task
-        self.control_period, self.input_scale = control_period, setting.input_scale
+        self.control_period, self.input_scale = control_period, setting.inputs.input_scale
         modes = tuple(mode.value for mode in AutoresetMode)
         check_argument("autoreset_mode", autoreset_mode, AutoresetMode | Literal[modes])
         self._mode = self.autoreset_mode = AutoresetMode(autoreset_mode)
@@ -152,35 +214,34 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     def _prepare(self) -> None:
         """State of the episodes, and what a step would otherwise look up."""
         n, m = self.num_envs, len(self.input_scale)
-        robot, self._table = self.task.robot, self._setting.reference
-        self._pull = TendonMap(robot).per_action().tension
+        setting = self._setting
+        self._references = _References(n, setting.reference)
+        self._command = setting.inputs.per_action().command
         self._nobody = np.zeros(n, dtype=bool)
         self._nobody.flags.writeable = False
         self._everyone = np.ones(n, dtype=bool)
-        self._times = np.arange(self._table.last_index + 1) * self.control_period
         self._index = np.zeros(n, dtype=np.int64)
         self._last = np.zeros(n, dtype=np.int64)
         self._action = np.zeros((n, m))
         self._done = np.ones(n, dtype=bool)
         self._variation = {name: np.full(n, value) for name, value in NEUTRAL.items()}
-        self._tension_limit = np.array([t.tension_limit for t in robot.tendons])
         self._drives: Drives | None = None
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Observation | None = None
-        self._exact = BatchReadout(self._simulation, robot, self._setting.plant.speed)
+        self._exact = BatchReadout(self._simulation, setting.task.robot, setting.plant.speed)
         self._measure_with(None)
-        self._usual = self._start({})
+        self._usual = self._beginning(setting.parse_options({}), self.task)
 
     def _measure_with(self, noise: SensorNoise | None) -> None:
         """Let sensors have noise or none."""
         self._noise = noise
         exact = self._exact
         self._readout = exact if noise is None else noisy(exact, noise, slice(None))
-        columns = self._table.rows()
+        references = self._references
         sources = Sources(
             self._readout,
-            lambda column: lambda: columns[column].take(self._index, axis=0),
+            lambda column: lambda: references.columns[column].take(self._at, axis=0),
             lambda: self._action.copy(),
         )
         self._readers = readers(self.single_observation_space, sources)
@@ -197,8 +258,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
         Args:
             seed: Seed of the first environment, the others follow; or one each.
-            options: As those of `TrackingEnv.reset` except `step_width`, the same for all; values
-                in `vary` may also be arrays (n,). And `reset_mask` (n,) bool, the environments to
+            options: As those of `TrackingEnv.reset`, the same for all; values in `vary` may also be
+                arrays (n,). And `reset_mask` (n,) bool, the environments to
                 reset, all unless given.
 
         Raises:
@@ -213,9 +274,12 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         variation = None
         if "vary" in given:
             variation = parse_variation(given.pop("vary"), self.num_envs, self.control_period)
-        start, seeds = self._start(given), parse_seeds(seed, self.num_envs)
+        parsed, seeds = self._setting.parse_options(given), parse_seeds(seed, self.num_envs)
+        if variation is not None:
+            self._setting.check_variation(variation)
+        beginning = self._beginning(parsed, parsed.changed(self.task))
         self._seed(seeds)
-        self._begin(which, start, variation)
+        self._begin(which, beginning, variation, self._redrawn and "seed" not in parsed.task)
         self._started = True
         self._observation = self._observe(which)
         return self._observation, self._info(self._no_reward())
@@ -228,59 +292,71 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             elif one is not None:
                 self._generators[i] = seeding.np_random(one)[0]
 
-    def _start(self, options: dict[str, Any]) -> _Start:
-        """What the options ask for.
+    def _beginning(self, options: ResetOptions, task: Task) -> _Beginning:
+        """How episodes of a task begin.
 
         Raises:
             ValueError: A bad option; the message names what is allowed.
         """
-        parsed = self._setting.parse_options(options)
-        if parsed.step_width is not None:
-            raise ValueError("step_width is an option of the single environment only")
-        last = self._table.last_index
-        if parsed.duration is not None:
-            last = instants(parsed.duration, self.control_period)
-            if last > self._table.last_index:
-                raise ValueError(
-                    f"duration must be at most the task's, {self.task.duration:g} s, got "
-                    f"{parsed.duration:g}: only single environments go on longer"
-                )
-        if self._most_steps is not None:
-            last = min(last, self._most_steps)
-        return _Start(*self._setting.start(parsed, self.task), last)
+        reference = self._setting.reference_of(task) if task != self.task else None
+        reference = self._setting.reference if reference is None else reference
+        last = min(reference.last_index, self._most_steps or maxsize)
+        return _Beginning(self._setting.start(options, task), reference, last)
+
+    def _drawn(self, which: np.ndarray) -> Iterator[tuple[np.ndarray, _Beginning]]:
+        """Beginnings of tasks that the environments `which` (k,) draw, each its own."""
+        usual = self._setting.parse_options({})
+        for i in which:
+            seed = int(self._generators[i].integers(2**31))
+            drawn = replace(remake_task(self.task, seed=seed), duration=self.task.duration)
+            yield np.array([i]), self._beginning(usual, drawn)
 
     def _begin(
         self,
         which: np.ndarray,
-        start: _Start,
+        beginning: _Beginning,
         variation: dict[str, np.ndarray] | None = None,
+        drawn: bool = False,
     ) -> None:
-        """Start episodes of the environments `which` (k,), of varied robots if so given."""
+        """Start episodes of the environments `which` (k,).
+
+        Args:
+            which: The environments.
+            beginning: Of all of them, unless each draws its own.
+            variation: What robots they have; unless given, nominal or randomized ones.
+            drawn: Whether each draws a task.
+        """
+        each = self._drawn(which) if drawn else [(which, beginning)]
+        starts = []
+        for some, own in each:
+            self._references.set(some, own.reference)
+            self._last[some] = own.last
+            starts += [own.start] * len(some)
+        action, command, posture = (np.array(parts) for parts in zip(*starts, strict=True))
         for name, values in self._variation.items():
             values[which] = NEUTRAL[name] if variation is None else variation[name][which]
         if variation is None and self._randomization is not None:
             for i in which:
-                drawn = self._randomization.draw(self._generators[i])
-                for name, value in rounded(drawn, self.control_period).items():
+                randomized = self._randomization.draw(self._generators[i])
+                for name, value in rounded(randomized, self.control_period).items():
                     self._variation[name][i] = value
         self._simulation.vary(which, {name: self._variation[name][which] for name in VARIABLE})
-        tension = self._start_drives(which, self._setting.tendon_map.tension(start.input))
-        self._simulation.reset(which, start.posture, tension)
+        self._simulation.reset(which, posture, self._start_drives(which, command))
         self._start_noise(which)
-        self._index[which], self._last[which] = 0, start.last
-        self._action[which] = start.input / self.input_scale
+        self._index[which] = 0
+        self._action[which] = self._setting.action_of(action)
         self._done[which] = False
 
-    def _start_drives(self, which: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        """Start the drives of the environments `which` (k,); returns the tensions in force [N]."""
+    def _start_drives(self, which: np.ndarray, command: np.ndarray) -> np.ndarray:
+        """Start the drives of the environments `which` (k,); returns what they apply (k, m)."""
         gain = self._variation["tension_gain"]
         delay = np.rint(self._variation["delay"] / self.control_period).astype(int)
         if np.all(gain == 1) and not delay.any():
             self._drives = None  # all apply what is commanded
-            return tension
+            return command
         if self._drives is None:
-            self._drives = Drives(self.num_envs, self._tension_limit)
-        self._drives.start(which, gain[which], delay[which], tension)
+            self._drives = Drives(self.num_envs, self._setting.most)
+        self._drives.start(which, gain[which], delay[which], command)
         return self._drives.tension[which]
 
     def _start_noise(self, which: np.ndarray) -> None:
@@ -291,7 +367,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 self._measure_with(None)
             return
         if self._noise is None:
-            self._measure_with(SensorNoise(self.num_envs, self._setting.plant.layout.pieces))
+            self._measure_with(SensorNoise(self.num_envs, self._setting.noise_sizes))
         for i in which.tolist():
             seed = noise_seed(self._generators[i]) if scale[i] else None
             self._noise.start(i, scale[i], seed)
@@ -314,12 +390,12 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         resets = self._mode == AutoresetMode.NEXT_STEP and self._done.any()
         ended = self._done.copy() if resets else None
         self._action = actions if ended is None else np.where(ended[:, None], 0, actions)
-        tension = self._pull(self._action)
-        self._simulation.ctrl[:] = tension if self._drives is None else self._drives.apply(tension)
+        command = self._command(self._action)
+        self._simulation.ctrl[:] = command if self._drives is None else self._drives.apply(command)
         failed = self._advance(ended)
         self._index += 1
         if ended is not None:
-            self._begin(np.flatnonzero(ended), self._usual)
+            self._begin(np.flatnonzero(ended), self._usual, drawn=self._redrawn)
         return self._result(previous, failed, ended)
 
     def _advance(self, ended: np.ndarray | None) -> np.ndarray:
@@ -381,7 +457,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         final = {"final_obs": self._observation, "_final_obs": done}
         final |= {"final_info": last, "_final_info": done}
         ended = np.flatnonzero(done)
-        self._begin(ended, self._usual)
+        self._begin(ended, self._usual, drawn=self._redrawn)
         self._observation = self._observe(ended)
         terms = {name: np.where(done, 0.0, last[name]) for name in NO_REWARD}
         return self._info(terms) | final
@@ -396,8 +472,9 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 all unless given.
         """
         self._readout.update(started)
-        gap = self._exact.tip - self._table.position.take(self._index, axis=0)
-        self._error = np.hypot(gap[:, 0], gap[:, 1])
+        self._at = self._references.at(self._index)
+        gap = self._exact.tip - self._references.columns["position"].take(self._at, axis=0)
+        self._error = np.sqrt(np.einsum("ij,ij->i", gap, gap))
         return {name: read() for name, read in self._readers}
 
     def _no_reward(self) -> dict[str, np.ndarray]:
@@ -405,7 +482,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
     def _info(self, terms: dict[str, np.ndarray]) -> dict[str, Any]:
         info: dict[str, Any] = {
-            "time": self._times.take(self._index),
+            "time": self._index * self.control_period,
             "error": self._error,
             "tendon_tension": self._exact.tendon_tension(),
             "tendon_length": self._exact.true_length(),

@@ -40,6 +40,16 @@ def robot_inputs(robot: RobotParams) -> Inputs:
     return PulledLengths(robot) if robot.drive.kind == "length" else TendonMap(robot)
 
 
+def check_inputs(inputs: Inputs, values: np.ndarray, what: str) -> None:
+    """Raise ValueError, beginning with `what`, unless actions can ask for values (n_inputs,)."""
+    centre, scale = inputs.input_centre, inputs.input_scale
+    if not np.all(np.abs(values - centre) <= scale * (1 + _ROUNDING)):
+        raise ValueError(
+            f"{what} must lie between {(centre - scale).tolist()} and {(centre + scale).tolist()} "
+            f"{inputs.unit}, got {np.asarray(values).tolist()}"
+        )
+
+
 class PulledLengths:
     """Lengths pulled in by each tendon of a robot driven by length, from the straight pose on.
 

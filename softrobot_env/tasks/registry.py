@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from softrobot_env.registries import Registry
-from softrobot_env.robots import as_number
+from softrobot_env.robots import RobotParams, as_number
 from softrobot_env.tasks.arm import ALL_TASKS
 from softrobot_env.tasks.rig import RIG_TASKS
 from softrobot_env.tasks.spec import OPTIONS, Maker, Task, defaults
@@ -25,6 +25,7 @@ def make_task(
     /,
     *,
     among: Mapping[str, Maker] = EVERY_TASK,
+    robot: str | RobotParams | None = None,
     **options: float | None,
 ) -> Task:
     """Build a task by name.
@@ -56,10 +57,17 @@ def make_task(
 
 
 def remake_task(task: Task, /, **options: float) -> Task:
-    """The task with some options changed: reference and duration are new, the rest stays.
+    """The task with some options changed; a robot or a start of its own stays.
 
     Raises:
         ValueError: As `make_task`.
     """
-    made = make_task(task.name, **dict(task.options) | options)
-    return replace(made, robot=task.robot, start_input=task.start_input)
+    given = dict(task.options)
+    before, made = make_task(task.name, **given), make_task(task.name, **given | options)
+    own = {n: getattr(task, n) for n in ("robot", "start_input")}
+    return replace(made, **{n: v for n, v in own.items() if v != getattr(before, n)})
+
+
+def options_of(name: str, _robot: str | RobotParams | None = None) -> tuple[str, ...]:
+    """Names of the options of a task; none of an unknown one."""
+    return tuple(defaults(EVERY_TASK[name])) if name in EVERY_TASK else ()

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from inspect import signature
 from typing import Literal
 
+import numpy as np
+
 from softrobot_env.fields import Positive, check_fields
-from softrobot_env.robots import LENGTH_SCALE, RobotParams, as_number
-from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots import RobotParams, as_number
+from softrobot_env.robots.actuation import check_inputs, robot_inputs
 from softrobot_env.tasks.trajectories import Trajectory
 
 #: Longest episode [s]; its reference is sampled beforehand.
@@ -54,12 +56,11 @@ class Task:
         robot: The nominal robot; what is simulated may be a variation or a twin of it.
         trajectory: Reference of the tip.
         duration: [s] of an episode.
-        start_input: (n_inputs,), inputs in whose equilibrium the episode starts at rest: reduced
-            tendon inputs [N] of a planar robot, lengths [m] pulled in by each tendon of a spatial
-            one, these at most `LENGTH_SCALE` to either side.
+        start_input: (n_inputs,), inputs of the robot (`robots.actuation`) in whose equilibrium the
+            episode starts at rest: reduced ones [N], or lengths [m] pulled in.
         options: What the task was made with, (name, value) each.
-        axes: The coordinates of the tip that the reference is about: "xz" of a planar robot, "xy"
-            of a spatial one.
+        axes: The coordinates of the tip that the reference is about: "xz" of a planar robot, "xyz"
+            of a spatial one, or "xy" where its height follows.
     """
 
     name: str
@@ -68,21 +69,25 @@ class Task:
     duration: Positive
     start_input: tuple[float, ...]
     options: tuple[tuple[str, float], ...] = ()
-    axes: Literal["xz", "xy"] = "xz"
+    axes: Literal["xz", "xy", "xyz"] = "xz"
 
     def __post_init__(self) -> None:
         check_fields(self, f"task {self.name!r}")
-        inputs = TendonMap(self.robot).n_inputs if self.axes == "xz" else len(self.robot.tendons)
-        if inputs == 0 or len(self.start_input) != inputs:
+        inputs, planar = robot_inputs(self.robot), self.robot.is_planar
+        if inputs.n_inputs == 0 or len(self.start_input) != inputs.n_inputs:
             raise ValueError(
-                f"task {self.name!r}: robot {self.robot.name!r} has {inputs} tendon inputs, "
-                f"start_input {len(self.start_input)}; a task needs as many, and at least one"
+                f"task {self.name!r}: robot {self.robot.name!r} has {inputs.n_inputs} tendon "
+                f"inputs, start_input {len(self.start_input)}; a task needs as many, and at least "
+                "one"
             )
-        if self.axes == "xy" and not all(abs(s) <= LENGTH_SCALE for s in self.start_input):
+        if planar != (self.axes == "xz"):
+            allowed = "xz" if planar else "xy or xyz"
             raise ValueError(
-                f"task {self.name!r}: start_input must lie within +-{LENGTH_SCALE:g} m, got "
-                f"{self.start_input}"
+                f"task {self.name!r}: the tip of robot {self.robot.name!r} moves in "
+                f"{'the x-z plane' if planar else 'space'}, axes must be {allowed}, got "
+                f"{self.axes!r}"
             )
+        check_inputs(inputs, np.array(self.start_input), f"task {self.name!r}: start_input")
         if not 0 < self.duration <= LONGEST:
             raise ValueError(
                 f"task {self.name!r}: duration must lie in (0, {LONGEST:g}] s, got "

@@ -337,7 +337,7 @@ def test_noise_is_bounded():
         def standard_normal(self, shape):
             return np.full(shape, 9.0)
 
-    noise = SensorNoise(1, 6)
+    noise = SensorNoise(1, dict.fromkeys(SENSOR_NOISE, 2))
     noise.start(0, LARGEST["sensor_noise"], 0)
     noise._generators[0] = Wild()
     noise.advance()

@@ -6,7 +6,7 @@ from math import ceil, inf, nan
 import numpy as np
 import pytest
 
-from softrobot_env.envs.options import ARM_OPTIONS
+from softrobot_env.envs.options import SIMULATED_OPTIONS
 from softrobot_env.robots import ARM, VARIABLE, centerline
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks import STEP_WIDTHS, make_task
@@ -358,7 +358,7 @@ def test_options_of_a_wrong_type_are_named(options, message, make_env):
 def test_unknown_option_lists_the_allowed(make_env):
     with pytest.raises(ValueError, match="stepwidth") as caught:
         make_env(STEP).reset(options={"stepwidth": 0.1})
-    assert all(name in str(caught.value) for name in ARM_OPTIONS)
+    assert all(name in str(caught.value) for name in SIMULATED_OPTIONS)
 
 
 @pytest.mark.parametrize("env_id", ["SoftRobot/ArmSwing-v0", "SoftRobot/ArmLShape-v0"])

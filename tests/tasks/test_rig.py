@@ -78,7 +78,9 @@ def test_a_task_needs_its_robots_tendons():
 
 @pytest.mark.parametrize("length", [0.031, -0.031])
 def test_starts_out_of_range_are_refused(length):
-    with pytest.raises(ValueError, match=r"start_input must lie within \+-0.03 m"):
+    with pytest.raises(
+        ValueError, match=r"start_input must lie between \[-0.03, -0.03, -0.03\] and .* m"
+    ):
         Task("far", RIG, RoundedTriangle(), 1.0, (0.0, length, 0.0), axes="xy")
 
 

@@ -19,30 +19,34 @@ class Camera:
     number of control periods, the one below or above a `FRAME`, and one where a period is longer.
 
     Attributes:
-        position: (2,) [m], what the newest picture at hand says.
-        velocity: (2,) [m/s], by difference to the picture before, over the time between them.
+        position: (d,) [m], what the newest picture at hand says.
+        velocity: (d,) [m/s], by difference to the picture before, over the time between them.
     """
 
-    def __init__(self, noise: float, delay: int, control_period: float, seed: int) -> None:
+    def __init__(
+        self, noise: float, delay: int, control_period: float, seed: int, dimensions: int = 2
+    ) -> None:
         """A camera with noise of standard deviation `noise` [m], `delay` control periods late."""
         self._noise, self._delay, self._period = noise, delay, control_period
         self._frame = FRAME / control_period
         self._generator = np.random.default_rng(seed)
         self._instant, self._due = -1, 0.0
         self._undeveloped: deque[tuple[int, np.ndarray]] = deque()
-        self._taken, self.position, self.velocity = -1, np.zeros(2), np.zeros(2)
+        self._taken, self.position, self.velocity = -1, *np.zeros((2, dimensions))
 
     def start(self, tip: np.ndarray) -> None:
-        """Look at a tip at rest at (2,) [m] until there are two pictures."""
+        """Look at a tip at rest at (d,) [m] until there are two pictures."""
         for _ in range(self._delay + 2 * ceil(self._frame)):
             self.see(tip)
 
     def see(self, tip: np.ndarray) -> bool:
-        """Come to the next control instant, with the tip at (2,) [m]; whether a picture is new."""
+        """Come to the next control instant, with the tip at (d,) [m]; whether a picture is new."""
         self._instant += 1
         if self._instant >= self._due:
             self._due += self._frame
-            normal = np.clip(self._generator.standard_normal(2), -FARTHEST, FARTHEST)
+            normal = np.clip(
+                self._generator.standard_normal(len(self.position)), -FARTHEST, FARTHEST
+            )
             self._undeveloped.append((self._instant, tip + self._noise * normal))
         if not self._undeveloped or self._undeveloped[0][0] > self._instant - self._delay:
             return False

@@ -54,6 +54,7 @@ class Sizes:
         pieces: Number of pieces whose curvature is observed.
         speed: [m/s], limit of the tip's speed.
         directions: In which a piece bends: 1 in a plane, 2 in space.
+        axes: Coordinates out of x, y and z that positions have, a slice of (3,).
         n_preview: Number of preview times.
         n_inputs: Number of actions.
         pulled: Largest length [m] that servos pull in, where they drive the tendons.
@@ -68,6 +69,7 @@ class Sizes:
     pieces: int
     speed: float
     directions: int
+    axes: slice
     n_preview: int = 1
     n_inputs: int = 1
     pulled: float | None = None
@@ -75,6 +77,17 @@ class Sizes:
     speed_room: float = 0.0
     strain: float = 0.0
     noise: float = 0.0
+
+    @property
+    def dimensions(self) -> int:
+        """Number of coordinates of a position."""
+        return len(range(3)[self.axes])
+
+    @property
+    def origin(self) -> np.ndarray:
+        """(dimensions,) [m], where the robot is clamped."""
+        base = self.robot.base
+        return np.zeros(self.dimensions) if base is None else np.array(base.position[self.axes])
 
 
 class Measured(Protocol):
@@ -129,7 +142,12 @@ def symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
 
 def _positions(s: Sizes, points: int = 1, room: float = 0.0) -> spaces.Box:
     # The margin covers the rounding of a straight robot's tip.
-    return symmetric(2 * points, s.robot.reach * (1 + 1e-9) + room)
+    middle, far = np.tile(s.origin, points), s.robot.reach * (1 + 1e-9) + room
+    return spaces.Box(middle - far, middle + far, dtype=np.float64)
+
+
+def _vector(s: Sizes, bound: float) -> spaces.Box:
+    return symmetric(s.dimensions, bound)
 
 
 def _tip_position(s: Sizes) -> spaces.Box:
@@ -155,13 +173,13 @@ def _tendon_length(s: Sizes) -> spaces.Box:
     return spaces.Box(ends - change, ends + change, dtype=np.float64)
 
 
-#: Every observable. Positions are (x, z) of a planar robot and (x, y) of a spatial one; curvatures
-#: are piece by piece, of a spatial robot (beta, gamma) each.
+#: Every observable. Positions have the coordinates that the task names; curvatures are piece by
+#: piece, of a spatial robot (beta, gamma) each.
 OBSERVABLES: dict[str, Observable] = {
     "tip_position": Observable("m", _tip_position, lambda o: o.measured.tip_position, 1e-4),
     "tip_velocity": Observable(
         "m/s",
-        lambda s: symmetric(2, s.speed + s.speed_room),
+        lambda s: _vector(s, s.speed + s.speed_room),
         lambda o: o.measured.tip_velocity,
         5e-3,
     ),
@@ -179,12 +197,12 @@ OBSERVABLES: dict[str, Observable] = {
     "reference": Observable("m", _positions, lambda o: o.reference("position")),
     "reference_velocity": Observable(
         "m/s",
-        lambda s: symmetric(2, REFERENCE_SPEED * s.robot.reach),
+        lambda s: _vector(s, REFERENCE_SPEED * s.robot.reach),
         lambda o: o.reference("velocity"),
     ),
     "reference_acceleration": Observable(
         "m/s2",
-        lambda s: symmetric(2, REFERENCE_ACCELERATION * s.robot.reach),
+        lambda s: _vector(s, REFERENCE_ACCELERATION * s.robot.reach),
         lambda o: o.reference("acceleration"),
     ),
     "reference_preview": Observable(
@@ -195,16 +213,6 @@ OBSERVABLES: dict[str, Observable] = {
 
 #: Standard deviations of noise of scale 1 by observable; the others have none.
 SENSOR_NOISE = {name: o.noise for name, o in OBSERVABLES.items() if o.noise}
-
-#: What the planar arm's environments can observe, and do unless told otherwise.
-ARM_OBSERVABLES = tuple(name for name in OBSERVABLES if name != "reference_acceleration")
-DEFAULT_OBSERVABLES = tuple(n for n in ARM_OBSERVABLES if not n.startswith("tendon"))
-
-#: The same of the test rig. By default it has what the real rig has: camera, servos and reference.
-RIG_OBSERVABLES = tuple(OBSERVABLES)
-DEFAULT_RIG_OBSERVABLES = tuple(
-    name for name in OBSERVABLES if not name.startswith(("curvature", "tendon_tension"))
-)
 
 
 def observation_space(

@@ -9,11 +9,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from softrobot_env.envs.observations.table import (
-    DEFAULT_RIG_OBSERVABLES,
-    Sources,
-    readers,
-)
+from softrobot_env.envs.observations.table import Sources, readers
 from softrobot_env.envs.options import one_action, positive
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.setting import TENSION, RealSetting
@@ -85,7 +81,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         line: Callable[[], Transport] | None = None,
         tip: TipSource | None = None,
         control_period: float | None = None,
-        observe: tuple[str, ...] | str = DEFAULT_RIG_OBSERVABLES,
+        observe: tuple[str, ...] | str | None = None,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
         reward: TrackingReward | None = None,
         max_missed: int = 25,
@@ -103,7 +99,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             tip: Measures the tip, instead of what the robot file names.
             control_period: [s], instead of the robot file's; longer than its `state_delay`, and at
                 most half of its watchdog.
-            observe: Names of the observables in an observation, or "all", which are those that
+            observe: Names of the observables in an observation; unless given, or "all", those that
                 every rig has; "tendon_tension" needs a board that measures forces.
             preview: Times [s] ahead of now of `reference_preview`.
             reward: Weights and scales of the reward.
@@ -116,7 +112,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             FileNotFoundError: No such robot file.
             TypeError: An unknown argument.
         """
-        check_task_options(type(self), task, task_options)
+        check_task_options(type(self), task, None, task_options)
         check_argument("reward", reward, TrackingReward | None)
         check_argument("max_missed", max_missed, Whole)
         check_argument("line", line, Callable | None)

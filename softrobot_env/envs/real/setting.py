@@ -4,22 +4,22 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.envs.observations.table import OBSERVABLES, RIG_OBSERVABLES, speed_limit
+from softrobot_env.envs.observations.table import OBSERVABLES, speed_limit
 from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
-from softrobot_env.envs.setting import Setting, rig_sizes, rig_task
+from softrobot_env.envs.setting import Setting, make_env_task, sizes_of
 from softrobot_env.fields import check_argument
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file
 from softrobot_env.scene.config import DEFAULT_RULE
 from softrobot_env.scene.quadrature import place_hinges
 from softrobot_env.scene.registry import RIG_PIECES
-from softrobot_env.tasks import Task
+from softrobot_env.tasks import RIG_TASKS, Task
 
 #: Needs a board that measures forces.
 TENSION = "tendon_tension"
 
 #: What a rig can measure.
-_SEEN = tuple(name for name in RIG_OBSERVABLES if not name.startswith("curvature"))
+_SEEN = tuple(name for name in OBSERVABLES if not name.startswith("curvature"))
 
 
 class RealSetting(Setting):
@@ -39,13 +39,18 @@ class RealSetting(Setting):
         port: str | None,
         *,
         control_period: float | None,
-        observe: tuple[str, ...] | str,
+        observe: tuple[str, ...] | str | None,
         preview: tuple[float, ...],
     ) -> None:
         """Arguments as those of `RealRigEnv`."""
         check_argument("robot_file", robot_file, str | Path | RobotFile | None)
         check_argument("port", port, str | None)
-        task = rig_task(task, task_options)
+        task = make_env_task(task, None, task_options)
+        if task.axes != "xy" or task.robot.drive.kind != "length":
+            raise ValueError(
+                f"the real rig is driven by length and its camera sees x and y, unlike task "
+                f"{task.label!r} of robot {task.robot.name!r}; choose from {', '.join(RIG_TASKS)}"
+            )
         if any(task.start_input):
             raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")
         self.file = _choose_file(robot_file, port, task)
@@ -55,7 +60,7 @@ class RealSetting(Setting):
         robot = task.robot
         self.speed = speed_limit(robot)
         layout = place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE)
-        sizes = rig_sizes(robot, layout, self.speed, len(preview))
+        sizes = sizes_of(task, layout, robot.pieces, len(preview))
         self.reach = OBSERVABLES["tip_position"].space(sizes)
         if observe == "all":
             observe = tuple(name for name in _SEEN if name != TENSION)

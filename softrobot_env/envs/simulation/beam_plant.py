@@ -4,6 +4,7 @@ import numpy as np
 
 from softrobot_env.envs.observations.readouts import BeamReadout
 from softrobot_env.envs.observations.table import Sizes, observation_space, speed_limit
+from softrobot_env.envs.reference import PLANE
 from softrobot_env.interfaces import Measurement, PlantFactory, PlantModel
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.config import SceneConfig
@@ -36,7 +37,7 @@ class BeamPlant:
         self.robot, self.speed = robot, speed_limit(robot)
         self.config = SceneConfig(robot, control_period=control_period)
         self.layout: HingeLayout = place_between(self.config.edges, self.config.hinge_rule)
-        self._factory = factory
+        self._factory, self.pieces = factory, robot.pieces
         self._nominal = self._model(robot)
 
     def _model(self, robot: RobotParams) -> PlantModel:
@@ -73,9 +74,11 @@ class BeamPlant:
         plant = self._model(self.robot.vary(**vary)) if vary else self._nominal
         return BeamSimulation(plant, self.config.control_period, self.layout)
 
-    def readout(self, simulation: "BeamSimulation") -> BeamReadout:
+    def readout(self, simulation: "BeamSimulation", _servos: None = None) -> BeamReadout:
         """What is measured of a simulation."""
-        sizes = Sizes(self.robot, self.layout, self.robot.pieces, self.speed, 1, strain=self.strain)
+        sizes = Sizes(
+            self.robot, self.layout, self.pieces, self.speed, 1, PLANE, strain=self.strain
+        )
         space = observation_space(Measurement._fields, Measurement._fields, sizes)
         return BeamReadout(simulation, space)
 

@@ -1,17 +1,20 @@
 """The MuJoCo chain as the plant of an environment."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from softrobot_env.envs.observations.readouts import ChainReadout
 from softrobot_env.envs.observations.table import speed_limit
-from softrobot_env.envs.reference import PLANE, TOP
+from softrobot_env.envs.reference import PLANE, SPACE
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import Scene, build_scene, vary_scene
-from softrobot_env.scene.config import SceneConfig, TipSensors
+from softrobot_env.scene.build import build_scene, vary_scene
+from softrobot_env.scene.chain import posture
+from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
 
@@ -23,6 +26,9 @@ class MujocoPlant:
         robot: The nominal robot.
         nominal: Its scene.
         speed: [m/s], limit of the tip's speed.
+        axes: Coordinates out of x, y and z that are measured, a slice of (3,).
+        pieces: Number of pieces whose curvature is measured: a planar chain's own, of a spatial one
+            the robot's.
         strain: Zero: the chain is inextensible.
     """
 
@@ -33,14 +39,31 @@ class MujocoPlant:
         robot: RobotParams,
         control_period: float,
         speed: float | None = None,
+        axes: slice | None = None,
         **scene_options: Any,
     ) -> None:
-        self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
-        self._options = {"control_period": control_period, **scene_options}
-        self.nominal = self._build(robot)
+        """Build the nominal scene.
 
-    def _build(self, robot: RobotParams) -> Scene:
-        return build_scene(SceneConfig(robot=robot, sensors=(TipSensors(),), **self._options))
+        Args:
+            robot: The nominal robot.
+            control_period: [s].
+            speed: [m/s], limit of the tip's speed; the robot's unless given.
+            axes: Coordinates out of x, y and z that are measured; unless given x and z of a planar
+                robot, all three of another.
+            **scene_options: As of `SceneConfig`, in place of what `scene_of` chooses.
+
+        Raises:
+            ValueError: A part that does not fit the robot; the message says which and why.
+        """
+        self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
+        own = scene_of(robot)
+        self.nominal = build_scene(replace(own, control_period=control_period, **scene_options))
+        self.axes = (PLANE if robot.is_planar else SPACE) if axes is None else axes
+        spatial = self.config.bending == "spatial"
+        self.pieces = robot.pieces if spatial else self.layout.pieces
+        _check_pieces(robot, self.layout, self.pieces)
+        if not spatial:
+            robot.require_plane("a planar chain")
 
     @property
     def layout(self) -> HingeLayout:
@@ -53,25 +76,19 @@ class MujocoPlant:
         return self.nominal.config
 
     def readout(self, simulation: Simulation, servos: Servos | None = None) -> ChainReadout:
-        """What is measured of a simulation, and of the servos that drive it.
+        """What is measured of a simulation, and of the servos that drive it."""
+        return ChainReadout(simulation, self.robot, self.pieces, self.speed, self.axes, servos)
 
-        A planar chain is measured by its own pieces, a spatial one by those of its robot.
-        """
-        spatial = self.config.bending == "spatial"
-        pieces = self.robot.pieces if spatial else self.layout.pieces
-        _check_pieces(self.robot, self.layout, pieces)
-        if not spatial:
-            self.robot.require_plane("a planar chain")
-        axes = TOP if spatial else PLANE
-        return ChainReadout(simulation, self.robot, pieces, self.speed, axes, servos)
-
-    def equilibrium(self, tension: np.ndarray) -> np.ndarray:
-        """Hinge angles (nq,) [rad] at rest under tensions (n_tendons,) [N]."""
-        return equilibrium(self.nominal.model, tension)
+    def equilibrium(self, command: np.ndarray) -> np.ndarray:
+        """Posture (nq,) at rest under what the drives apply, (n_tendons,) [N] or [m]."""
+        return equilibrium(self.nominal.model, command)
 
     def bent(self, curvature: np.ndarray) -> np.ndarray:
-        """Hinge angles (nq,) [rad] for a curvature (n_pieces,) [1/m]."""
-        return curvature[self.layout.piece] * self.layout.weights
+        """Posture (nq,) for curvatures (pieces * directions,) [1/m] of the measured pieces."""
+        layout = self.layout
+        piece = layout.piece // (layout.pieces // self.pieces)
+        bends = curvature.reshape(self.pieces, -1)[piece] * layout.weights[:, None]
+        return posture(self.nominal.model, bends)
 
     def simulation(self, vary: dict[str, float]) -> Simulation:
         """New simulation of the nominal robot, or of a variation of it."""

@@ -5,6 +5,7 @@ from math import ceil
 import numpy as np
 
 from softrobot_env.envs.observations.camera import Camera
+from softrobot_env.envs.reference import TOP
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots.twin import Twin
@@ -40,9 +41,7 @@ class VirtualRig:
         self.twin, self.tick = twin, tick
         self.picture: tuple[float, np.ndarray] | None = None
         self.stuck: set[int] = set()
-        plant = MujocoPlant(
-            twin.robot, tick, pieces=RIG_PIECES, bending="spatial", actuation="length"
-        )
+        plant = MujocoPlant(twin.robot, tick, axes=TOP, pieces=RIG_PIECES)
         self._simulation = plant.simulation({})
         self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)
         start = np.zeros(len(twin.robot.tendons))

@@ -42,8 +42,9 @@ def test_sensors_are_current(options):
 def test_reference_is_the_trajectory(name):
     preview = (0.0, 0.033, 2.0)
     env = rig(name, preview=preview)
-    trajectory = env.task.trajectory
-    for observation, *_, info in [env.reset(), *steps(env, 300)]:
+    first = env.reset()
+    trajectory = env.current_task.trajectory
+    for observation, *_, info in [first, *steps(env, 300)]:
         t = info["time"]
         close = partial(np.testing.assert_allclose, atol=1e-8)
         now, later = np.array([t]), t + np.array(preview)
