@@ -96,7 +96,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
 
     @property
     def current_task(self) -> Task:
-        """The task of the running episode: `task`, with what was drawn and the options of `reset`."""
+        """The task of the running episode: `task`, with what was drawn and given to `reset`."""
         return self._current
 
     @property
