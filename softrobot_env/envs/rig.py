@@ -18,11 +18,11 @@ from softrobot_env.envs.setting import (
     Start,
     check_task_options,
 )
-from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
+from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
@@ -33,7 +33,7 @@ class RigEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
 
     The action is a vector in [-1, 1], one entry per tendon. Times `length_scale` [m] it is the
     length that a servo is to pull in, from the straight pose on, held for one `control_period`.
-    Servos have a limited speed and what else the twin says (`envs.servos`); a tendon that
+    Servos have a limited speed and what else the twin says (`scene.servos`); a tendon that
     slackens pulls no more, and none pulls more than its limit. The dry friction of a twin's tendons
     is not part of the tension and acts on slack tendons too: there it can push.
 
@@ -133,13 +133,13 @@ class RigEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
         super().__init__(setting, reward, render_mode, (width, height))
 
     def _make_readout(self, simulation: Simulation) -> Measured:
-        self._times = simulation.step_times
+        simulation.drive_by(self._servos)
         readout = self._setting.plant.readout(simulation, self._servos)
         return readout if self._camera is None else filmed(readout, self._camera)
 
     def _move(self, action: np.ndarray) -> bool:
-        horns = self._servos.move(self.length_scale * action, self._times)
-        return self._simulation.advance_through(horns)
+        np.multiply(action, self.length_scale, out=self._servos.command)
+        return self._advance()
 
     def _start(self, options: ResetOptions, start: Start) -> None:
         self._servos.start(start.input)

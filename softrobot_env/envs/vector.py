@@ -17,7 +17,7 @@ from softrobot_env.envs.disturbances import (
     rounded,
     told_variation,
 )
-from softrobot_env.envs.observations.readouts import BatchReadout, noisy
+from softrobot_env.envs.observations.readouts import noisy
 from softrobot_env.envs.observations.table import DEFAULT_OBSERVABLES, Sources, readers
 from softrobot_env.envs.options import (
     checked_actions,
@@ -168,7 +168,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Observation | None = None
-        self._exact = BatchReadout(self._simulation, robot, self._setting.plant.speed)
+        self._exact = self._setting.plant.readout(self._simulation)
         self._measure_with(None)
         self._usual = self._start({})
 

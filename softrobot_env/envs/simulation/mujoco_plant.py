@@ -4,14 +4,15 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.envs.observations.readouts import ChainReadout
+from softrobot_env.envs.observations.readouts import BatchReadout, ChainReadout
 from softrobot_env.envs.observations.table import speed_limit
 from softrobot_env.envs.reference import PLANE, TOP
-from softrobot_env.envs.simulation.servos import Servos
+from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, build_scene, vary_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
 
@@ -52,18 +53,36 @@ class MujocoPlant:
         """The scene to draw."""
         return self.nominal.config
 
-    def readout(self, simulation: Simulation, servos: Servos | None = None) -> ChainReadout:
-        """What is measured of a simulation, and of the servos that drive it.
+    def readout(
+        self,
+        simulation: Simulation | BatchSimulation,
+        servos: Servos | None = None,
+        axes: slice | None = None,
+    ) -> ChainReadout | BatchReadout:
+        """What is measured of a simulation or of many, and of the servos that drive it.
 
         A planar chain is measured by its own pieces, a spatial one by those of its robot.
+
+        Args:
+            simulation: The simulation.
+            servos: See `ChainReadout`.
+            axes: Coordinates out of x, y and z of the tip; unless given x and z of a planar chain,
+                x and y of a spatial one.
+
+        Raises:
+            ValueError: The chain's pieces do not divide the measured ones, or it is planar and its
+                plane is not that of x and z.
         """
         spatial = self.config.bending == "spatial"
         pieces = self.robot.pieces if spatial else self.layout.pieces
         _check_pieces(self.robot, self.layout, pieces)
         if not spatial:
             self.robot.require_plane("a planar chain")
-        axes = TOP if spatial else PLANE
-        return ChainReadout(simulation, self.robot, pieces, self.speed, axes, servos)
+        if axes is None:
+            axes = TOP if spatial else PLANE
+        many = isinstance(simulation, BatchSimulation)
+        kind = BatchReadout if many else ChainReadout
+        return kind(simulation, self.robot, pieces, self.speed, axes, servos)
 
     def equilibrium(self, tension: np.ndarray) -> np.ndarray:
         """Hinge angles (nq,) [rad] at rest under tensions (n_tendons,) [N]."""
