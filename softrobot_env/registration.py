@@ -32,7 +32,11 @@ def register_envs() -> None:
         entry_point="softrobot_env.envs.tracking:TrackingEnv",
         vector_entry_point="softrobot_env.envs.vector:VectorTrackingEnv",
     )
-    _register(RIG_ENVIRONMENTS, entry_point="softrobot_env.envs.rig:RigEnv")
+    _register(
+        RIG_ENVIRONMENTS,
+        entry_point="softrobot_env.envs.rig:RigEnv",
+        vector_entry_point="softrobot_env.envs.rig:VectorRigEnv",
+    )
     _register(
         REAL_ENVIRONMENTS, entry_point="softrobot_env.envs.real:RealRigEnv", nondeterministic=True
     )

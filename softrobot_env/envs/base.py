@@ -22,7 +22,16 @@ from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
 
 #: What `_install` takes from a simulation anew; a copy or a pickle goes without.
-_REBUILT = {"model", "data", "_readout", "_readers", "_renderer", "_advance", "_ctrl", "_estimates"}
+_REBUILT = {
+    "model",
+    "data",
+    "_readout",
+    "_readers",
+    "_renderer",
+    "_advance",
+    "_target",
+    "_estimates",
+}
 
 
 class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
@@ -108,7 +117,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         """Connect to a simulation, so that a step looks nothing up."""
         self._simulation = simulation
         self.model, self.data = simulation.model, simulation.data
-        self._advance, self._ctrl = simulation.advance, simulation.ctrl
+        self._advance = simulation.advance
         self._estimates = simulation.estimates
         self._readout = self._make_readout(simulation)
 

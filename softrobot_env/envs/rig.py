@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.scene.registry import RIG_PIECES
@@ -48,3 +49,21 @@ class RigEnv(TrackingEnv, gymnasium.Env[Observation, np.ndarray]):
             TypeError: An unknown argument.
         """
         super().__init__(task, control_period=control_period, pieces=pieces, **options)
+
+
+class VectorRigEnv(VectorTrackingEnv):
+    """`RigEnv` n times, see `VectorTrackingEnv`."""
+
+    length_scale = LENGTH_SCALE
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str | Task = "triangle",
+        *,
+        control_period: float = 0.02,
+        pieces: int | tuple[int, ...] | None = RIG_PIECES,
+        **options: Any,
+    ) -> None:
+        """Arguments as of `RigEnv`, and of `VectorTrackingEnv`."""
+        super().__init__(num_envs, task, control_period=control_period, pieces=pieces, **options)

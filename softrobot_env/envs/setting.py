@@ -44,6 +44,7 @@ from softrobot_env.robots.twin import (
 )
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.servos import Servos
 from softrobot_env.tasks import OPTIONS, Task, make_task, options_of
 
 DEFAULT_ACCURACY = DEFAULT_SHARE
@@ -157,6 +158,13 @@ class SimulatedSetting(Setting):
         self.most = np.array(limits) if self.twin is None else np.full(len(limits), np.inf)
         self._bends = self.noise_sizes["curvature"]
         self._make_spaces(observe, tuple(OBSERVABLES), sizes)
+
+    def servos(self, count: int | None = None) -> Servos | None:
+        """Servos of the twin, for one robot or for `count`; None of a robot driven by tension."""
+        twin = self.twin
+        if twin is None:
+            return None
+        return Servos(twin.servo_speed, twin.servo_offset, twin.backlash, count)
 
     @property
     def is_drawn(self) -> bool:

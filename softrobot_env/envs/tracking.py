@@ -29,7 +29,6 @@ from softrobot_env.envs.setting import (
     check_task_options,
 )
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
-from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import Observation, PlantFactory
 from softrobot_env.robots import RobotParams
@@ -187,33 +186,28 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
         )
         setting.check_randomization(randomization)
         self._randomization = randomization
-        self.twin = built = setting.twin
-        self._servos = None
-        if built is not None:
-            self._servos = Servos(built.servo_speed, built.servo_offset, built.backlash)
+        self.twin, self._servos = setting.twin, setting.servos()
         self.input_scale = setting.inputs.input_scale
         self._command = setting.inputs.per_action().command
         self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
         super().__init__(setting, reward, render_mode, (width, height))
 
     def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
+        self._target = simulation.ctrl
+        if self._servos is not None:
+            simulation.drive_by(self._servos)
+            self._target = self._servos.command
         readout = self._setting.plant.readout(simulation, self._servos)
         if self._camera is not None:
             readout = filmed(readout, self._camera)
         return readout if self._noise is None else noisy(readout, self._noise, 0)
 
     def _move(self, action: np.ndarray) -> bool:
-        if self._servos is None and self._drives is None:
-            self._command(action, self._ctrl)
-            return self._advance()
-        command = self._command(action)
-        if self._drives is not None:
-            command = self._drives.apply(command)[0]
-        if self._servos is None:
-            self._ctrl[:] = command
-            return self._advance()
-        simulation = self._simulation
-        return simulation.advance_through(self._servos.move(command, simulation.step_times))
+        if self._drives is None:
+            self._command(action, self._target)
+        else:
+            self._target[:] = self._drives.apply(self._command(action))[0]
+        return self._advance()
 
     # ------------------------------------------------------------------ episodes
 

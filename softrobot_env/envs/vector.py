@@ -19,7 +19,8 @@ from softrobot_env.envs.disturbances import (
     rounded,
     told_variation,
 )
-from softrobot_env.envs.observations.readouts import BatchReadout, noisy
+from softrobot_env.envs.observations.camera import Cameras, filmed
+from softrobot_env.envs.observations.readouts import noisy
 from softrobot_env.envs.observations.table import Sources, readers
 from softrobot_env.envs.options import (
     ResetOptions,
@@ -203,6 +204,11 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.max_episode_steps = min(setting.reference.last_index, max_episode_steps or maxsize)
         self._simulation = BatchSimulation(setting.plant.nominal, self.num_envs, threads)
+        self.twin, self._servos = setting.twin, setting.servos(self.num_envs)
+        self._target = self._simulation.ctrl
+        if self._servos is not None:
+            self._simulation.drive_by(self._servos)
+            self._target = self._servos.command
         self._prepare()
 
     def __getstate__(self) -> NoReturn:
@@ -229,15 +235,28 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Observation | None = None
-        self._exact = BatchReadout(self._simulation, setting.task.robot, setting.plant.speed)
-        self._measure_with(None)
+        self._exact = setting.plant.readout(self._simulation, self._servos)
+        self._noise: SensorNoise | None = None
+        self._cameras = self._make_cameras()
+        self._measure()
         self._usual = self._beginning(setting.parse_options({}), self.task)
 
-    def _measure_with(self, noise: SensorNoise | None) -> None:
-        """Let sensors have noise or none."""
-        self._noise = noise
-        exact = self._exact
-        self._readout = exact if noise is None else noisy(exact, noise, slice(None))
+    def _make_cameras(self) -> Cameras | None:
+        """Cameras that err, or None."""
+        twin = self.twin
+        delay = 0 if twin is None else round(twin.camera_delay / self.control_period)
+        if twin is None or (twin.camera_noise == 0 and delay == 0):
+            return None
+        start = self._setting.dimensions
+        return Cameras(self.num_envs, twin.camera_noise, delay, self.control_period, start)
+
+    def _measure(self) -> None:
+        """Connect to what is measured, through the sensors that there are."""
+        self._readout = self._exact
+        if self._cameras is not None:
+            self._readout = filmed(self._readout, self._cameras)
+        if self._noise is not None:
+            self._readout = noisy(self._readout, self._noise, slice(None))
         references = self._references
         sources = Sources(
             self._readout,
@@ -341,8 +360,12 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 for name, value in rounded(randomized, self.control_period).items():
                     self._variation[name][i] = value
         self._simulation.vary(which, {name: self._variation[name][which] for name in VARIABLE})
-        self._simulation.reset(which, posture, self._start_drives(which, command))
-        self._start_noise(which)
+        command = self._start_drives(which, command)
+        if self._servos is not None:
+            self._servos.start(command, which)
+            command = self._servos.horn[which]
+        self._simulation.reset(which, posture, command)
+        self._start_sensors(which)
         self._index[which] = 0
         self._action[which] = self._setting.action_of(action)
         self._done[which] = False
@@ -359,18 +382,23 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._drives.start(which, gain[which], delay[which], command)
         return self._drives.tension[which]
 
-    def _start_noise(self, which: np.ndarray) -> None:
-        """Start the sensors' noise of the environments `which` (k,)."""
+    def _start_sensors(self, which: np.ndarray) -> None:
+        """Start noise and cameras of the environments `which` (k,)."""
         scale = self._variation["sensor_noise"]
-        if not scale.any():
-            if self._noise is not None:
-                self._measure_with(None)
-            return
-        if self._noise is None:
-            self._measure_with(SensorNoise(self.num_envs, self._setting.noise_sizes))
+        if scale.any() != (self._noise is not None):
+            noise = SensorNoise(self.num_envs, self._setting.noise_sizes) if scale.any() else None
+            self._noise = noise
+            self._measure()
+        if self._cameras is not None:
+            self._exact.update()
         for i in which.tolist():
-            seed = noise_seed(self._generators[i]) if scale[i] else None
-            self._noise.start(i, scale[i], seed)
+            if self._noise is not None:
+                seed = noise_seed(self._generators[i]) if scale[i] else None
+                self._noise.start(i, scale[i], seed)
+            if self._cameras is not None:
+                blurred = self.twin.camera_noise > 0
+                seed = noise_seed(self._generators[i]) if blurred else 0
+                self._cameras.start(i, self._exact.tip[i], seed)
 
     def step(
         self, actions: np.ndarray
@@ -391,7 +419,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         ended = self._done.copy() if resets else None
         self._action = actions if ended is None else np.where(ended[:, None], 0, actions)
         command = self._command(self._action)
-        self._simulation.ctrl[:] = command if self._drives is None else self._drives.apply(command)
+        self._target[:] = command if self._drives is None else self._drives.apply(command)
         failed = self._advance(ended)
         self._index += 1
         if ended is not None:
@@ -494,7 +522,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         if self._randomization is not None:
             info |= told_variation(self._variation)
         info |= dict.fromkeys([f"_{name}" for name in info], self._everyone.copy())
-        if self._noise is not None:
+        if self._readout.truth is not None:
             truth = self._readout.truth()
-            info |= truth | {f"_{name}": self._noise.noisy.copy() for name in truth}
+            sensed = self._everyone if self._cameras is not None else self._noise.noisy
+            info |= truth | {f"_{name}": sensed.copy() for name in truth}
         return info

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.motion import State
+from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
 from softrobot_env.scene import extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
@@ -167,7 +168,7 @@ def build_scene(config: SceneConfig) -> Scene:
     choice = _mujocos(config, model)
     _apply(choice, model.opt)
     if is_extrapolated(config):
-        choice = _extrapolated(config)
+        choice = _extrapolated(config, config.robot)
     return Scene(config, layout, choice, model)
 
 
@@ -176,10 +177,11 @@ def is_extrapolated(config: SceneConfig) -> bool:
     return config.integrator in (None, EXTRAPOLATION)
 
 
-def _extrapolated(config: SceneConfig) -> TimestepChoice:
+def _extrapolated(config: SceneConfig, robot: RobotParams) -> TimestepChoice:
+    """How the scene with a robot, or a variation of it, is integrated by our own integrator."""
     winding = config.actuation == "length"
     return extrapolation(
-        config.robot,
+        robot,
         config.control_period,
         config.wanted_accuracy,
         config.timestep,
@@ -193,8 +195,9 @@ def choice_of(scene: Scene, variation: dict[str, float]) -> TimestepChoice:
     Our own integrator looks after its error. MuJoCo's keep the scene's timestep: were it chosen
     anew, variations would differ by its error too.
     """
-    config = replace(scene.config, robot=scene.config.robot.vary(**variation))
-    return _extrapolated(config) if is_extrapolated(config) else scene.timestep
+    if not is_extrapolated(scene.config):
+        return scene.timestep
+    return _extrapolated(scene.config, scene.config.robot.vary(**variation))
 
 
 def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:

@@ -158,8 +158,8 @@ def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> n
     """Matrix (n, nv) [1/m] from the hinge angles of a chain to mean curvatures of pieces.
 
     Each of them is made of equally many of the chain's own. Rows are the pieces of a planar chain;
-    of a spatial one beta (towards +x) and gamma (towards +y), piece by piece. The mean of a piece
-    is the angle of its hinges over its length.
+    of a spatial one beta (towards +x) and gamma (towards +y), and torsion where it twists, piece by
+    piece. The mean of a piece is the angle of its hinges over its length.
 
     Raises:
         ValueError: The chain has ball joints, or its own pieces do not divide these.
@@ -170,7 +170,7 @@ def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> n
             f"need a chain of hinges, and a multiple of {pieces} pieces, got joints "
             f"{', '.join(joints)} and {layout.pieces} pieces"
         )
-    kinds = [kind for kind in ("hinge", "side") if kind in joints]
+    kinds = list(joints)
     turn, together = _turn(model, len(kinds)), layout.pieces // pieces
     sizes = np.diff(layout.edges[::together])
     matrix = np.zeros((pieces, len(kinds), model.nv))

@@ -11,7 +11,9 @@ import numpy as np
 
 from softrobot_env.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.scene.build import Inputs, Scene
+from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.statics import checked_controls, finite
+from softrobot_env.scene.tendons import full_length
 from softrobot_env.scene.timestep import TimestepWarning
 
 _DIVERGED = {
@@ -95,6 +97,11 @@ class Simulation:
         return self.data.ctrl
 
     @property
+    def full_length(self) -> np.ndarray:
+        """(n_tendons,) [m] inside the straight robot, less those that `ten_length` tells."""
+        return full_length(self.scene.config.robot)
+
+    @property
     def time(self) -> float:
         """[s] since the start."""
         return self.data.time
@@ -112,8 +119,18 @@ class Simulation:
         mujoco.mj_forward(self.model, self.data)
         self._integration.restart()
 
+    def drive_by(self, servos: Servos) -> None:
+        """Let servos turn in every period from now on; their horns are the controls.
+
+        Raises:
+            ValueError: They are of many robots or another number of drives, or these drive
+                tensions.
+        """
+        servos.check_drives(self.scene.config.actuation, self.ctrl.shape)
+        self._integration.drive_by(servos.block)
+
     def advance(self) -> bool:
-        """Integrate over one control period with the controls in `data.ctrl`.
+        """Integrate over one control period with the controls in `data.ctrl`, or by the servos.
 
         Returns:
             Whether all went well; if not, `failure` says what happened.

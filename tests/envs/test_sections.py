@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from support.routed_robots import HELICAL, TWO
+from support.routed_robots import TWO
 
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.tracking import TrackingEnv
@@ -45,12 +45,6 @@ def test_a_varied_robot_of_a_batch_is_the_varied_single_one():
         single.advance()
     assert_allclose(batch.qpos[1], single.data.qpos, atol=1e-12)
     assert np.abs(batch.qpos[0] - single.data.qpos).max() > 1e-3
-
-
-def test_a_batch_refuses_another_radius_of_winding_tendons():
-    batch = BatchSimulation(build_scene(SceneConfig(HELICAL, bending="spatial", torsion=True)), 2)
-    with pytest.raises(ValueError, match="for straight channels only"):
-        _vary(batch, tendon_radius=1.1)
 
 
 def test_a_robot_of_tapered_sections_and_a_base_tracks():

@@ -2,10 +2,11 @@
 
 from collections import deque
 from math import ceil
+from typing import Any
 
 import numpy as np
 
-from softrobot_env.envs.observations.readouts import ChainReadout, SensedReadout
+from softrobot_env.envs.observations.readouts import SensedReadout
 from softrobot_env.robots.twin import FRAME
 
 #: Standard deviations at which a camera's noise ends, so that it has bounds.
@@ -61,10 +62,40 @@ class Camera:
         return (self._instant - self._taken) * self._period
 
 
-def filmed(readout: ChainReadout, camera: Camera) -> SensedReadout:
+class Cameras:
+    """A camera for each of n robots, seen together.
+
+    Attributes:
+        position, velocity: (n, d) [m, m/s], as of `Camera`.
+    """
+
+    def __init__(
+        self, count: int, noise: float, delay: int, control_period: float, dimensions: int
+    ) -> None:
+        """Arguments as of `Camera`."""
+        self._make = lambda seed: Camera(noise, delay, control_period, seed, dimensions)
+        self._cameras = [self._make(0) for _ in range(count)]
+        self.position, self.velocity = np.zeros((2, count, dimensions))
+
+    def start(self, robot: int, tip: np.ndarray, seed: int) -> None:
+        """Let a new camera look at the tip (d,) [m] at rest of one robot."""
+        self._cameras[robot] = self._make(seed)
+        self._cameras[robot].start(tip)
+
+    def see(self, tips: np.ndarray, which: np.ndarray | None = None) -> None:
+        """Come to the next control instant of all robots, or of `which` (k,); tips (n, d) [m]."""
+        for i in range(len(tips)) if which is None else which.tolist():
+            camera = self._cameras[i]
+            if camera.see(tips[i].copy()):
+                self.position[i], self.velocity[i] = camera.position, camera.velocity
+
+
+def filmed(readout: Any, camera: Camera | Cameras) -> SensedReadout:
     """A readout with the tip as a camera sees it; every `update` is its next control instant."""
     seen = {
         "tip_position": lambda: camera.position.copy(),
         "tip_velocity": lambda: camera.velocity.copy(),
     }
+    if isinstance(camera, Cameras):
+        return SensedReadout(readout, seen, camera.see)
     return SensedReadout(readout, seen, lambda tip, _: camera.see(np.array(tip)))

@@ -13,7 +13,6 @@ from collections.abc import Callable
 from math import hypot, sqrt
 from typing import Any
 
-import mujoco
 import numpy as np
 from gymnasium import spaces
 
@@ -24,14 +23,13 @@ from softrobot_env.envs.observations.table import (
     Read,
     curvature_rate_limit,
 )
-from softrobot_env.envs.reference import PLANE
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.interfaces import Measurement
 from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import Scene
 from softrobot_env.scene.chain import mean_curvature
+from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
-from softrobot_env.scene.tendons import full_length
 
 
 def left_workspace(what: str, time: float) -> str:
@@ -50,28 +48,53 @@ def sharp_bend(curvature: np.ndarray, limit: float, time: float) -> str | None:
     )
 
 
-class _Limits:
-    """Within which a chain is in its documented workspace.
+class _ChainMeasures:
+    """How chains of a scene are measured, and within which limits they are in their workspace.
 
     Attributes:
-        curvature: [1/m], of any piece.
+        mean: (k, nv) [1/m], from hinge angles to the mean curvatures that are observed, see
+            `scene.chain.mean_curvature`.
+        fine: The same of the chain's own pieces, where the limit of curvature holds.
+        directions: Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 with twist.
+        curvature: [1/m], limit of any piece's bend, and of its twist.
         speed: [m/s], of the tip.
         turning: [rad/s], root of the sum of the squared hinge rates. No mean curvature of a piece
             changes faster than `curvature_rate_limit` below it.
         slow: [rad/s], as `turning`; below it the tip is within its limit, too.
     """
 
-    def __init__(self, robot: RobotParams, speed: float, mean: np.ndarray) -> None:
+    def __init__(self, scene: Scene, robot: RobotParams, pieces: int, speed: float) -> None:
+        model, layout = scene.model, scene.layout
+        self.mean = self.fine = mean_curvature(model, layout, pieces)
+        if pieces != layout.pieces:
+            self.fine = mean_curvature(model, layout, layout.pieces)
+        self.directions = len(self.mean) // pieces
         self.curvature, self.speed = robot.curvature_limit, speed
-        most = float(np.linalg.norm(mean, axis=1).max())
+        most = float(np.linalg.norm(self.mean, axis=1).max())
         self.turning = curvature_rate_limit(robot, speed) / most
         # No hinge has a longer lever than the reach, so that slow hinges say that the tip is slow.
-        self.slow = min(self.turning, self.speed / (robot.reach * sqrt(mean.shape[1])))
+        self.slow = min(self.turning, self.speed / (robot.reach * sqrt(self.mean.shape[1])))
+
+    def sharpness(self, fine: np.ndarray) -> np.ndarray:
+        """Bend or twist (..., pieces) [1/m], the larger, of its own pieces' curvatures (..., k)."""
+        if self.directions == 1:
+            return np.abs(fine)
+        parts = np.abs(fine).reshape(*fine.shape[:-1], -1, self.directions)
+        bend = np.hypot(parts[..., 0], parts[..., 1])
+        return bend if self.directions == 2 else np.maximum(bend, parts[..., 2])
 
     def what_left(
-        self, bend: np.ndarray, velocity: np.ndarray, rates: np.ndarray, time: float
+        self, fine: np.ndarray, velocity: np.ndarray, rates: np.ndarray, time: float
     ) -> str | None:
-        """What is beyond the limits, or None; bends (pieces,), of the tip (2,), of hinges (nv,)."""
+        """What is beyond the limits, or None.
+
+        Args:
+            fine: (k,) [1/m], curvatures of the chain's own pieces.
+            velocity: (2,) or (3,) [m/s], of the tip.
+            rates: (nv,) [rad/s], of the hinges.
+            time: [s], told.
+        """
+        bend = fine if self.directions == 1 else self.sharpness(fine)
         sharp = sharp_bend(bend, self.curvature, time)
         if sharp is not None:
             return sharp
@@ -105,55 +128,56 @@ class ChainReadout:
             robot: The robot.
             pieces: Number of pieces whose curvature is measured.
             speed: [m/s], limit of the tip's speed.
-            axes: Coordinates of the tip that are measured.
+            axes: Coordinates out of x, y and z of the tip that are measured.
             servos: What drives the tendons in length; measured are then the lengths pulled in.
         """
         self._data = data = simulation.data
-        self._model, layout = simulation.model, simulation.scene.layout
-        self._mean = mean = mean_curvature(self._model, layout, pieces)
-        fine = None if pieces == layout.pieces else layout.pieces
-        self._mean_fine = None if fine is None else mean_curvature(self._model, layout, fine)
-        self._directions = len(self._mean) // pieces
-        self._limits = _Limits(robot, speed, mean)
-        self._limit, self._slow = robot.curvature_limit, self._limits.slow
+        self._measures = measures = _ChainMeasures(simulation.scene, robot, pieces, speed)
+        self._mean, self._fine = mean, fine = measures.mean, measures.fine
+        self._coarse = fine is not mean
+        self._limit, self._slow = measures.curvature, measures.slow
         self._angles, self._rates = data.qpos, data.qvel
         rates = self._rates
         self._tip, self._velocity = data.sensordata[0:3][axes], data.sensordata[3:6][axes]
-        self._driven_in_length = servos is not None
         self.tip_position, self.tip_velocity = self._tip.copy, self._velocity.copy
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: mean.dot(rates)
         self.tendon_tension = data.actuator_force.copy
-        if servos is None:
-            inside, length = data.ten_length[: len(robot.tendons)], full_length(robot)
-            self.tendon_length = self.true_length = lambda: inside + length
-        else:
-            self.tendon_length, self.true_length = (
-                lambda: servos.reading,
-                lambda: servos.horn.copy(),
-            )
+        self.tendon_length, self.true_length = _tendon_lengths(
+            data.ten_length[: len(robot.tendons)], simulation.full_length, servos
+        )
         self.update()
 
     def update(self) -> str | None:
         """Measure anew; return what left the documented workspace, or None."""
-        if self._driven_in_length:
-            # The forces lag the state by a timestep where they depend on it.
-            mujoco.mj_fwdActuation(self._model, self._data)
         angles = self._angles
         self.tip = self._tip.tolist()
-        self.bend = bend = self._mean.dot(angles)
-        if self._mean_fine is not None:
-            bend = self._mean_fine.dot(angles)
+        self.bend = fine = self._mean.dot(angles)
+        if self._coarse:
+            fine = self._fine.dot(angles)
         # The norms bound all pieces and the tip, so the exact check runs only near the limits.
-        if hypot(*bend.tolist()) > self._limit or hypot(*self._rates.tolist()) > self._slow:
-            if self._directions == 2:
-                bend = np.hypot(bend[0::2], bend[1::2])
-            return self._limits.what_left(bend, self._velocity, self._rates, self._data.time)
+        if hypot(*fine.tolist()) > self._limit or hypot(*self._rates.tolist()) > self._slow:
+            return self._measures.what_left(fine, self._velocity, self._rates, self._data.time)
         return None
 
 
+def _tendon_lengths(
+    inside: np.ndarray, full: np.ndarray, servos: Servos | None
+) -> tuple[Read, Read]:
+    """Functions of tendons' lengths [m] as measured, and as they are.
+
+    Args:
+        inside: (..., n_tendons) [m], view of what MuJoCo tells.
+        full: (..., n_tendons) [m], view of what is added to that.
+        servos: What drives the tendons in length; theirs are the lengths pulled in.
+    """
+    if servos is not None:
+        return lambda: servos.reading, lambda: servos.horn.copy()
+    return (both := lambda: inside + full), both
+
+
 class BatchReadout:
-    """Exact measurements of n planar chains.
+    """Exact measurements of n chains.
 
     Attributes:
         outside: (n,) bool, which robots left the workspace, with what `what_left` says.
@@ -161,41 +185,55 @@ class BatchReadout:
 
     truth = None
 
-    def __init__(self, simulation: BatchSimulation, robot: RobotParams, speed: float) -> None:
-        """Bind to simulations of `robot` or of variations of it, with a limit of speed [m/s]."""
-        self._simulation, scene = simulation, simulation.scene
-        mean = mean_curvature(scene.model, scene.layout, scene.layout.pieces)
-        self._mean, self._limits, straight = mean.T, _Limits(robot, speed, mean), full_length(robot)
-        self._velocity = simulation.sensordata[:, 3:6][:, PLANE]
-        inside = simulation.ten_length[:, : len(robot.tendons)]
+    def __init__(
+        self,
+        simulation: BatchSimulation,
+        robot: RobotParams,
+        pieces: int,
+        speed: float,
+        axes: slice,
+        servos: Servos | None = None,
+    ) -> None:
+        """Bind to simulations of `robot` or of variations of it; arguments as `ChainReadout`'s."""
+        self._simulation = simulation
+        self._measures = measures = _ChainMeasures(simulation.scene, robot, pieces, speed)
+        self._mean, self._fine = measures.mean.T, measures.fine.T
+        self._gentle = measures.curvature / sqrt(measures.directions)
+        self._slow = measures.slow / sqrt(simulation.qvel.shape[1])
+        self._tip = simulation.sensordata[:, 0:3][:, axes]
+        self._velocity = simulation.sensordata[:, 3:6][:, axes]
         self._nobody = np.zeros(simulation.count, dtype=bool)
         self._nobody.flags.writeable = False
         self.tip_position = lambda: self.tip
-        self.tip_velocity = lambda: self._velocity.copy()
+        self.tip_velocity = self._velocity.copy
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: simulation.qvel @ self._mean
         self.tendon_tension = simulation.actuator_force.copy
-        self.tendon_length = self.true_length = lambda: inside + straight
+        self.tendon_length, self.true_length = _tendon_lengths(
+            simulation.ten_length[:, : len(robot.tendons)], simulation.full_length, servos
+        )
         self.update()
 
     def update(self, _which: np.ndarray | None = None) -> None:
         """Measure anew."""
-        self.tip = self._simulation.sensordata[:, 0:3][:, PLANE].copy()
-        self.bend = bend = self._simulation.qpos @ self._mean
-        limits, rates = self._limits, self._simulation.qvel
+        simulation, measures = self._simulation, self._measures
+        angles, rates = simulation.qpos, simulation.qvel
+        self.tip = self._tip.copy()
+        self.bend = self._bends = angles @ self._mean
+        if self._fine is not self._mean:
+            self._bends = angles @ self._fine
         # Any NaN fails the first tests, and then every robot is looked at by itself.
-        gentle = _largest(bend) <= limits.curvature
-        if gentle and _largest(rates) * sqrt(rates.shape[1]) <= limits.slow:
+        if _largest(self._bends) <= self._gentle and _largest(rates) <= self._slow:
             self.outside = self._nobody
             return
-        self.outside = (np.abs(bend) > limits.curvature).any(axis=1)
-        self.outside |= np.linalg.norm(self._velocity, axis=1) > limits.speed
-        self.outside |= np.linalg.norm(rates, axis=1) > limits.turning
+        self.outside = (measures.sharpness(self._bends) > measures.curvature).any(axis=1)
+        self.outside |= np.linalg.norm(self._velocity, axis=1) > measures.speed
+        self.outside |= np.linalg.norm(rates, axis=1) > measures.turning
 
     def what_left(self, robot: int, time: float) -> str | None:
         """What of one robot left the documented workspace, or None."""
         rates = self._simulation.qvel[robot]
-        return self._limits.what_left(self.bend[robot], self._velocity[robot], rates, time)
+        return self._measures.what_left(self._bends[robot], self._velocity[robot], rates, time)
 
 
 def _largest(values: np.ndarray) -> float:

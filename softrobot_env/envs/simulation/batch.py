@@ -9,8 +9,9 @@ import numpy as np
 from softrobot_env.envs.simulation.pool import Pool
 from softrobot_env.robots import NEUTRAL, VARIABLE
 from softrobot_env.scene.build import Scene, choice_of, vary_scene
+from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import WORRYING, inaccuracy
-from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE
+from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE, full_length
 
 #: Model fields that are proportional to parameters of the robot.
 _PROPORTIONAL = {
@@ -22,8 +23,10 @@ _PROPORTIONAL = {
     "dof_damping": ("youngs_modulus", "damping_time"),
     "body_mass": ("density",),
     "body_inertia": ("density",),
-    "wrap_prm": ("tendon_radius",),  # lever arms of tendons in channels
 }
+
+#: Those that tell where tendons run: lever arms in channels, guides, and ranges of lengths.
+_ROUTES = ("wrap_prm", "site_pos", "actuator_ctrlrange", "actuator_biasprm")
 
 _NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 
@@ -36,6 +39,7 @@ class BatchSimulation:
         qpos, qvel: (n, nq) [rad, rad/s], hinge angles and rates.
         ctrl: (n, nu), controls in force, to be written to.
         sensordata, ten_length, actuator_force: (n, ...), as in MjData, read-only.
+        full_length: (n, n_tendons) [m], inside the straight robots, less those of `ten_length`.
     """
 
     def __init__(self, scene: Scene, count: int, threads: int = 0) -> None:
@@ -67,13 +71,12 @@ class BatchSimulation:
         self._estimates = self._integration.estimates
         self._worrying = WORRYING * (scene.timestep.accuracy or inf)
         self._periods = 0
-        # The robot's tendons come before those that hold springs.
-        wraps = scene.model.tendon_num[: len(scene.config.robot.tendons)]
+        self.full_length = np.tile(full_length(scene.config.robot), (count, 1))
         first = scene.model.body("link0").id
         links = slice(first, first + len(scene.layout.stations))
-        # What of a field follows the factors: not heads and discs, nor springs.
-        arms = slice(int(wraps.sum()))
-        self._own = {"wrap_prm": arms, "body_mass": links, "body_inertia": links}
+        # What of a field follows the factors: not heads and discs.
+        self._own = {"body_mass": links, "body_inertia": links}
+        self._slopes: dict[str, np.ndarray] | None = None  # of routes, by the factor on radii
 
     def _warn(self) -> None:
         """Tell once that a robot does not keep the accuracy."""
@@ -94,15 +97,8 @@ class BatchSimulation:
             values: (k,) of each of `robots.VARIABLE`, as `RobotParams.vary` takes them.
 
         Raises:
-            ValueError: A factor on the radius of tendons that run through guides or are not
-                straight, or a robot for which an integrator of MuJoCo would need its own timestep.
+            ValueError: A robot for which an integrator of MuJoCo would need its own timestep.
         """
-        tendons = self.scene.config.robot.tendons
-        straight = all(tendon.is_straight and not tendon.guides for tendon in tendons)
-        if not straight and np.any(values["tendon_radius"] != 1):
-            raise ValueError(
-                "tendon_radius can be varied in many environments for straight channels only"
-            )
         if not self._varied and all(np.all(values[name] == v) for name, v in NEUTRAL.items()):
             return
         self._check_timesteps(which, values)
@@ -114,6 +110,7 @@ class BatchSimulation:
             nominal = getattr(model, field)[own]
             expanded = self._batch.expand(field)
             expanded[which, own] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
+        self._route(which, values["tendon_radius"])
         self._rub(which, values["tendon_friction"])
         self._choose(which, values)
         self._batch.set_const(which)
@@ -131,6 +128,29 @@ class BatchSimulation:
                     f"{shared.integrator}, the others have {shared.timestep:.3g} s: give a "
                     "`timestep` for all, or leave out `integrator`"
                 )
+
+    def _route(self, which: np.ndarray, radius: np.ndarray) -> None:
+        """Lay the tendons at factors (k,) on their distances from the fibre.
+
+        What places straight tendons is linear in them. Where tendons wind, a scene is built for
+        each factor.
+        """
+        if self._slopes is None and np.all(radius == 1):
+            return
+        scene = self.scene
+        if self._slopes is None:
+            half = vary_scene(scene, {"tendon_radius": 0.5}).model
+            told = ((name, getattr(scene.model, name), getattr(half, name)) for name in _ROUTES)
+            self._slopes = {name: 2 * (whole - part) for name, whole, part in told}
+        winding = not all(tendon.is_straight for tendon in scene.config.robot.tendons)
+        for name, slope in self._slopes.items():
+            steps = (radius - 1).reshape(-1, *(1,) * slope.ndim)
+            self._batch.expand(name)[which] = getattr(scene.model, name) + steps * slope
+        for i, factor in zip(which.tolist() if winding else (), radius.tolist(), strict=False):
+            laid = vary_scene(scene, {"tendon_radius": factor})
+            for name in _ROUTES:
+                self._batch.expand(name)[i] = getattr(laid.model, name)
+            self.full_length[i] = full_length(laid.config.robot)
 
     def _choose(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Integrate every robot as its own scene would be."""
@@ -166,6 +186,15 @@ class BatchSimulation:
         """Number of simulations."""
         return self._batch.count
 
+    def drive_by(self, servos: Servos) -> None:
+        """Let servos of n robots turn in every period from now on; horns are the controls.
+
+        Raises:
+            ValueError: They are of another number of robots or drives, or these drive tensions.
+        """
+        servos.check_drives(self.scene.config.actuation, self.ctrl.shape)
+        self._integration.drive_by(servos.block)
+
     def reset(self, which: np.ndarray, qpos: np.ndarray, ctrl: np.ndarray) -> None:
         """Set postures at rest, with controls in force.
 
@@ -180,7 +209,7 @@ class BatchSimulation:
         self._integration.restart(which)
 
     def advance(self, which: np.ndarray | None = None) -> np.ndarray:
-        """Integrate over one control period with the controls in `ctrl`.
+        """Integrate over one control period with the controls in `ctrl`, or by the servos.
 
         Args:
             which: (k,) int, increasing, the simulations to advance; all unless given.

@@ -5,16 +5,17 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.envs.observations.readouts import ChainReadout
+from softrobot_env.envs.observations.readouts import BatchReadout, ChainReadout
 from softrobot_env.envs.observations.table import speed_limit
 from softrobot_env.envs.reference import PLANE, SPACE
-from softrobot_env.envs.simulation.servos import Servos
+from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene, vary_scene
 from softrobot_env.scene.chain import posture
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.statics import equilibrium
 
@@ -75,9 +76,12 @@ class MujocoPlant:
         """The scene to draw."""
         return self.nominal.config
 
-    def readout(self, simulation: Simulation, servos: Servos | None = None) -> ChainReadout:
-        """What is measured of a simulation, and of the servos that drive it."""
-        return ChainReadout(simulation, self.robot, self.pieces, self.speed, self.axes, servos)
+    def readout(
+        self, simulation: Simulation | BatchSimulation, servos: Servos | None = None
+    ) -> ChainReadout | BatchReadout:
+        """What is measured of a simulation or of many, and of the servos that drive it."""
+        kind = BatchReadout if isinstance(simulation, BatchSimulation) else ChainReadout
+        return kind(simulation, self.robot, self.pieces, self.speed, self.axes, servos)
 
     def equilibrium(self, command: np.ndarray) -> np.ndarray:
         """Posture (nq,) at rest under what the drives apply, (n_tendons,) [N] or [m]."""

@@ -7,9 +7,9 @@ import numpy as np
 from softrobot_env.envs.observations.camera import Camera
 from softrobot_env.envs.reference import TOP
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
-from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
+from softrobot_env.scene.servos import Servos
 
 #: Optical curvature sensors, one in each bending direction and sense: counts at rest, and counts
 #: per curvature [m] over a span of 1930 of 4096 counts for the rig's usable range (S).
@@ -42,13 +42,14 @@ class VirtualRig:
         self.picture: tuple[float, np.ndarray] | None = None
         self.stuck: set[int] = set()
         plant = MujocoPlant(twin.robot, tick, axes=TOP, pieces=RIG_PIECES)
-        self._simulation = plant.simulation({})
+        self._simulation = simulation = plant.simulation({})
         self._servos = Servos(twin.servo_speed, twin.servo_offset, twin.backlash)
         start = np.zeros(len(twin.robot.tendons))
         self._servos.start(start)
+        simulation.drive_by(self._servos)
         posture = plant.equilibrium(start + np.array(twin.servo_offset))
-        self._simulation.reset(posture, self._servos.horn)
-        self._readout = plant.readout(self._simulation, self._servos)
+        simulation.reset(posture, self._servos.horn)
+        self._readout = plant.readout(simulation, self._servos)
         late, self._rng = ceil(twin.camera_delay / tick - 1e-9), np.random.default_rng([seed, 1])
         self._camera = Camera(twin.camera_noise, late, tick, seed)
 
@@ -65,8 +66,8 @@ class VirtualRig:
         wanted = stay if command is None else np.array(command, float)
         for channel in self.stuck:
             wanted[channel] = stay[channel]
-        horns = self._servos.move(wanted, self._simulation.step_times)
-        healthy = self._simulation.advance_through(horns)
+        self._servos.command[:] = wanted
+        healthy = self._simulation.advance()
         outside = self._readout.update()
         new = self._camera.see(self.tip)
         self.picture = (self._camera.age, self._camera.position) if new else None

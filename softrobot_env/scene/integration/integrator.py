@@ -32,6 +32,7 @@ from softrobot_env.scene.integration.layout import (
     PERIOD,
     RATE,
     ROWS,
+    SERVOS,
     SHADOW_STATES,
     SHORTEST,
     SPLIT,
@@ -77,6 +78,7 @@ class Integration:
         self._states = np.zeros((count, 2, model.nq + model.nv))
         self._sizes = (model.nq, model.nv, model.nu, model.nbody, model.ntendon)
         self._path = np.zeros((1, model.nu))
+        self._servos: np.ndarray | None = None
         self.set(slice(None), choice)
         self._connect()
 
@@ -141,6 +143,11 @@ class Integration:
             self._path = np.ascontiguousarray(path)
             self._header[PATH], self._header[ROWS] = self._path.ctypes.data, len(path)
 
+    def drive_by(self, servos: np.ndarray) -> None:
+        """Take controls from servos (n, SERVO_ROWS, nu), see `layout`, where no path is given."""
+        self._servos = servos
+        self._header[SERVOS] = servos.ctypes.data
+
     def _connect(self) -> None:
         self._header = np.zeros(HEADER, dtype=np.int64)
         self._header[: NTENDON + 1] = self._sizes
@@ -155,6 +162,8 @@ class Integration:
             self._lengths.ctypes.data,
             self._path.ctypes.data,
         )
+        if self._servos is not None:
+            self.drive_by(self._servos)
         self.header = self._header.ctypes.data
 
     def __getstate__(self) -> dict:

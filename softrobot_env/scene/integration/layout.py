@@ -4,7 +4,7 @@ from collections import namedtuple
 
 #: Places of a robot's sizes and shared arrays in `header` (int64).
 NQ, NV, NU, NBODY, NTENDON, MEMORY, STRIDE, LENGTHS = range(8)
-PATH, ROWS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(8, 14)
+PATH, ROWS, SERVOS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(8, 15)
 
 #: Arrays whose offsets in MuJoCo's structures follow in the header, from `OFFSETS` on.
 MODEL_FIELDS = (
@@ -27,6 +27,10 @@ AT = namedtuple("AT", (*MODEL_FIELDS, *DATA_FIELDS, "time"))(*range(OFFSETS, HEA
 METHOD, SUBSTEPS, PERIOD, LONGEST, SHORTEST, ACCURACY, RATE, FEWEST, MOST = range(9)
 NEXT, WORST, MISSED, EVALUATIONS, STEPS, SUM, ESTIMATE = range(9, 16)
 MEMORY_SIZE = 16  # of a simulation; its shadow's, alike, follows
+
+#: Rows (nu,) of what is known of a simulation's servos: settings, order, and where they are.
+SPEED, OFFSET, HALF, COMMAND, MOTOR, HORN = range(6)
+SERVO_ROWS = 6
 
 #: Values of METHOD: ours, MuJoCo's in two halves, MuJoCo's Runge-Kutta.
 EXTRAPOLATED, SPLIT, WHOLE = range(3)

@@ -39,6 +39,8 @@ from softrobot_env.scene.integration.layout import (
     PATH,
     PERIOD,
     ROWS,
+    SERVO_ROWS,
+    SERVOS,
     SHADOW_STATES,
     SPLIT,
     STEPS,
@@ -70,6 +72,7 @@ from softrobot_env.scene.integration.mujoco_functions import (
     reals_at,
     subtract,
 )
+from softrobot_env.scene.integration.servos import wind
 
 _SIGNATURE = (ADDRESS, ADDRESS, types.int32, ADDRESS), types.void
 
@@ -195,7 +198,10 @@ def _compare(chain, memory, shadowed, states):
 
 @jit
 def _mujoco_period(chain, memory, path):
-    """Advance by MuJoCo's steps; each has the controls at its start."""
+    """Advance by MuJoCo's steps; each has the controls at its start.
+
+    The forces of drives at the end are those of the state there.
+    """
     model, data, substeps = chain.model, chain.data, int(memory[SUBSTEPS])
     last = len(path) - 1
     for k in range(substeps):
@@ -208,6 +214,7 @@ def _mujoco_period(chain, memory, path):
     if last >= 0:
         assign(chain.ctrl, path[last])
     mj_step1(model, data)
+    mj_actuation(model, data)
     memory[EVALUATIONS] += substeps * (4 if memory[METHOD] == WHOLE else 1)
     memory[STEPS] += substeps
 
@@ -216,12 +223,23 @@ def _mujoco_period(chain, memory, path):
 
 
 @making
+def _path(number, header, memory):
+    """Controls (rows, nu) during the period, that of its servos if a simulation has them."""
+    nu = header[NU]
+    if header[ROWS] or not header[SERVOS]:
+        return reals_at(header[PATH], header[ROWS] * nu).reshape(header[ROWS], nu)
+    block = reals_at(header[SERVOS] + 8 * number * SERVO_ROWS * nu, SERVO_ROWS * nu)
+    path = np.empty((1 + int(memory[SUBSTEPS]), nu))
+    return path[: wind(block.reshape(SERVO_ROWS, nu), memory, path)]
+
+
+@making
 def _advance(model, data, number, header):
     chain = chain_of(model, data, header)
     address = header[MEMORY] + number * header[STRIDE]
     memory = reals_at(address, MEMORY_SIZE)
     memory[MISSED] = 0.0
-    path = reals_at(header[PATH], header[ROWS] * header[NU]).reshape(header[ROWS], header[NU])
+    path = _path(number, header, memory)
     if memory[METHOD] == EXTRAPOLATED:
         shadowed = reals_at(address + 8 * MEMORY_SIZE, MEMORY_SIZE)
         size = chain.q.size + chain.v.size

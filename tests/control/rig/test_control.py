@@ -5,12 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from support.servo_law import ServoLaw
 
 from softrobot_env.control.registry import RIG_POLICIES, installed_policies, make_policy
 from softrobot_env.control.rig.feedforward import LENGTH_SCALE, RigFeedforward, make_hybrid
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.control.rig.inverse import TOTAL, Motion, OnePiece, SeveralPieces
-from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.identification.recording import nominal_lengths
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import SERVO_SPEED
@@ -140,7 +140,7 @@ def test_servos_are_on_average_where_they_should_be(rate):
     errors = {}
     for compensated in (True, False):
         policy = RigFeedforward(RIG, PERIOD, known, backlash=play / 2 if compensated else None)
-        servos = Servos(SERVO_SPEED, np.zeros(3), np.full(3, play))
+        servos = ServoLaw(SERVO_SPEED, np.zeros(3), np.full(3, play))
         servos.start(np.full(3, start))
         state, fine = None, np.arange(1, 101) * PERIOD / 100
         for t in np.arange(0, 0.2, PERIOD):

@@ -5,12 +5,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from support.flexible_plan import plan
+from support.servo_law import ServoLaw
 
 from softrobot_env.control.rig.feedforward import RigFeedforward
 from softrobot_env.control.rig.inverse import TOTAL, Motion, OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints
-from softrobot_env.envs.simulation.servos import Servos
 from softrobot_env.robots import LENGTH_SCALE, RIG, SERVO_SPEED
 from softrobot_env.robots.three_tendons import ThreeTendons
 from softrobot_env.tasks.rig_trajectories import RoundedTriangle
@@ -102,7 +102,7 @@ def test_a_servo_is_too_slow_where_it_does_not_arrive_in_time(period):
         way = rng.uniform(-1.3, 1.3, 3) * SERVO_SPEED * period
         before = wanted - way / LENGTH_SCALE
         action, state = decide(policy, still, None, before)
-        servos = Servos(SERVO_SPEED, np.zeros(3), np.zeros(3))
+        servos = ServoLaw(SERVO_SPEED, np.zeros(3), np.zeros(3))
         servos.start(LENGTH_SCALE * before)
         servos.move(LENGTH_SCALE * action.astype(float), np.array([period]))
         late = np.abs(servos.motor - LENGTH_SCALE * action).max() > 1e-8

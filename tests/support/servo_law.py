@@ -1,15 +1,10 @@
-"""Position servos that wind up tendons: limited speed, offset and backlash."""
+"""The law of position servos in closed form, for a control period at a time."""
 
 import numpy as np
 
 
-class Servos:
-    """n servos; the pull-in of a horn is the length of tendon it has wound up.
-
-    The motor turns towards the command, not faster than `speed`. Play of width `backlash` lies
-    between motor and horn: the horn stays while the motor crosses the play, and follows it at
-    half the width behind. The horn pulls in `offset` more than it believes. How much a servo can
-    pull is the scene's matter (the tendons' `tension_limit`).
+class ServoLaw:
+    """n servos of limited speed, with offset and backlash, see `scene.servos`.
 
     Attributes:
         motor, horn: (n,) [m], pulled in now.
@@ -32,11 +27,6 @@ class Servos:
         """At rest at a command (n,) [m], in the middle of the play."""
         self.motor = self._offset + command
         self.horn = self.motor.copy()
-
-    @property
-    def reading(self) -> np.ndarray:
-        """(n,) [m], as read by potentiometers on the motors: they miss offset and play."""
-        return self.motor - self._offset
 
     def move(self, command: np.ndarray, times: np.ndarray) -> np.ndarray:
         """Follow a command (n,) [m] until the last of some times.

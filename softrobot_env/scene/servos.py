@@ -1,0 +1,94 @@
+"""Position servos that wind up tendons: limited speed, offset and backlash."""
+
+from types import EllipsisType
+
+import numpy as np
+
+from softrobot_env.scene.integration.layout import (
+    COMMAND,
+    HALF,
+    HORN,
+    MOTOR,
+    OFFSET,
+    SERVO_ROWS,
+    SPEED,
+)
+
+
+class Servos:
+    """Servos of one robot or of many; the pull-in of a horn is the length of tendon it has wound.
+
+    The motor turns towards the command, not faster than its speed. Play of width `backlash` lies
+    between motor and horn: the horn stays while the motor crosses the play, and follows it at
+    half the width behind. The horn pulls in `offset` more than it believes. How much a servo can
+    pull is the scene's matter (the tendons' `tension_limit`).
+
+    They turn while a simulation that is driven by them advances (`drive_by` of `Simulation` and
+    `BatchSimulation`; `scene.integration.servos` computes it).
+
+    Attributes:
+        command: (nu,) or (n, nu) [m], to be written to: held from the next period on.
+        motor, horn: (nu,) or (n, nu) [m], pulled in now.
+        block: (1 or n, SERVO_ROWS, nu), all that is known of them, in one piece of memory.
+    """
+
+    def __init__(
+        self,
+        speed: float | np.ndarray,
+        offset: np.ndarray,
+        backlash: np.ndarray,
+        count: int | None = None,
+    ) -> None:
+        """Servos at command zero.
+
+        Args:
+            speed: [m/s], or (nu,) of each.
+            offset: (nu,) [m].
+            backlash: (nu,) [m].
+            count: Number n of robots; None is one, whose arrays have no axis of robots.
+        """
+        self._one = count is None
+        self.block = np.zeros((count or 1, SERVO_ROWS, len(offset)))
+        self.block[:, SPEED], self.block[:, OFFSET] = speed, offset
+        self.block[:, HALF] = np.asarray(backlash, dtype=float) / 2
+        self._connect()
+        self.start(0.0)
+
+    def _connect(self) -> None:
+        """Take views, which a copy has of its own."""
+        rows = self.block[0] if self._one else self.block.swapaxes(0, 1)
+        self._offset, self.command = rows[OFFSET], rows[COMMAND]
+        self.motor, self.horn = rows[MOTOR], rows[HORN]
+
+    def __getstate__(self) -> dict:
+        return {"_one": self._one, "block": self.block}
+
+    def __setstate__(self, state: dict) -> None:
+        self.__dict__.update(state)
+        self._connect()
+
+    def start(self, command: np.ndarray | float, which: np.ndarray | EllipsisType = ...) -> None:
+        """At rest at a command, in the middle of the play.
+
+        Args:
+            command: (nu,) or (k, nu) [m].
+            which: (k,) int, the robots; all unless given.
+        """
+        self.command[which] = command
+        self.motor[which] = self._offset[which] + command
+        self.horn[which] = self.motor[which]
+
+    def check_drives(self, actuation: str, shape: tuple[int, ...]) -> None:
+        """Raise ValueError unless drives of an actuation take them, whose controls have a shape."""
+        if actuation != "length":
+            raise ValueError(f"servos drive tendons in length, and this scene's in {actuation}")
+        if self.horn.shape != shape:
+            raise ValueError(
+                f"need servos of drives {shape}, one robot or (robots, drives), got "
+                f"{self.horn.shape}"
+            )
+
+    @property
+    def reading(self) -> np.ndarray:
+        """(nu,) or (n, nu) [m], as potentiometers on the motors read: they miss offset and play."""
+        return self.motor - self._offset
