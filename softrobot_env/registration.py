@@ -14,6 +14,9 @@ ENVIRONMENTS = {
     "SoftRobot/ArmRandom-v0": "random",
 }
 
+#: of any robot, told by the arguments `robot` and `task`,
+ANY_ROBOT = {"SoftRobot/Track-v0": "circle"}
+
 #: of the spatial test rig,
 RIG_ENVIRONMENTS = {
     "SoftRobot/RigTriangle-v0": "triangle",
@@ -28,7 +31,7 @@ REAL_ENVIRONMENTS = {"SoftRobot/RealRig-v0": "triangle"}
 def register_envs() -> None:
     """Register every environment with Gymnasium; calling it again changes nothing."""
     _register(
-        ENVIRONMENTS,
+        ENVIRONMENTS | ANY_ROBOT,
         entry_point="softrobot_env.envs.tracking:TrackingEnv",
         vector_entry_point="softrobot_env.envs.vector:VectorTrackingEnv",
     )
