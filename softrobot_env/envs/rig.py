@@ -51,7 +51,9 @@ class RigEnv(TrackingEnv, gymnasium.Env[Observation, np.ndarray]):
         super().__init__(task, control_period=control_period, pieces=pieces, **options)
 
 
-class VectorRigEnv(VectorTrackingEnv):
+class VectorRigEnv(
+    VectorTrackingEnv, gymnasium.vector.VectorEnv[Observation, np.ndarray, np.ndarray]
+):
     """`RigEnv` n times, see `VectorTrackingEnv`."""
 
     length_scale = LENGTH_SCALE

@@ -23,7 +23,7 @@ from softrobot_env.envs.rewards import TERMS
 from softrobot_env.registration import ENVIRONMENTS, REAL_ENVIRONMENTS, RIG_ENVIRONMENTS
 
 SIMULATED = [*ENVIRONMENTS, *RIG_ENVIRONMENTS]
-VECTORISED = [*ENVIRONMENTS]
+VECTORISED = SIMULATED
 REAL = [pytest.param(i, marks=pytest.mark.realtime(late=0.4)) for i in REAL_ENVIRONMENTS]
 
 #: Of the real rig: other tests may load the machine.

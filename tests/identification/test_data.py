@@ -27,7 +27,7 @@ from softrobot_env.identification.recording import (
 )
 from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.learned.early_stopping import train
-from softrobot_env.robots import ARM, RIG
+from softrobot_env.robots import ARM, RIG, Drive
 from softrobot_env.robots.three_tendons import ThreeTendons
 
 PIECE, TENDONS = make_rig_piece(RIG), ThreeTendons(RIG)
@@ -210,7 +210,8 @@ def test_bad_rigs_and_lengths_are_refused():
         RigStatics(friction=-0.1)
     with pytest.raises(ValueError, match="three tendons"):
         RigStatics(ARM)
-    stiff = replace(RIG, tendons=tuple(replace(t, stiffness=np.inf) for t in RIG.tendons))
+    endless = tuple(replace(t, stiffness=np.inf) for t in RIG.tendons)
+    stiff = replace(RIG, drive=Drive(), tendons=endless)
     with pytest.raises(ValueError, match="finite stiffness"):
         RigStatics(stiff)
     for bad in (np.zeros(3), np.zeros((2, 2)), np.full((1, 3), np.nan)):

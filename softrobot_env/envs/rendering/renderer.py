@@ -137,7 +137,8 @@ class WindowRenderer:
         )
         camera = self._window.cam
         reach = config.robot.reach
-        camera.lookat[:] = (0.0, 0.0, reach / 2)
+        x, z = self._view.camera.center
+        camera.lookat[:] = (x, 0.0, z)
         camera.distance, camera.azimuth = 2.2 * reach, 90.0
         camera.elevation = -degrees(self._view.camera.elevation)
         self._threads = set(threading.enumerate()) - others
