@@ -10,7 +10,7 @@ import numpy as np
 from softrobot_env.envs.simulation.pool import Pool
 from softrobot_env.processes import usable_cores
 from softrobot_env.robots import NEUTRAL, VARIABLE
-from softrobot_env.scene.build import Scene, choice_of, vary_scene
+from softrobot_env.scene.build import Scene, rates_of, vary_scene
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE, full_length
@@ -103,6 +103,7 @@ class BatchSimulation:
         self._estimates = self._integration.estimates
         self._worrying = WORRYING * (scene.timestep.accuracy or inf)
         self._periods = 0
+        self._rates = rates_of(scene)
         self.full_length = np.tile(full_length(scene.config.robot), (count, 1))
         first = scene.model.body("link0").id
         links = slice(first, first + len(scene.layout.stations))
@@ -144,7 +145,7 @@ class BatchSimulation:
             expanded[which, own] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
         self._route(which, values["tendon_radius"])
         self._rub(which, values["tendon_friction"])
-        self._choose(which, values)
+        self._integration.set(which, self.scene.timestep, self._rates(values))
         self._batch.set_const(which)
 
     def _check_timesteps(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
@@ -183,12 +184,6 @@ class BatchSimulation:
             for name in _ROUTES:
                 self._batch.expand(name)[i] = getattr(laid.model, name)
             self.full_length[i] = full_length(laid.config.robot)
-
-    def _choose(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
-        """Integrate every robot as its own scene would be."""
-        for at, i in enumerate(which.tolist()):
-            variation = {name: float(values[name][at]) for name in VARIABLE}
-            self._integration.set(i, choice_of(self.scene, variation))
 
     def _rub(self, which: np.ndarray, friction: np.ndarray) -> None:
         """Add friction (k,) [N] to the tendons, as `scene.build` and `scene.tendons` would."""
