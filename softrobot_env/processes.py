@@ -76,7 +76,7 @@ def one_blas_thread() -> Iterator[None]:
         _LIMITED.release()
 
 
-def _cores() -> int:
+def usable_cores() -> int:
     """Number of cores that this process may run on; systems that do not tell give all."""
     allowed = getattr(os, "sched_getaffinity", None)
     return len(allowed(0)) if allowed else os.cpu_count() or 1
@@ -94,7 +94,7 @@ def worker_processes(count: int | None = None) -> "Iterator[ProcessPoolExecutor]
 
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # what is started meanwhile inherits it
-    pool = ProcessPoolExecutor(count or _cores(), mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(count or usable_cores(), mp_context=get_context("spawn"))
     try:
         yield pool
     finally:

@@ -155,7 +155,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             num_envs: Their number n.
             task, robot, twin, control_period, observe, preview, reward, randomization: As those of
                 `TrackingEnv`.
-            threads: Of the pool, 0 for one per core.
+            threads: Of the pool, 0 for as many as have enough to do.
             max_episode_steps: After which an episode is truncated, if it is not over before.
             autoreset_mode: One of `AutoresetMode`, or its value.
             pieces, rule, timestep, integrator, accuracy: As those of `TrackingEnv`.

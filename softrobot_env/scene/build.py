@@ -1,7 +1,7 @@
 """Put a scene together: backbone, tendons, and only the optional parts that are listed."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -22,9 +22,11 @@ from softrobot_env.scene.statics import equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import (
     EXTRAPOLATION,
+    RATE,
     SAFETY,
     TimestepChoice,
     TimestepWarning,
+    bent_beam,
     choose_timestep,
     extrapolation,
     linearize,
@@ -198,6 +200,17 @@ def choice_of(scene: Scene, variation: dict[str, float]) -> TimestepChoice:
     if not is_extrapolated(scene.config):
         return scene.timestep
     return _extrapolated(scene.config, scene.config.robot.vary(**variation))
+
+
+def rates_of(scene: Scene) -> Callable[[Mapping[str, np.ndarray]], np.ndarray | None]:
+    """Function from values (k,) of variations to the rates (k,) [1/s] of their `TimestepChoice`.
+
+    All else of their choices is the scene's. MuJoCo's integrators have none, None.
+    """
+    if not is_extrapolated(scene.config):
+        return lambda variation: None
+    beam = bent_beam(scene.config.robot, scene.config.actuation == "length")
+    return lambda variation: RATE * beam.frequency(variation)
 
 
 def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:

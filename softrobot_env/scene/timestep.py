@@ -33,7 +33,7 @@ place of 3 mm (2 ms, friction of 0.5 N).
 """
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import ceil, inf, pi, sqrt
@@ -358,11 +358,40 @@ def extrapolation(
 
 
 def slowest(robot: RobotParams, winding: bool) -> float:
-    """About the first angular frequency [rad/s], by Rayleigh's quotient of a bent beam.
+    """About the first angular frequency [rad/s] of a robot, see `BentBeam`."""
+    return float(bent_beam(robot, winding).frequency({}))
 
-    It bends as a uniform one does under a force at its tip. Gravity counts only where it stiffens:
-    an upright robot is as fast as without it.
+
+@dataclass(frozen=True)
+class BentBeam:
+    """Rayleigh's quotient of a robot that bends as a uniform one does under a force at its tip.
+
+    Gravity counts only where it stiffens: an upright robot is as fast as without it.
+
+    Attributes:
+        mass: [kg] of the backbone, and of what it carries, by the squares of their ways.
+        pull: [kg/m] of both, twice how far they sink, over the square of the tip's way.
+        stiffness: [N/m] of the backbone, and of tendons whose lengths are held.
+        upward: [m/s2], gravity towards the tip, or 0.
     """
+
+    mass: tuple[float, float]
+    pull: tuple[float, float]
+    stiffness: tuple[float, float]
+    upward: float
+
+    def frequency(self, variation: Mapping[str, float | np.ndarray]) -> np.ndarray:
+        """Angular frequencies (...) [rad/s] by values (...) as `RobotParams.vary` takes them."""
+        modulus, density, radius = (
+            variation.get(name, 1.0) for name in ("youngs_modulus", "density", "tendon_radius")
+        )
+        mass, pull = (part[0] * density + part[1] for part in (self.mass, self.pull))
+        stiffness = self.stiffness[0] * modulus + self.stiffness[1] * radius**2
+        return np.sqrt((stiffness + self.upward * pull) / mass)
+
+
+def bent_beam(robot: RobotParams, winding: bool) -> BentBeam:
+    """A robot as a bent beam; winding: whether its tendons are driven by length."""
     backbone, length, ends = robot.backbone, robot.length, robot.backbone.ends
 
     def shape(s: np.ndarray) -> np.ndarray:
@@ -379,12 +408,12 @@ def slowest(robot: RobotParams, winding: bool) -> float:
         return np.stack([mass * shape(s) ** 2, mass * raised(s), give])
 
     mass, pull, give = backbone.integrals(parts, ends).sum(axis=1).tolist()
-    stiffness = 1 / give
-    extra = [] if robot.head is None else [(length, robot.head.mass)]
-    for s, m in (*extra, *((disc.station, disc.mass) for disc in robot.discs)):
-        mass, pull = mass + m * shape(s) ** 2, pull + m * raised(s)
-    if winding:
-        wound = sum(t.stiffness * t.mean_square() * t.end for t in robot.tendons) / 2
-        stiffness += 3 * wound / length**3
-    upward = max(robot.own_gravity[2], 0.0)
-    return sqrt((stiffness + upward * pull) / mass)
+    carried = [] if robot.head is None else [(length, robot.head.mass)]
+    carried += [(disc.station, disc.mass) for disc in robot.discs]
+    wound = sum(t.stiffness * t.mean_square() * t.end for t in robot.tendons) / 2 if winding else 0
+    return BentBeam(
+        mass=(mass, sum(m * shape(s) ** 2 for s, m in carried)),
+        pull=(pull, sum(m * raised(s) for s, m in carried)),
+        stiffness=(1 / give, 3 * wound / length**3),
+        upward=max(robot.own_gravity[2], 0.0),
+    )

@@ -8,6 +8,7 @@ import pytest
 from numpy.testing import assert_allclose
 from support.routed_robots import HELICAL
 
+from softrobot_env.envs.simulation import batch as module
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.robots import EXAMPLES, NEUTRAL, find_robot
@@ -179,3 +180,21 @@ def test_many_variations_at_once_and_back_again():
             same = (plain.qpos == varied.qpos).all(axis=1)
             assert_allclose(plain.qpos[same], varied.qpos[same], rtol=0, atol=0)
             assert same.tolist() == [r == 1 for r in radius]
+
+
+@pytest.mark.parametrize(
+    ("count", "cost", "threads"),
+    [(1, 1.0, 1), (2, 1e-2, 2), (16, 22e-6, 4), (16, 10e-6, 2), (7, 11e-6, 1), (256, 22e-6, 4)],
+)
+def test_threads_have_enough_to_do(monkeypatch, count, cost, threads):
+    """80 µs of work each, on four cores."""
+    monkeypatch.setattr(module, "usable_cores", lambda: 4)
+    monkeypatch.setattr(module, "step_cost", lambda _: cost)
+    assert module.threads_for(None, count) == threads
+
+
+def test_a_batch_chooses_its_threads_unless_they_are_given():
+    scene = build_scene(SCENES["arm"])
+    assert BatchSimulation(scene, 1).threads == 1
+    assert BatchSimulation(scene, 2, threads=2).threads == 2
+    assert 1e-6 < module.step_cost(scene) < 1e-2

@@ -10,7 +10,7 @@ class Row(Record):
     """How long something takes; None where a field does not apply.
 
     Attributes:
-        what: "env.step", "moving", "vector env.step", "start" or "render".
+        what: "env.step", "moving", "vector env.step", "robots", "start" or "render".
         variant: Environment, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
         steps_per_second: Of all environments together.
@@ -22,6 +22,7 @@ class Row(Record):
         accuracy: That was asked for, as a share of the length [1].
         error, estimate: [m], largest distance of the tip from the truth in the motion, and what the
             environment itself tells.
+        dof: Degrees of freedom of the robot.
     """
 
     what: str
@@ -37,6 +38,7 @@ class Row(Record):
     accuracy: float | None = None
     error: float | None = None
     estimate: float | None = None
+    dof: int | None = None
 
 
 def step_row(

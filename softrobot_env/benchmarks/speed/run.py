@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.benchmarks.jobs import Progress, quiet
-from softrobot_env.benchmarks.speed import moving, vector
+from softrobot_env.benchmarks.speed import moving, robots, vector
 from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.benchmarks.speed.startup import frame_time, startup_times
 from softrobot_env.envs.tracking import TrackingEnv
@@ -36,7 +36,8 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
         progress: Called with description, done, total.
 
     Returns:
-        Rows of single environments, of a moving arm by accuracy, of vector environments and waits.
+        Rows of single environments, of a moving arm by accuracy, of vector environments, of
+        batches of robots and waits.
     """
     contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS)}
     rounds, show = 80 if quick else 300, progress or quiet
@@ -50,7 +51,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     waits["render", "frame 640 x 480"] = frame_time()
     show("vector environments", rounds, rounds)
     steps = [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
-    steps += moving.run(quick) + vector.run(quick)
+    steps += moving.run(quick) + vector.run(quick) + robots.run(quick)
     return steps + [Row(*w, seconds=time) for w, time in waits.items()]
 
 

@@ -21,6 +21,15 @@ _MOVING = (
     Column("error mm", "error", ".3f", "mm"),
     Column("estimate\nmm", "estimate", ".3f", "mm"),
 )
+_ROBOTS = (
+    Column("all measured, moving", "variant"),
+    Column("DOF", "dof", "d"),
+    Column("robots x\nthreads", lambda row: f"{row.n_envs} x {row.threads}", ">"),
+    Column("µs a robot\nand period", "seconds", ".1f", "µs"),
+    Column("periods/s", "steps_per_second", ".0f"),
+    Column("bare/s", "raw_steps_per_second", ".0f"),
+    Column("bare/\nmeasured", "ratio", ".2f"),
+)
 _WAITS = (
     Column("", "variant"),
     Column("ms", lambda row: number(row.seconds, ".1f", "ms", missing="no OpenGL"), ">"),
@@ -28,9 +37,10 @@ _WAITS = (
 
 
 def tables(rows: list[Row]) -> Group:
-    """One table of steps, one of a moving arm by accuracy, one of waiting times."""
+    """One table of steps, of a moving arm by accuracy, of batches of robots, of waiting times."""
     moving = [row for row in rows if row.accuracy is not None]
-    steps = [row for row in rows if row.steps_per_second is not None and row.accuracy is None]
+    robots = [row for row in rows if row.dof is not None]
     waits = [row for row in rows if row.steps_per_second is None]
-    parts = ((_STEPS, steps), (_MOVING, moving), (_WAITS, waits))
+    steps = [row for row in rows if row not in moving + robots + waits]
+    parts = ((_STEPS, steps), (_MOVING, moving), (_ROBOTS, robots), (_WAITS, waits))
     return Group(*(make_table("", columns, kind) for columns, kind in parts))

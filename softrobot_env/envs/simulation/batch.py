@@ -2,15 +2,17 @@
 
 import warnings
 from math import inf
+from time import perf_counter
 
 import mujoco
 import numpy as np
 
 from softrobot_env.envs.simulation.pool import Pool
+from softrobot_env.processes import usable_cores
 from softrobot_env.robots import NEUTRAL, VARIABLE
-from softrobot_env.scene.build import Scene, choice_of, vary_scene
+from softrobot_env.scene.build import Scene, rates_of, vary_scene
 from softrobot_env.scene.servos import Servos
-from softrobot_env.scene.simulation import WORRYING, inaccuracy
+from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE, full_length
 
 #: Model fields that are proportional to parameters of the robot.
@@ -28,7 +30,36 @@ _PROPORTIONAL = {
 #: Those that tell where tendons run: lever arms in channels, guides, and ranges of lengths.
 _ROUTES = ("wrap_prm", "site_pos", "actuator_ctrlrange", "actuator_biasprm")
 
+#: Work [s] in a control period that pays for a thread: waking it up takes 20 to 50 µs.
+WORTH = 80e-6
+
+#: Control periods that are timed for that.
+_TIMED = 5
+
 _NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
+
+
+def threads_for(scene: Scene, count: int) -> int:
+    """Threads for so many simulations of a scene: each has work worth `WORTH`, by a measured step.
+
+    At most one a core that this process may run on, and one a simulation.
+    """
+    most = min(usable_cores(), count)
+    if most == 1:
+        return 1
+    return max(1, min(most, int(count * step_cost(scene) / WORTH)))
+
+
+def step_cost(scene: Scene) -> float:
+    """Time [s] of a control period of one simulation near rest, the least of some."""
+    simulation = Simulation(scene)
+    simulation.reset(scene.model.qpos0, np.zeros(scene.model.nu))
+    times = []
+    for _ in range(_TIMED):
+        begin = perf_counter()
+        simulation.advance()
+        times.append(perf_counter() - begin)
+    return min(times)
 
 
 class BatchSimulation:
@@ -36,6 +67,7 @@ class BatchSimulation:
 
     Attributes:
         scene: The scene.
+        threads: Of the pool.
         qpos, qvel: (n, nq) [rad, rad/s], hinge angles and rates.
         ctrl: (n, nu), controls in force, to be written to.
         sensordata, ten_length, actuator_force: (n, ...), as in MjData, read-only.
@@ -48,10 +80,10 @@ class BatchSimulation:
         Args:
             scene: The scene.
             count: Number n of simulations.
-            threads: Of the pool, 0 for one per core.
+            threads: Of the pool, 0 for as many as have enough to do.
         """
-        self.scene = scene
-        self._batch = Pool(scene.model, count, threads)
+        self.scene, self.threads = scene, threads or threads_for(scene, count)
+        self._batch = Pool(scene.model, count, self.threads)
         from softrobot_env.scene.integration.integrator import TOLD_FIELDS, Integration
 
         self._integration = Integration(scene.model, scene.timestep, count)
@@ -71,6 +103,7 @@ class BatchSimulation:
         self._estimates = self._integration.estimates
         self._worrying = WORRYING * (scene.timestep.accuracy or inf)
         self._periods = 0
+        self._rates = rates_of(scene)
         self.full_length = np.tile(full_length(scene.config.robot), (count, 1))
         first = scene.model.body("link0").id
         links = slice(first, first + len(scene.layout.stations))
@@ -112,7 +145,7 @@ class BatchSimulation:
             expanded[which, own] = nominal * factor.reshape(-1, *(1,) * nominal.ndim)
         self._route(which, values["tendon_radius"])
         self._rub(which, values["tendon_friction"])
-        self._choose(which, values)
+        self._integration.set(which, self.scene.timestep, self._rates(values))
         self._batch.set_const(which)
 
     def _check_timesteps(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
@@ -151,12 +184,6 @@ class BatchSimulation:
             for name in _ROUTES:
                 self._batch.expand(name)[i] = getattr(laid.model, name)
             self.full_length[i] = full_length(laid.config.robot)
-
-    def _choose(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
-        """Integrate every robot as its own scene would be."""
-        for at, i in enumerate(which.tolist()):
-            variation = {name: float(values[name][at]) for name in VARIABLE}
-            self._integration.set(i, choice_of(self.scene, variation))
 
     def _rub(self, which: np.ndarray, friction: np.ndarray) -> None:
         """Add friction (k,) [N] to the tendons, as `scene.build` and `scene.tendons` would."""

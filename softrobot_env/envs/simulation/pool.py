@@ -60,13 +60,13 @@ class Pool:
         warnings: (n, mjNWARNING, 2) int32, last information and number of each.
     """
 
-    def __init__(self, model: mujoco.MjModel, count: int, threads: int = 0) -> None:
+    def __init__(self, model: mujoco.MjModel, count: int, threads: int = 1) -> None:
         """Allocate.
 
         Args:
             model: The model; it is copied.
             count: Number n.
-            threads: 0 for one per core.
+            threads: That share the work.
 
         Raises:
             RuntimeError: What MuJoCo says.

@@ -82,8 +82,11 @@ class Integration:
         self.set(slice(None), choice)
         self._connect()
 
-    def set(self, which: Any, choice: TimestepChoice) -> None:
-        """Let the simulations `which` be integrated as chosen, as if new."""
+    def set(self, which: Any, choice: TimestepChoice, rates: np.ndarray | None = None) -> None:
+        """Let the simulations `which` (k,) be integrated as chosen, as if new.
+
+        With `rates` (k,) of their own if given.
+        """
         chosen = self.memory[which]
         chosen[..., METHOD] = _METHODS.get(choice.integrator, SPLIT)
         chosen[..., SUBSTEPS] = choice.substeps
@@ -91,7 +94,7 @@ class Integration:
         chosen[..., LONGEST] = chosen[..., NEXT] = choice.timestep
         chosen[..., SHORTEST] = choice.timestep * choice.substeps / MOST_INTERVALS
         chosen[..., ACCURACY] = choice.accuracy or np.inf
-        chosen[..., RATE] = choice.rate
+        chosen[..., RATE] = choice.rate if rates is None else rates[:, None]
         chosen[..., 1, ACCURACY] *= SHADOW
         chosen[..., FEWEST], chosen[..., MOST] = FEWEST_ROWS, MOST_ROWS
         chosen[..., 1, FEWEST] = FEWEST_ROWS - 1
