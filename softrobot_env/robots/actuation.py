@@ -1,6 +1,7 @@
 """What is commanded of a robot: from inputs without redundancy to what its drives apply."""
 
 from copy import copy
+from functools import lru_cache
 from itertools import pairwise
 from math import pi
 from typing import Protocol
@@ -35,6 +36,7 @@ class Inputs(Protocol):
         """The same map from actions: its `command` takes actions in place of inputs."""
 
 
+@lru_cache(maxsize=256)
 def robot_inputs(robot: RobotParams) -> Inputs:
     """The inputs of a robot: reduced ones [N] of tensions, or lengths [m] pulled in."""
     return PulledLengths(robot) if robot.drive.kind == "length" else TendonMap(robot)
