@@ -12,7 +12,10 @@ from softrobot_env.tasks import Task
 PLANE, TOP = slice(0, 3, 2), slice(0, 2)
 
 #: The same by the axes of a task.
-AXES = {"xz": PLANE, "xy": TOP}
+AXES = {"xz": PLANE, "xy": TOP, "xyz": slice(0, 3)}
+
+#: Of the reach, by which a smooth path through solved points may lie beyond the straight robot.
+_ROUNDING = 1e-6
 
 
 @dataclass(frozen=True)
@@ -61,11 +64,14 @@ def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> 
     # Rounding merges equal times, and puts those at a kink behind it.
     times = np.round(np.add.outer(now, np.concatenate(([0.0], preview))), 9)
     unique, where = np.unique(times, return_inverse=True)
-    position = task.trajectory.position(unique)[:, axes][where].reshape(steps + 1, -1)
+    points = task.trajectory.position(unique)[:, axes]
+    position = points[where].reshape(steps + 1, -1)
+    base = np.zeros(3) if task.robot.base is None else np.array(task.robot.base.position)
     velocity = task.trajectory.velocity(times[:, 0])[:, axes]
     acceleration = task.trajectory.acceleration(times[:, 0])[:, axes]
     fastest = REFERENCE_SPEED * length
-    if not (np.abs(position).max() <= length and np.abs(velocity).max() <= fastest):
+    away = np.abs(points - base[axes]).max()
+    if not (away <= length * (1 + _ROUNDING) and np.abs(velocity).max() <= fastest):
         raise ValueError(
             f"the reference of task {task.name!r} must be finite, stay within {length} m of the "
             f"base in {' and '.join(task.axes)}, and below {fastest} m/s"
@@ -75,5 +81,5 @@ def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> 
         raise ValueError(
             f"the acceleration of task {task.label!r} must be finite and below {sharpest} m/s2"
         )
-    here = position[:, :2]
-    return ReferenceTable(here.tolist(), here, velocity, acceleration, position[:, 2:])
+    here, ahead = np.split(position, [len(task.axes)], axis=1)
+    return ReferenceTable(here.tolist(), here, velocity, acceleration, ahead)

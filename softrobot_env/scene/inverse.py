@@ -3,7 +3,7 @@
 Posture q and actions a are found together. One iteration linearises the balance of forces and the
 tip about both, by the implicit function theorem on the chain's exact tangent K:
 
-    dq = K^-1 f + Q da,   Q = K^-1 B,   J = (d tip / d q) Q,   J da = point - tip - (d tip/d q) K^-1 f
+    dq = K^-1 f + Q da,  Q = K^-1 B,  J = (d tip / d q) Q,  J da = point - tip - (d tip / d q) K^-1 f
 
 and takes the da of that least-norm a within [-1, 1] which solves it. What is left free relaxes to
 the least norm of the actions, a' = a - (1 - J+ J) a, without a term that would bias the tip: at the
@@ -17,7 +17,6 @@ and tension, s = s_geo + (F - F_pre) / c, audit of (5.35); the equilibrium under
 
 from dataclasses import replace
 from functools import cached_property
-
 from typing import NamedTuple
 
 import mujoco
@@ -42,6 +41,8 @@ _DAMPING = 1e-3  # of the gap times the largest singular value
 _RANK = 1e-7  # of the largest singular value
 _LEAST_SHARE = 0.05  # of the way to the least norm in one iteration
 _HALVINGS = 4  # of the way to a point
+_NARROW = 1e-3  # of the reach: a tip that moves less to a side moves on a line
+_MIDDLES = 5  # that are tried
 _PLACES, _TRIALS = 48, 3  # to look for points from
 
 
@@ -152,6 +153,73 @@ class InverseStatics:
         """
         commanded = self.inputs.command(np.asarray(inputs, dtype=float))
         return self.scene.equilibrium(_controls(self.scene, commanded), guess)
+
+    def disc(self, largest: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """A disc in the plane of `directions` in which the tip gets everywhere.
+
+        Its middle is where a spatial robot is under the action 0. A planar one is then as far out
+        as it gets; of some bent poses, those with most room to first order, the one with the
+        largest disc is taken. The radius is how far the tip gets on the shortest of 8 rays, in
+        steps of 1/12 or less.
+
+        Args:
+            largest: [1], of an action of a planar robot.
+
+        Returns:
+            Middle (3,) [m], inputs (n_inputs,) that hold it, and radius [m]: zero, about the action
+            0, of a tip that only moves on a line.
+        """
+        planar = self.scene.config.bending == "planar"
+        places = self._sample[0] if planar else [self._rest]
+        room = [self._room(f) if np.abs(f.action).max() <= largest else 0.0 for f in places]
+        best, radius = self._rest, 0.0
+        for k in np.argsort(room)[::-1][:_MIDDLES]:
+            if room[k] > _NARROW * self.scene.config.robot.reach:
+                found = self._radius(places[k], radius)
+                best, radius = (places[k], found) if found > radius else (best, radius)
+        return self.scene.tip(best.posture), best.inputs, radius
+
+    def _radius(self, middle: _Found, least: float) -> float:
+        """How far [m] the tip gets on the shortest of some rays; 0 where that is `least` or less.
+
+        Opposite rays come first, which differ most.
+        """
+        radius = self.scene.config.robot.reach
+        for k in (0, 4, 2, 6, 1, 5, 3, 7):
+            towards = np.array([np.cos(np.pi * k / 4), np.sin(np.pi * k / 4)])
+            radius = self._along(middle, towards, radius)
+            if radius <= least:
+                return 0.0
+        return radius
+
+    def _along(self, start: _Found, towards: np.ndarray, length: float) -> float:
+        """How far [m], up to a length, the tip gets straight on in a direction (k,)."""
+        origin = self.directions @ self.scene.tip(start.posture)
+        here, distance, step = start, 0.0, length / 12
+        while distance < length * (1 - 1e-9) and step > length / 200:
+            found = self._near(origin + (distance + step) * towards, here)
+            if found.error <= self.tolerance:
+                here, distance = found, distance + step
+            else:
+                step /= 2
+        return min(distance, length)
+
+    def line(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tips (n, 3) [m] and inputs (n, n_inputs) under actions (n,), the same for all inputs."""
+        inputs = self.inputs.input_centre + np.outer(actions, self.inputs.input_scale)
+        tips = []
+        guess = self._rest.posture
+        for one in inputs:
+            guess = self.posture(one, guess)
+            tips.append(self.scene.tip(guess))
+        return np.array(tips), inputs
+
+    def _room(self, found: _Found) -> float:
+        """How far [m] the tip moves to its worst side before an action reaches its bound."""
+        jacobian = self.directions @ self._linearised(found.action, found.posture)[2]
+        singular = np.linalg.svd(jacobian, compute_uv=False)
+        side = singular[-1] if len(singular) == len(self.directions) else 0.0
+        return float(side * (1 - np.abs(found.action).max()))
 
     @property
     def _shape(self) -> tuple[int]:

@@ -1,13 +1,15 @@
 """What a task is: a robot, a reference of its tip, a duration, a start, and its options."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from inspect import signature
 from typing import Literal
 
+import numpy as np
+
 from softrobot_env.fields import Positive, check_fields
-from softrobot_env.robots import LENGTH_SCALE, RobotParams, as_number
-from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.robots import RobotParams, as_number
+from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks.trajectories import Trajectory
 
 #: Longest episode [s]; its reference is sampled beforehand.
@@ -54,12 +56,12 @@ class Task:
         robot: The nominal robot; what is simulated may be a variation or a twin of it.
         trajectory: Reference of the tip.
         duration: [s] of an episode.
-        start_input: (n_inputs,), inputs in whose equilibrium the episode starts at rest: reduced
-            tendon inputs [N] of a planar robot, lengths [m] pulled in by each tendon of a spatial
-            one, these at most `LENGTH_SCALE` to either side.
+        start_input: (n_inputs,), inputs in whose equilibrium the episode starts at rest, of
+            `robots.actuation.robot_inputs` and within their scale.
         options: What the task was made with, (name, value) each.
         axes: The coordinates of the tip that the reference is about: "xz" of a planar robot, "xy"
-            of a spatial one.
+            or "xyz" of a spatial one.
+        maker: What made it, to make it again with other options.
     """
 
     name: str
@@ -68,20 +70,25 @@ class Task:
     duration: Positive
     start_input: tuple[float, ...]
     options: tuple[tuple[str, float], ...] = ()
-    axes: Literal["xz", "xy"] = "xz"
+    axes: Literal["xz", "xy", "xyz"] = "xz"
+    maker: Callable[..., "Task"] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_fields(self, f"task {self.name!r}")
-        inputs = TendonMap(self.robot).n_inputs if self.axes == "xz" else len(self.robot.tendons)
-        if inputs == 0 or len(self.start_input) != inputs:
+        inputs = robot_inputs(self.robot)
+        if inputs.n_inputs == 0 or len(self.start_input) != inputs.n_inputs:
             raise ValueError(
-                f"task {self.name!r}: robot {self.robot.name!r} has {inputs} tendon inputs, "
-                f"start_input {len(self.start_input)}; a task needs as many, and at least one"
+                f"task {self.name!r}: robot {self.robot.name!r} has {inputs.n_inputs} tendon "
+                f"inputs, start_input {len(self.start_input)}; a task needs as many, and at least "
+                "one"
             )
-        if self.axes == "xy" and not all(abs(s) <= LENGTH_SCALE for s in self.start_input):
+        beyond = np.abs(self.start_input - inputs.input_centre) > inputs.input_scale * (1 + 1e-9)
+        if beyond.any():
+            k = int(np.argmax(beyond))
+            centre = f"{inputs.input_centre[k]:g} " if inputs.input_centre[k] else ""
             raise ValueError(
-                f"task {self.name!r}: start_input must lie within +-{LENGTH_SCALE:g} m, got "
-                f"{self.start_input}"
+                f"task {self.name!r}: start_input must lie within {centre}+-"
+                f"{inputs.input_scale[k]:g} {inputs.unit}, got {self.start_input}"
             )
         if not 0 < self.duration <= LONGEST:
             raise ValueError(
