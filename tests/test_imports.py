@@ -43,6 +43,7 @@ EVERYTHING = None  # imports what it likes
 ALLOWED = {
     "__init__": {"registration", "processes"},
     **dict.fromkeys(FOUNDATION, FOUNDATION),
+    "tasks": FOUNDATION | {"scene"},  # of any robot lie in its workspace, which its statics tell
     **dict.fromkeys(MIDDLE, FOUNDATION),
     "control": FOUNDATION | {"beams", "learned"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware"},

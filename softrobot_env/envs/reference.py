@@ -15,6 +15,9 @@ PLANE, TOP, SPACE = slice(0, 3, 2), slice(0, 2), slice(0, 3)
 #: The same by the axes of a task.
 AXES = {"xz": PLANE, "xy": TOP, "xyz": SPACE}
 
+#: Of the reach, by which a smooth path through solved points may lie beyond the straight robot.
+_ROUNDING = 1e-6
+
 
 @dataclass(frozen=True)
 class ReferenceTable:
@@ -57,19 +60,20 @@ def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> 
         ValueError: The reference is not finite, leaves the robot's reach, or is faster than
             `REFERENCE_SPEED` or `REFERENCE_ACCELERATION`.
     """
-    axes, length, base = AXES[task.axes], task.robot.reach, task.robot.base
+    axes, length = AXES[task.axes], task.robot.reach
     steps = instants(task.duration, control_period)
     now = np.arange(steps + 1) * control_period
     # Rounding merges equal times, and puts those at a kink behind it.
     times = np.round(np.add.outer(now, np.concatenate(([0.0], preview))), 9)
     unique, where = np.unique(times, return_inverse=True)
-    position = task.trajectory.position(unique)[:, axes][where].reshape(steps + 1, -1)
+    points = task.trajectory.position(unique)[:, axes]
+    position = points[where].reshape(steps + 1, -1)
+    base = np.zeros(3) if task.robot.base is None else np.array(task.robot.base.position)
     velocity = task.trajectory.velocity(times[:, 0])[:, axes]
     acceleration = task.trajectory.acceleration(times[:, 0])[:, axes]
-    d = velocity.shape[1]
-    away = position if base is None else position - np.tile(base.position[axes], 1 + len(preview))
     fastest = REFERENCE_SPEED * length
-    if not (np.abs(away).max() <= length and np.abs(velocity).max() <= fastest):
+    away = np.abs(points - base[axes]).max()
+    if not (away <= length * (1 + _ROUNDING) and np.abs(velocity).max() <= fastest):
         raise ValueError(
             f"the reference of task {task.name!r} must be finite, stay within {length} m of the "
             f"base in {' and '.join(task.axes)}, and below {fastest} m/s"
@@ -79,5 +83,5 @@ def sample_reference(task: Task, control_period: float, preview: np.ndarray) -> 
         raise ValueError(
             f"the acceleration of task {task.label!r} must be finite and below {sharpest} m/s2"
         )
-    here = position[:, :d]
-    return ReferenceTable(here.tolist(), here, velocity, acceleration, position[:, d:])
+    here, ahead = np.split(position, [len(task.axes)], axis=1)
+    return ReferenceTable(here.tolist(), here, velocity, acceleration, ahead)

@@ -8,7 +8,7 @@ import numpy as np
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.interfaces import Observation
-from softrobot_env.robots import LENGTH_SCALE
+from softrobot_env.robots import LENGTH_SCALE, RIG, RobotParams
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.tasks import Task
 
@@ -32,6 +32,7 @@ class RigEnv(TrackingEnv, gymnasium.Env[Observation, np.ndarray]):
         self,
         task: str | Task = "triangle",
         *,
+        robot: str | RobotParams | None = None,
         control_period: float = 0.02,
         pieces: int | tuple[int, ...] | None = RIG_PIECES,
         **options: Any,
@@ -40,6 +41,7 @@ class RigEnv(TrackingEnv, gymnasium.Env[Observation, np.ndarray]):
 
         Args:
             task: Task or its name.
+            robot: As of `TrackingEnv`, the rig unless given.
             control_period: [s], between 1 ms and 200 ms.
             pieces: Of the MuJoCo chain, a multiple of the robot's.
             **options: As of `TrackingEnv`.
@@ -48,7 +50,8 @@ class RigEnv(TrackingEnv, gymnasium.Env[Observation, np.ndarray]):
             ValueError: An argument out of range; the message names what is allowed.
             TypeError: An unknown argument.
         """
-        super().__init__(task, control_period=control_period, pieces=pieces, **options)
+        options |= {"control_period": control_period, "pieces": pieces}
+        super().__init__(task, robot=_rig_unless(robot, task), **options)
 
 
 class VectorRigEnv(
@@ -63,9 +66,16 @@ class VectorRigEnv(
         num_envs: int = 1,
         task: str | Task = "triangle",
         *,
+        robot: str | RobotParams | None = None,
         control_period: float = 0.02,
         pieces: int | tuple[int, ...] | None = RIG_PIECES,
         **options: Any,
     ) -> None:
         """Arguments as of `RigEnv`, and of `VectorTrackingEnv`."""
-        super().__init__(num_envs, task, control_period=control_period, pieces=pieces, **options)
+        options |= {"control_period": control_period, "pieces": pieces}
+        super().__init__(num_envs, task, robot=_rig_unless(robot, task), **options)
+
+
+def _rig_unless(robot: str | RobotParams | None, task: str | Task) -> str | RobotParams | None:
+    """The rig for a task by its name, unless another robot is given."""
+    return RIG if robot is None and isinstance(task, str) else robot

@@ -261,6 +261,7 @@ def check_task_options(
     kind: type, task: str | Task, robot: str | RobotParams | None, options: dict[str, float]
 ) -> None:
     """Raise TypeError for an argument of an environment class that is no option of any task."""
+    check_argument("robot", robot, str | RobotParams | None)
     own = options_of(task, robot) if isinstance(task, str) else ()
     for name in options:
         if name not in own and name not in OPTIONS:

@@ -309,7 +309,7 @@ class RobotParams:
 
     def require_plane(self, what: str) -> None:
         """Raise ValueError if its base turns its x-z plane out of the world's, where `what` is."""
-        if self.base is not None and np.abs(self.base.axes[1, [0, 2]]).max() > 1e-12:
+        if self.is_planar and not self.moves_in_xz:
             raise ValueError(
                 f"{what} is measured in the world's x-z plane; the base of robot {self.name!r} "
                 "turns its own plane out of it: give a direction (x, 0, z) and no roll"
@@ -391,6 +391,12 @@ class RobotParams:
         """Whether nothing of it, nor its weight, leaves the x-z plane at its base."""
         crossing = any(t.leaves_plane for t in self.tendons) or self.own_gravity[1]
         return self.is_symmetric and not crossing
+
+    @property
+    def moves_in_xz(self) -> bool:
+        """Whether it is planar, and its plane is the world's x-z plane."""
+        turned = self.base is not None and np.abs(self.base.axes[1, [0, 2]]).max() > 1e-12
+        return self.is_planar and not turned
 
     @property
     def twists(self) -> bool:

@@ -27,6 +27,8 @@ from weakref import WeakKeyDictionary
 import mujoco
 import numpy as np
 
+from softrobot_env.scene.chain import TIP_SITE
+
 
 class StaticForces:
     """Forces on a chain at rest and their derivative, for postures of one compiled scene.
@@ -79,6 +81,23 @@ class StaticForces:
         self._add_springs(out)
         return out
 
+    def by_controls(self) -> np.ndarray:
+        """Derivative (nv, nu) [N m] of the last `force` by the controls, at a share of 1."""
+        model, data = self.model, self._data
+        moment = np.zeros((model.nu, model.nv))
+        mujoco.mju_sparse2dense(
+            moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+        gain = model.actuator_gainprm[:, 0] * self._unlimited(np.arange(model.nu))
+        return (gain[:, None] * moment).T
+
+    def tip_by_turns(self) -> tuple[np.ndarray, np.ndarray]:
+        """Tip (3,) [m] in the posture of the last `force`, and its derivative (3, nv) by turns."""
+        site = self.model.site(TIP_SITE).id
+        out = np.empty((3, self.model.nv))
+        mujoco.mj_jacSite(self.model, self._data, out, None, site)
+        return self._data.site_xpos[site].copy(), out
+
     def mass(self) -> np.ndarray:
         """Mass matrix (nv, nv) [kg m2] in the posture of the last `force`."""
         out = np.empty((self.model.nv, self.model.nv))
@@ -130,15 +149,19 @@ class StaticForces:
         model, data, actuators = self.model, self._data, self._of.on_tendons
         gear = model.actuator_gear[actuators, 0]
         force, spring = data.actuator_force[actuators], model.actuator_biasprm[actuators, 1]
-        low, high = model.actuator_forcerange[actuators].T
-        free = ~model.actuator_forcelimited[actuators].astype(bool) | (
-            (low < force) & (force < high)
-        )
+        free = self._unlimited(actuators)
         tension, rate = np.zeros(model.ntendon), np.zeros(model.ntendon)
         tendon = model.actuator_trnid[actuators, 0]
         np.add.at(tension, tendon, -gear * force)
         np.add.at(rate, tendon, -(gear**2) * spring * free)
         return tension, rate
+
+    def _unlimited(self, actuators: np.ndarray) -> np.ndarray:
+        """Which of some actuators are not at the limit of their force."""
+        force = self._data.actuator_force[actuators]
+        low, high = self.model.actuator_forcerange[actuators].T
+        limited = self.model.actuator_forcelimited[actuators].astype(bool)
+        return ~limited | ((low < force) & (force < high))
 
     def _add_followers(self, axes: np.ndarray, anchors: np.ndarray, out: np.ndarray) -> None:
         """The turning of loads that follow their cross-section."""

@@ -1,7 +1,14 @@
 """Tasks: a robot, a reference, a duration and a start."""
 
 from softrobot_env.tasks.arm import ALL_TASKS, STEP_WIDTHS, TASKS, UNSEEN_TASKS, equal_input
-from softrobot_env.tasks.registry import EVERY_TASK, WITH_OPTION, make_task, options_of, remake_task
+from softrobot_env.tasks.registry import (
+    EVERY_TASK,
+    WITH_OPTION,
+    make_task,
+    options_of,
+    remake_task,
+    tasks_of,
+)
 from softrobot_env.tasks.rig import RIG_TASKS
 from softrobot_env.tasks.rig_trajectories import SetPoints
 from softrobot_env.tasks.spec import LONGEST, OPTIONS, Maker, Option, Task, defaults
@@ -25,4 +32,5 @@ __all__ = [
     "make_task",
     "options_of",
     "remake_task",
+    "tasks_of",
 ]

@@ -1,7 +1,7 @@
 """What a task is: a robot, a reference of its tip, a duration, a start, and its options."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from inspect import signature
 from typing import Literal
 
@@ -61,6 +61,7 @@ class Task:
         options: What the task was made with, (name, value) each.
         axes: The coordinates of the tip that the reference is about: "xz" of a planar robot, "xyz"
             of a spatial one, or "xy" where its height follows.
+        maker: What made it, to make it again with other options.
     """
 
     name: str
@@ -70,10 +71,11 @@ class Task:
     start_input: tuple[float, ...]
     options: tuple[tuple[str, float], ...] = ()
     axes: Literal["xz", "xy", "xyz"] = "xz"
+    maker: Callable[..., "Task"] | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_fields(self, f"task {self.name!r}")
-        inputs, planar = robot_inputs(self.robot), self.robot.is_planar
+        inputs, planar = robot_inputs(self.robot), self.robot.moves_in_xz
         if inputs.n_inputs == 0 or len(self.start_input) != inputs.n_inputs:
             raise ValueError(
                 f"task {self.name!r}: robot {self.robot.name!r} has {inputs.n_inputs} tendon "

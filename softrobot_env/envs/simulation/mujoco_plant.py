@@ -59,11 +59,11 @@ class MujocoPlant:
         self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
         own = scene_of(robot)
         self.nominal = build_scene(replace(own, control_period=control_period, **scene_options))
-        self.axes = (PLANE if robot.is_planar else SPACE) if axes is None else axes
+        self.axes = (PLANE if robot.moves_in_xz else SPACE) if axes is None else axes
         spatial = self.config.bending == "spatial"
         self.pieces = robot.pieces if spatial else self.layout.pieces
         _check_pieces(robot, self.layout, self.pieces)
-        if not spatial:
+        if self.axes == PLANE:
             robot.require_plane("a planar chain")
 
     @property

@@ -1,0 +1,439 @@
+"""Inverse statics of any robot: the inputs in whose equilibrium the tip stands at a point.
+
+Posture q and actions a are found together. One iteration linearises the balance of forces and the
+tip about both, by the implicit function theorem on the chain's exact tangent K:
+
+    dq = K^-1 f + Q da,  Q = K^-1 B,  J = (d tip / d q) Q,
+    J da = point - tip - (d tip / d q) K^-1 f
+
+and takes the da of that least-norm a within [-1, 1] which solves it. What is left free relaxes to
+the least norm of the actions, a' = a - (1 - J+ J) a, without a term that would bias the tip: at the
+end the tip is on the point to rounding. Where J loses rank, as in the straight pose, its inverse is
+damped in proportion to the gap, which vanishes with it.
+
+Actions are those of tensions, whatever drives the robot: the redundancy of opposing tendons is then
+resolved, no tendon is slack, and all is smooth. The lengths that servos pull in follow from posture
+and tension, s = s_geo + (F - F_pre) / c, audit of (5.35); the equilibrium under them is the same.
+"""
+
+from dataclasses import replace
+from functools import cached_property
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.processes import one_blas_thread
+from softrobot_env.robots import Drive, RobotParams
+from softrobot_env.robots.actuation import TendonMap, robot_inputs
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.statics import finite
+from softrobot_env.scene.tangent import StaticForces
+
+#: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
+REACHED = 1e-7
+
+_ITERATIONS = 60
+_LARGEST_STEP, _LARGEST_TURN = 0.3, 1.0  # of an action; rad that all joints make together
+_BALANCED = 1e-9  # rad
+_RELAXED = 1e-5  # step of an action towards the least norm that is left
+_DAMPING = 1e-3  # of the gap times the largest singular value
+_RANK = 1e-7  # of the largest singular value
+_LEAST_SHARE = 0.05  # of the way to the least norm in one iteration
+_HALVINGS = 4  # of the way to a point
+_NARROW = 1e-3  # of the reach: a tip that moves less to a side moves on a line
+_MIDDLES = 5  # that are tried
+_PLACES, _TRIALS = 48, 3  # to look for points from
+
+
+class Held(NamedTuple):
+    """Points that inputs hold the tip at.
+
+    Attributes:
+        inputs: (n, n_inputs) [N or m], as `robots.actuation.robot_inputs` says.
+        postures: (n, nq), their equilibria.
+        errors: (n,) [m], distances left; inf where no stable equilibrium was found.
+    """
+
+    inputs: np.ndarray
+    postures: np.ndarray
+    errors: np.ndarray
+
+
+class _Found(NamedTuple):
+    """Actions (m,) of tensions, and inputs and posture as of `Held`."""
+
+    action: np.ndarray
+    inputs: np.ndarray
+    posture: np.ndarray
+    error: float
+
+
+class InverseStatics:
+    """Inverse statics of a scene, for its robot's inputs.
+
+    Attributes:
+        scene: The scene.
+        inputs: Of its robot, what `robot_inputs` returns.
+        directions: (k, 3), unit vectors of the world along which the tip's place is asked for.
+        tolerance: [m], error of a point that counts as reached.
+    """
+
+    def __init__(self, scene: Scene, directions: np.ndarray | None = None) -> None:
+        """Look at a scene.
+
+        Args:
+            scene: Of any robot with tendons.
+            directions: As of the class. Unless given the x-z plane of a planar robot, and across
+                the axis of a spatial one, whose tip's height follows from the statics.
+
+        Raises:
+            ValueError: The robot has no inputs, or the directions are no unit vectors (k, 3) at
+                right angles.
+        """
+        robot = scene.config.robot
+        self.scene, self.inputs = scene, robot_inputs(robot)
+        if self.inputs.n_inputs == 0:
+            raise ValueError(f"robot {robot.name!r} has no tendons, hence no inverse statics")
+        given = own_directions(scene) if directions is None else directions
+        self.directions = np.atleast_2d(np.asarray(given, dtype=float))
+        square = self.directions @ self.directions.T
+        if self.directions.shape[1] != 3 or np.abs(square - np.eye(len(square))).max() > 1e-9:
+            raise ValueError(f"directions must be unit vectors (k, 3) at right angles, got {given}")
+        self.tolerance = REACHED * robot.reach
+        self._pulled = scene.config.actuation == "length"
+        self._by_tension = _driven_by_tension(scene) if self._pulled else scene
+        self._forces = StaticForces(self._by_tension.model)
+        self._tensions = TendonMap(robot)
+        self._command = self._tensions.per_action().command
+        self._turn = _LARGEST_TURN / len(np.unique(scene.model.dof_bodyid))
+        shift = 1e-7 * np.eye(self._tensions.n_inputs)
+        self._shifts = np.concatenate([shift, -shift])
+
+    @one_blas_thread()
+    def solve(self, points: np.ndarray, start: np.ndarray | None = None) -> Held:
+        """Inputs that hold the tip at points, each from those before it.
+
+        Where a point is too far from the one before, points between are solved first.
+
+        Args:
+            points: (n, 3) [m] in the world; only their coordinates along `directions` count.
+            start: (n_inputs,), where the first point is looked for from; the action 0 unless given.
+
+        Returns:
+            The inputs of least norm (of actions) near those before, within the actions' box. Of a
+            point that cannot be reached they are those that came nearest, and its error says how
+            far off the tip stays; the next point is looked for from the last that was reached.
+
+        Raises:
+            ValueError: An argument of another shape, or not finite.
+            EquilibriumError: There is no equilibrium at the start.
+        """
+        points = np.asarray(points, dtype=float)
+        points = finite("points", points, (len(np.atleast_1d(points)), 3))
+        here = self._rest if start is None else self._held(finite("start", start, self._shape))
+        rows = []
+        for point in points @ self.directions.T:
+            found = self._towards(point, here, _HALVINGS)
+            if found.error > self.tolerance:
+                found = self._elsewhere(point, found)
+            rows.append(found)
+            here = found if found.error <= self.tolerance else here
+        return Held(
+            np.array([row.inputs for row in rows]).reshape(len(rows), -1),
+            np.array([row.posture for row in rows]).reshape(len(rows), -1),
+            np.array([row.error for row in rows]),
+        )
+
+    def posture(self, inputs: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
+        """Stable equilibrium (nq,) under inputs (n_inputs,).
+
+        Raises:
+            EquilibriumError: There is none.
+        """
+        commanded = self.inputs.command(np.asarray(inputs, dtype=float))
+        return self.scene.equilibrium(_controls(self.scene, commanded), guess)
+
+    def disc(self, largest: float) -> tuple[np.ndarray, np.ndarray, float]:
+        """A disc in the plane of `directions` in which the tip gets everywhere.
+
+        Its middle is where a spatial robot is under the action 0. A planar one is then as far out
+        as it gets; of some bent poses, those with most room to first order, the one with the
+        largest disc is taken. The radius is how far the tip gets on the shortest of 8 rays, in
+        steps of 1/12 or less.
+
+        Args:
+            largest: [1], of an action of a planar robot.
+
+        Returns:
+            Middle (3,) [m], inputs (n_inputs,) that hold it, and radius [m]: zero, about the action
+            0, of a tip that only moves on a line.
+        """
+        planar = self.scene.config.bending == "planar"
+        places = self._sample[0] if planar else [self._rest]
+        room = [self._room(f) if np.abs(f.action).max() <= largest else 0.0 for f in places]
+        best, radius = self._rest, 0.0
+        for k in np.argsort(room)[::-1][:_MIDDLES]:
+            if room[k] > _NARROW * self.scene.config.robot.reach:
+                found = self._radius(places[k], radius)
+                best, radius = (places[k], found) if found > radius else (best, radius)
+        return self.scene.tip(best.posture), best.inputs, radius
+
+    def _radius(self, middle: _Found, least: float) -> float:
+        """How far [m] the tip gets on the shortest of some rays; 0 where that is `least` or less.
+
+        Opposite rays come first, which differ most.
+        """
+        radius = self.scene.config.robot.reach
+        for k in (0, 4, 2, 6, 1, 5, 3, 7):
+            towards = np.array([np.cos(np.pi * k / 4), np.sin(np.pi * k / 4)])
+            radius = self._along(middle, towards, radius)
+            if radius <= least:
+                return 0.0
+        return radius
+
+    def _along(self, start: _Found, towards: np.ndarray, length: float) -> float:
+        """How far [m], up to a length, the tip gets straight on in a direction (k,)."""
+        origin = self.directions @ self.scene.tip(start.posture)
+        here, distance, step = start, 0.0, length / 12
+        while distance < length * (1 - 1e-9) and step > length / 200:
+            found = self._near(origin + (distance + step) * towards, here)
+            if found.error <= self.tolerance:
+                here, distance = found, distance + step
+            else:
+                step /= 2
+        return min(distance, length)
+
+    def line(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tips (n, 3) [m] and inputs (n, n_inputs) under actions (n,), the same for all inputs."""
+        inputs = self.inputs.input_centre + np.outer(actions, self.inputs.input_scale)
+        tips = []
+        guess = self._rest.posture
+        for one in inputs:
+            guess = self.posture(one, guess)
+            tips.append(self.scene.tip(guess))
+        return np.array(tips), inputs
+
+    def _room(self, found: _Found) -> float:
+        """How far [m] the tip moves to its worst side before an action reaches its bound."""
+        jacobian = self.directions @ self._linearised(found.action, found.posture)[2]
+        singular = np.linalg.svd(jacobian, compute_uv=False)
+        side = singular[-1] if len(singular) == len(self.directions) else 0.0
+        return float(side * (1 - np.abs(found.action).max()))
+
+    @property
+    def _shape(self) -> tuple[int]:
+        return (self.inputs.n_inputs,)
+
+    @cached_property
+    def _rest(self) -> _Found:
+        return self._held(self.inputs.input_centre)
+
+    def _held(self, inputs: np.ndarray, guess: np.ndarray | None = None) -> _Found:
+        """Where inputs lead, and the actions of the tensions that they come to."""
+        posture = self.posture(inputs, guess)
+        tension = self._tension(inputs, posture)
+        reduced = self._tensions.reduced(tension)
+        action = (reduced - self._tensions.input_centre) / self._tensions.input_scale
+        return _Found(np.clip(action, -1.0, 1.0), inputs, posture, 0.0)
+
+    def _tension(self, inputs: np.ndarray, posture: np.ndarray) -> np.ndarray:
+        """(n_tendons,) [N] at rest."""
+        tension = self.inputs.command(inputs)
+        if not self._pulled:
+            return tension
+        robot = self.scene.config.robot
+        pretension, stiffness, _ = _elastic(robot)
+        limit = [t.tension_limit for t in robot.tendons]
+        stretch = tension - self._shortened(posture)
+        return np.clip(pretension + stiffness * stretch, 0.0, limit)
+
+    def _shortened(self, posture: np.ndarray) -> np.ndarray:
+        """How much shorter the tendons (n_tendons,) [m] are than in the straight robot."""
+        return _elastic(self.scene.config.robot)[2] - self.scene.tendon_length(posture)
+
+    def _inputs(self, action: np.ndarray, posture: np.ndarray) -> np.ndarray:
+        """Inputs (n_inputs,) for actions of tensions, within their box."""
+        if not self._pulled:
+            return self._tensions.input_centre + action * self._tensions.input_scale
+        pretension, stiffness, _ = _elastic(self.scene.config.robot)
+        pulled = self._shortened(posture) + (self._command(action) - pretension) / stiffness
+        return np.clip(pulled, -self.inputs.input_scale, self.inputs.input_scale)
+
+    @cached_property
+    def _sample(self) -> tuple[list[_Found], np.ndarray]:
+        """Places to look for points from, and their tips (n, k)."""
+        found = [self._rest]
+        for action in spread(_PLACES, self._tensions.n_inputs):
+            near = min(found, key=lambda f: float(np.linalg.norm(f.action - action)))
+            try:
+                posture = self._by_tension.equilibrium(
+                    _controls(self._by_tension, self._command(action)), near.posture
+                )
+            except EquilibriumError:
+                continue
+            found.append(_Found(action, self._inputs(action, posture), posture, 0.0))
+        tips = self.scene.tip(np.array([f.posture for f in found]))
+        return found, tips @ self.directions.T
+
+    def _elsewhere(self, point: np.ndarray, found: _Found) -> _Found:
+        """The point from the nearest places of a sample, if that is better."""
+        places, tips = self._sample
+        for k in np.argsort(np.linalg.norm(tips - point, axis=1))[:_TRIALS]:
+            found = min(found, self._towards(point, places[k], 1), key=lambda f: f.error)
+            if found.error <= self.tolerance:
+                break
+        return found
+
+    def _towards(self, point: np.ndarray, start: _Found, halvings: int) -> _Found:
+        """The point from a start that is reached, by points between where it is too far."""
+        found = self._near(point, start)
+        if found.error <= self.tolerance or halvings == 0:
+            return found
+        between = (point + self.directions @ self.scene.tip(start.posture)) / 2
+        half = self._towards(between, start, halvings - 1)
+        if half.error > self.tolerance:
+            return min(found, half, key=lambda f: self._distance(f, point))
+        return min(found, self._towards(point, half, halvings - 1), key=lambda f: f.error)
+
+    def _distance(self, found: _Found, point: np.ndarray) -> float:
+        """[m] to a point, perhaps another than was looked for."""
+        if not np.isfinite(found.error):
+            return np.inf
+        return float(np.linalg.norm(self.directions @ self.scene.tip(found.posture) - point))
+
+    def _near(self, point: np.ndarray, start: _Found) -> _Found:
+        """Iterate from a start."""
+        action, posture = start.action, start.posture
+        share, before = 1.0, np.inf
+        for _ in range(_ITERATIONS):
+            balance, by_actions, tip_by_actions, tip = self._linearised(action, posture)
+            if balance is None:
+                return _Found(action, self._inputs(action, posture), posture, np.inf)
+            gap = point - self.directions @ tip
+            step, idle = _step(self.directions @ tip_by_actions, gap, action, share)
+            turn = balance + by_actions @ step
+            size = max(np.abs(step).max() / _LARGEST_STEP, np.abs(turn).max() / self._turn, 1.0)
+            action = np.clip(action + step / size, -1.0, 1.0)
+            posture = self._moved(posture, turn / size)
+            if np.abs(turn).max() < _BALANCED and np.abs(step).max() < _RELAXED:
+                break
+            if np.linalg.norm(gap) < 1e-2 * self.scene.config.robot.reach and idle > 0.7 * before:
+                share = max(share / 2, _LEAST_SHARE)
+            before = idle
+        return self._settled(point, action, posture)
+
+    def _settled(self, point: np.ndarray, action: np.ndarray, posture: np.ndarray) -> _Found:
+        """What iterations have led to, in a stable equilibrium under the robot's inputs."""
+        inputs = self._inputs(action, posture)
+        try:
+            posture = self.posture(inputs, posture)
+        except EquilibriumError:
+            return _Found(action, inputs, posture, np.inf)
+        error = np.linalg.norm(self.directions @ self.scene.tip(posture) - point)
+        return _Found(action, inputs, posture, float(error))
+
+    def _linearised(self, action: np.ndarray, posture: np.ndarray) -> tuple:
+        """K^-1 f (nv,), Q (nv, m), d tip / d a (3, m), and the tip (3,) [m] after K^-1 f.
+
+        The first is None where the stiffness is singular or not finite.
+        """
+        forces = self._forces
+        force = forces.force(posture, _controls(self._by_tension, self._command(action)))
+        shifted = self._command(action + self._shifts)
+        m = len(action)
+        by_action = (shifted[:m] - shifted[m:]).T / (2 * self._shifts[0, 0])
+        right = forces.by_controls()[:, : len(by_action)] @ by_action
+        try:
+            found = np.linalg.solve(-forces.tangent(), np.column_stack([force, right]))
+        except np.linalg.LinAlgError:
+            return None, None, None, None
+        if not np.isfinite(found).all():
+            return None, None, None, None
+        tip, by_turns = forces.tip_by_turns()
+        balance, by_actions = found[:, 0], found[:, 1:]
+        return balance, by_actions, by_turns @ by_actions, tip + by_turns @ balance
+
+    def _moved(self, posture: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        moved = posture.copy()
+        mujoco.mj_integratePos(self.scene.model, moved, turn, 1.0)
+        return moved
+
+
+def spread(count: int, dimension: int) -> np.ndarray:
+    """Points (count, dimension) that fill the box [-1, 1] evenly, nearest to its middle first.
+
+    The additive recurrence of the generalised golden ratio (Roberts, "The unreasonable
+    effectiveness of quasirandom sequences", 2018).
+    """
+    ratio = 2.0
+    for _ in range(60):
+        ratio = (1 + ratio) ** (1 / (dimension + 1))
+    steps = ratio ** -np.arange(1.0, dimension + 1)
+    points = 2 * ((0.5 + np.outer(np.arange(1, count + 1), steps)) % 1.0) - 1
+    return points[np.argsort(np.abs(points).max(axis=1))]
+
+
+def _driven_by_tension(scene: Scene) -> Scene:
+    """The same robot as if its tendons were pulled by tensions."""
+    robot = replace(scene.config.robot, drive=Drive())
+    return build_scene(replace(scene.config, robot=robot, actuation="tension"))
+
+
+def _controls(scene: Scene, commanded: np.ndarray) -> np.ndarray:
+    """Controls (nu,) of a scene: tensions or lengths (n_tendons,), and no loads."""
+    controls = np.zeros(scene.model.nu)
+    controls[: len(commanded)] = commanded
+    return controls
+
+
+def _elastic(robot: RobotParams) -> np.ndarray:
+    """Pretension [N], stiffness [N/m] and straight length [m] of the tendons, (3, n_tendons)."""
+    return np.array([(t.pretension, t.stiffness, t.straight_length) for t in robot.tendons]).T
+
+
+def own_directions(scene: Scene) -> np.ndarray:
+    """Directions (2, 3) that every robot's tip can be asked for along, in its own axes at its base.
+
+    Across and along a planar robot, else the two across a spatial one.
+    """
+    base = scene.config.robot.base
+    axes = np.eye(3) if base is None else base.axes
+    return axes.T[[0, 2]] if scene.config.bending == "planar" else axes.T[[0, 1]]
+
+
+def _step(
+    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float
+) -> tuple[np.ndarray, float]:
+    """Change (m,) of actions that closes a gap (k,) within their box, and its part of no effect.
+
+    Actions that would leave the box are held at its bounds and the others make up for them.
+    """
+    held = np.full(len(action), np.nan)
+    while True:
+        free = np.isnan(held)
+        step = np.where(free, 0.0, held - action)
+        idle = 0.0
+        if free.any():
+            left = gap - jacobian @ step
+            step[free], idle = _free_step(jacobian[:, free], left, action[free], share)
+        beyond = free & (np.abs(action + step) > 1.0)
+        if not beyond.any():
+            return step, idle
+        held[beyond] = np.sign(action + step)[beyond]
+
+
+def _free_step(
+    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float
+) -> tuple[np.ndarray, float]:
+    """As `_step`, without the box."""
+    left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
+    kept = singular > _RANK * max(singular[0], 1e-300)
+    left, singular, right = left[:, kept], singular[kept], right[kept]
+    if not len(singular):
+        return np.zeros(len(action)), 0.0
+    damping = _DAMPING * np.linalg.norm(gap) * singular[0]
+    to_point = right.T @ (singular / (singular**2 + damping) * (left.T @ gap))
+    idle = action - right.T @ (right @ action)
+    return to_point - share * idle, float(np.abs(idle).max())

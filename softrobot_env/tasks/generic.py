@@ -1,0 +1,271 @@
+"""Tasks that any robot can be given, in its own workspace.
+
+Their paths run in the plane in which the robot's statics can put its tip anywhere: the x-z plane of
+a planar robot, and across the axis of a spatial one, whose tip's height then follows from the
+statics. All points are reachable: the inputs that hold them have been found. What is known about a
+robot (`site_of`) is kept for the process; MuJoCo loads when the first task is made.
+"""
+
+from collections.abc import Callable
+from functools import lru_cache, partial
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from softrobot_env.robots import RobotParams
+from softrobot_env.tasks.rig_trajectories import SetPoints
+from softrobot_env.tasks.smooth_paths import FourierPath, SmoothRun, figure_eight, random_path
+from softrobot_env.tasks.spec import Maker, Task, whole
+
+if TYPE_CHECKING:
+    from softrobot_env.scene.inverse import InverseStatics
+
+#: Default size of a path, and of the disc of set points, as shares of the site's radius.
+PATH_SHARE, REACH_SHARE = 0.5, 0.8
+
+#: Default speed: so many reaches of the robot per period of its first mode, and at most so many
+#: per second. The tip then goes round a circle in many such periods.
+_SPEED, _FASTEST = 0.2, 0.5
+
+#: Default time at a set point, in periods of the first mode, and at least [s].
+_HOLD, _SHORTEST_HOLD = 5.0, 1.0
+
+_POINTS = 10
+_LAPS, _REST = 2, 1.0
+
+#: A height is solved at so many points, and at so many per harmonic of the flat path; it is fitted
+#: by a share of as many harmonics.
+_SOLVED, _PER_HARMONIC, _FITTED = 48, 16, 0.4
+
+_BENT = 0.6  # largest action at the middle of a planar site
+
+
+class Site(NamedTuple):
+    """Where a robot's tasks take place.
+
+    Attributes:
+        inverse: Its inverse statics.
+        centre: (3,) [m], middle of the disc.
+        held: (n_inputs,), inputs that hold the tip there.
+        directions: (2, 3), unit vectors of the plane of the disc, in the world.
+        radius: [m] of a disc in which points can be reached, as rays from the middle tell; of a
+            robot that cannot move its tip to all sides of the plane 0.
+        period: [s] of the first mode.
+    """
+
+    inverse: "InverseStatics"
+    centre: np.ndarray
+    held: np.ndarray
+    directions: np.ndarray
+    radius: float
+    period: float
+
+    def held_along(self, points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
+        """Tips (n, 3) [m] and inputs (n, n_inputs) that hold points (n, 3), one after the other.
+
+        Raises:
+            ValueError: A point cannot be reached; the message says how far off it is, and what is
+                large enough for sure.
+        """
+        found = self.inverse.solve(points, self.held)
+        worst = int(np.argmax(found.errors))
+        error = found.errors[worst]
+        if not error <= self.inverse.tolerance:
+            far = "no equilibrium is found" if np.isinf(error) else f"{1e3 * error:.3g} mm off"
+            name = self.inverse.scene.config.robot.name
+            raise ValueError(
+                f"{what}: robot {name!r} cannot hold its tip at "
+                f"{np.round(points[worst], 4).tolist()} m ({far}); the radius of its site is "
+                f"{self.radius:.3g} m, choose a smaller one than that"
+            )
+        return self.inverse.scene.tip(found.postures), found.inputs
+
+
+@lru_cache(maxsize=32)
+def site_of(robot: RobotParams) -> Site:
+    """The site of a robot's tasks, found once in a process.
+
+    Raises:
+        ValueError: The robot has no tendons.
+        EquilibriumError: It does not stand without inputs.
+    """
+    from softrobot_env.scene.build import build_scene
+    from softrobot_env.scene.inverse import InverseStatics, own_directions
+    from softrobot_env.scene.registry import scene_of
+
+    scene = build_scene(scene_of(robot))
+    inverse, directions = InverseStatics(scene), own_directions(scene)
+    centre, held, radius = inverse.disc(_BENT)
+    return Site(inverse, centre, held, directions, radius, scene.timestep.first_period)
+
+
+def _circle(robot: RobotParams, radius: float | None = None, speed: float | None = None) -> Task:
+    """Two laps of a circle of `radius` [m] at `speed` [m/s], from rest to rest."""
+    site, radius = _wide_site(robot, "circle", radius)
+    e1, e2 = radius * site.directions
+    flat = FourierPath(_point(site.centre + e1), (_point(e1),), (_point(e2),))
+    return _run("circle", robot, flat, speed, radius=radius)
+
+
+def _figure_eight(
+    robot: RobotParams, radius: float | None = None, speed: float | None = None
+) -> Task:
+    """Two laps of a figure eight from end to end 2 `radius` [m], half as high."""
+    site, radius = _wide_site(robot, "figure_eight", radius)
+    along, across = radius * site.directions
+    flat = figure_eight(_point(site.centre), _point(along), _point(across / 2))
+    return _run("figure_eight", robot, flat, speed, radius=radius)
+
+
+def _random(
+    robot: RobotParams, radius: float | None = None, speed: float | None = None, seed: int = 0
+) -> Task:
+    """Two laps of a smooth random path that just fills a disc of `radius` [m]."""
+    site, radius = _wide_site(robot, "random", radius)
+    along, across = radius * site.directions
+    flat = random_path(whole(seed), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+    turned = [
+        tuple(_point(x * along + y * across) for x, y, _ in terms)
+        for terms in (flat.cosine, flat.sine)
+    ]
+    path = FourierPath(_point(site.centre), *turned)
+    return _run("random", robot, path, speed, radius=radius, seed=seed)
+
+
+def _reach(
+    robot: RobotParams, seed: int = 0, radius: float | None = None, hold: float | None = None
+) -> Task:
+    """Ten set points, uniform in a disc of `radius` [m], held for `hold` [s] one by one.
+
+    Those of a robot whose tip only moves on a line lie on it, within `radius` of its rest.
+    """
+    site, rng = site_of(robot), np.random.default_rng(whole(seed))
+    points, radius = _set_points(site, rng, radius)
+    hold = max(_SHORTEST_HOLD, np.ceil(2 * _HOLD * site.period) / 2) if hold is None else hold
+    trajectory = SetPoints(tuple(map(_point, points)), float(hold))
+    options = (("seed", seed), ("radius", radius), ("hold", float(hold)))
+    return _task("reach", robot, trajectory, _POINTS * float(hold), site.held, options)
+
+
+def _set_points(
+    site: Site, rng: np.random.Generator, radius: float | None
+) -> tuple[np.ndarray, float]:
+    """Points (n, 3) [m], and the radius [m] of what they lie in."""
+    if site.radius == 0:
+        return _on_line(site, rng, radius)
+    radius = _rounded(REACH_SHARE * site.radius) if radius is None else _checked(radius)
+    distance, turn = rng.uniform(size=(2, _POINTS))
+    z = radius * np.sqrt(distance) * np.exp(2j * np.pi * turn)
+    flat = site.centre + np.stack([z.real, z.imag], axis=1) @ site.directions
+    return site.held_along(flat, "task 'reach'")[0], radius
+
+
+def _on_line(
+    site: Site, rng: np.random.Generator, radius: float | None
+) -> tuple[np.ndarray, float]:
+    """Tips (n, 3) [m] under random equal actions, up to `radius` [m] from that of the action 0."""
+    farthest = np.linalg.norm(site.inverse.line(np.array([-1.0, 1.0]))[0] - site.centre, axis=1)
+    radius = _rounded(REACH_SHARE * farthest.min()) if radius is None else _checked(radius)
+    if radius > farthest.min():
+        raise ValueError(f"radius must be at most {farthest.min():.3g} m here, got {radius!r}")
+    tips = site.inverse.line(np.sort(rng.uniform(-1, 1, 20 * _POINTS)))[0]
+    near = tips[np.linalg.norm(tips - site.centre, axis=1) <= radius]
+    return rng.permutation(near)[:_POINTS], radius
+
+
+def _wide_site(robot: RobotParams, task: str, radius: float | None) -> tuple[Site, float]:
+    """The site and the radius [m] of a path; ValueError for a robot that only moves on a line."""
+    site = site_of(robot)
+    if site.radius == 0:
+        raise ValueError(
+            f"task {task!r} needs a tip that moves to all sides; that of robot {robot.name!r}, "
+            f"with {site.inverse.inputs.n_inputs} input(s), moves on a line: task 'reach' works "
+            "along it"
+        )
+    return site, _rounded(PATH_SHARE * site.radius) if radius is None else _checked(radius)
+
+
+def _run(
+    name: str, robot: RobotParams, flat: FourierPath, speed: float | None, **options: float
+) -> Task:
+    """Laps of the path over a flat one, from rest to rest."""
+    site = site_of(robot)
+    curve, start = _held_path(site, flat, f"task {name!r}")
+    fastest = min(_SPEED / site.period, _FASTEST) * robot.reach
+    speed = _rounded(fastest) if speed is None else float(speed)
+    run = SmoothRun(curve, speed, _LAPS)
+    made = (*options.items(), ("speed", speed))
+    return _task(name, robot, run, run.end_time + _REST, start, made)
+
+
+@lru_cache(maxsize=64)
+def _solved(robot: RobotParams, flat: FourierPath, what: str) -> tuple[np.ndarray, np.ndarray]:
+    """Tips (n, 3) [m] and inputs (n, n_inputs) over equal steps of a flat path's phase."""
+    count = max(_SOLVED, _PER_HARMONIC * len(flat.cosine))
+    phase = 2 * np.pi * np.arange(count) / count
+    return site_of(robot).held_along(flat.derivative(phase, 0), what)
+
+
+def _held_path(site: Site, flat: FourierPath, what: str) -> tuple[FourierPath, np.ndarray]:
+    """The path of the tip over a flat path, and the inputs at its start.
+
+    In the x-z plane it is the flat one. A spatial robot's height is a Fourier series through the
+    solved points, so that the path stays smooth; between the points it is as good as the series
+    converges (tests hold it below 1e-4 of the reach).
+    """
+    config = site.inverse.scene.config
+    tips, inputs = _solved(config.robot, flat, what)
+    if config.bending == "planar":
+        return flat, inputs[0]
+    axis = np.cross(*site.directions)
+    harmonics = int(_FITTED * len(tips))
+    terms = np.fft.rfft(tips @ axis)[1 : harmonics + 1] * 2 / len(tips)
+    cosine, sine = (np.zeros((harmonics, 3)) for _ in range(2))
+    k = len(flat.cosine)
+    cosine[:k], sine[:k] = flat.cosine, flat.sine
+    cosine += terms.real[:, None] * axis
+    sine -= terms.imag[:, None] * axis
+    start = tips[0]
+    return FourierPath(_point(start), *(tuple(map(_point, x)) for x in (cosine, sine))), inputs[0]
+
+
+def _task(
+    name: str,
+    robot: RobotParams,
+    trajectory: SmoothRun | SetPoints,
+    duration: float,
+    start: np.ndarray,
+    options: tuple[tuple[str, float], ...],
+) -> Task:
+    axes = "xz" if robot.moves_in_xz else "xyz"
+    return Task(name, robot, trajectory, duration, _point(start), options, axes)
+
+
+def _point(values: np.ndarray) -> tuple[float, ...]:
+    return tuple(np.asarray(values, dtype=float).tolist())
+
+
+def _rounded(value: float) -> float:
+    """Two digits, not more than the value."""
+    digit = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{digit * np.floor(value / digit * (1 + 1e-12)):.6g}")
+
+
+def _checked(radius: float) -> float:
+    if not radius > 0:
+        raise ValueError(f"radius must be positive, got {radius!r}")
+    return float(radius)
+
+
+#: Name -> function (robot, **options) that makes the task.
+GENERIC_TASKS: dict[str, Callable[..., Task]] = {
+    "reach": _reach,
+    "circle": _circle,
+    "figure_eight": _figure_eight,
+    "random": _random,
+}
+
+
+def generic_tasks(robot: RobotParams) -> dict[str, Maker]:
+    """The tasks that any robot can be given, of one robot; an option that is None has a default."""
+    return {name: partial(make, robot) for name, make in GENERIC_TASKS.items()}
