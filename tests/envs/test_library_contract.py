@@ -253,7 +253,7 @@ def test_what_is_faster_than_the_bounds_is_a_failure(env_id, what):
     with made(env_id, observe="all") as env:
         env.reset()
         model, data, readout = env.unwrapped.model, env.unwrapped.data, env.unwrapped._readout
-        jacobian, limits = np.zeros((3, model.nv)), readout._limits
+        jacobian, limits = np.zeros((3, model.nv)), readout._measures
         mujoco.mj_jacSite(model, data, jacobian, None, model.site("tip").id)
         rates = np.random.default_rng(0).standard_normal(model.nv)
         unit = np.linalg.norm((jacobian @ rates)[env.unwrapped.axes]) / limits.speed
@@ -270,7 +270,7 @@ def test_what_is_faster_than_the_bounds_is_a_failure(env_id, what):
 def test_many_fail_by_the_same_bounds():
     many = gymnasium.make_vec("SoftRobot/ArmSwing-v0", num_envs=3, observe="all")
     many.reset()
-    limits = many._exact._limits
+    limits = many._exact._measures
     many._simulation.qvel[1] = 2 * limits.turning
     many._exact.update()
     assert many._exact.outside.tolist() == [False, True, False]
