@@ -65,11 +65,13 @@ class Disturbance:
         drives.start(_FIRST, np.array([self.tension_gain]), np.array([self.delay]), tension)
         return drives
 
-    def noise(self, pieces: int, rng: np.random.Generator) -> "SensorNoise | None":
+    def noise(
+        self, curvatures: int, rng: np.random.Generator, coordinates: int = 2
+    ) -> "SensorNoise | None":
         """Started noise of one robot, seeded by a draw; None without, and then nothing is drawn."""
         if self.sensor_noise == 0:
             return None
-        noise = SensorNoise(1, pieces)
+        noise = SensorNoise(1, curvatures, coordinates)
         noise.start(0, self.sensor_noise, noise_seed(rng))
         return noise
 
@@ -195,9 +197,11 @@ class SensorNoise:
     depends on its seed alone: all observables draw, observed or not.
     """
 
-    def __init__(self, count: int, pieces: int) -> None:
-        """No noise for `count` robots of `pieces` pieces."""
-        sizes = [pieces if name.startswith("curvature") else 2 for name in SENSOR_NOISE]
+    def __init__(self, count: int, curvatures: int, coordinates: int = 2) -> None:
+        """No noise for `count` robots with so many curvatures, and coordinates of the tip."""
+        sizes = [
+            curvatures if name.startswith("curvature") else coordinates for name in SENSOR_NOISE
+        ]
         ends = np.cumsum(sizes)
         self._columns = dict(zip(SENSOR_NOISE, map(slice, ends - sizes, ends), strict=True))
         self._deviation = np.repeat(list(SENSOR_NOISE.values()), sizes)
