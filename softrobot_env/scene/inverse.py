@@ -390,7 +390,8 @@ class InverseStatics:
         between = (point + self.directions @ self.scene.tip(start.posture)) / 2
         half = self._towards(between, start, halvings - 1)
         if half.error > self.tolerance:
-            return min(found, half, key=lambda f: self._distance(f, point))
+            half = half._replace(error=self._distance(half, point))
+            return min(found, half, key=lambda f: f.error)
         return min(found, self._towards(point, half, halvings - 1), key=lambda f: f.error)
 
     def _distance(self, found: _Found, point: np.ndarray) -> float:
@@ -483,7 +484,10 @@ def _driven_by_tension(scene: Scene) -> Scene:
 def _controls(scene: Scene, commanded: np.ndarray) -> np.ndarray:
     """Controls (nu,) of a scene: tensions or lengths (n_tendons,), and no loads."""
     controls = np.zeros(scene.model.nu)
-    controls[: len(commanded)] = commanded
+    low, high = scene.model.actuator_ctrlrange[: len(commanded)].T
+    within = np.clip(commanded, low, high)
+    rounding = np.abs(within - commanded) <= 1e-9 * high
+    controls[: len(commanded)] = np.where(rounding, within, commanded)
     return controls
 
 

@@ -149,9 +149,9 @@ def _on_line(
     radius = _rounded(REACH_SHARE * most) if radius is None else _checked(radius)
     if radius > most:
         raise ValueError(f"radius must be at most {most:.3g} m here, got {radius!r}")
-    tips = site.inverse.line(np.sort(rng.uniform(-1, 1, 20 * _POINTS)))[0]
-    near = tips[np.linalg.norm(tips - middle, axis=1) <= radius]
-    return rng.permutation(near)[:_POINTS], radius
+    actions = np.linspace(-1, 1, 81) * min(1.0, 2 * radius / most)
+    near = actions[np.linalg.norm(site.inverse.line(actions)[0] - middle, axis=1) <= radius]
+    return site.inverse.line(rng.uniform(near[0], near[-1], _POINTS))[0], radius
 
 
 def _wide_ground(
