@@ -44,11 +44,14 @@ ALLOWED = {
     "__init__": {"registration", "processes"},
     **dict.fromkeys(FOUNDATION, FOUNDATION),
     **dict.fromkeys(MIDDLE, FOUNDATION),
-    "control": FOUNDATION | {"beams", "learned"},
+    # Tasks for any robot look up its workspace when one is made.
+    "tasks": FOUNDATION | {"scene"},
+    # Static feedforward inverts the scene of a robot.
+    "control": FOUNDATION | {"beams", "learned", "scene"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware"},
     # Its runner makes environment and policy of a case, for every command, benchmark and training.
     "evaluation": FOUNDATION | {"beams", "control", "envs"},
-    "rendering": FOUNDATION | {"evaluation"},
+    "rendering": FOUNDATION | {"evaluation", "scene"},
     "cli": EVERYTHING,
     "commands": EVERYTHING,  # one module per command of the cli
     "__main__": EVERYTHING,
