@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 
 from softrobot_env.registries import Registry
 from softrobot_env.robots import RobotParams, as_number, find_robot
@@ -72,7 +73,7 @@ def remake_task(task: Task, /, **options: float) -> Task:
         ValueError: As `make_task`.
     """
     make = task.maker or EVERY_TASK.find(task.name)
-    before = _made(task.name, make, dict(task.options))
+    before = _as_it_was(task.name, make, task.options)
     made = _made(task.name, make, dict(task.options) | options)
     replaced = {
         name: getattr(task, name)
@@ -80,6 +81,11 @@ def remake_task(task: Task, /, **options: float) -> Task:
         if getattr(task, name) != getattr(before, name)
     }
     return replace(made, **replaced)
+
+
+@lru_cache(maxsize=64)
+def _as_it_was(name: str, make: Maker, options: tuple[tuple[str, float], ...]) -> Task:
+    return _made(name, make, dict(options))
 
 
 def _made(name: str, make: Maker, options: Mapping[str, float | None]) -> Task:
