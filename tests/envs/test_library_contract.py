@@ -271,7 +271,7 @@ def test_many_fail_by_the_same_bounds():
     many = gymnasium.make_vec("SoftRobot/ArmSwing-v0", num_envs=3, observe="all")
     many.reset()
     limits = many._exact._measures
-    many._simulation.qvel[1] = 2 * limits.turning
+    many.simulation.qvel[1] = 2 * limits.turning
     many._exact.update()
     assert many._exact.outside.tolist() == [False, True, False]
     assert "norm of the hinge rates" in many._exact.what_left(1, 0.0)
@@ -315,7 +315,7 @@ def test_many_refuse_a_forked_child_and_go_on_here():
     told = "RuntimeError: these simulations belong to process"
     assert in_a_fork(lambda: many.step(zero)).startswith(told)
     assert in_a_fork(many.reset).startswith(told)
-    assert in_a_fork(many.__dict__["_simulation"]._batch.__del__) == ""
+    assert in_a_fork(many.simulation._batch.__del__) == ""
     many.step(zero)
 
 
