@@ -17,8 +17,8 @@ from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.coupling import couple_pieces
 from softrobot_env.scene.quadrature import HingeLayout, place_between
-from softrobot_env.scene.springs import add_springs
 from softrobot_env.scene.settling import settle
+from softrobot_env.scene.springs import add_springs
 from softrobot_env.scene.statics import checked_controls, equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import (

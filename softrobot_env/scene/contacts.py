@@ -26,7 +26,7 @@ import numpy as np
 
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.chain import HEAD_BODY, Chain
-from softrobot_env.scene.objects import G, Contacts, Object
+from softrobot_env.scene.objects import Contacts, G, Object
 
 #: Name of the backbone among those that touch.
 BACKBONE = "backbone"

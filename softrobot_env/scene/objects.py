@@ -1,7 +1,7 @@
-"""What a robot can touch, as data: the properties of contacts, and objects that stand or lie about."""
+"""What a robot can touch, as data: the properties of contacts, and objects."""
 
 from dataclasses import dataclass
-from math import cos, pi, sin
+from math import cos, pi, prod, sin
 from typing import ClassVar
 
 import numpy as np
@@ -75,11 +75,6 @@ class Object:
         return self.mass is not None or self.density is not None
 
     @property
-    def total_mass(self) -> float:
-        """[kg]"""
-        return self.density * self.volume if self.mass is None else self.mass
-
-    @property
     def quaternion(self) -> list[float]:
         """(4,), real part first."""
         angle = float(np.linalg.norm(self.turn))
@@ -88,17 +83,23 @@ class Object:
 
     @property
     def geom_size(self) -> list[float]:
-        """(3,) [m], as MuJoCo has it."""
-        raise NotImplementedError
+        """(3,) [m], as MuJoCo has it: half sizes and radii."""
+        return [*self._sizes(), 0.0, 0.0][:3]
 
     @property
-    def volume(self) -> float:
-        """[m3]"""
-        raise NotImplementedError
+    def total_mass(self) -> float:
+        """[kg]"""
+        return self.density * self._volume() if self.mass is None else self.mass
 
     @property
     def extent(self) -> float:
-        """Smallest size [m]."""
+        """Half the smallest size [m]."""
+        return min(self._sizes())
+
+    def _sizes(self) -> tuple[float, ...]:
+        raise NotImplementedError
+
+    def _volume(self) -> float:
         raise NotImplementedError
 
 
@@ -109,17 +110,11 @@ class Sphere(Object):
     radius: Positive
     geom_type: ClassVar[str] = "mjGEOM_SPHERE"
 
-    @property
-    def geom_size(self) -> list[float]:
-        return [self.radius, 0, 0]
+    def _sizes(self) -> tuple[float, ...]:
+        return (self.radius,)
 
-    @property
-    def volume(self) -> float:
+    def _volume(self) -> float:
         return 4 / 3 * pi * self.radius**3
-
-    @property
-    def extent(self) -> float:
-        return self.radius
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,17 +125,11 @@ class Cylinder(Object):
     length: Positive
     geom_type: ClassVar[str] = "mjGEOM_CYLINDER"
 
-    @property
-    def geom_size(self) -> list[float]:
-        return [self.radius, self.length / 2, 0]
+    def _sizes(self) -> tuple[float, ...]:
+        return self.radius, self.length / 2
 
-    @property
-    def volume(self) -> float:
+    def _volume(self) -> float:
         return pi * self.radius**2 * self.length
-
-    @property
-    def extent(self) -> float:
-        return min(self.radius, self.length / 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,32 +140,25 @@ class Box(Object):
     geom_type: ClassVar[str] = "mjGEOM_BOX"
     has_faces: ClassVar[bool] = True
 
-    @property
-    def geom_size(self) -> list[float]:
-        return [x / 2 for x in self.size]
+    def _sizes(self) -> tuple[float, ...]:
+        return tuple(x / 2 for x in self.size)
 
-    @property
-    def volume(self) -> float:
-        return self.size[0] * self.size[1] * self.size[2]
-
-    @property
-    def extent(self) -> float:
-        return min(self.size) / 2
+    def _volume(self) -> float:
+        return prod(self.size)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ground(Object):
     """Half-space below `position`, its surface across its own z."""
 
+    rgba: Rgba = (0.8, 0.82, 0.85, 1.0)
     geom_type: ClassVar[str] = "mjGEOM_PLANE"
     has_faces: ClassVar[bool] = True
-    rgba: Rgba = (0.8, 0.82, 0.85, 1.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.is_free:
             raise ValueError(f"ground {self.name!r} stands still: it has no mass or density")
 
-    @property
-    def geom_size(self) -> list[float]:
-        return [1.0, 1.0, 0.05]  # as it is drawn
+    def _sizes(self) -> tuple[float, ...]:
+        return 1.0, 1.0, 0.05  # as it is drawn
