@@ -204,7 +204,7 @@ def build_scene(config: SceneConfig) -> Scene:
     """
     spec, layout, pairs = _assemble(config)
     model = spec.compile()
-    choice = _mujocos(config, model)
+    choice = _mujocos(config, model, pairs)
     _apply(choice, model.opt)
     if pairs:
         softest = contacts.tune(model, pairs, choice.timestep)
@@ -262,7 +262,7 @@ def scene_xml(config: SceneConfig) -> str:
     """The scene as MJCF, ready for any MuJoCo viewer."""
     spec, _, pairs = _assemble(config)
     model = spec.compile()
-    choice = _mujocos(config, model)
+    choice = _mujocos(config, model, pairs)
     _apply(choice, spec.option)
     contacts.tune(model, pairs, choice.timestep)
     contacts.write(spec, model, pairs)
@@ -300,7 +300,9 @@ def _softened(softest: float) -> str:
     )
 
 
-def _mujocos(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
+def _mujocos(
+    config: SceneConfig, model: mujoco.MjModel, pairs: Sequence[contacts.Pair]
+) -> TimestepChoice:
     """What MuJoCo's own steps of the model take: those of viewers, and of whoever steps it."""
     with warnings.catch_warnings():
         if is_extrapolated(config):
@@ -311,7 +313,7 @@ def _mujocos(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
             config.timestep,
             None if config.integrator == EXTRAPOLATION else config.integrator,
             friction=config.robot.rubs,
-            contacts=config.contacts is not None,
+            contacts=None if config.contacts is None else contacts.longest_step(model, pairs),
         )
 
 

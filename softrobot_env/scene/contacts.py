@@ -7,10 +7,10 @@ A contact is a spring and a damper. Its force at depth r is K r + B v, and its f
 Coulomb's law. MuJoCo has accelerations in the place of forces: a row of impedance d with the mean
 inverse mass A of the two bodies acts as a spring, a damper, and a mass d / ((1 - d) A) between
 them. With solref = (-w^2, -2 zeta w), w^2 = K A (1 - d), its stiffness is K and its damping ratio
-zeta, whatever d is. So d is free: the least of `LEAST_IMPEDANCE` where the timestep h resolves the
-spring, and where w h would pass `RESOLVED` as large as slows it down to that. This mass is an
-error, which vanishes as h does; forces at rest have none of it. MuJoCo's `discrete` has another A,
-which depends on the timestep, and another stiffness: its users get about K.
+zeta, whatever d is. So d is free: `LEAST_IMPEDANCE` where the timestep h resolves the spring, and
+where w h would pass `RESOLVED` as large as slows it down to that. This mass is an error that
+shrinks with h; forces at rest have none of it. MuJoCo's `discrete` has another A, which depends on
+the timestep, and so another stiffness: it is not taken for contacts.
 
 Surfaces are told by the names of their geoms, so that chains which were put into one spec with a
 prefix can be paired as well as one alone: `add_skin`, `add_objects`, then `pair_surfaces`.
@@ -31,19 +31,26 @@ from softrobot_env.scene.objects import Contacts, G, Object
 #: Name of the backbone among those that touch.
 BACKBONE = "backbone"
 
+#: Impedance d of a contact that the timestep resolves, and the largest that is taken.
 LEAST_IMPEDANCE, MOST_IMPEDANCE = 0.2, 0.999
 
-#: Largest w h [1] of a contact's spring.
-RESOLVED = 0.25
+#: Largest d that the rule's timestep leaves to contacts whose stiffness was asked for, and largest
+#: d to which those of the robot's material are softened.
+ACCURATE_IMPEDANCE, DEFAULT_IMPEDANCE = 0.7, 0.9
 
-#: Largest share of a sliding velocity that friction takes in a timestep.
-_STOPPED = 0.5
+#: Largest w h [1] of a contact's spring. From 0.8 on a critically damped one is unstable, and A,
+#: which is a mean over directions, may be a third of what counts.
+RESOLVED = 0.35
+
+#: Rate at which friction stops a motion, over a contact's frequency w [1]. MuJoCo's friction parts
+#: two bodies by friction times rate / w^2 times their sliding velocity: it must not be large.
+_STOPPING = 1.0
 
 #: How much stiffer contacts are against sliding than against depth [1].
-_SIDEWAYS = 1000.0
+_SIDEWAYS = 1e4
 
 #: Depth of a free object under its own weight, where nothing else gives, over its size [1].
-_OBJECT_DEPTH = 1e-3
+_OBJECT_DEPTH = 5e-3
 
 #: What the first of a geom's user numbers says it is.
 _LINK, _PART = 1, 2
@@ -65,7 +72,8 @@ class Surface:
         span: [m], arc lengths between which it lies on its robot.
         radius: [m] around the backbone.
         halves: Whether it meets others in two points at once, each of half the stiffness.
-        weight: [N/m], what it weighs over the depth it sinks in by that; 0 of what cannot move.
+        weight: [N/m], what a free object weighs over the depth it sinks in by that.
+        fixed: Whether it cannot move.
     """
 
     geom: str
@@ -77,6 +85,7 @@ class Surface:
     radius: float = 0.0
     halves: bool = False
     weight: float = 0.0
+    fixed: bool = False
 
     def within(self, prefix: str, robot: int) -> "Surface":
         """The same one after its spec was attached with a prefix, as robot of another number."""
@@ -182,6 +191,7 @@ def _add_link(
         number,
         (start, end),
         radius,
+        fixed=index == 0,
     )
     capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
     _add_shape(body, surface, capsule, [radius, half, 0], [0, 0, half], origin=start)
@@ -266,6 +276,7 @@ def _add_object(spec: mujoco.MjSpec, thing: Object) -> Surface:
         thing.friction,
         halves=thing.has_faces,
         weight=weight,
+        fixed=not thing.is_free,
     )
 
 
@@ -288,9 +299,9 @@ def pair_surfaces(
 
 
 def _may_touch(one: Surface, other: Surface, contacts: Contacts) -> bool:
-    if one.robot is None and other.robot is None:
-        return bool(one.weight or other.weight)
-    if one.robot != other.robot:
+    if one.fixed and other.fixed:
+        return False
+    if one.robot is None or one.robot != other.robot:
         return True
     gap = max(one.span[0], other.span[0]) - min(one.span[1], other.span[1])
     return contacts.self_contact and gap >= pi / 2 * (one.radius + other.radius)
@@ -326,6 +337,13 @@ def prepare(option: mujoco.MjOption) -> None:
     option.tolerance = 1e-10
 
 
+def longest_step(model: mujoco.MjModel, pairs: Sequence[Pair]) -> float:
+    """Timestep [s] that resolves the contacts whose stiffness was asked for; inf without any."""
+    asked = [_square(model, pair) for pair in pairs if pair.asked]
+    square = max(asked, default=0.0)
+    return RESOLVED / sqrt(square * (1 - ACCURATE_IMPEDANCE)) if square else inf
+
+
 def tune(
     model: mujoco.MjModel, pairs: Sequence[Pair], timestep: float, least: float = LEAST_IMPEDANCE
 ) -> float:
@@ -344,25 +362,25 @@ def tune(
     Raises:
         ValueError: A stiffness that was asked for is more than the timestep can do.
     """
-    softest = 1.0
+    softest, fastest = 1.0, (RESOLVED / timestep) ** 2
     for pair in pairs:
-        number = model.pair(pair.name).id
-        inverse_mass = _inverse_mass(model, number)
-        if inverse_mass <= 0:
-            continue  # neither can move
-        square = pair.stiffness * inverse_mass
-        most = (RESOLVED / timestep) ** 2 / (1 - MOST_IMPEDANCE)
-        if square > most and pair.asked:
-            raise ValueError(_too_stiff(pair, square, most, timestep))
+        square = _square(model, pair)
+        most = fastest / (1 - (MOST_IMPEDANCE if pair.asked else DEFAULT_IMPEDANCE))
+        if pair.asked and square > most:
+            raise ValueError(_too_stiff(pair, square / most, timestep))
         softest = min(softest, most / square)
         square = min(square, most)
-        impedance = max(least, 1 - (RESOLVED / timestep) ** 2 / square)
-        frequency = sqrt(square * (1 - impedance))
-        model.pair_solref[number] = -(frequency**2), -2 * pair.damping_ratio * frequency
-        model.pair_solimp[number] = impedance, impedance, 1e-3, 0.5, 2
-        # Friction has no spring: all that counts of it is how fast it stops a motion.
-        model.pair_solreffriction[number] = -1.0, -impedance * _STOPPED / timestep
+        _set(model, pair, square, max(least, 1 - fastest / square))
     return softest
+
+
+def _set(model: mujoco.MjModel, pair: Pair, square: float, impedance: float) -> None:
+    """Parameters of a pair with a spring of frequency sqrt(square) [rad/s] without the mass."""
+    number, frequency = model.pair(pair.name).id, sqrt(square * (1 - impedance))
+    model.pair_solref[number] = -(frequency**2), -2 * pair.damping_ratio * frequency
+    model.pair_solimp[number] = impedance, impedance, 1e-3, 0.5, 2
+    # Friction has no spring: the first of these has no effect.
+    model.pair_solreffriction[number] = -1.0, -impedance * _STOPPING * frequency
 
 
 def write(spec: mujoco.MjSpec, model: mujoco.MjModel, pairs: Sequence[Pair]) -> None:
@@ -374,17 +392,19 @@ def write(spec: mujoco.MjSpec, model: mujoco.MjModel, pairs: Sequence[Pair]) -> 
             setattr(by_name[pair.name], field, getattr(model, f"pair_{field}")[number])
 
 
-def _inverse_mass(model: mujoco.MjModel, pair: int) -> float:
-    """What MuJoCo takes for the inverse mass [1/kg] of a pair of bodies."""
-    geoms = model.pair_geom1[pair], model.pair_geom2[pair]
-    return float(sum(model.body_invweight0[model.geom_bodyid[g], 0] for g in geoms))
+def _square(model: mujoco.MjModel, pair: Pair) -> float:
+    """K A [1/s2] of a pair, A being what MuJoCo takes for the inverse mass [1/kg] of two bodies."""
+    number = model.pair(pair.name).id
+    geoms = model.pair_geom1[number], model.pair_geom2[number]
+    inverse = sum(model.body_invweight0[model.geom_bodyid[g], 0] for g in geoms)
+    return pair.stiffness * float(inverse)
 
 
-def _too_stiff(pair: Pair, square: float, most: float, timestep: float) -> str:
+def _too_stiff(pair: Pair, excess: float, timestep: float) -> str:
     return (
         f"contacts {pair.name!r} of {pair.stiffness:.3g} N/m are too stiff for a timestep of "
-        f"{timestep:.3g} s: give Contacts(stiffness=...) {square / most:.3g} times smaller, or a "
-        f"timestep of {timestep * sqrt(most / square):.2g} s"
+        f"{timestep:.3g} s: give Contacts(stiffness=...) {excess:.3g} times smaller, or a timestep "
+        f"of {timestep / sqrt(excess):.2g} s"
     )
 
 
