@@ -47,12 +47,14 @@ class Scene:
         layout: Where the hinges stand.
         timestep: Integrator and timestep, and why.
         model: The compiled model.
+        pairs: What can touch, and how stiff it is.
     """
 
     config: SceneConfig
     layout: HingeLayout
     timestep: TimestepChoice
     model: mujoco.MjModel
+    pairs: tuple[contacts.Pair, ...] = ()
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -206,12 +208,11 @@ def build_scene(config: SceneConfig) -> Scene:
     model = spec.compile()
     choice = _mujocos(config, model, pairs)
     _apply(choice, model.opt)
-    if pairs:
-        softest = contacts.tune(model, pairs, choice.timestep)
-        choice = replace(choice, reason=choice.reason + _softened(softest))
+    softest = contacts.tune(model, pairs, choice.timestep)
+    choice = replace(choice, reason=choice.reason + _softened(softest))
     if is_extrapolated(config):
         choice = _extrapolated(config)
-    return Scene(config, layout, choice, model)
+    return Scene(config, layout, choice, model, tuple(pairs))
 
 
 def is_extrapolated(config: SceneConfig) -> bool:
@@ -250,6 +251,7 @@ def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:
     if choice.integrator == EXTRAPOLATION or _near_its_limit(varied, choice):
         return varied
     _apply(choice, varied.model.opt)
+    contacts.tune(varied.model, varied.pairs, choice.timestep)
     return replace(varied, timestep=choice)
 
 

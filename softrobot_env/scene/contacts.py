@@ -25,6 +25,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.sections import Section
 from softrobot_env.scene.chain import HEAD_BODY, Chain
 from softrobot_env.scene.objects import Contacts, G, Object
 
@@ -246,6 +247,11 @@ def _skin_stiffness(robot: RobotParams, station: float, contacts: Contacts) -> f
         return contacts.stiffness
     backbone = robot.backbone
     section = backbone.sections[int(backbone.index(np.array([station]))[0])]
+    return material_stiffness(section)
+
+
+def material_stiffness(section: Section) -> float:
+    """Stiffness [N/m2] of a cylinder of a section's material on a flat, see `Contacts`."""
     return pi / 4 * section.youngs_modulus / (1 - section.poisson_ratio**2)
 
 

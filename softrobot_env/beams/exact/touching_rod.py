@@ -108,9 +108,9 @@ def rod_round_cylinder(
     post: tuple[float, float],
     radius: float,
 ) -> Touching:
-    """A rod bent so far over a round post that it lies on an arc of it, by a dead force at its tip.
+    """A rod bent over a round post, on an arc of which it lies, by a dead force at its tip.
 
-    On the arc its curvature is 1 / R, so the moment EI / R is constant, there is no shear force, and
+    On the arc its curvature is 1 / R, the moment EI / R is constant, there is no shear force, and
     the tension T presses with T / R per length. At both ends of the arc an edge takes the shear
     force of the free parts.
 
