@@ -43,6 +43,10 @@ ACCURATE_IMPEDANCE, DEFAULT_IMPEDANCE = 0.7, 0.9
 #: which is a mean over directions, may be a third of what counts.
 RESOLVED = 0.35
 
+#: Largest product of timestep and rate 2 zeta w / d at which a contact of bodies that are far
+#: lighter than A says takes speed: from 2 on they chatter.
+_DAMPED = 1.2
+
 #: Rate at which friction stops a motion, over a contact's frequency w [1]. MuJoCo's friction parts
 #: two bodies by friction times rate / w^2 times their sliding velocity: it must not be large.
 _STOPPING = 1.0
@@ -376,8 +380,14 @@ def tune(
             raise ValueError(_too_stiff(pair, square / most, timestep))
         softest = min(softest, most / square)
         square = min(square, most)
-        _set(model, pair, square, max(least, 1 - fastest / square))
+        steady = _steady(2 * pair.damping_ratio * timestep * sqrt(square) / _DAMPED)
+        _set(model, pair, square, max(least, steady, 1 - fastest / square))
     return softest
+
+
+def _steady(x: float) -> float:
+    """Impedance d at which d = x sqrt(1 - d)."""
+    return x * (sqrt(x**2 + 4) - x) / 2
 
 
 def _set(model: mujoco.MjModel, pair: Pair, square: float, impedance: float) -> None:

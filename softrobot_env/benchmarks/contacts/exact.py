@@ -33,7 +33,7 @@ ROD = RobotParams(
     damping_time=0.01,
     pieces=12,
 )
-_LYING = replace(ROD, gravity=(0.0, 0.0, -0.05), base=Base((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+_LYING = replace(ROD, gravity=(0.0, 0.0, -0.1), base=Base((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
 
 #: [N/m2], of the skin.
 STIFFNESS = 1e6
