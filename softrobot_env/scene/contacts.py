@@ -33,7 +33,7 @@ from softrobot_env.scene.objects import Contacts, G, Object
 BACKBONE = "backbone"
 
 #: Impedance d of a contact that the timestep resolves, and the largest that is taken.
-LEAST_IMPEDANCE, MOST_IMPEDANCE = 0.2, 0.999
+LEAST_IMPEDANCE, MOST_IMPEDANCE = 0.1, 0.999
 
 #: Largest d that the rule's timestep leaves to contacts whose stiffness was asked for, and largest
 #: d to which those of the robot's material are softened.
