@@ -261,6 +261,8 @@ def material_stiffness(section: Section) -> float:
 
 def add_objects(spec: mujoco.MjSpec, objects: Iterable[Object]) -> list[Surface]:
     """Add objects to a spec, after all chains: the DOFs of free ones come last."""
+    quality = spec.visual.quality
+    quality.numslices, quality.numstacks = max(quality.numslices, 28), max(quality.numstacks, 16)
     return [_add_object(spec, thing) for thing in objects]
 
 
