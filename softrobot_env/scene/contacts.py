@@ -8,9 +8,10 @@ Coulomb's law. MuJoCo has accelerations in the place of forces: a row of impedan
 inverse mass A of the two bodies acts as a spring, a damper, and a mass d / ((1 - d) A) between
 them. With solref = (-w^2, -2 zeta w), w^2 = K A (1 - d), its stiffness is K and its damping ratio
 zeta, whatever d is. So d is free: `LEAST_IMPEDANCE` where the timestep h resolves the spring, and
-where w h would pass `RESOLVED` as large as slows it down to that. This mass is an error that
-shrinks with h; forces at rest have none of it. MuJoCo's `discrete` has another A, which depends on
-the timestep, and so another stiffness: it is not taken for contacts.
+where w h would pass `RESOLVED`, or lighter bodies would chatter (`_DAMPED`), as large as slows it
+down to that. This mass is an error that shrinks with h; forces at rest have none of it. MuJoCo's
+`discrete` has another A, which depends on the timestep, and so another stiffness: it is not taken
+for contacts.
 
 Surfaces are told by the names of their geoms, so that chains which were put into one spec with a
 prefix can be paired as well as one alone: `add_skin`, `add_objects`, then `pair_surfaces`.

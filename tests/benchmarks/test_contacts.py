@@ -55,7 +55,6 @@ def test_a_rule_that_is_not_kept_is_found_out(monkeypatch):
 def test_every_case_touches_what_it_shall(name):
     case = CASES[name]()
     config = case.with_contacts(1e5, 0.3)
-    assert build_scene(config).contacts() == () or case.objects
     with np.errstate(all="raise"):
         run = judging._run(case, build_scene(config))
     assert run.places is not None and run.most_touches
