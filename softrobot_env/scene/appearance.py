@@ -103,8 +103,7 @@ def _add_anchor_ring(chain: Chain, robot: RobotParams, station: float) -> None:
 
 def _add_head(body: mujoco.MjsBody, head: Head) -> None:
     """Block on a stem: the uniform one of the head's inertia, with a dark tag on each side."""
-    squares = 1.5 / head.mass * (sum(head.inertia) - 2 * np.array(head.inertia))
-    half = np.sqrt(np.maximum(squares, 1e-6))  # a thin body is seen, too
+    half = np.array(head.half_sizes)
     box, cylinder = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     centre, stem = np.array([0.0, 0.0, head.centre]), head.centre / 2
     add_visual(body, type=cylinder, pos=[0, 0, stem], size=[min(half) / 2, stem, 0], rgba=_DARK)
@@ -117,11 +116,9 @@ def _add_head(body: mujoco.MjsBody, head: Head) -> None:
 
 def _add_disc(body: mujoco.MjsBody, disc: Disc, least: float) -> None:
     """The uniform disc of its inertia, seen outside the backbone's radius `least` [m]."""
-    lateral, _, axial = disc.inertia
-    radius = max(np.sqrt(2 * axial / disc.mass), least + TENDON_WIDTH)
-    half = np.sqrt(max(3 * (lateral - axial / 2) / disc.mass, 1e-6))
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
-    add_visual(body, type=cylinder, size=[radius, half, 0], rgba=_DARK)
+    radius, half = disc.cylinder
+    size = [max(radius, least + TENDON_WIDTH), half, 0]
+    add_visual(body, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size, rgba=_DARK)
 
 
 def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:

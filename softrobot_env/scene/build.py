@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,14 +12,15 @@ import numpy as np
 from softrobot_env.motion import State
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
-from softrobot_env.scene import extras, kinematics
+from softrobot_env.scene import contacts, extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.coupling import couple_pieces
 from softrobot_env.scene.quadrature import HingeLayout, place_between
+from softrobot_env.scene.settling import settle
 from softrobot_env.scene.springs import add_springs
-from softrobot_env.scene.statics import equilibrium, finite
+from softrobot_env.scene.statics import checked_controls, equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import (
     EXTRAPOLATION,
@@ -48,12 +50,14 @@ class Scene:
         layout: Where the hinges stand.
         timestep: Integrator and timestep, and why.
         model: The compiled model.
+        pairs: What can touch, and how stiff it is.
     """
 
     config: SceneConfig
     layout: HingeLayout
     timestep: TimestepChoice
     model: mujoco.MjModel
+    pairs: tuple[contacts.Pair, ...] = ()
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -80,10 +84,14 @@ class Scene:
     ) -> np.ndarray:
         """Posture (nq,) in equilibrium under constant inputs u (n_inputs,), zero unless given.
 
-        As `scene.statics.equilibrium`, which tells of the arguments and errors.
+        As `scene.statics.equilibrium`, which tells of the arguments and errors. With contacts it is
+        where `scene.settling` finds rest; `load_steps` and the kind of stability have no meaning
+        there, and as friction holds a robot in many places there must be none.
         """
         u = np.zeros(self.n_inputs) if u is None else u
         gravity = None if gravity is None else self._gravity(gravity)
+        if self.config.contacts is not None:
+            return self._settled(u, guess, gravity)
         return equilibrium(
             self.model,
             u,
@@ -92,6 +100,40 @@ class Scene:
             check_stability=check_stability,
             gravity=gravity,
         )
+
+    def _settled(
+        self, u: np.ndarray, guess: np.ndarray | None, gravity: np.ndarray | None
+    ) -> np.ndarray:
+        """Posture (nq,) in which a scene with contacts comes to rest."""
+        rubbing = [x.name for x in (self.config.contacts, *self.config.objects) if x.friction]
+        if rubbing or self.config.robot.rubs:
+            raise ValueError(
+                "friction holds a robot in many places: an equilibrium with contacts needs "
+                f"friction 0 (of {', '.join(rubbing) or 'the tendons'}), or use `simulate`"
+            )
+        model = copy(self.model)
+        if gravity is not None:
+            model.opt.gravity[:] = gravity
+        start = model.qpos0 if guess is None else finite("the guess", guess, (model.nq,))
+        controls, period = checked_controls(model, u), self.timestep.first_period
+        return settle(model, self.config.robot, period, controls, start)
+
+    def contacts(
+        self, state: State | None = None, u: np.ndarray | None = None
+    ) -> tuple[contacts.Touch, ...]:
+        """What touches in a state under inputs u (n_inputs,), with its forces.
+
+        Args:
+            state: Positions and velocities; the straight pose at rest unless given.
+            u: Zero unless given.
+        """
+        q, v = self.start() if state is None else state
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = finite("state.q", q, (self.model.nq,))
+        data.qvel[:] = finite("state.v", v, (self.model.nv,))
+        data.ctrl[:] = 0 if u is None else checked_controls(self.model, u)
+        mujoco.mj_forward(self.model, data)
+        return contacts.touches(self.model, data)
 
     def simulate(
         self,
@@ -165,18 +207,20 @@ def build_scene(config: SceneConfig) -> Scene:
     Warns:
         TimestepWarning: See `scene.timestep.choose_timestep`.
     """
-    spec, layout = _assemble(config)
+    spec, layout, pairs = _assemble(config)
     model = spec.compile()
-    choice = _mujocos(config, model)
+    choice = _mujocos(config, model, pairs)
     _apply(choice, model.opt)
+    softest = contacts.tune(model, pairs, choice.timestep)
+    choice = replace(choice, reason=choice.reason + _softened(softest))
     if is_extrapolated(config):
         choice = _extrapolated(config, config.robot)
-    return Scene(config, layout, choice, model)
+    return Scene(config, layout, choice, model, tuple(pairs))
 
 
 def is_extrapolated(config: SceneConfig) -> bool:
     """Whether our own integrator advances the scene: where no other is asked for."""
-    return config.integrator in (None, EXTRAPOLATION)
+    return config.contacts is None and config.integrator in (None, EXTRAPOLATION)
 
 
 def _extrapolated(config: SceneConfig, robot: RobotParams) -> TimestepChoice:
@@ -223,6 +267,7 @@ def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:
     if choice.integrator == EXTRAPOLATION or _near_its_limit(varied, choice):
         return varied
     _apply(choice, varied.model.opt)
+    contacts.tune(varied.model, varied.pairs, choice.timestep)
     return replace(varied, timestep=choice)
 
 
@@ -233,12 +278,16 @@ def _near_its_limit(scene: Scene, choice: TimestepChoice) -> bool:
 
 def scene_xml(config: SceneConfig) -> str:
     """The scene as MJCF, ready for any MuJoCo viewer."""
-    spec, _ = _assemble(config)
-    _apply(_mujocos(config, spec.compile()), spec.option)
+    spec, _, pairs = _assemble(config)
+    model = spec.compile()
+    choice = _mujocos(config, model, pairs)
+    _apply(choice, spec.option)
+    contacts.tune(model, pairs, choice.timestep)
+    contacts.write(spec, model, pairs)
     return spec.to_xml()
 
 
-def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
+def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout, list[contacts.Pair]]:
     _refuse_what_is_not_felt(config, config.robot.gravity)
     layout = place_between(config.edges, config.hinge_rule)
     spec = _empty_spec(config)
@@ -249,10 +298,29 @@ def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
     if layout.coupled:
         couple_pieces(chain, config.robot, [load.station for load in config.loads])
     _add_parts(chain, config)
-    return spec, layout
+    return spec, layout, _add_contacts(chain, config)
 
 
-def _mujocos(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
+def _add_contacts(chain: Chain, config: SceneConfig) -> list[contacts.Pair]:
+    """Skin and objects, last, so that the robot's bodies and DOFs keep their numbers."""
+    if config.contacts is None:
+        return []
+    contacts.prepare(chain.spec.option)
+    surfaces = contacts.add_skin(chain, config.robot, config.contacts)
+    surfaces += contacts.add_objects(chain.spec, config.objects)
+    return contacts.pair_surfaces(chain.spec, surfaces, config.contacts)
+
+
+def _softened(softest: float) -> str:
+    """Of how much stiffness a timestep takes from contacts, see `scene.contacts.tune`."""
+    return (
+        "" if softest == 1 else f"; contacts down to {softest:.2g} times the material's stiffness"
+    )
+
+
+def _mujocos(
+    config: SceneConfig, model: mujoco.MjModel, pairs: Sequence[contacts.Pair]
+) -> TimestepChoice:
     """What MuJoCo's own steps of the model take: those of viewers, and of whoever steps it."""
     with warnings.catch_warnings():
         if is_extrapolated(config):
@@ -263,6 +331,7 @@ def _mujocos(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
             config.timestep,
             None if config.integrator == EXTRAPOLATION else config.integrator,
             friction=config.robot.rubs,
+            contacts=None if config.contacts is None else contacts.longest_step(model, pairs),
         )
 
 

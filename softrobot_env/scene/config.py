@@ -6,11 +6,12 @@ from math import cos, inf, nan, sin
 
 import numpy as np
 
-from softrobot_env.fields import Positive, Share, check_fields, check_unique
+from softrobot_env.fields import Positive, check_fields, check_unique
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces
-from softrobot_env.scene.timestep import EXTRAPOLATION
+from softrobot_env.scene.objects import Contacts, Object, Rgba
+from softrobot_env.scene.timestep import CONTACT_INTEGRATORS, EXTRAPOLATION
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")
@@ -32,8 +33,6 @@ DEFAULT_SHARE = "0.1%"
 
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
-
-Rgba = tuple[Share, Share, Share, Share]
 
 
 @dataclass(frozen=True)
@@ -129,6 +128,8 @@ class SceneConfig:
         sensors, cameras, markers, paths, loads, appearance: The optional parts.
         bending: "planar" (in the x-z plane only) or "spatial".
         torsion: Whether a spatial chain twists about its axis too; else it is rigid in torsion.
+        contacts: That and how the robot touches itself and the objects; nothing touches without.
+        objects: What it can touch. Free ones have DOFs, after those of the robot.
     """
 
     robot: RobotParams
@@ -147,10 +148,12 @@ class SceneConfig:
     bending: str = "planar"
     torsion: bool = False
     accuracy: float | str = DEFAULT_SHARE
+    contacts: Contacts | None = None
+    objects: tuple[Object, ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self, "scene")
-        for name in ("cameras", "markers", "paths", "loads"):
+        for name in ("cameras", "markers", "paths", "loads", "objects"):
             check_unique([part.name for part in getattr(self, name)], f"the scene's {name}")
         chosen = {"actuation": ACTUATIONS, "bending": BENDING}
         if self.integrator is not None:
@@ -167,6 +170,16 @@ class SceneConfig:
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
         _ = self.wanted_accuracy, self.edges
+        self._check_contacts()
+
+    def _check_contacts(self) -> None:
+        if self.objects and self.contacts is None:
+            raise ValueError("objects are there to be touched: give contacts=Contacts(), too")
+        if self.contacts is not None and self.integrator not in (None, *CONTACT_INTEGRATORS):
+            raise ValueError(
+                f"integrator {self.integrator!r} does not know contacts; leave it out, or choose "
+                f"from {', '.join(CONTACT_INTEGRATORS)}"
+            )
 
     @property
     def wanted_accuracy(self) -> float:
