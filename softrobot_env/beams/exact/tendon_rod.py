@@ -14,18 +14,27 @@ Of a uniform rod a helical tendon turns at the rate w about e_z from section to 
 the strains: seen from axes that turn with it they are constant, so that the rod is a helix,
 
     F(s) = exp([kappa(0) + w e_z] s),   x(s) = integral of F v(0).
+
+With weight, section and tendons together also carry the weight W(s) of what lies beyond, and its
+moment M' = -x' x W, which vanishes at the tip: a boundary-value problem for M at the clamp.
+
+Between two guides a tendon is a straight line. It ends where the rod takes the next guide to, so
+that its direction is found span by span, from the clamp.
 """
 
 from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams.exact.spatial_rod import SpatialShape
 from softrobot_env.robots import RobotParams
 
 _RTOL, _ATOL = 1e-10, 1e-12
+_ENOUGH = 1e-8  # where equations are solved by integrating again and again
+_ZERO = np.zeros(3)
 _AXIS = np.array([0.0, 0.0, 1.0])
 
 
@@ -68,6 +77,132 @@ def tendon_rod(
     return SpatialShape(s, found[:, :3], frames.as_matrix())
 
 
+def hanging_rod(
+    robot: RobotParams,
+    tension: np.ndarray,
+    stations: np.ndarray,
+    shear_coefficient: float | None = None,
+) -> SpatialShape:
+    """The same of a robot with weight, along the axes of its base.
+
+    Raises:
+        ValueError: A tendon has guides, or no equilibrium was found.
+    """
+    _check(robot)
+    backbone, s = robot.backbone, np.asarray(stations, dtype=float)
+    breaks = [backbone.ends, *(t.knots[:, 0] for t in robot.tendons), s]
+    breaks.append([disc.station for disc in robot.discs])
+    edges = np.unique(np.concatenate(breaks))
+    fine = np.union1d(edges, np.linspace(0, robot.length, 2001))
+    parts = backbone.integrals(backbone.mass, fine)
+    rod = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
+    gravity = np.array(robot.own_gravity)
+
+    def mass(at: float) -> float:
+        """[kg] of what lies beyond."""
+        return np.interp(at, fine, rod) + sum(x.mass for x in robot.discs if x.station > at)
+
+    def along(moment: np.ndarray, share: float) -> dict[float, np.ndarray]:
+        """States at the edges, from a moment at the clamp, with a share of the weight."""
+        y = np.concatenate([_ZERO, [1.0, 0, 0, 0], moment])
+        states = {0.0: y}
+        for start, end in pairwise(edges):
+            margin = 1e-12 * (end - start)
+
+            def slope(at: float, y: np.ndarray, low: float, high: float) -> np.ndarray:
+                at = min(max(at, low), high)
+                weight, turn = share * mass(at) * gravity, _turn(y)
+                loads = turn.T @ weight, turn.T @ y[7:]
+                v, kappa = strains(robot, tension, at, shear_coefficient, *loads)
+                motion = _motion(y, v, kappa)
+                return np.concatenate([motion, -np.cross(motion[:3], weight)])
+
+            limits = (start + margin, end - margin)
+            y = solve_ivp(slope, (start, end), y, "DOP853", args=limits, rtol=_ENOUGH, atol=1e-10)
+            y = y.y[:, -1]
+            states[float(end)] = y
+        return states
+
+    moment = _ZERO
+    for share in (0.5, 1.0):
+        found = root(lambda m, x=share: along(m, x)[float(edges[-1])][7:], moment, tol=1e-7)
+        moment = found.x
+    if not found.success:
+        raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
+    states = along(moment, 1.0)
+    y = np.array([states[float(x)] for x in s])
+    return SpatialShape(s, y[:, :3], np.array([_turn(row) for row in y]))
+
+
+def guided_rod(
+    robot: RobotParams,
+    tension: np.ndarray,
+    stations: np.ndarray,
+    shear_coefficient: float | None = None,
+) -> SpatialShape:
+    """The same of a weightless robot whose tendons run through the same guides, up to their ends.
+
+    Raises:
+        ValueError: They do not, or no equilibrium was found.
+    """
+    backbone, s = robot.backbone, np.asarray(stations, dtype=float)
+    guides = np.unique([x for t in robot.tendons for x in t.stations])
+    missed = [t.name for t in robot.tendons if len(t.stations) != np.sum(guides <= t.end)]
+    if missed:
+        raise ValueError(f"need tendons through the same guides, unlike {', '.join(missed)}")
+    y = np.concatenate([_ZERO, [1.0, 0, 0, 0]])
+    states = {0.0: y}
+    for start, end in pairwise(guides):
+        active = [k for k, t in enumerate(robot.tendons) if t.end > start]
+        pull = np.asarray(tension, dtype=float)[active][:, None]
+        places = [np.array([robot.tendons[k].at(x) for k in active]) for x in (start, end)]
+        low, high = (np.column_stack([x, np.zeros(len(active))]) for x in places)
+        starts = y[:3] + low @ _turn(y).T
+        cuts = np.unique([start, end, *(x for x in (*s, *backbone.ends) if start < x < end)])
+
+        def through(
+            way: np.ndarray, y: np.ndarray = y, given: tuple = (starts, pull, cuts)
+        ) -> dict[float, np.ndarray]:
+            starts, pull, cuts = given
+            force = -(pull * way)
+
+            def slope(at: float, y: np.ndarray, middle: float) -> np.ndarray:
+                turn = _turn(y)
+                moment = np.cross(starts - y[:3], force).sum(axis=0)
+                loads = turn.T @ force.sum(axis=0), turn.T @ moment
+                return _motion(y, *_answer(robot, middle, shear_coefficient, *loads))
+
+            out = {}
+            for a, b in pairwise(cuts):
+                # Sections do not change within a cut, but for tapers, which are taken as they go.
+                args = ((a + b) / 2,)
+                y = solve_ivp(slope, (a, b), y, "DOP853", args=args, rtol=_ENOUGH, atol=1e-11)
+                y = y.y[:, -1]
+                out[float(b)] = y
+            return out
+
+        def missed_by(
+            flat: np.ndarray,
+            high: np.ndarray = high,
+            starts: np.ndarray = starts,
+            end: float = end,
+            through=through,
+        ) -> np.ndarray:
+            way = flat.reshape(-1, 3)
+            y = through(way)[float(end)]
+            line = y[:3] + high @ _turn(y).T - starts
+            return (way - line / np.linalg.norm(line, axis=1)[:, None]).ravel()
+
+        guess = np.tile(_turn(y)[:, 2], len(active))
+        found = root(missed_by, guess, tol=1e-10)
+        if not found.success:
+            raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
+        states |= through(found.x.reshape(-1, 3))
+        y = states[float(end)]
+    found = np.array([states[float(x)] for x in s])
+    return SpatialShape(s, found[:, :3], np.array([_turn(row) for row in found]))
+
+
 def tendon_helix(
     robot: RobotParams,
     tension: float,
@@ -99,32 +234,62 @@ def _integral(rate: np.ndarray, along: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 def strains(
-    robot: RobotParams, tension: np.ndarray, station: float, shear_coefficient: float | None
+    robot: RobotParams,
+    tension: np.ndarray,
+    station: float,
+    shear_coefficient: float | None,
+    force: np.ndarray = _ZERO,
+    moment: np.ndarray = _ZERO,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Strains v [1] and kappa [1/m], (3,) each, of one cross-section."""
-    backbone, s = robot.backbone, np.array([station])
-    bending, torsion = backbone.bending(s)[0], backbone.torsion(s)[0]
-    soft = np.zeros(3)
-    if shear_coefficient is not None:
-        shear = shear_coefficient * backbone.shear(s)[0]
-        soft = 1 / np.array([shear, shear, backbone.axial(s)[0]])
+    """Strains v [1] and kappa [1/m], (3,) each, of one cross-section.
+
+    Under tensions, and a force [N] and a moment [N m] along its axes from what lies beyond.
+    """
     active = [k for k, t in enumerate(robot.tendons) if t.end > station]
     pull = np.asarray(tension, dtype=float)[active][:, None]
     place, lead = np.zeros((2, len(active), 3))
     for row, k in enumerate(active):
-        place[row, :2] = robot.tendons[k].at(station)
-        lead[row, :2] = robot.tendons[k].slope(station)
-    along, kappa = _AXIS.copy(), np.zeros(3)
+        place[row, :2], lead[row, :2] = robot.tendons[k].course(station)
+    along, kappa = _answer(robot, station, shear_coefficient, force, moment)
     for _ in range(200):
         way = along + np.cross(kappa, place) + lead
-        force = pull * way / np.linalg.norm(way, axis=1)[:, None]
-        new = _AXIS - soft * force.sum(axis=0)
-        moment = -np.cross(place, force).sum(axis=0) / [bending, bending, torsion]
-        change = max(np.abs(new - along).max(), np.abs(moment - kappa).max() * robot.length)
-        along, kappa = new, moment
-        if change < 1e-15:
+        pulls = pull * way / np.linalg.norm(way, axis=1)[:, None]
+        rest = force - pulls.sum(axis=0), moment - np.cross(place, pulls).sum(axis=0)
+        new, bent = _answer(robot, station, shear_coefficient, *rest)
+        change = max(np.abs(new - along).max(), np.abs(bent - kappa).max() * robot.length)
+        along, kappa = new, bent
+        if change < 1e-14:
             return along, kappa
     raise ValueError(f"the strains at {station} m did not converge: the tensions are too large")
+
+
+def _answer(
+    robot: RobotParams,
+    station: float,
+    shear_coefficient: float | None,
+    force: np.ndarray,
+    moment: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Strains v and kappa of a cross-section under a force and a moment along its axes."""
+    backbone, s = robot.backbone, np.array([station])
+    bending, torsion = backbone.bending(s)[0], backbone.torsion(s)[0]
+    along = _AXIS
+    if shear_coefficient is not None:
+        shear = shear_coefficient * backbone.shear(s)[0]
+        along = _AXIS + force / [shear, shear, backbone.axial(s)[0]]
+    return along, moment / [bending, bending, torsion]
+
+
+def _turn(y: np.ndarray) -> np.ndarray:
+    """Axes (3, 3), as columns, of the section in a state."""
+    w, a, b, c = y[3:7] / np.linalg.norm(y[3:7])
+    return np.array(
+        [
+            [1 - 2 * (b * b + c * c), 2 * (a * b - w * c), 2 * (a * c + w * b)],
+            [2 * (a * b + w * c), 1 - 2 * (a * a + c * c), 2 * (b * c - w * a)],
+            [2 * (a * c - w * b), 2 * (b * c + w * a), 1 - 2 * (a * a + b * b)],
+        ]
+    )
 
 
 def _motion(y: np.ndarray, along: np.ndarray, kappa: np.ndarray) -> np.ndarray:
@@ -137,7 +302,7 @@ def _motion(y: np.ndarray, along: np.ndarray, kappa: np.ndarray) -> np.ndarray:
         w * b + z * a - x * c,
         w * c + x * b - y_ * a,
     ]
-    return np.concatenate([Rotation.from_quat([x, y_, z, w]).apply(along), turn])
+    return np.concatenate([_turn(y) @ along, turn])
 
 
 def _check(robot: RobotParams) -> None:
