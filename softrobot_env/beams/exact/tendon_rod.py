@@ -22,6 +22,7 @@ Between two guides a tendon is a straight line. It ends where the rod takes the 
 that its direction is found span by span, from the clamp.
 """
 
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -35,6 +36,9 @@ from softrobot_env.robots import RobotParams
 _RTOL, _ATOL = 1e-10, 1e-12
 _ENOUGH = 1e-8  # where equations are solved by integrating again and again
 _ZERO = np.zeros(3)
+
+#: Derivative (n,) of a state by the arc length.
+Slope = Callable[[float, np.ndarray], np.ndarray]
 _AXIS = np.array([0.0, 0.0, 1.0])
 
 
@@ -58,23 +62,49 @@ def tendon_rod(
     """
     _check(robot)
     s = np.asarray(stations, dtype=float)
-    breaks = [robot.backbone.ends, *(t.knots[:, 0] for t in robot.tendons), s]
-    edges = np.unique(np.concatenate(breaks))
-    y, states = np.concatenate([np.zeros(3), [1.0, 0, 0, 0]]), {}
+    breaks = [robot.backbone.ends, *(t.knots[:, 0] for t in robot.tendons)]
 
     def slope(at: float, y: np.ndarray) -> np.ndarray:
-        inside = min(max(at, low), high)
-        return _motion(y, *strains(robot, tension, inside, shear_coefficient))
+        return _motion(y, *strains(robot, tension, at, shear_coefficient))
 
-    states[0.0] = y
+    return _shape(s, _integrated(slope, np.concatenate([_ZERO, [1.0, 0, 0, 0]]), breaks, s))
+
+
+def _integrated(
+    slope: Slope,
+    y: np.ndarray,
+    breaks: Sequence[np.ndarray],
+    stations: np.ndarray,
+    rtol: float = _RTOL,
+) -> np.ndarray:
+    """States (k + 1, n) at stations (k,) [m] and at the last break, from the first on.
+
+    The slope may jump at the breaks.
+    """
+    edges, out = np.unique(np.concatenate(breaks)), np.empty((len(stations) + 1, len(y)))
+    out[:-1][stations == edges[0]] = y
     for start, end in pairwise(edges):
         margin = 1e-12 * (end - start)
-        low, high = start + margin, end - margin
-        y = solve_ivp(slope, (start, end), y, "DOP853", rtol=_RTOL, atol=_ATOL).y[:, -1]
-        states[float(end)] = y
-    found = np.array([states[float(x)] for x in s])
-    frames = Rotation.from_quat(found[:, [4, 5, 6, 3]])
-    return SpatialShape(s, found[:, :3], frames.as_matrix())
+
+        def inside(
+            at: float, y: np.ndarray, low: float = start + margin, high: float = end - margin
+        ) -> np.ndarray:
+            return slope(min(max(at, low), high), y)
+
+        asked = (stations > start) & (stations <= end)
+        found = solve_ivp(
+            inside, (start, end), y, "DOP853", rtol=rtol, atol=_ATOL, dense_output=asked.any()
+        )
+        if asked.any():
+            out[:-1][asked] = found.sol(stations[asked]).T
+        y = found.y[:, -1]
+    out[-1] = y
+    return out
+
+
+def _shape(stations: np.ndarray, states: np.ndarray) -> SpatialShape:
+    rows = states[: len(stations)]
+    return SpatialShape(stations, rows[:, :3], np.array([_turn(y) for y in rows]))
 
 
 def hanging_rod(
@@ -90,48 +120,37 @@ def hanging_rod(
     """
     _check(robot)
     backbone, s = robot.backbone, np.asarray(stations, dtype=float)
-    breaks = [backbone.ends, *(t.knots[:, 0] for t in robot.tendons), s]
-    breaks.append([disc.station for disc in robot.discs])
-    edges = np.unique(np.concatenate(breaks))
-    fine = np.union1d(edges, np.linspace(0, robot.length, 2001))
+    breaks = [backbone.ends, *(t.knots[:, 0] for t in robot.tendons)]
+    breaks.append(np.array([disc.station for disc in robot.discs]))
+    fine = np.unique(np.concatenate([*breaks, np.linspace(0, robot.length, 2001)]))
     parts = backbone.integrals(backbone.mass, fine)
     rod = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
     gravity = np.array(robot.own_gravity)
 
-    def mass(at: float) -> float:
-        """[kg] of what lies beyond."""
-        return np.interp(at, fine, rod) + sum(x.mass for x in robot.discs if x.station > at)
+    def weight(at: float) -> np.ndarray:
+        """[N] of what lies beyond."""
+        discs = sum(disc.mass for disc in robot.discs if disc.station > at)
+        return (np.interp(at, fine, rod) + discs) * gravity
 
-    def along(moment: np.ndarray, share: float) -> dict[float, np.ndarray]:
-        """States at the edges, from a moment at the clamp, with a share of the weight."""
+    def along(moment: np.ndarray, share: float, asked: np.ndarray) -> np.ndarray:
+        """States at places, from a moment at the clamp, with a share of the weight."""
+
+        def slope(at: float, y: np.ndarray) -> np.ndarray:
+            load, turn = share * weight(at), _turn(y)
+            loads = turn.T @ load, turn.T @ y[7:]
+            motion = _motion(y, *strains(robot, tension, at, shear_coefficient, *loads))
+            return np.concatenate([motion, -np.cross(motion[:3], load)])
+
         y = np.concatenate([_ZERO, [1.0, 0, 0, 0], moment])
-        states = {0.0: y}
-        for start, end in pairwise(edges):
-            margin = 1e-12 * (end - start)
-
-            def slope(at: float, y: np.ndarray, low: float, high: float) -> np.ndarray:
-                at = min(max(at, low), high)
-                weight, turn = share * mass(at) * gravity, _turn(y)
-                loads = turn.T @ weight, turn.T @ y[7:]
-                v, kappa = strains(robot, tension, at, shear_coefficient, *loads)
-                motion = _motion(y, v, kappa)
-                return np.concatenate([motion, -np.cross(motion[:3], weight)])
-
-            limits = (start + margin, end - margin)
-            y = solve_ivp(slope, (start, end), y, "DOP853", args=limits, rtol=_ENOUGH, atol=1e-10)
-            y = y.y[:, -1]
-            states[float(end)] = y
-        return states
+        return _integrated(slope, y, breaks, asked, _ENOUGH)
 
     moment = _ZERO
-    for share in (0.5, 1.0):
-        found = root(lambda m, x=share: along(m, x)[float(edges[-1])][7:], moment, tol=1e-7)
+    for share in (0.25, 0.5, 0.75, 1.0):  # the equilibrium that grows out of the weightless one
+        found = root(lambda m, x=share: along(m, x, np.empty(0))[-1, 7:], moment, tol=1e-7)
         moment = found.x
     if not found.success:
         raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
-    states = along(moment, 1.0)
-    y = np.array([states[float(x)] for x in s])
-    return SpatialShape(s, y[:, :3], np.array([_turn(row) for row in y]))
+    return _shape(s, along(moment, 1.0, s))
 
 
 def guided_rod(
@@ -145,62 +164,63 @@ def guided_rod(
     Raises:
         ValueError: They do not, or no equilibrium was found.
     """
-    backbone, s = robot.backbone, np.asarray(stations, dtype=float)
+    s = np.asarray(stations, dtype=float)
     guides = np.unique([x for t in robot.tendons for x in t.stations])
     missed = [t.name for t in robot.tendons if len(t.stations) != np.sum(guides <= t.end)]
     if missed:
         raise ValueError(f"need tendons through the same guides, unlike {', '.join(missed)}")
     y = np.concatenate([_ZERO, [1.0, 0, 0, 0]])
-    states = {0.0: y}
+    rows = np.tile(y, (len(s), 1))
     for start, end in pairwise(guides):
         active = [k for k, t in enumerate(robot.tendons) if t.end > start]
+        ends = np.zeros((2, len(active), 3))
+        for row, k in enumerate(active):
+            ends[:, row, :2] = robot.tendons[k].at(np.array([start, end]))
         pull = np.asarray(tension, dtype=float)[active][:, None]
-        places = [np.array([robot.tendons[k].at(x) for k in active]) for x in (start, end)]
-        low, high = (np.column_stack([x, np.zeros(len(active))]) for x in places)
-        starts = y[:3] + low @ _turn(y).T
-        cuts = np.unique([start, end, *(x for x in (*s, *backbone.ends) if start < x < end)])
-
-        def through(
-            way: np.ndarray, y: np.ndarray = y, given: tuple = (starts, pull, cuts)
-        ) -> dict[float, np.ndarray]:
-            starts, pull, cuts = given
-            force = -(pull * way)
-
-            def slope(at: float, y: np.ndarray, middle: float) -> np.ndarray:
-                turn = _turn(y)
-                moment = np.cross(starts - y[:3], force).sum(axis=0)
-                loads = turn.T @ force.sum(axis=0), turn.T @ moment
-                return _motion(y, *_answer(robot, middle, shear_coefficient, *loads))
-
-            out = {}
-            for a, b in pairwise(cuts):
-                # Sections do not change within a cut, but for tapers, which are taken as they go.
-                args = ((a + b) / 2,)
-                y = solve_ivp(slope, (a, b), y, "DOP853", args=args, rtol=_ENOUGH, atol=1e-11)
-                y = y.y[:, -1]
-                out[float(b)] = y
-            return out
-
-        def missed_by(
-            flat: np.ndarray,
-            high: np.ndarray = high,
-            starts: np.ndarray = starts,
-            end: float = end,
-            through=through,
-        ) -> np.ndarray:
-            way = flat.reshape(-1, 3)
-            y = through(way)[float(end)]
-            line = y[:3] + high @ _turn(y).T - starts
-            return (way - line / np.linalg.norm(line, axis=1)[:, None]).ravel()
-
-        guess = np.tile(_turn(y)[:, 2], len(active))
-        found = root(missed_by, guess, tol=1e-10)
+        span = _Span(robot, shear_coefficient, y, (start, end), ends, pull)
+        found = root(span.missed, np.tile(_turn(y)[:, 2], len(active)), tol=1e-10)
         if not found.success:
             raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
-        states |= through(found.x.reshape(-1, 3))
-        y = states[float(end)]
-    found = np.array([states[float(x)] for x in s])
-    return SpatialShape(s, found[:, :3], np.array([_turn(row) for row in found]))
+        asked = (s > start) & (s <= end)
+        states = span.states(found.x, s[asked])
+        rows[asked], y = states[:-1], states[-1]
+    return _shape(s, rows)
+
+
+class _Span:
+    """A rod between two guides, from a state at the first on."""
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        shear_coefficient: float | None,
+        y: np.ndarray,
+        span: tuple[float, float],
+        ends: np.ndarray,
+        pull: np.ndarray,
+    ) -> None:
+        """Places (2, tendons, 3) [m] of the tendons in both guides, and tensions [N]."""
+        self._robot, self._shear, self._y, self._pull = robot, shear_coefficient, y, pull
+        self._start, self._end = y[:3] + ends[0] @ _turn(y).T, ends[1]
+        within = [x for x in robot.backbone.ends if span[0] < x < span[1]]
+        self._breaks = [np.array([*span, *within])]
+
+    def states(self, ways: np.ndarray, stations: np.ndarray) -> np.ndarray:
+        """States at stations and at the second guide, if tendons have directions (3 k,)."""
+        force = -self._pull * ways.reshape(-1, 3)
+
+        def slope(at: float, y: np.ndarray) -> np.ndarray:
+            turn, moment = _turn(y), np.cross(self._start - y[:3], force).sum(axis=0)
+            loads = turn.T @ force.sum(axis=0), turn.T @ moment
+            return _motion(y, *_answer(self._robot, at, self._shear, *loads))
+
+        return _integrated(slope, self._y, self._breaks, stations)
+
+    def missed(self, ways: np.ndarray) -> np.ndarray:
+        """By how much (3 k,) [1] such tendons miss the second guide."""
+        y = self.states(ways, np.empty(0))[-1]
+        line = y[:3] + self._end @ _turn(y).T - self._start
+        return ways - (line / np.linalg.norm(line, axis=1)[:, None]).ravel()
 
 
 def tendon_helix(

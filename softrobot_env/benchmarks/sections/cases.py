@@ -10,7 +10,8 @@ from softrobot_env.beams.exact.tendon_rod import guided_rod, hanging_rod, tendon
 from softrobot_env.robots import Base, Disc, RobotParams, Section, Tendon
 
 _GRAVITY = (0.0, 0.0, -9.81)
-_PIECES = 6  # of a section, as those of robot files that say nothing else
+_PIECES = 6  # of a section, as those of robot files that say nothing else; here they say:
+_OF_TEN_DISCS, _OF_FOUR_TURNS = 10, 24  # one a span, six a turn
 
 
 @dataclass(frozen=True)
@@ -46,7 +47,9 @@ def _tendon(name: str, offset: tuple[float, float], end: float, **options: objec
     return Tendon(name, offset, end, 0, 60.0, **options)
 
 
-def _robot(name: str, *sections: Section, tendons: tuple[Tendon, ...], **more: object):
+def _robot(
+    name: str, *sections: Section, tendons: tuple[Tendon, ...], **more: object
+) -> RobotParams:
     return RobotParams(name, sections=sections, tendons=tendons, **more)
 
 
@@ -55,7 +58,9 @@ def _guided(turns: float) -> RobotParams:
     ends = np.linspace(0, 0.3, 11).tolist()
     discs = tuple(Disc.uniform(s, 0.002, 0.012, 0.002) for s in ends[1:])
     tendon = _tendon("guided", (0.010, 0.0), 0.3, guides=tuple(ends[1:-1]), turns=turns)
-    return _robot("discs", _section(0.3, 0.003, 6e7), tendons=(tendon,), discs=discs)
+    return _robot(
+        "discs", _section(0.3, 0.003, 6e7, pieces=_OF_TEN_DISCS), tendons=(tendon,), discs=discs
+    )
 
 
 _ONE = _section(0.3, 0.010, 8e5)
@@ -80,8 +85,8 @@ _OF_TWO = (
 )
 
 CASES = (
-    Case("helix of 1.5 turns", _helical(1.5), (9.0,), quick=True),
-    Case("helix of 4 turns", _helical(-4.0), (14.0,)),
+    Case("helix of 1.5 turns", _helical(1.5), (5.0,), quick=True),
+    Case("helix of 4 turns", _helical(-4.0, pieces=_OF_FOUR_TURNS), (6.0,)),
     Case(
         "converging",
         _robot(
@@ -89,7 +94,7 @@ CASES = (
             _ONE,
             tendons=(_tendon("nearer", (0.004, 0.008), 0.3, route=((0.3, 0.001, -0.001),)),),
         ),
-        (5.0,),
+        (3.0,),
     ),
     Case(
         "via-points",
@@ -105,7 +110,7 @@ CASES = (
                 ),
             ),
         ),
-        (7.0,),
+        (4.0,),
         quick=True,
     ),
     Case(
@@ -115,7 +120,7 @@ CASES = (
             _section(0.3, (0.011, 0.005), 8e5),
             tendons=(_tendon("side", (0.003, 0.003), 0.3),),
         ),
-        (0.8,),
+        (0.4,),
     ),
     Case("two sections", _robot("two", *_TWO, tendons=_OF_TWO), (6.0, 2.0, 3.0), quick=True),
     Case(
@@ -123,8 +128,8 @@ CASES = (
         _robot("three", *_THREE, tendons=_SIDE_BY_SIDE),
         (6.0, 0.5, 2.0, 0.5, 4.0, 0.5, 0.5, 1.5, 0.0),
     ),
-    Case("ten discs", _guided(0.0), (9.0,), guided_rod, quick=True),
-    Case("ten discs, winding", _guided(0.5), (9.0,), guided_rod),
+    Case("ten discs", _guided(0.0), (2.5,), guided_rod, quick=True),
+    Case("ten discs, winding", _guided(0.5), (2.5,), guided_rod),
     Case(
         "hanging",
         _robot(

@@ -29,7 +29,7 @@ PIECES, QUICK_PIECES = (3, 6, 12, 24, 48), (6, 12)
 _LARGEST, _MOVED = 100, 50
 
 _PERIOD, _PERIODS = 0.02, 5
-_PARTS, _FINE = 3, 6  # of a section whose strain is compared, and of such a part
+_PARTS, _FINE = 3, 24  # of a section whose strain is compared, and of such a part
 _SHEAR = 0.75  # as `CosseratRod` has
 
 #: Finds tip (3,), strains (pieces, 3), their edges, number of coordinates, and moves a period.
@@ -80,6 +80,7 @@ def _row(case: Case, model: str, pieces: int, default: bool, truth: SpatialShape
     robot, tension = case.robot, np.array(case.tension)
     try:
         solve = find(robot, pieces, model)
+        solve(tension)  # compiles
         time, (tip, strains, edges, n, move) = best_of(lambda: solve(tension), 3)
     except (EquilibriumError, ValueError) as error:
         return Row(case.name, model, pieces, default, failure=str(error))
