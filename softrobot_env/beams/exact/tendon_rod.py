@@ -146,7 +146,11 @@ def hanging_rod(
 
     moment = _ZERO
     for share in (0.25, 0.5, 0.75, 1.0):  # the equilibrium that grows out of the weightless one
-        found = root(lambda m, x=share: along(m, x, np.empty(0))[-1, 7:], moment, tol=1e-7)
+        found = root(
+            lambda m, x=share: along(m, x, np.empty(0))[-1, 7:],
+            moment,
+            options={"xtol": 1e-7, "eps": 1e-6},  # integration errs by some 1e-8
+        )
         moment = found.x
     if not found.success:
         raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
