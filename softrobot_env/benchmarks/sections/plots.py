@@ -19,6 +19,7 @@ from softrobot_env.rendering.figures import (
 
 _COLOURS = {"chain": BLUE, "pcc": VERMILLION, "cosserat": GREEN}
 _COLUMNS = 4
+_TIMES, _ERRORS = (1.0, 1000.0), (1e-3, 30.0)  # [ms], [%]
 
 
 def plot(rows: Sequence[Row], path: Path | str) -> None:
@@ -36,6 +37,7 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
             axis.plot(*zip(*own, strict=True), "o", color=colour)
         axis.axhline(100 * GOAL, color=BLACK, linewidth=0.9, linestyle="--")
         axis.set(xscale="log", yscale="log", title=case, xlabel="run time [ms]")
+        axis.set(xlim=_TIMES, ylim=_ERRORS)
         axis.set_ylabel("tip error / length [%]")
     for axis in axes.flat[len(cases) :]:
         axis.set_visible(False)
