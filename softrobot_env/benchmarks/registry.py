@@ -89,6 +89,11 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
             "softrobot_env.benchmarks.scenes.plots:plot",
             options=("count", "seed"),
         ),
+        "sections": _found_at(
+            "softrobot_env.benchmarks.sections.run:run",
+            "softrobot_env.benchmarks.sections.tables:tables",
+            "softrobot_env.benchmarks.sections.plots:plot",
+        ),
         "speed": _found_at(
             "softrobot_env.benchmarks.speed.run:run",
             "softrobot_env.benchmarks.speed.tables:tables",

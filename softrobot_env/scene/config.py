@@ -28,6 +28,10 @@ FRONT_CAMERA = "front"
 #: Hinge rules of chains that do not twist and of those that do, unless another is wanted.
 DEFAULT_RULE, TWISTING_RULE = "balanced2", "coupled2"
 
+#: That of chains whose pieces end at the guides of their tendons: a span between two guides then
+#: shortens, and has lever arms, as an arc does.
+GUIDED_RULE = "chord2"
+
 #: Accuracy in time unless another is wanted.
 DEFAULT_SHARE = "0.1%"
 
@@ -116,8 +120,9 @@ class SceneConfig:
         pieces: Pieces the robot is cut into, equal in each section: in total (shared out by
             length, one or more a section), or one number per section; the robot's own unless given.
             A section's end is a piece's end, and a channel's end has to be one.
-        rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given
-            "coupled2" for a chain that twists, else "balanced2".
+        rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given "chord2"
+            where tendons run through guides, all at ends of pieces, else "coupled2" for a chain
+            that twists, else "balanced2".
         actuation: "tension" (controls are tensions [N]) or "length" (controls are the lengths
             [m] pulled in; tension = stiffness x stretch, never pushing).
         control_period: [s], the timestep divides it.
@@ -208,9 +213,20 @@ class SceneConfig:
     @property
     def hinge_rule(self) -> str:
         """The hinge rule really used."""
-        if self.rule is None:
-            return TWISTING_RULE if self.torsion else DEFAULT_RULE
-        return self.rule
+        if self.rule is not None:
+            return self.rule
+        if self._guided_by_pieces():
+            return GUIDED_RULE
+        return TWISTING_RULE if self.torsion else DEFAULT_RULE
+
+    def _guided_by_pieces(self) -> bool:
+        """Whether the robot's tendons run through guides, all of them at ends of pieces."""
+        tendons = self.robot.tendons
+        if not (tendons and all(tendon.guides for tendon in tendons)):
+            return False
+        guides = np.unique([station for t in tendons for station in t.stations])
+        off = np.abs(self.edges[:, None] - guides).min(axis=0)
+        return bool(off.max() <= 1e-9 * self.robot.length)
 
 
 def parse_accuracy(accuracy: float | str, length: float) -> float:
