@@ -14,12 +14,15 @@ integrators hold a control for a timestep, so that the mount would drift: they a
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from softrobot_env.robots import RobotParams
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 #: Inertia of a mount over that of its robot [1].
 HEAVY = 1e9
@@ -103,7 +106,7 @@ def add_drives(spec: mujoco.MjSpec, prefix: str, mount: Mount) -> None:
 
 def followed(
     mount: Mount, motion: Prescribed, duration: float, timestep: float, accuracy: float
-) -> CubicSpline:
+) -> "CubicSpline":
     """The spline (k,) of the time [s] along which a mount runs.
 
     Args:
@@ -115,6 +118,8 @@ def followed(
     Raises:
         ValueError: The motion does not fit the mount, is not finite, or changes too fast.
     """
+    from scipy.interpolate import CubicSpline  # takes time to load
+
     count = len(mount.directions)
     knots = timestep * np.arange(max(round(duration / timestep), 3) + 1)
 
