@@ -359,6 +359,9 @@ class AssembledScene:
         """
         from softrobot_env.scene.simulation import simulate  # which knows of scenes
 
+        if gravity is not None:
+            for part in self.parts.values():
+                part.scene.checked_gravity(gravity)
         splines = self._splines(duration, mounts or {})
         u, start = self._mounted(duration, u, self.start() if start is None else start, splines)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
@@ -416,6 +419,8 @@ def _of_time(
     """
     if callable(u):
         return u
+    if u is not None and np.ndim(u) > 1:
+        raise ValueError("with moving mounts inputs are constant, or a function of time")
     values = np.zeros(count) if u is None else finite("inputs", u, (count,))
     return lambda time: values
 

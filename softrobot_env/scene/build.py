@@ -91,7 +91,7 @@ class Scene:
         there, and as friction holds a robot in many places there must be none.
         """
         u = np.zeros(self.n_inputs) if u is None else u
-        gravity = None if gravity is None else self._gravity(gravity)
+        gravity = None if gravity is None else self.checked_gravity(gravity)
         if self.config.contacts is not None:
             return self._settled(u, guess, gravity)
         return equilibrium(
@@ -152,7 +152,7 @@ class Scene:
         """
         from softrobot_env.scene.simulation import simulate  # which knows of scenes
 
-        gravity = None if gravity is None else self._gravity(gravity)
+        gravity = None if gravity is None else self.checked_gravity(gravity)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
 
     def positions(
@@ -186,8 +186,12 @@ class Scene:
         q = finite("q", q, (self.model.nq,))
         return kinematics.tendon_lengths(self.model, self.config.robot, q)
 
-    def _gravity(self, gravity: np.ndarray) -> np.ndarray:
-        """(3,) [m/s2] of a case."""
+    def checked_gravity(self, gravity: np.ndarray) -> np.ndarray:
+        """A gravity (3,) [m/s2] that the chain feels.
+
+        Raises:
+            ValueError: It does not, or it is not finite.
+        """
         gravity = finite("gravity", gravity, (3,))
         _refuse_what_is_not_felt(self.config, gravity)
         return gravity

@@ -11,12 +11,14 @@ from softrobot_env.scene.assembly import Assembly, Member, build_assembly
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.mount import Mount
 
-#: Slender, so that it is Euler and Bernoulli's beam.
+#: Slender, so that it is Euler and Bernoulli's beam: rotary inertia, which goes with the square of
+#: the radius, makes 0.2 % of the response at resonance.
 BEAM = replace(
     CANTILEVER_WEAK,
     name="strip",
     length=0.2,
-    outer_radius=0.01,
+    outer_radius=0.005,
+    youngs_modulus=1.65e6,
     gravity=(0.0, 0.0, 0.0),
     damping_time=0.05,
 )
@@ -58,7 +60,7 @@ def test_a_shaken_beam_swings_as_euler_and_bernoullis(share):
     t, x = motion.time[late], built["beam"].tip(motion.q[late])[:, 0] / amplitude
     basis = np.stack([np.sin(omega * t), np.cos(omega * t)], axis=1)
     found, *_ = np.linalg.lstsq(basis, x, rcond=None)
-    assert abs(found[0] + 1j * found[1] - ratio) < 0.01 * abs(ratio)
+    assert abs(found[0] + 1j * found[1] - ratio) < 0.003 * abs(ratio)
 
 
 def test_shaking_is_gravity_of_the_opposite_direction():
@@ -102,7 +104,7 @@ def test_a_turning_beam_bends_outwards_by_the_centrifugal_force():
     still = replace(robot, damping_time=0.0)
     truth = distance * shaken_tip(still, omega).real
     assert truth > 1.03 * distance
-    assert np.hypot(*tip[:2]) - distance == pytest.approx(truth - distance, rel=0.02)
+    assert np.hypot(*tip[:2]) - distance == pytest.approx(truth - distance, rel=2e-3)
 
 
 def spinning_frequency(robot, omega):
@@ -140,7 +142,7 @@ def test_a_spinning_base_stiffens_a_radial_beam():
     k = np.flatnonzero(z[1:] * z[:-1] < 0)
     zeros = t[k] - z[k] * period / (z[k + 1] - z[k])
     found = np.pi * (len(zeros) - 1) / (zeros[-1] - zeros[0])
-    assert found == pytest.approx(truth, rel=5e-3)
+    assert found == pytest.approx(truth, rel=2e-3)
 
 
 def test_a_turned_base_turns_all():
@@ -165,5 +167,9 @@ def test_what_cannot_move_is_refused_by_name():
         built.simulate(0.1, mounts={"arm": lambda t: [0.0]})
     with pytest.raises(ValueError, match="changes too fast"):
         built.simulate(0.1, mounts={"beam": lambda t: [0.01 * np.sin(1e3 * t)]})
+    with pytest.raises(ValueError, match="constant, or a function of time"):
+        built.simulate(0.1, np.zeros((10, 0)))
+    with pytest.raises(ValueError, match="planar"):
+        built.simulate(0.1, gravity=np.array([0.0, 9.81, 0.0]))
     with pytest.raises(ValueError, match="finite numbers along x"):
         built.simulate(0.1, mounts={"beam": lambda t: [0.0, 1.0]})
