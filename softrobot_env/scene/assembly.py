@@ -105,7 +105,9 @@ class Member:
         if self.mount is not None and base is None:
             base = Base()
         robot = replace(robot, base=base, gravity=robot.gravity if gravity is None else gravity)
-        return replace(self.config, robot=robot)
+        look = self.config.appearance
+        look = None if look is None else replace(look, surroundings=False)  # those of all
+        return replace(self.config, robot=robot, appearance=look)
 
 
 @dataclass(frozen=True)

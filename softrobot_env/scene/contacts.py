@@ -33,7 +33,7 @@ from softrobot_env.scene.objects import Contacts, G, Object
 BACKBONE = "backbone"
 
 #: Impedance d of a contact that the timestep resolves, and the largest that is taken.
-LEAST_IMPEDANCE, MOST_IMPEDANCE = 0.2, 0.999
+LEAST_IMPEDANCE, MOST_IMPEDANCE = 0.1, 0.999
 
 #: Largest d that the rule's timestep leaves to contacts whose stiffness was asked for, and largest
 #: d to which those of the robot's material are softened.
@@ -261,6 +261,8 @@ def material_stiffness(section: Section) -> float:
 
 def add_objects(spec: mujoco.MjSpec, objects: Iterable[Object]) -> list[Surface]:
     """Add objects to a spec, after all chains: the DOFs of free ones come last."""
+    quality = spec.visual.quality
+    quality.numslices, quality.numstacks = max(quality.numslices, 28), max(quality.numstacks, 16)
     return [_add_object(spec, thing) for thing in objects]
 
 
