@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from softrobot_env.fields import check_unique
+from softrobot_env.fields import check_fields, check_unique
 from softrobot_env.motion import State
 from softrobot_env.robots import Base
 from softrobot_env.scene import contacts, extras, kinematics
@@ -69,6 +69,7 @@ class Member:
     mount: Mount | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self, f"member {self.name!r}")
         if not self.name or SEPARATOR in self.name:
             raise ValueError(f"a member needs a name without {SEPARATOR!r}, got {self.name!r}")
         if self.config.contacts is not None:
@@ -133,6 +134,7 @@ class Assembly:
     surroundings: bool = False
 
     def __post_init__(self) -> None:
+        check_fields(self, f"assembly {self.name!r}")
         if not self.members:
             raise ValueError(f"assembly {self.name!r} needs a member")
         check_unique([member.name for member in self.members], "the assembly's members")

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
+from softrobot_env.fields import check_fields
 from softrobot_env.robots import RobotParams
 
 if TYPE_CHECKING:
@@ -52,6 +53,7 @@ class Mount:
     pivot: tuple[float, float, float] | None = None
 
     def __post_init__(self) -> None:
+        check_fields(self, "mount")
         known = (*SLIDES, *TURNS)
         if not self.directions or [d for d in known if d in self.directions] != [*self.directions]:
             raise ValueError(

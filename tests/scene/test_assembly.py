@@ -12,6 +12,7 @@ from softrobot_env.scene import contacts
 from softrobot_env.scene.assembly import Assembly, Member, assembly_xml, build_assembly
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.mount import Mount
 from softrobot_env.scene.objects import Contacts, Sphere
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
@@ -196,6 +197,12 @@ def test_what_does_not_fit_together_is_refused_by_name():
     refused("different gravity", members=(Member("a", FINGER), Member("b", heavy)))
     refused("give contacts", objects=(Sphere(name="ball", radius=0.01),))
     refused("bending='spatial'", gravity=(0.0, 9.81, 0.0))
+    refused("gravity must", gravity=(0.0, 1.0))
+    touching = gripper(contacts=Contacts())
+    with pytest.raises(ValueError, match="use `simulate`"):
+        touching.equilibrium()
+    moving = Member("a", FINGER, mount=Mount(("x",)))
+    refused("contacts need one of MuJoCo's", members=(moving,), contacts=Contacts())
     with pytest.raises(ValueError, match="without '/'"):
         Member("a/b", FINGER)
     with pytest.raises(ValueError, match="belong to the assembly"):
