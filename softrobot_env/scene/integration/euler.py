@@ -17,7 +17,7 @@ def euler_step(chain, forces, h, matrix, change):
     """
     _fill_joints(chain, forces, h, matrix, change)
     _add_drives(chain, forces, h, matrix, change)
-    _factorize(matrix, chain.v.size)
+    _factorize(matrix, ints(chain.model, chain.header[AT.dof_parentid], chain.v.size))
     _solve(matrix, change, chain.v.size)
     if forces.counts[1]:
         _rub(chain.v, forces, h, matrix, change)
@@ -119,16 +119,22 @@ def _dot(a, b):
 
 
 @jit
-def _factorize(matrix, n):
-    """Lower Cholesky factor of (n, n) in place, row by row; the diagonal holds its inverse."""
-    for i in range(n):
-        for j in range(i):
+def _factorize(matrix, parents):
+    """Lower Cholesky factor of (n, n) in place, row by row; the diagonal holds its inverse.
+
+    Nothing couples the DOFs of two robots, each of which begins where there is no parent (n,).
+    """
+    start = 0
+    for i in range(parents.size):
+        if parents[i] < 0:
+            start = i
+        for j in range(start, i):
             rest = matrix[i, j]
-            for k in range(j):
+            for k in range(start, j):
                 rest -= matrix[i, k] * matrix[j, k]
             matrix[i, j] = rest * matrix[j, j]
         rest = matrix[i, i]
-        for k in range(i):
+        for k in range(start, i):
             rest -= matrix[i, k] * matrix[i, k]
         matrix[i, i] = 1 / np.sqrt(rest)
 
