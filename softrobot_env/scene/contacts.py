@@ -104,7 +104,7 @@ class Pair:
 
     Attributes:
         name: Of the pair in the spec.
-        stiffness: [N/m]; what nothing else is said about, `None`.
+        stiffness: [N/m].
         damping_ratio: [1].
         asked: Whether the user gave the stiffness.
     """

@@ -10,7 +10,7 @@ from softrobot_env.robots import ARM, Base, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.registry import find_robot
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.objects import Box, Contacts, Cylinder, Ground, Sphere
+from softrobot_env.scene.objects import Box, Contacts, Cylinder, Ground, Object, Sphere
 from softrobot_env.scene.registry import scene_of
 
 _DOWN = (0.0, 0.0, -9.81)
@@ -48,6 +48,7 @@ class Case:
         full: (n_inputs,) that the inputs reach.
         rise: [s] until then, from zero.
         duration: [s].
+        objects: What the robot touches.
         self_contact: Whether the robot touches itself.
     """
 
@@ -55,14 +56,13 @@ class Case:
     full: tuple[float, ...]
     rise: float
     duration: float
+    objects: tuple[Object, ...] = ()
     self_contact: bool = False
 
     def with_contacts(self, stiffness: float, friction: float) -> SceneConfig:
         """The scene with a skin of a stiffness [N/m2] and a friction coefficient."""
         contacts = Contacts(stiffness=stiffness, friction=friction, self_contact=self.self_contact)
         return replace(self.config, contacts=contacts, objects=self.objects)
-
-    objects: tuple = ()
 
     def inputs(self, time: float) -> np.ndarray:
         """(n_inputs,) at a time [s]."""
