@@ -42,9 +42,10 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
     for index, disc in enumerate(robot.discs):
         _add_disc(chain.spec.body(f"disc{index}"), disc, _radius(robot, disc.station))
     _add_base(chain.bodies[0], robot)
-    # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
-    room = 0.0 if chain.kinds == ("hinge",) else robot.reach
-    _add_surroundings(chain.spec, robot, 2 * robot.backbone.widest + room)
+    if look.surroundings:
+        # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
+        room = 0.0 if chain.kinds == ("hinge",) else robot.reach
+        add_surroundings(chain.spec, robot.length, 2 * robot.backbone.widest + room)
 
 
 def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appearance) -> None:
@@ -135,15 +136,21 @@ def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
         )
 
 
-def _add_surroundings(spec: mujoco.MjSpec, robot: RobotParams, wall: float) -> None:
-    """Light, and a wall with a grid of 100 mm squares at y = `wall` [m] behind the robot."""
+def add_surroundings(spec: mujoco.MjSpec, height: float, wall: float) -> None:
+    """Light, and a wall with a grid of 100 mm squares at y = `wall` [m].
+
+    Args:
+        spec: The scene.
+        height: [m], size of what stands there.
+        wall: [m].
+    """
     spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
     spec.visual.headlight.diffuse = [0.28, 0.28, 0.28]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     direction = (0.4, 1.0, -0.5)
     spec.worldbody.add_light(  # its shadow map is centred on the robot
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[-2 * direction[0], -2 * direction[1], robot.length / 2 - 2 * direction[2]],
+        pos=[-2 * direction[0], -2 * direction[1], height / 2 - 2 * direction[2]],
         dir=direction,
         diffuse=[0.33, 0.33, 0.33],
         specular=[0.2, 0.2, 0.2],
@@ -152,8 +159,8 @@ def _add_surroundings(spec: mujoco.MjSpec, robot: RobotParams, wall: float) -> N
     # Hundreds of thin capsules make up the lines: coarse ones look the same and draw faster.
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 10, 4
     spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 2048, 2.0
-    spec.stat.extent = 1.6 * robot.length
-    spec.stat.center = [0, 0, robot.length / 2]
+    spec.stat.extent = 1.6 * height
+    spec.stat.center = [0, 0, height / 2]
     spec.visual.global_.azimuth = 90
     spec.visual.global_.elevation = -5
     _add_wall(spec, wall)

@@ -60,6 +60,11 @@ class Scene:
     pairs: tuple[contacts.Pair, ...] = ()
 
     @property
+    def name(self) -> str:
+        """The robot's."""
+        return self.config.robot.name
+
+    @property
     def input_names(self) -> tuple[str, ...]:
         """Names of the inputs: tensions [N] (or lengths pulled in [m]), then loads' amplitudes."""
         return tuple(self.model.actuator(k).name for k in range(self.model.nu))
@@ -89,7 +94,7 @@ class Scene:
         there, and as friction holds a robot in many places there must be none.
         """
         u = np.zeros(self.n_inputs) if u is None else u
-        gravity = None if gravity is None else self._gravity(gravity)
+        gravity = None if gravity is None else self.checked_gravity(gravity)
         if self.config.contacts is not None:
             return self._settled(u, guess, gravity)
         return equilibrium(
@@ -150,7 +155,7 @@ class Scene:
         """
         from softrobot_env.scene.simulation import simulate  # which knows of scenes
 
-        gravity = None if gravity is None else self._gravity(gravity)
+        gravity = None if gravity is None else self.checked_gravity(gravity)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
 
     def positions(
@@ -184,8 +189,12 @@ class Scene:
         q = finite("q", q, (self.model.nq,))
         return kinematics.tendon_lengths(self.model, self.config.robot, q)
 
-    def _gravity(self, gravity: np.ndarray) -> np.ndarray:
-        """(3,) [m/s2] of a case."""
+    def checked_gravity(self, gravity: np.ndarray) -> np.ndarray:
+        """A gravity (3,) [m/s2] that the chain feels.
+
+        Raises:
+            ValueError: It does not, or it is not finite.
+        """
         gravity = finite("gravity", gravity, (3,))
         _refuse_what_is_not_felt(self.config, gravity)
         return gravity
@@ -210,9 +219,9 @@ def build_scene(config: SceneConfig) -> Scene:
     spec, layout, pairs = _assemble(config)
     model = spec.compile()
     choice = _mujocos(config, model, pairs)
-    _apply(choice, model.opt)
+    apply_choice(choice, model.opt)
     softest = contacts.tune(model, pairs, choice.timestep)
-    choice = replace(choice, reason=choice.reason + _softened(softest))
+    choice = replace(choice, reason=choice.reason + softened(softest))
     if is_extrapolated(config):
         choice = _extrapolated(config, config.robot)
     return Scene(config, layout, choice, model, tuple(pairs))
@@ -266,7 +275,7 @@ def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:
     choice = choice_of(scene, variation)
     if choice.integrator == EXTRAPOLATION or _near_its_limit(varied, choice):
         return varied
-    _apply(choice, varied.model.opt)
+    apply_choice(choice, varied.model.opt)
     contacts.tune(varied.model, varied.pairs, choice.timestep)
     return replace(varied, timestep=choice)
 
@@ -281,24 +290,35 @@ def scene_xml(config: SceneConfig) -> str:
     spec, _, pairs = _assemble(config)
     model = spec.compile()
     choice = _mujocos(config, model, pairs)
-    _apply(choice, spec.option)
+    apply_choice(choice, spec.option)
     contacts.tune(model, pairs, choice.timestep)
     contacts.write(spec, model, pairs)
     return spec.to_xml()
 
 
 def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout, list[contacts.Pair]]:
+    chain = build_chain(config)
+    return chain.spec, chain.layout, _add_contacts(chain, config)
+
+
+def build_chain(config: SceneConfig) -> Chain:
+    """The robot of a scene in a spec of its own, with all parts but contacts.
+
+    Raises:
+        ValueError: As `build_scene`.
+    """
     _refuse_what_is_not_felt(config, config.robot.gravity)
     layout = place_between(config.edges, config.hinge_rule)
-    spec = _empty_spec(config)
-    kinds = joint_kinds(config.robot, config.bending, config.torsion, layout.coupled)
-    chain = add_chain(spec, config.robot, layout, kinds)
-    add_tendons(chain, config.robot, config.actuation)
-    add_springs(chain, config.robot)
+    robot = config.robot
+    spec = empty_spec(robot.name, robot.gravity, rubs=robot.rubs)
+    kinds = joint_kinds(robot, config.bending, config.torsion, layout.coupled)
+    chain = add_chain(spec, robot, layout, kinds)
+    add_tendons(chain, robot, config.actuation)
+    add_springs(chain, robot)
     if layout.coupled:
-        couple_pieces(chain, config.robot, [load.station for load in config.loads])
+        couple_pieces(chain, robot, [load.station for load in config.loads])
     _add_parts(chain, config)
-    return spec, layout, _add_contacts(chain, config)
+    return chain
 
 
 def _add_contacts(chain: Chain, config: SceneConfig) -> list[contacts.Pair]:
@@ -311,8 +331,8 @@ def _add_contacts(chain: Chain, config: SceneConfig) -> list[contacts.Pair]:
     return contacts.pair_surfaces(chain.spec, surfaces, config.contacts)
 
 
-def _softened(softest: float) -> str:
-    """Of how much stiffness a timestep takes from contacts, see `scene.contacts.tune`."""
+def softened(softest: float) -> str:
+    """Remark of how much stiffness a timestep takes from contacts, see `scene.contacts.tune`."""
     return (
         "" if softest == 1 else f"; contacts down to {softest:.2g} times the material's stiffness"
     )
@@ -347,23 +367,24 @@ def _refuse_what_is_not_felt(config: SceneConfig, gravity: Sequence[float]) -> N
         refuse_torsion("a chain with torsion=False", "torsion=True", loads, robot.tendons)
 
 
-def _apply(choice: TimestepChoice, option: mujoco.MjOption) -> None:
+def apply_choice(choice: TimestepChoice, option: mujoco.MjOption) -> None:
+    """Let an option have MuJoCo's integrator and timestep of a choice."""
     option.timestep = choice.timestep
     option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{choice.integrator.upper()}")
 
 
-def _empty_spec(config: SceneConfig) -> mujoco.MjSpec:
+def empty_spec(name: str, gravity: Sequence[float], *, rubs: bool) -> mujoco.MjSpec:
     """Spec without contacts and MuJoCo's silent reset of a diverged state.
 
     Without constraints too, unless a tendon rubs: MuJoCo's dry friction is one.
     """
     spec = mujoco.MjSpec()
-    spec.modelname = config.robot.name
+    spec.modelname = name
     spec.compiler.degree = False
-    spec.option.gravity = config.robot.gravity
+    spec.option.gravity = gravity
     disable = mujoco.mjtDisableBit
     flags = disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
-    if not config.robot.rubs:
+    if not rubs:
         flags |= disable.mjDSBL_CONSTRAINT
     spec.option.disableflags = int(flags)
     return spec

@@ -43,6 +43,9 @@ TIP_SITE = "tip"
 HEAD_BODY = "head"
 BASE_BODY = "base"
 
+#: Between the name of one of several robots and the names of its parts.
+SEPARATOR = "/"
+
 
 @dataclass(frozen=True)
 class Chain:

@@ -102,10 +102,14 @@ class TipSensors:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Visible body: links, drawn tendons, floor and lights. Adds no mass and no contacts."""
+    """Visible body: links, drawn tendons, wall and lights. Adds no mass and no contacts.
+
+    `surroundings` tells whether wall and lights are there, too.
+    """
 
     link_rgba: Rgba = (0.93, 0.75, 0.45, 1.0)
     tendon_rgba: Rgba = (0.15, 0.3, 0.65, 1.0)
+    surroundings: bool = True
 
     def __post_init__(self) -> None:
         check_fields(self, "appearance")

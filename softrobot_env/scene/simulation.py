@@ -33,7 +33,7 @@ WORRYING = 2.0
 def inaccuracy(scene: Scene, estimate: float, time: float) -> TimestepWarning:
     """The warning that an estimate [m] at a time [s] is far beyond the accuracy."""
     return TimestepWarning(
-        f"robot {scene.config.robot.name!r}: by t = {time:.3f} s the motion may be "
+        f"robot {scene.name!r}: by t = {time:.3f} s the motion may be "
         f"{1e3 * estimate:.3g} mm off, {1e3 * scene.timestep.accuracy:.3g} mm are wanted: small "
         "errors grow in it (a smaller `accuracy` may help)"
     )
