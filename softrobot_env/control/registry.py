@@ -41,6 +41,7 @@ class PolicySpec:
 #: Policies of planar robots.
 POLICIES: dict[str, PolicySpec] = {
     "hold": PolicySpec("softrobot_env.control.base:Hold"),
+    "static": PolicySpec("softrobot_env.control.statics:StaticFeedforward"),
     "feedforward": PolicySpec("softrobot_env.control.arm.feedforward:Feedforward"),
     "feedforward_pi": PolicySpec("softrobot_env.control.arm.feedforward:FeedforwardPI"),
     "qs_nn": PolicySpec(

@@ -34,7 +34,7 @@ from softrobot_env.scene.tangent import StaticForces
 #: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
 REACHED = 1e-7
 
-_ITERATIONS = 60
+_ITERATIONS = 30
 _LARGEST_STEP, _LARGEST_TURN = 0.3, 1.0  # of an action; rad that all joints make together
 _BALANCED = 1e-9  # rad
 _RELAXED = 1e-5  # step of an action towards the least norm that is left
@@ -43,7 +43,7 @@ _RANK = 1e-7  # of the largest singular value
 _LEAST_SHARE = 0.05  # of the way to the least norm in one iteration
 _HALVINGS = 4  # of the way to a point
 _NARROW = 1e-3  # of the reach: a tip that moves less to a side moves on a line
-_MIDDLES = 5  # that are tried
+_MIDDLES, _FAR = 3, 4.0  # that are tried; radii, which a ground is long at most
 _PLACES, _TRIALS = 48, 3  # to look for points from
 
 
@@ -68,6 +68,25 @@ class _Found(NamedTuple):
     inputs: np.ndarray
     posture: np.ndarray
     error: float
+
+
+class Ground(NamedTuple):
+    """Where a tip gets everywhere in a plane, as some rays from a middle tell.
+
+    Attributes:
+        middle: (3,) [m].
+        inputs: (n_inputs,), which hold the tip there.
+        axes: (2, 3), unit vectors along the longest way through the middle, and across.
+        length: [m], how far the tip gets along it, to both sides.
+        radius: [m], how far it gets to all of 8 sides; zero, about the action 0, for a tip that
+            only moves on a line.
+    """
+
+    middle: np.ndarray
+    inputs: np.ndarray
+    axes: np.ndarray
+    length: float
+    radius: float
 
 
 class InverseStatics:
@@ -111,15 +130,25 @@ class InverseStatics:
         shift = 1e-7 * np.eye(self._tensions.n_inputs)
         self._shifts = np.concatenate([shift, -shift])
 
+    @property
+    def freedom(self) -> int:
+        """Number of independent tensions: of coordinates that can be asked for at once, at most."""
+        return self._tensions.n_inputs
+
     @one_blas_thread()
-    def solve(self, points: np.ndarray, start: np.ndarray | None = None) -> Held:
+    def solve(
+        self, points: np.ndarray, start: np.ndarray | Held | None = None, anywhere: bool = True
+    ) -> Held:
         """Inputs that hold the tip at points, each from those before it.
 
         Where a point is too far from the one before, points between are solved first.
 
         Args:
             points: (n, 3) [m] in the world; only their coordinates along `directions` count.
-            start: (n_inputs,), where the first point is looked for from; the action 0 unless given.
+            start: (n_inputs,), where the first point is looked for from, or what another call
+                returned, whose last point it then is; the action 0 unless given.
+            anywhere: Whether a point that is not reached from the one before is looked for from
+                places all over the workspace. The inputs may then jump.
 
         Returns:
             The inputs of least norm (of actions) near those before, within the actions' box. Of a
@@ -132,11 +161,11 @@ class InverseStatics:
         """
         points = np.asarray(points, dtype=float)
         points = finite("points", points, (len(np.atleast_1d(points)), 3))
-        here = self._rest if start is None else self._held(finite("start", start, self._shape))
+        here = self._start(start)
         rows = []
         for point in points @ self.directions.T:
             found = self._towards(point, here, _HALVINGS)
-            if found.error > self.tolerance:
+            if anywhere and found.error > self.tolerance:
                 found = self._elsewhere(point, found)
             rows.append(found)
             here = found if found.error <= self.tolerance else here
@@ -155,20 +184,15 @@ class InverseStatics:
         commanded = self.inputs.command(np.asarray(inputs, dtype=float))
         return self.scene.equilibrium(_controls(self.scene, commanded), guess)
 
-    def disc(self, largest: float) -> tuple[np.ndarray, np.ndarray, float]:
-        """A disc in the plane of `directions` in which the tip gets everywhere.
+    def ground(self, largest: float) -> Ground:
+        """Where in the plane of `directions` the tip gets everywhere.
 
-        Its middle is where a spatial robot is under the action 0. A planar one is then as far out
+        The middle is where a spatial robot is under the action 0. A planar one is then as far out
         as it gets; of some bent poses, those with most room to first order, the one with the
-        largest disc is taken. The radius is how far the tip gets on the shortest of 8 rays, in
-        steps of 1/12 or less.
+        largest disc is taken.
 
         Args:
-            largest: [1], of an action of a planar robot.
-
-        Returns:
-            Middle (3,) [m], inputs (n_inputs,) that hold it, and radius [m]: zero, about the action
-            0, of a tip that only moves on a line.
+            largest: [1], of an action of a planar robot in the middle.
         """
         planar = self.scene.config.bending == "planar"
         places = self._sample[0] if planar else [self._rest]
@@ -178,17 +202,27 @@ class InverseStatics:
             if room[k] > _NARROW * self.scene.config.robot.reach:
                 found = self._radius(places[k], radius)
                 best, radius = (places[k], found) if found > radius else (best, radius)
-        return self.scene.tip(best.posture), best.inputs, radius
+        axes = self._axes(best) if planar and radius > 0 else np.eye(2)
+        length = self._along(best, axes[0], self._along(best, -axes[0], _FAR * radius))
+        middle = self.scene.tip(best.posture)
+        return Ground(middle, best.inputs, axes @ self.directions, length, radius)
+
+    def _axes(self, found: _Found) -> np.ndarray:
+        """Unit vectors (2, 2) along which the tip moves most and least."""
+        jacobian = self.directions @ self._linearised(found.action, found.posture)[2]
+        return np.linalg.svd(jacobian)[0].T
 
     def _radius(self, middle: _Found, least: float) -> float:
         """How far [m] the tip gets on the shortest of some rays; 0 where that is `least` or less.
 
-        Opposite rays come first, which differ most.
+        Across where it moves most comes first, where the rays differ most.
         """
         radius = self.scene.config.robot.reach
-        for k in (0, 4, 2, 6, 1, 5, 3, 7):
-            towards = np.array([np.cos(np.pi * k / 4), np.sin(np.pi * k / 4)])
-            radius = self._along(middle, towards, radius)
+        axes = self._axes(middle)
+        for k in (2, 6, 0, 4, 1, 5, 3, 7):
+            radius = self._along(
+                middle, np.array([np.cos(np.pi * k / 4), np.sin(np.pi * k / 4)]) @ axes, radius
+            )
             if radius <= least:
                 return 0.0
         return radius
@@ -197,7 +231,7 @@ class InverseStatics:
         """How far [m], up to a length, the tip gets straight on in a direction (k,)."""
         origin = self.directions @ self.scene.tip(start.posture)
         here, distance, step = start, 0.0, length / 12
-        while distance < length * (1 - 1e-9) and step > length / 200:
+        while distance < length * (1 - 1e-9) and step > length / 100:
             found = self._near(origin + (distance + step) * towards, here)
             if found.error <= self.tolerance:
                 here, distance = found, distance + step
@@ -222,9 +256,12 @@ class InverseStatics:
         side = singular[-1] if len(singular) == len(self.directions) else 0.0
         return float(side * (1 - np.abs(found.action).max()))
 
-    @property
-    def _shape(self) -> tuple[int]:
-        return (self.inputs.n_inputs,)
+    def _start(self, start: np.ndarray | Held | None) -> _Found:
+        if start is None:
+            return self._rest
+        if isinstance(start, Held):
+            return self._at(start.inputs[-1], start.postures[-1])
+        return self._held(finite("start", start, (self.inputs.n_inputs,)))
 
     @cached_property
     def _rest(self) -> _Found:
@@ -232,7 +269,10 @@ class InverseStatics:
 
     def _held(self, inputs: np.ndarray, guess: np.ndarray | None = None) -> _Found:
         """Where inputs lead, and the actions of the tensions that they come to."""
-        posture = self.posture(inputs, guess)
+        return self._at(inputs, self.posture(inputs, guess))
+
+    def _at(self, inputs: np.ndarray, posture: np.ndarray) -> _Found:
+        """Inputs in their equilibrium."""
         tension = self._tension(inputs, posture)
         reduced = self._tensions.reduced(tension)
         action = (reduced - self._tensions.input_centre) / self._tensions.input_scale

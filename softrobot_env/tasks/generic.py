@@ -18,14 +18,14 @@ from softrobot_env.tasks.smooth_paths import FourierPath, SmoothRun, figure_eigh
 from softrobot_env.tasks.spec import Maker, Task, whole
 
 if TYPE_CHECKING:
-    from softrobot_env.scene.inverse import InverseStatics
+    from softrobot_env.scene.inverse import Ground, InverseStatics
 
-#: Default size of a path, and of the disc of set points, as shares of the site's radius.
+#: Default size of a path, and of the disc of set points, as shares of how far the tip gets.
 PATH_SHARE, REACH_SHARE = 0.5, 0.8
 
-#: Default speed: so many reaches of the robot per period of its first mode, and at most so many
-#: per second. The tip then goes round a circle in many such periods.
-_SPEED, _FASTEST = 0.2, 0.5
+#: Default speed: a lap takes at least so many periods of the first mode, and so many s; and at most
+#: so many reaches of the robot per second.
+_LAP, _SHORTEST_LAP, _FASTEST = 8.0, 1.0, 0.5
 
 #: Default time at a set point, in periods of the first mode, and at least [s].
 _HOLD, _SHORTEST_HOLD = 5.0, 1.0
@@ -45,19 +45,12 @@ class Site(NamedTuple):
 
     Attributes:
         inverse: Its inverse statics.
-        centre: (3,) [m], middle of the disc.
-        held: (n_inputs,), inputs that hold the tip there.
-        directions: (2, 3), unit vectors of the plane of the disc, in the world.
-        radius: [m] of a disc in which points can be reached, as rays from the middle tell; of a
-            robot that cannot move its tip to all sides of the plane 0.
+        ground: Where its tip gets everywhere, in the plane of the paths.
         period: [s] of the first mode.
     """
 
     inverse: "InverseStatics"
-    centre: np.ndarray
-    held: np.ndarray
-    directions: np.ndarray
-    radius: float
+    ground: "Ground"
     period: float
 
     def held_along(self, points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
@@ -67,16 +60,17 @@ class Site(NamedTuple):
             ValueError: A point cannot be reached; the message says how far off it is, and what is
                 large enough for sure.
         """
-        found = self.inverse.solve(points, self.held)
+        found = self.inverse.solve(points, self.ground.inputs)
         worst = int(np.argmax(found.errors))
         error = found.errors[worst]
         if not error <= self.inverse.tolerance:
             far = "no equilibrium is found" if np.isinf(error) else f"{1e3 * error:.3g} mm off"
-            name = self.inverse.scene.config.robot.name
+            name, ground = self.inverse.scene.config.robot.name, self.ground
             raise ValueError(
                 f"{what}: robot {name!r} cannot hold its tip at "
-                f"{np.round(points[worst], 4).tolist()} m ({far}); the radius of its site is "
-                f"{self.radius:.3g} m, choose a smaller one than that"
+                f"{np.round(points[worst], 4).tolist()} m ({far}); choose a smaller radius: from "
+                f"the middle of its tasks it gets {ground.radius:.3g} m to all sides, and "
+                f"{ground.length:.3g} m along the longest way"
             )
         return self.inverse.scene.tip(found.postures), found.inputs
 
@@ -90,45 +84,41 @@ def site_of(robot: RobotParams) -> Site:
         EquilibriumError: It does not stand without inputs.
     """
     from softrobot_env.scene.build import build_scene
-    from softrobot_env.scene.inverse import InverseStatics, own_directions
+    from softrobot_env.scene.inverse import InverseStatics
     from softrobot_env.scene.registry import scene_of
 
     scene = build_scene(scene_of(robot))
-    inverse, directions = InverseStatics(scene), own_directions(scene)
-    centre, held, radius = inverse.disc(_BENT)
-    return Site(inverse, centre, held, directions, radius, scene.timestep.first_period)
+    inverse = InverseStatics(scene)
+    return Site(inverse, inverse.ground(_BENT), scene.timestep.first_period)
 
 
 def _circle(robot: RobotParams, radius: float | None = None, speed: float | None = None) -> Task:
     """Two laps of a circle of `radius` [m] at `speed` [m/s], from rest to rest."""
-    site, radius = _wide_site(robot, "circle", radius)
-    e1, e2 = radius * site.directions
-    flat = FourierPath(_point(site.centre + e1), (_point(e1),), (_point(e2),))
+    ground, (radius, _) = _wide_ground(robot, "circle", radius, long=False)
+    e1, e2 = radius * ground.axes
+    flat = FourierPath(_point(ground.middle + e1), (_point(e1),), (_point(e2),))
     return _run("circle", robot, flat, speed, radius=radius)
 
 
 def _figure_eight(
     robot: RobotParams, radius: float | None = None, speed: float | None = None
 ) -> Task:
-    """Two laps of a figure eight from end to end 2 `radius` [m], half as high."""
-    site, radius = _wide_site(robot, "figure_eight", radius)
-    along, across = radius * site.directions
-    flat = figure_eight(_point(site.centre), _point(along), _point(across / 2))
+    """Two laps of a figure eight, 2 `radius` [m] from end to end; as wide as the robot reaches, at
+    most half as wide as long."""
+    ground, (radius, width) = _wide_ground(robot, "figure_eight", radius)
+    along, across = radius * ground.axes[0], min(width, radius / 2) * ground.axes[1]
+    flat = figure_eight(_point(ground.middle), _point(along), _point(across))
     return _run("figure_eight", robot, flat, speed, radius=radius)
 
 
 def _random(
     robot: RobotParams, radius: float | None = None, speed: float | None = None, seed: int = 0
 ) -> Task:
-    """Two laps of a smooth random path that just fills a disc of `radius` [m]."""
-    site, radius = _wide_site(robot, "random", radius)
-    along, across = radius * site.directions
-    flat = random_path(whole(seed), (0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-    turned = [
-        tuple(_point(x * along + y * across) for x, y, _ in terms)
-        for terms in (flat.cosine, flat.sine)
-    ]
-    path = FourierPath(_point(site.centre), *turned)
+    """Two laps of a smooth random path that just fills an ellipse, 2 `radius` [m] long and as wide
+    as the robot reaches."""
+    ground, (radius, width) = _wide_ground(robot, "random", radius)
+    along, across = radius * ground.axes[0], width * ground.axes[1]
+    path = random_path(whole(seed), _point(ground.middle), _point(along), _point(across))
     return _run("random", robot, path, speed, radius=radius, seed=seed)
 
 
@@ -144,19 +134,19 @@ def _reach(
     hold = max(_SHORTEST_HOLD, np.ceil(2 * _HOLD * site.period) / 2) if hold is None else hold
     trajectory = SetPoints(tuple(map(_point, points)), float(hold))
     options = (("seed", seed), ("radius", radius), ("hold", float(hold)))
-    return _task("reach", robot, trajectory, _POINTS * float(hold), site.held, options)
+    return _task("reach", robot, trajectory, _POINTS * float(hold), site.ground.inputs, options)
 
 
 def _set_points(
     site: Site, rng: np.random.Generator, radius: float | None
 ) -> tuple[np.ndarray, float]:
     """Points (n, 3) [m], and the radius [m] of what they lie in."""
-    if site.radius == 0:
+    if site.ground.radius == 0:
         return _on_line(site, rng, radius)
-    radius = _rounded(REACH_SHARE * site.radius) if radius is None else _checked(radius)
+    radius = _rounded(REACH_SHARE * site.ground.radius) if radius is None else _checked(radius)
     distance, turn = rng.uniform(size=(2, _POINTS))
     z = radius * np.sqrt(distance) * np.exp(2j * np.pi * turn)
-    flat = site.centre + np.stack([z.real, z.imag], axis=1) @ site.directions
+    flat = site.ground.middle + np.stack([z.real, z.imag], axis=1) @ site.ground.axes
     return site.held_along(flat, "task 'reach'")[0], radius
 
 
@@ -164,25 +154,35 @@ def _on_line(
     site: Site, rng: np.random.Generator, radius: float | None
 ) -> tuple[np.ndarray, float]:
     """Tips (n, 3) [m] under random equal actions, up to `radius` [m] from that of the action 0."""
-    farthest = np.linalg.norm(site.inverse.line(np.array([-1.0, 1.0]))[0] - site.centre, axis=1)
-    radius = _rounded(REACH_SHARE * farthest.min()) if radius is None else _checked(radius)
-    if radius > farthest.min():
-        raise ValueError(f"radius must be at most {farthest.min():.3g} m here, got {radius!r}")
+    middle = site.ground.middle
+    most = np.linalg.norm(site.inverse.line(np.array([-1.0, 1.0]))[0] - middle, axis=1).min()
+    radius = _rounded(REACH_SHARE * most) if radius is None else _checked(radius)
+    if radius > most:
+        raise ValueError(f"radius must be at most {most:.3g} m here, got {radius!r}")
     tips = site.inverse.line(np.sort(rng.uniform(-1, 1, 20 * _POINTS)))[0]
-    near = tips[np.linalg.norm(tips - site.centre, axis=1) <= radius]
+    near = tips[np.linalg.norm(tips - middle, axis=1) <= radius]
     return rng.permutation(near)[:_POINTS], radius
 
 
-def _wide_site(robot: RobotParams, task: str, radius: float | None) -> tuple[Site, float]:
-    """The site and the radius [m] of a path; ValueError for a robot that only moves on a line."""
+def _wide_ground(
+    robot: RobotParams, task: str, radius: float | None, long: bool = True
+) -> tuple["Ground", tuple[float, float]]:
+    """The ground of a path, its half length or radius [m], and its half width in proportion.
+
+    Raises:
+        ValueError: The robot's tip only moves on a line, or the radius is not positive.
+    """
     site = site_of(robot)
-    if site.radius == 0:
+    ground = site.ground
+    if ground.radius == 0:
         raise ValueError(
             f"task {task!r} needs a tip that moves to all sides; that of robot {robot.name!r}, "
             f"with {site.inverse.inputs.n_inputs} input(s), moves on a line: task 'reach' works "
             "along it"
         )
-    return site, _rounded(PATH_SHARE * site.radius) if radius is None else _checked(radius)
+    length = ground.length if long else ground.radius
+    radius = _rounded(PATH_SHARE * length) if radius is None else _checked(radius)
+    return ground, (radius, radius * ground.radius / length)
 
 
 def _run(
@@ -191,7 +191,8 @@ def _run(
     """Laps of the path over a flat one, from rest to rest."""
     site = site_of(robot)
     curve, start = _held_path(site, flat, f"task {name!r}")
-    fastest = min(_SPEED / site.period, _FASTEST) * robot.reach
+    lap = max(_LAP * site.period, _SHORTEST_LAP)
+    fastest = min(_FASTEST * robot.reach, 2 * np.pi * curve.top_rate / lap)
     speed = _rounded(fastest) if speed is None else float(speed)
     run = SmoothRun(curve, speed, _LAPS)
     made = (*options.items(), ("speed", speed))
@@ -217,7 +218,7 @@ def _held_path(site: Site, flat: FourierPath, what: str) -> tuple[FourierPath, n
     tips, inputs = _solved(config.robot, flat, what)
     if config.bending == "planar":
         return flat, inputs[0]
-    axis = np.cross(*site.directions)
+    axis = np.cross(*site.ground.axes)
     harmonics = int(_FITTED * len(tips))
     terms = np.fft.rfft(tips @ axis)[1 : harmonics + 1] * 2 / len(tips)
     cosine, sine = (np.zeros((harmonics, 3)) for _ in range(2))
