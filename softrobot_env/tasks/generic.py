@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from softrobot_env.registries import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.tasks.rig_trajectories import SetPoints
 from softrobot_env.tasks.smooth_paths import FourierPath, SmoothRun, figure_eight, random_path
@@ -259,14 +260,17 @@ def _checked(radius: float) -> float:
 
 
 #: Name -> function (robot, **options) that makes the task.
-GENERIC_TASKS: dict[str, Callable[..., Task]] = {
-    "reach": _reach,
-    "circle": _circle,
-    "figure_eight": _figure_eight,
-    "random": _random,
-}
+GENERIC_TASKS: Registry[Callable[..., Task]] = Registry(
+    "task",
+    {
+        "reach": _reach,
+        "circle": _circle,
+        "figure_eight": _figure_eight,
+        "random": _random,
+    },
+)
 
 
 def generic_tasks(robot: RobotParams) -> dict[str, Maker]:
     """The tasks that any robot can be given, of one robot; an option that is None has a default."""
-    return {name: partial(make, robot) for name, make in GENERIC_TASKS.items()}
+    return {name: partial(make, robot) for name, make in GENERIC_TASKS.registered().items()}
