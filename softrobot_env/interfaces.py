@@ -14,13 +14,14 @@ Show = Callable[[str, int, int], None]
 
 
 class Measurement(NamedTuple):
-    """What can be measured of a planar robot, positions and velocities as (x, z).
+    """What can be measured of a robot.
 
     Attributes:
-        tip_position: (2,) [m].
-        tip_velocity: (2,) [m/s].
-        curvature: (robot.pieces,) [1/m], mean over each of the robot's pieces.
-        curvature_rate: (robot.pieces,) [1/(m s)].
+        tip_position: (axes,) [m], in the world.
+        tip_velocity: (axes,) [m/s].
+        curvature: [1/m], mean over each of the robot's pieces: (robot.pieces,) in the plane,
+            (2 robot.pieces,) in space, (beta, gamma) piece by piece.
+        curvature_rate: [1/(m s)], as the curvature.
         tendon_length: (n_tendons,) [m] inside the robot.
     """
 
@@ -32,9 +33,10 @@ class Measurement(NamedTuple):
 
 
 class PlantModel(Protocol):
-    """Equations of motion of a robot in place of a MuJoCo scene, driven by tendon tensions.
+    """Equations of motion of a robot in place of a MuJoCo scene.
 
-    The state is kept by the caller: coordinates q and velocities v, both (n,).
+    The controls are its tendons' tensions [N] or lengths pulled in [m]. The state is kept by the
+    caller: coordinates q and velocities v, both (n,).
 
     Attributes:
         robot: The robot.
@@ -48,24 +50,30 @@ class PlantModel(Protocol):
     def rest(self) -> np.ndarray:
         """Coordinates (n,) of the straight pose."""
 
-    def equilibrium(self, tension: np.ndarray) -> np.ndarray:
-        """Coordinates (n,) at rest under tensions (n_tendons,) [N].
+    def equilibrium(self, control: np.ndarray) -> np.ndarray:
+        """Coordinates (n,) at rest under controls (n_tendons,).
 
         Raises:
             EquilibriumError: There is none, or it is unstable.
         """
 
     def bent(self, curvature: np.ndarray) -> np.ndarray:
-        """Coordinates (n,) whose measured curvature is `curvature` (robot.pieces,) [1/m].
+        """Coordinates (n,) whose measured curvature is this, as in `Measurement`.
 
         Raises:
             ValueError: The model cannot take this shape; the message says why.
         """
 
     def advance(
-        self, q: np.ndarray, v: np.ndarray, tension: np.ndarray, duration: float
+        self, q: np.ndarray, v: np.ndarray, control: np.ndarray, duration: float
     ) -> str | None:
-        """Move the state on in place, under constant tensions (n_tendons,) [N].
+        """Move the state on in place.
+
+        Args:
+            q, v: The state.
+            control: (n_tendons,) held, or (1 + k, n_tendons): at the start and after each of k
+                equal parts of the duration, steady in between.
+            duration: [s].
 
         Returns:
             What went wrong, after how many seconds and with which method; None if nothing did.
@@ -74,9 +82,37 @@ class PlantModel(Protocol):
     def measure(self, q: np.ndarray, v: np.ndarray) -> Measurement:
         """New arrays with everything that can be measured in a state."""
 
+    def tension(self, q: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Tensions (n_tendons,) [N] in a posture under controls (n_tendons,)."""
 
-#: Builds the model of a robot; a variation of the robot needs another model.
-PlantFactory = Callable[[RobotParams], PlantModel]
+    def strains(self, q: np.ndarray) -> np.ndarray:
+        """Mean beta, gamma and torsion (robot.pieces, 3) [1/m] of the robot's pieces, to draw."""
+
+
+class PlantFactory(Protocol):
+    """Builds the model of a robot; a variation of the robot needs another model."""
+
+    def __call__(
+        self,
+        robot: RobotParams,
+        *,
+        axes: slice,
+        bending: str,
+        torsion: bool,
+        actuation: str,
+    ) -> PlantModel:
+        """Build a model.
+
+        Args:
+            robot: The robot.
+            axes: Coordinates out of x, y and z of the tip that are measured.
+            bending: "planar" (in the x-z plane) or "spatial".
+            torsion: Whether a model in space twists too; one that always does may ignore it.
+            actuation: "tension" or "length", what the controls are.
+
+        Raises:
+            ValueError: The model cannot do that; the message says what.
+        """
 
 
 class Policy(Protocol):

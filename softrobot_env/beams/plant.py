@@ -1,7 +1,13 @@
-"""A beam model as the plant of an environment: one control period at a time."""
+"""A beam model as the plant of an environment: one control period at a time.
+
+A robot's head is a rigid body beyond the tip. Beams have none, so it becomes a last section that is
+a thousand times as stiff as the tip and weighs next to nothing, with a disc at its centre of mass.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import ceil
+from typing import Any
 
 import numpy as np
 
@@ -10,32 +16,47 @@ from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import kernel, reference
 from softrobot_env.beams.numerics.integration import DONE, FAILURES, Control, integrate, workspace
 from softrobot_env.beams.numerics.methods import find_method
-from softrobot_env.beams.signals import constant
+from softrobot_env.beams.numerics.quaternions import (
+    add,
+    cross,
+    difference,
+    dot3,
+    mix,
+    row3,
+    scaled,
+    weighting,
+)
+from softrobot_env.beams.signals import Signal
 from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.interfaces import Measurement
-from softrobot_env.robots import Base, RobotParams
+from softrobot_env.robots import Base, Disc, RobotParams, Section
 from softrobot_env.robots.loads import Load
 
 #: Builds the model of a robot under some loads.
 Build = Callable[[RobotParams, Sequence[Load]], BeamModel]
 
 _MAX_STEPS = 20_000  # in one control period
-_SECTIONS = 4  # per piece: the angle between two sections is measured modulo 2 pi
+_SECTIONS = 4  # per piece, or more: the angle between two sections is measured modulo 2 pi
+_LARGEST_TURN = 2.0  # rad, from one section to the next
 _ITERATIONS = 8
 _CURVATURE_ERROR = 1e-9  # of the curvature limit
 _DIFFERENCE = 1e-3  # of the curvature limit
+_RIGID, _WEIGHTLESS = 1e3, 1e-3  # modulus and density of a head's section, of the tip's
+
+_PLANE = slice(0, 3, 2)
 
 
 class SteppedModel:
-    """A planar robot's beam model with light stepping and read-outs (`interfaces.PlantModel`).
+    """A robot's beam model with light stepping and read-outs (`interfaces.PlantModel`).
 
-    The curvature of a piece is the angle between the cross-sections at its ends over its length:
-    its exact mean for every model, whatever the model's own pieces are.
+    The curvature of a piece is the turn between the cross-sections at its ends over its length,
+    summed up over some sections in between where it is in space: its mean, whatever the model's
+    own pieces are. Turns are seen from the robot's own, turning sections, as hinge angles are.
 
     Attributes:
         robot: The robot.
         strain: See `interfaces.PlantModel`.
-        model: The beam model, driven by tension.
+        model: The beam model.
     """
 
     def __init__(
@@ -44,6 +65,8 @@ class SteppedModel:
         build: Build,
         *,
         strain: float = 0.0,
+        axes: slice = _PLANE,
+        bending: str = "planar",
         method: str = "sdirk4",
         step: float | None = None,
         tolerance: float = 1e-5,
@@ -54,6 +77,8 @@ class SteppedModel:
             robot: The robot.
             build: Function from a robot and loads to its model.
             strain: See `interfaces.PlantModel`.
+            axes: Coordinates of the tip that are measured.
+            bending: "planar" for a model in the x-z plane, or "spatial".
             method: A key of `methods.METHODS`.
             step: [s], fixed step; without it a method that estimates its error adapts it.
             tolerance: Error of a step, relative to the size of a large motion.
@@ -62,12 +87,14 @@ class SteppedModel:
             ValueError: Unknown method, or a method that needs a step.
         """
         self.robot, self.strain, self._build = robot, strain, build
+        self._axes, self._directions = axes, 1 if bending == "planar" else 2
         self._method, self._step, self._tolerance = method, step, tolerance
         self._prepare()
 
     def __getstate__(self) -> dict:
         # References to compiled data cannot be copied; the same model is built again instead.
-        names = ("robot", "strain", "_build", "_method", "_step", "_tolerance")
+        names = ("robot", "strain", "_build", "_axes", "_directions")
+        names += ("_method", "_step", "_tolerance")
         return {name: self.__dict__[name] for name in names}
 
     def __setstate__(self, state: dict) -> None:
@@ -76,34 +103,35 @@ class SteppedModel:
 
     def _prepare(self) -> None:
         """Build the model, and what a step would otherwise build anew."""
-        self.model = self._build(self.robot, ())
+        self._whole = headless(self.robot)
+        self.model = model = self._build(self._whole, ())
         scheme = find_method(self._method, self._step)
         self._scheme = reference(scheme)
-        signal = constant(np.zeros(self.model.n_inputs))
-        self._tension = signal.coefficients[0, 0]  # a view: what is written here is applied
-        self._signal = reference(signal)
-        model = self.model
+        self._signals: dict[tuple[int, float], tuple[np.ndarray, Any]] = {}
         width = mechanics.bandwidth(model.data)
         self._work = reference(workspace(model.n, width, len(scheme.b), model.n_inputs))
-        self._samples = np.empty((2, 2, self.model.n))
+        self._samples = np.empty((2, 2, model.n))
         self._counters, self._steps = np.zeros(4, dtype=np.int64), np.zeros(2)
         self._prepare_readout()
 
     def _prepare_readout(self) -> None:
-        """Place two points, on the outer fibres, in each section whose angle is measured."""
+        """Place points, off the axis, in each section whose turn is measured."""
         robot = self.robot
-        robot.require_plane("a planar model")
+        if self._directions == 1:
+            robot.require_plane("a planar model")
         edges = robot.backbone.cut(robot.pieces)
-        parts = np.arange(_SECTIONS * robot.pieces + 1) / _SECTIONS
+        self._sizes = np.diff(edges)
+        most = robot.curvature_limit * self._sizes.max() / _LARGEST_TURN
+        number = max(_SECTIONS, ceil(most))
+        parts = np.arange(number * robot.pieces + 1) / number
         stations = np.interp(parts, np.arange(robot.pieces + 1), edges)
-        offset = np.array([robot.backbone.widest, 0.0])
-        places = np.concatenate((stations, stations, [robot.length]))
-        offsets = np.zeros((len(places), 2))
-        offsets[: len(stations)], offsets[len(stations) : -1] = offset, -offset
+        a = robot.backbone.widest
+        around = np.array([(a, 0.0), (-a, 0.0), (0.0, a)])[: 1 + self._directions]
+        places = np.append(np.tile(stations, len(around)), robot.reach)
+        offsets = np.append(np.repeat(around, len(stations), axis=0), np.zeros((1, 2)), axis=0)
         self._probe = self.model.probe(places, offsets)
         base = robot.base or Base()
-        self._sizes = np.diff(edges)
-        self._base = np.column_stack([base.axes, base.position])[[0, 2]]
+        self._base = np.column_stack([base.axes, base.position])[self._axes]
 
     # ------------------------------------------------------------------ postures
 
@@ -111,36 +139,42 @@ class SteppedModel:
         """Coordinates (n,) of the straight pose."""
         return self.model.rest()
 
-    def equilibrium(self, tension: np.ndarray) -> np.ndarray:
-        """Coordinates (n,) at rest under tensions (n_tendons,) [N].
+    def equilibrium(self, control: np.ndarray) -> np.ndarray:
+        """Coordinates (n,) at rest under controls (n_tendons,) [N or m].
 
         Raises:
             EquilibriumError: There is none, or it is unstable.
         """
-        return self.model.equilibrium(tension)
+        return self.model.equilibrium(control)
 
     def bent(self, curvature: np.ndarray) -> np.ndarray:
-        """Coordinates (n,) whose measured curvature is `curvature` (pieces,) [1/m].
+        """Coordinates (n,) whose measured curvature is `curvature` [1/m].
 
         The posture is that of the robot without tendons and weight under moments at the ends of
-        its pieces, which bend without stretching; Newton's method on the moments.
+        its pieces, which bend without stretching; Newton's method on the moments. In space they
+        turn with their sections.
+
+        Args:
+            curvature: (pieces,) in the plane, (2 pieces,) in space, (beta, gamma) each.
 
         Raises:
             ValueError: No moments do that, because the model has too few pieces.
         """
-        robot, pieces = self.robot, self.robot.pieces
-        edges = robot.backbone.cut(pieces)
-        stiffness = robot.backbone.in_series(robot.backbone.bending, edges)
+        robot, directions = self.robot, self._directions
+        edges = robot.backbone.cut(robot.pieces)
+        stiffness = robot.backbone.in_series(robot.backbone.bending, edges)[:, None]
+        axes = ((0.0, 1.0, 0.0), (-1.0, 0.0, 0.0))[:directions]
         loads = [
-            Load(f"bend{k + 1}", station=float(s), moment=(0.0, 1.0, 0.0))
+            Load(f"bend{k + 1}_{d}", station=float(s), moment=axis, follows=directions > 1)
             for k, s in enumerate(edges[1:])
+            for d, axis in enumerate(axes)
         ]
-        model = self._build(_bare(robot), loads)
+        model = self._build(_bare(self._whole), loads)
 
         def posture(bending: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
-            moments = stiffness * bending
-            moments = moments - np.append(moments[1:], 0.0)
-            return model.equilibrium(moments, guess, check_stability=False)
+            moments = stiffness * bending.reshape(-1, directions)
+            moments = moments - np.append(moments[1:], np.zeros((1, directions)), axis=0)
+            return model.equilibrium(moments.ravel(), guess, check_stability=False)
 
         def read(q: np.ndarray) -> np.ndarray:
             return self.measure(q, np.zeros_like(q)).curvature
@@ -156,7 +190,7 @@ class SteppedModel:
                     return q
                 if iteration == _ITERATIONS:
                     break
-                moved = [read(posture(applied + e, q)) for e in change * np.eye(pieces)]
+                moved = [read(posture(applied + e, q)) for e in change * np.eye(wanted.size)]
                 jacobian = (np.stack(moved, axis=1) - (error + wanted)[:, None]) / change
                 applied = applied - np.linalg.solve(jacobian, error)
                 q = posture(applied, q)
@@ -174,10 +208,10 @@ class SteppedModel:
     # ------------------------------------------------------------------ motion
 
     def advance(
-        self, q: np.ndarray, v: np.ndarray, tension: np.ndarray, duration: float
+        self, q: np.ndarray, v: np.ndarray, control: np.ndarray, duration: float
     ) -> str | None:
         """Move the state on in place; what went wrong, or None (`interfaces.PlantModel`)."""
-        self._tension[:] = tension
+        signal = self._follow(control, duration)
         # The whole period is tried first: a motion that follows its reference needs few steps.
         first = duration if self._step is None else self._step
         control = reference(Control(self._step is None, first, self._tolerance, _MAX_STEPS))
@@ -187,7 +221,7 @@ class SteppedModel:
             self.model.data,
             self._scheme,
             control,
-            self._signal,
+            signal,
             self._work,
             np.array([0.0, duration]),
             q,
@@ -201,14 +235,63 @@ class SteppedModel:
         how = f"tolerance {self._tolerance:g}" if self._step is None else f"step {self._step:g} s"
         return f"{FAILURES[code]} after {reached:.4g} s of it ({self._method}, {how})"
 
+    def _follow(self, control: np.ndarray, duration: float) -> Any:
+        """The compiled signal of controls (n,), or of a path of them."""
+        rows = control.reshape(-1, self.model.n_inputs)
+        spans, kind = max(1, len(rows) - 1), (len(rows), duration)
+        if kind not in self._signals:
+            values = np.zeros((spans, min(2, len(rows)), self.model.n_inputs))
+            self._signals[kind] = values, reference(Signal(0.0, duration / spans, values))
+        values, signal = self._signals[kind]
+        values[:, 0] = rows[:spans]
+        if len(rows) > 1:
+            values[:, 1] = np.diff(rows, axis=0) * (spans / duration)
+        return signal
+
     # ------------------------------------------------------------------ read-outs
 
     def measure(self, q: np.ndarray, v: np.ndarray) -> Measurement:
         """New arrays with everything that can be measured (`interfaces.PlantModel`)."""
-        out = np.zeros((4, max(2, self.robot.pieces)))
-        tip, speed, curvature, rate = out[0, :2], out[1, :2], *out[2:, : self.robot.pieces]
-        _measure(self._probe, q, v, self._sizes, self._base, tip, speed, curvature, rate)
-        return Measurement(tip, speed, curvature, rate, self.model.tendon_length(q))
+        tip, strain = self._measure(q, v)
+        curvature, rate = strain[:, :, : self._directions].copy().reshape(2, -1)
+        return Measurement(*tip.copy(), curvature, rate, self.model.tendon_length(q))
+
+    def tension(self, q: np.ndarray, control: np.ndarray) -> np.ndarray:
+        """Tensions (n_tendons,) [N] in a posture under controls (`interfaces.PlantModel`)."""
+        return self.model.tendon_tension(q, control)
+
+    def strains(self, q: np.ndarray) -> np.ndarray:
+        """Beta, gamma and torsion (pieces, 3) [1/m] in a posture (`interfaces.PlantModel`)."""
+        return self._measure(q, np.zeros_like(q))[1][0]
+
+    def _measure(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Tip (2, axes) and strains (2, pieces, 3), each with its rate."""
+        tip, strain = np.zeros((2, len(self._base))), np.zeros((2, self.robot.pieces, 3))
+        measure = _measure if self._directions == 1 else _measure_in_space
+        measure(self._probe, q, v, self._sizes, self._base, tip, strain)
+        return tip, strain
+
+
+def headless(robot: RobotParams) -> RobotParams:
+    """The robot with a stiff last section and a disc in place of its head, see the module."""
+    head, sections = robot.head, robot.backbone.sections
+    if head is None:
+        return robot
+    tip, size = sections[-1], max(head.centre, head.output)
+    disc = Disc(robot.length + head.centre, head.mass, head.inertia)
+    if not size:
+        return replace(robot, head=None, discs=(*robot.discs, disc))
+    stiff = Section(
+        length=size,
+        outer_radius=tip.outer_radii[1],
+        youngs_modulus=_RIGID * tip.youngs_modulus,
+        density=_WEIGHTLESS * tip.density,
+        damping_time=tip.damping_time,
+        pieces=1,
+        poisson_ratio=tip.poisson_ratio,
+    )
+    longer = replace(robot, head=None).with_sections(*sections, stiff)
+    return replace(longer, discs=(*robot.discs, disc))
 
 
 def _bare(robot: RobotParams) -> RobotParams:
@@ -217,34 +300,41 @@ def _bare(robot: RobotParams) -> RobotParams:
 
 
 @kernel
-def _measure(probe, q, v, sizes, base, tip, speed, curvature, rate):
-    """Measure tip (2,) [m], curvature (pieces,) [1/m] and their rates in state q, v (n,).
+def _locate(probe, q, v, base, tip):
+    """Points (k, 3) of the probe, the last of which is the tip (2, axes), complex with rates."""
+    moving = np.empty(len(q), np.complex128)
+    for i in range(len(q)):
+        moving[i] = q[i] + 1e-30j * v[i]
+    points = np.empty((len(probe.actuation.point_station), 3), np.complex128)
+    mechanics.locate(probe, moving, points)
+    for i in range(len(base)):
+        tip[0, i], tip[1, i] = base[i, 3], 0.0
+        for k in range(3):
+            tip[0, i] += base[i, k] * points[-1, k].real
+            tip[1, i] += base[i, k] * points[-1, k].imag / 1e-30
+    return points
+
+
+@kernel
+def _measure(probe, q, v, sizes, base, tip, strain):
+    """Measure tip [m] and curvature [1/m] of a planar model and their rates in state q, v (n,).
 
     Args:
         probe: Data of a model whose points are those that `SteppedModel` places.
         q, v: State.
         sizes: (pieces,) [m].
-        base: (2, 4), x and z in the world of the axes of the base, and of its position [m].
-        tip, speed, curvature, rate: Set.
+        base: (axes, 4), those axes in the world of the axes of the base, and of its position [m].
+        tip: (2, axes), set.
+        strain: (2, pieces, 3), set to beta, gamma and torsion.
     """
-    pieces = len(curvature)
-    count = _SECTIONS * pieces + 1
-    moving = np.empty(len(q), np.complex128)
-    for i in range(len(q)):
-        moving[i] = q[i] + 1e-30j * v[i]
-    points = np.empty((2 * count + 1, 3), np.complex128)
-    mechanics.locate(probe, moving, points)
-    for i in range(2):
-        tip[i], speed[i] = base[i, 3], 0.0
-        for k in range(3):
-            tip[i] += base[i, k] * points[2 * count, k].real
-            speed[i] += base[i, k] * points[2 * count, k].imag / 1e-30
-    for piece in range(pieces):
-        curvature[piece], rate[piece] = 0.0, 0.0
-        for k in range(_SECTIONS * piece, _SECTIONS * (piece + 1)):
+    points = _locate(probe, q, v, base, tip)
+    count = len(points) // 2
+    sections = (count - 1) // len(sizes)
+    for piece in range(len(sizes)):
+        for k in range(sections * piece, sections * (piece + 1)):
             turn = _turn(points[k], points[count + k], points[k + 1], points[count + k + 1])
-            curvature[piece] += turn.real / sizes[piece]
-            rate[piece] += turn.imag / 1e-30 / sizes[piece]
+            strain[0, piece, 0] += turn.real / sizes[piece]
+            strain[1, piece, 0] += turn.imag / 1e-30 / sizes[piece]
 
 
 @kernel
@@ -260,3 +350,52 @@ def _turn(above, below, next_above, next_below):
     size = sine.real**2 + cosine.real**2
     slope = (cosine.real * sine.imag - sine.real * cosine.imag) / size
     return complex(angle, slope)
+
+
+@kernel
+def _measure_in_space(probe, q, v, sizes, base, tip, strain):
+    """The same of a model in space."""
+    points = _locate(probe, q, v, base, tip)
+    count = len(points) // 3
+    sections = (count - 1) // len(sizes)
+    before = _section_axes(points, 0, count)
+    for piece in range(len(sizes)):
+        for k in range(sections * piece, sections * (piece + 1)):
+            after = _section_axes(points, k + 1, count)
+            x, y, z = _rotation(before, after)
+            for d, part in enumerate((y, -x, z)):
+                strain[0, piece, d] += part.real / sizes[piece]
+                strain[1, piece, d] += part.imag / 1e-30 / sizes[piece]
+            before = after
+
+
+@kernel
+def _section_axes(points, k, count):
+    """Axes x, y, z of section k, at right angles, given three points of each section."""
+    plus, minus = row3(points, k), row3(points, count + k)
+    x = _unit(difference(plus, minus))
+    y = _unit(difference(row3(points, 2 * count + k), scaled(0.5, add(plus, minus))))
+    # Both give way alike where a model's sections are sheared.
+    skew = dot3(x, y) / 2
+    x, y = _unit(mix(1.0, x, -skew, y)), mix(1.0, y, -skew, x)
+    y = _unit(mix(1.0, y, -dot3(x, y), x))
+    return x, y, cross(x, y)
+
+
+@kernel
+def _unit(a):
+    """A vector's direction."""
+    return scaled(1 / np.sqrt(dot3(a, a)), a)
+
+
+@kernel
+def _rotation(first, second):
+    """Rotation vector [rad] from some axes to others, of less than half a turn."""
+    (a, b, c), (d, e, f) = first, second
+    real = np.sqrt(1 + dot3(a, d) + dot3(b, e) + dot3(c, f)) / 2
+    quarter = 0.25 / real
+    x = quarter * (dot3(c, e) - dot3(b, f))
+    y = quarter * (dot3(a, f) - dot3(c, d))
+    z = quarter * (dot3(b, d) - dot3(a, e))
+    stretch, _ = weighting(5, (real, x, y, z))
+    return scaled(2 * stretch, (x, y, z))

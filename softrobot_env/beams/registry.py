@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from softrobot_env.interfaces import PlantModel
@@ -11,6 +12,9 @@ from softrobot_env.robots.loads import Load
 
 if TYPE_CHECKING:
     from softrobot_env.beams.model import BeamModel
+
+#: Coordinates of the tip that are measured of a planar robot.
+PLANE = slice(0, 3, 2)
 
 #: Name of the plant that environments have by default.
 MUJOCO = "mujoco"
@@ -30,28 +34,55 @@ class _Beam:
     Attributes:
         model: Path of its class.
         finer: Its pieces for each of the robot's, unless a number is given.
-        options: Of the class, for planar motion.
+        planar, spatial, twisting: Options of the class for motion in the plane, in space without
+            torsion where it can do without, and with it.
         strain, tolerance: See `plant.SteppedModel`.
+        heads: Whether it takes the sections and discs that heads become.
     """
 
     model: str
     finer: int
-    options: dict[str, Any]
+    planar: dict[str, Any]
+    spatial: dict[str, Any]
+    twisting: dict[str, Any]
     strain: float
     tolerance: float
+    heads: bool = True
 
-    def build(self, robot: RobotParams, pieces: int | None, loads: Sequence[Load]) -> "BeamModel":
-        """The model of a robot under some loads."""
-        pieces = self.finer * robot.pieces if pieces is None else pieces
-        return load(self.model)(robot, pieces, loads=loads, **self.options)
+    def options(self, bending: str, torsion: bool) -> dict[str, Any]:
+        """Options of the class for a way to bend."""
+        if bending == "planar":
+            return self.planar
+        return self.twisting if torsion else self.spatial
 
 
 _BEAMS = Registry(
     "beam model",
     {
-        "pcc": _Beam("softrobot_env.beams.pcc:PCC", 1, {"axes": "planar"}, 0.0, 1e-3),
-        "cosserat": _Beam("softrobot_env.beams.cosserat:CosseratRod", 2, {}, _STRAIN, 1e-5),
-        "ancf": _Beam("softrobot_env.beams.ancf:ANCF", 4, {"dimension": 2}, _STRAIN, 1e-5),
+        "pcc": _Beam(
+            "softrobot_env.beams.pcc:PCC",
+            1,
+            *({"axes": axes} for axes in ("planar", "spatial", "torsion")),
+            strain=0.0,
+            tolerance=1e-3,
+        ),
+        "cosserat": _Beam(
+            "softrobot_env.beams.cosserat:CosseratRod",
+            2,
+            {},
+            {},
+            {},
+            strain=_STRAIN,
+            tolerance=1e-5,
+        ),
+        "ancf": _Beam(
+            "softrobot_env.beams.ancf:ANCF",
+            4,
+            *({"dimension": dimension} for dimension in (2, 3, 3)),
+            strain=_STRAIN,
+            tolerance=1e-5,
+            heads=False,
+        ),
     },
 )
 
@@ -61,7 +92,7 @@ PLANTS = (MUJOCO, *_BEAMS)
 
 @dataclass(frozen=True)
 class BeamPlant:
-    """Factory of a named beam model for `TrackingEnv(plant=...)`.
+    """Factory of a named beam model for the argument `plant` of environments.
 
     Attributes:
         name: One of `PLANTS`, except the MuJoCo chain.
@@ -79,22 +110,49 @@ class BeamPlant:
     def __post_init__(self) -> None:
         _BEAMS.find(self.name)
 
-    def __call__(self, robot: RobotParams) -> PlantModel:
-        """The model of a robot.
+    def __call__(
+        self,
+        robot: RobotParams,
+        *,
+        axes: slice = PLANE,
+        bending: str = "planar",
+        torsion: bool = False,
+        actuation: str = "tension",
+    ) -> PlantModel:
+        """The model of a robot, see `interfaces.PlantFactory`.
 
         Raises:
-            ValueError: A number of pieces that the model cannot have.
+            ValueError: A number of pieces that the model cannot have, or what the model lacks.
         """
         from softrobot_env.beams.plant import SteppedModel
 
         beam = _BEAMS[self.name]
+        if robot.head is not None and not beam.heads:
+            takers = [name for name, each in _BEAMS.items() if each.heads]
+            raise ValueError(
+                f"robot {robot.name!r} has a head, which plant {self.name!r} has no sections for; "
+                f"take {', '.join(takers)} or the MuJoCo chain"
+            )
+        options = beam.options(bending, torsion) | {"drive": actuation}
         return SteppedModel(
             robot,
-            self._build,
+            partial(_build, self, robot.head is not None, options),
             strain=beam.strain,
+            axes=axes,
+            bending=bending,
             step=self.step,
             tolerance=beam.tolerance if self.tolerance is None else self.tolerance,
         )
 
-    def _build(self, robot: RobotParams, loads: Sequence[Load]) -> "BeamModel":
-        return _BEAMS[self.name].build(robot, self.pieces, loads)
+
+def _build(
+    plant: BeamPlant,
+    headed: bool,
+    options: dict[str, Any],
+    robot: RobotParams,
+    loads: Sequence[Load],
+) -> "BeamModel":
+    """A plant's model of a robot, whose last section stands for a head or not, under loads."""
+    beam = _BEAMS[plant.name]
+    pieces = beam.finer * robot.pieces if plant.pieces is None else plant.pieces + headed
+    return load(beam.model)(robot, pieces, loads=loads, **options)

@@ -3,6 +3,7 @@
 import argparse
 from dataclasses import replace
 from math import isinf
+from pathlib import Path
 
 import mujoco
 from rich.console import Console
@@ -18,10 +19,11 @@ from softrobot_env.robots import RobotParams, Tendon, find_robot
 from softrobot_env.robots.twin import Twin, twin_or_ideal
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.workspace import sample_of, workspace_of
 
 EXAMPLE = """softrobot inspect --task swing
   softrobot inspect --task triangle --twin 0
-  softrobot inspect --robot my.toml"""
+  softrobot inspect --robot my.toml --workspace"""
 
 #: What a scene may leave out: description -> whether this model has it.
 _OPTIONAL = {
@@ -42,13 +44,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_task(parser)
     add_robot(parser, "its own scene, without a task; default: the task's")
+    parser.add_argument(
+        "--workspace", action="store_true", help="of --robot: draw where its tip rests"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("inspect"), metavar="DIR", help="of the picture"
+    )
     add_twin(parser)
     add_scene(parser)
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    return _inspect_task(args) if args.robot is None else _inspect_robot(args)
+    if args.robot is not None:
+        return _inspect_robot(args)
+    if args.workspace:
+        raise ValueError("--workspace goes with --robot only")
+    return _inspect_task(args)
 
 
 def _inspect_robot(args: argparse.Namespace) -> int:
@@ -59,7 +71,33 @@ def _inspect_robot(args: argparse.Namespace) -> int:
     own = {"bends": f"{config.bending}, {'twists' if config.torsion else 'without torsion'}"}
     title = f"Robot {config.robot.name}"
     _print(build_scene(config), title, [] if config.torsion else ["torsion"], own)
+    if args.workspace:
+        _show_workspace(config.robot, args.out)
     return 0
+
+
+def _show_workspace(robot: RobotParams, folder: Path) -> None:
+    """Draw the workspace and tell its size."""
+    from softrobot_env.rendering.workspace import draw_workspace  # which loads matplotlib
+
+    picture = draw_workspace(robot, folder)
+    sample, ground = sample_of(robot), workspace_of(robot).ground
+    low, high = 1e3 * sample.tips.min(axis=0), 1e3 * sample.tips.max(axis=0)
+    spans = (f"{n} {a:.0f} to {b:.0f}" for n, a, b in zip("xyz", low, high, strict=True))
+    line = "its tip only moves on a line"
+    if ground.radius:
+        line = (
+            f"{1e3 * ground.length:.3g} mm along and {1e3 * ground.radius:.3g} mm to all sides of "
+            f"({', '.join(f'{1e3 * x:.0f}' for x in ground.middle)}) mm"
+        )
+    rows = {
+        "tips at rest": f"{', '.join(spans)} mm",
+        "sample": f"{len(sample.tips)} equilibria, {sample.left_out} actions left out: without a "
+        "stable one, or beyond the drives' travel",
+        "ground of tasks": line,
+        "picture": str(picture),
+    }
+    Console().print(named_values(f"Workspace of {robot.name}", rows))
 
 
 def _inspect_task(args: argparse.Namespace) -> int:

@@ -6,6 +6,7 @@ from math import ceil
 import numpy as np
 
 from softrobot_env.envs.observations.table import REFERENCE_ACCELERATION, REFERENCE_SPEED
+from softrobot_env.robots import RobotParams
 from softrobot_env.tasks import Task
 
 #: Index of x and z, the coordinates of a planar robot; of x and y, where the height of a spatial
@@ -17,6 +18,11 @@ AXES = {"xz": PLANE, "xy": TOP, "xyz": SPACE}
 
 #: Of the reach, by which a smooth path through solved points may lie beyond the straight robot.
 _ROUNDING = 1e-6
+
+
+def own_axes(robot: RobotParams) -> slice:
+    """The coordinates that the tip of a robot has: x and z of a planar one, else all three."""
+    return PLANE if robot.moves_in_xz else SPACE
 
 
 @dataclass(frozen=True)

@@ -236,7 +236,7 @@ def _plant(
         raise ValueError(
             f"{', '.join(given)} belong to the MuJoCo chain; another plant has its own options"
         )
-    return BeamPlant(robot, control_period, factory)
+    return BeamPlant(robot, control_period, factory, speed, axes)
 
 
 def make_env_task(

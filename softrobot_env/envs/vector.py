@@ -389,16 +389,17 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             noise = SensorNoise(self.num_envs, self._setting.noise_sizes) if scale.any() else None
             self._noise = noise
             self._measure()
-        if self._cameras is not None:
-            self._exact.update()
+        seeds = []  # of cameras
         for i in which.tolist():
             if self._noise is not None:
                 seed = noise_seed(self._generators[i]) if scale[i] else None
                 self._noise.start(i, scale[i], seed)
             if self._cameras is not None:
                 blurred = self.twin.camera_noise > 0
-                seed = noise_seed(self._generators[i]) if blurred else 0
-                self._cameras.start(i, self._exact.tip[i], seed)
+                seeds.append(noise_seed(self._generators[i]) if blurred else 0)
+        if self._cameras is not None:
+            self._exact.update()
+            self._cameras.start(which, seeds, self._exact.tip[which])
 
     def step(
         self, actions: np.ndarray

@@ -3,8 +3,7 @@
 Posture q and actions a are found together. One iteration linearises the balance of forces and the
 tip about both, by the implicit function theorem on the chain's exact tangent K:
 
-    dq = K^-1 f + Q da,  Q = K^-1 B,  J = (d tip / d q) Q,
-    J da = point - tip - (d tip / d q) K^-1 f
+    dq = K^-1 f + Q da,  Q = K^-1 B,  J = (d tip / d q) Q,  J da = p - tip - (d tip / d q) K^-1 f
 
 and takes the da of that least-norm a within [-1, 1] which solves it. What is left free relaxes to
 the least norm of the actions, a' = a - (1 - J+ J) a, without a term that would bias the tip: at the
@@ -43,6 +42,7 @@ _RANK = 1e-7  # of the largest singular value
 _LEAST_SHARE = 0.05  # of the way to the least norm in one iteration
 _HALVINGS = 4  # of the way to a point
 _NARROW = 1e-3  # of the reach: a tip that moves less to a side moves on a line
+_SAME = 1e-6  # N
 _MIDDLES, _FAR = 3, 4.0  # that are tried; radii, which a ground is long at most
 _PLACES, _TRIALS = 48, 3  # to look for points from
 
@@ -301,19 +301,43 @@ class InverseStatics:
         pulled = self._shortened(posture) + (self._command(action) - pretension) / stiffness
         return np.clip(pulled, -self.inputs.input_scale, self.inputs.input_scale)
 
+    @one_blas_thread()
+    def sample(self, count: int) -> tuple[Held, int]:
+        """Stable equilibria all over the box of actions, and how many were left out.
+
+        The actions, of tensions, fill their box evenly; each equilibrium is looked for from that of
+        the nearest action found before. Left out is where there is none or an unstable one, and
+        lengths beyond the drives' travel.
+
+        Args:
+            count: Number of actions.
+
+        Returns:
+            The equilibria, without errors, that of the action 0 first.
+        """
+        found = self._spread(count)
+        inputs, postures = (np.array([getattr(f, n) for f in found]) for n in ("inputs", "posture"))
+        return Held(inputs, postures, np.zeros(len(found))), count + 1 - len(found)
+
+    def _spread(self, count: int) -> list[_Found]:
+        found, actions = [self._rest], [self._rest.action]
+        for action in spread(count, self._tensions.n_inputs):
+            near = found[int(np.argmin(np.linalg.norm(np.array(actions) - action, axis=1)))]
+            commanded = _controls(self._by_tension, self._command(action))
+            try:
+                posture = self._by_tension.equilibrium(commanded, near.posture)
+            except EquilibriumError:
+                continue
+            inputs = self._inputs(action, posture)
+            if np.all(np.abs(self._tension(inputs, posture) - self._command(action)) < _SAME):
+                found.append(_Found(action, inputs, posture, 0.0))
+                actions.append(action)
+        return found
+
     @cached_property
     def _sample(self) -> tuple[list[_Found], np.ndarray]:
         """Places to look for points from, and their tips (n, k)."""
-        found = [self._rest]
-        for action in spread(_PLACES, self._tensions.n_inputs):
-            near = min(found, key=lambda f: float(np.linalg.norm(f.action - action)))
-            try:
-                posture = self._by_tension.equilibrium(
-                    _controls(self._by_tension, self._command(action)), near.posture
-                )
-            except EquilibriumError:
-                continue
-            found.append(_Found(action, self._inputs(action, posture), posture, 0.0))
+        found = self._spread(_PLACES)
         tips = self.scene.tip(np.array([f.posture for f in found]))
         return found, tips @ self.directions.T
 

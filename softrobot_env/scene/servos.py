@@ -43,12 +43,12 @@ class Servos:
 
         Args:
             speed: [m/s], or (nu,) of each.
-            offset: (nu,) [m].
-            backlash: (nu,) [m].
+            offset: (nu,) [m], or (n, nu).
+            backlash: (nu,) [m], or (n, nu).
             count: Number n of robots; None is one, whose arrays have no axis of robots.
         """
         self._one = count is None
-        self.block = np.zeros((count or 1, SERVO_ROWS, len(offset)))
+        self.block = np.zeros((count or 1, SERVO_ROWS, np.shape(offset)[-1]))
         self.block[:, SPEED], self.block[:, OFFSET] = speed, offset
         self.block[:, HALF] = np.asarray(backlash, dtype=float) / 2
         self._connect()

@@ -38,8 +38,6 @@ _LAPS, _REST = 2, 1.0
 #: by a share of as many harmonics.
 _SOLVED, _PER_HARMONIC, _FITTED = 48, 16, 0.4
 
-_BENT = 0.6  # largest action at the middle of a planar site
-
 
 class Site(NamedTuple):
     """Where a robot's tasks take place.
@@ -78,19 +76,11 @@ class Site(NamedTuple):
 
 @lru_cache(maxsize=32)
 def site_of(robot: RobotParams) -> Site:
-    """The site of a robot's tasks, found once in a process.
+    """The site of a robot's tasks, in its workspace; errors as `scene.workspace.workspace_of`."""
+    from softrobot_env.scene.workspace import workspace_of
 
-    Raises:
-        ValueError: The robot has no tendons.
-        EquilibriumError: It does not stand without inputs.
-    """
-    from softrobot_env.scene.build import build_scene
-    from softrobot_env.scene.inverse import InverseStatics
-    from softrobot_env.scene.registry import scene_of
-
-    scene = build_scene(scene_of(robot))
-    inverse = InverseStatics(scene)
-    return Site(inverse, inverse.ground(_BENT), scene.timestep.first_period)
+    space = workspace_of(robot)
+    return Site(space.inverse, space.ground, space.scene.timestep.first_period)
 
 
 def _circle(robot: RobotParams, radius: float | None = None, speed: float | None = None) -> Task:

@@ -183,3 +183,20 @@ def test_a_copy_has_servos_of_its_own():
     np.testing.assert_array_equal(servos.horn, before)
     assert np.all(others.horn < before)
     np.testing.assert_array_equal(other.ctrl, others.horn)
+
+
+def test_every_robot_may_have_servo_errors_of_its_own():
+    scene, count = rig(), 2
+    offsets, backlashes = np.array([OFFSETS, -OFFSETS]), np.array([BACKLASHES, 2 * BACKLASHES])
+    servos = Servos(0.1, offsets, backlashes, count)
+    batch = BatchSimulation(scene, count)
+    batch.drive_by(servos)
+    batch.reset(np.arange(count), np.tile(scene.model.qpos0, (count, 1)), servos.horn)
+    laws = [ServoLaw(0.1, *errors) for errors in zip(offsets, backlashes, strict=True)]
+    times = Simulation(scene).step_times
+    for command in commands(20):
+        servos.command[:] = command
+        batch.advance()
+        for i, law in enumerate(laws):
+            law.move(command, times)
+            np.testing.assert_allclose(servos.horn[i], law.horn, rtol=0, atol=1e-16)

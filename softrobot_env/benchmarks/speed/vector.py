@@ -15,7 +15,7 @@ _WHAT = "vector env.step"
 _ENV_ID = "SoftRobot/ArmSwing-v0"
 
 #: (environments, threads) of the batched environment.
-CASES = ((16, 1), (256, 1), (256, 2))
+CASES = ((16, 1), (16, 2), (16, 4), (256, 1), (256, 2))
 
 #: Processes of Gymnasium's AsyncVectorEnv; more share the same cores and only need more memory.
 _PROCESSES = 16

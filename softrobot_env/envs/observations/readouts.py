@@ -14,7 +14,6 @@ from math import hypot, sqrt
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 
 from softrobot_env.envs.disturbances import SensorNoise
 from softrobot_env.envs.observations.table import (
@@ -246,28 +245,37 @@ class BeamReadout:
 
     truth = None
 
-    def __init__(self, simulation: Any, space: spaces.Dict) -> None:
+    def __init__(
+        self,
+        simulation: Any,
+        least: Measurement,
+        most: Measurement,
+        servos: Servos | None = None,
+    ) -> None:
         """Bind to a simulation.
 
         Args:
             simulation: A `simulation.beam_plant.BeamSimulation`.
-            space: Bounds of what is measured.
+            least, most: Bounds of what is measured.
+            servos: What drives the tendons in length; measured are then the lengths pulled in.
         """
         self._simulation = simulation
         self.tip_position = lambda: self._now.tip_position
         self.tip_velocity = lambda: self._now.tip_velocity
         self.curvature = lambda: self._now.curvature
         self.curvature_rate = lambda: self._now.curvature_rate
-        self.tendon_tension = simulation.ctrl.copy
-        # An observation and `info` may both hold it.
-        self.tendon_length = self.true_length = lambda: self._now.tendon_length.copy()
-        boxes = [space[name] for name in Measurement._fields]
-        self._names = [
-            (name, k) for name in Measurement._fields for k in range(space[name].shape[0])
-        ]
-        self._low = np.concatenate([b.low for b in boxes])
-        self._high = np.concatenate([b.high for b in boxes])
-        self._limit = float(space["curvature"].high[0])
+        if servos is None:
+            self.tendon_tension = simulation.ctrl.copy
+            # An observation and `info` may both hold it.
+            self.tendon_length = self.true_length = lambda: self._now.tendon_length.copy()
+        else:
+            self.tendon_tension = lambda: simulation.plant.tension(simulation.q, simulation.ctrl)
+            self.tendon_length = lambda: servos.reading
+            self.true_length = lambda: servos.horn.copy()
+        self._names = [(name, k) for name, high in most._asdict().items() for k in range(len(high))]
+        self._low, self._high = np.concatenate(least), np.concatenate(most)
+        self._limit = float(most.curvature[0])
+        self._directions = len(most.curvature) // simulation.plant.robot.pieces
         self.update()
 
     def update(self) -> str | None:
@@ -276,16 +284,23 @@ class BeamReadout:
         self._now = now = simulation.plant.measure(simulation.q, simulation.v)
         self.tip, self.bend = now.tip_position.tolist(), now.curvature
         values = np.concatenate(now)
-        if np.all((self._low <= values) & (values <= self._high)):
-            return None
-        return self._outside(values)
+        if not np.all((self._low <= values) & (values <= self._high)):
+            return self._outside(values)
+        return None if self._directions == 1 else self._sharp_bend()
+
+    def _sharp_bend(self) -> str | None:
+        """The sharpest bend of a piece, to whatever side, if it is beyond the limit."""
+        bend = self.bend
+        if self._directions == 2:
+            bend = np.hypot(bend[0::2], bend[1::2])
+        return sharp_bend(bend, self._limit, self._simulation.time)
 
     def _outside(self, values: np.ndarray) -> str:
         """What lies farthest beyond its bounds, by their width."""
         beyond = np.maximum(self._low - values, values - self._high) / (self._high - self._low)
         worst = int(np.argmax(np.where(np.isnan(beyond), np.inf, beyond)))
         (name, k), time = self._names[worst], self._simulation.time
-        if name == "curvature" and (text := sharp_bend(self.bend, self._limit, time)):
+        if name == "curvature" and (text := self._sharp_bend()):
             return text
         bounds = f"[{self._low[worst]:.4g}, {self._high[worst]:.4g}]"
         return left_workspace(f"{name}[{k}] = {values[worst]:.4g} is outside {bounds}", time)

@@ -1,14 +1,26 @@
 """A beam model as the plant of an environment, in place of the MuJoCo chain."""
 
+from dataclasses import replace
+from functools import cached_property
+from math import ceil
+
+import mujoco
 import numpy as np
 
 from softrobot_env.envs.observations.readouts import BeamReadout
 from softrobot_env.envs.observations.table import Sizes, observation_space, speed_limit
-from softrobot_env.envs.reference import PLANE
+from softrobot_env.envs.reference import own_axes
 from softrobot_env.interfaces import Measurement, PlantFactory, PlantModel
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.chain import posture
+from softrobot_env.scene.integration.layout import LONGEST, MEMORY_SIZE, SUBSTEPS
 from softrobot_env.scene.quadrature import HingeLayout, place_between
+from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.servos import Servos
+
+#: Longest time [s] between the instants that a path of controls is given at.
+_PATH_STEP = 2e-3
 
 
 class BeamPlant:
@@ -21,23 +33,37 @@ class BeamPlant:
         speed: [m/s], limit of the tip's speed.
         config: The scene to draw: hinges turn by the measured curvature of their pieces.
         layout: Its hinges.
+        axes: Coordinates out of x, y and z that are measured, a slice of (3,).
+        pieces: Number of pieces whose curvature is measured, the robot's own.
     """
 
-    def __init__(self, robot: RobotParams, control_period: float, factory: PlantFactory) -> None:
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        factory: PlantFactory,
+        speed: float | None = None,
+        axes: slice | None = None,
+    ) -> None:
         """Build the nominal model.
 
         Args:
             robot: The nominal robot.
             control_period: [s].
             factory: Builds the model of a robot.
+            speed: [m/s], limit of the tip's speed; that of the robot unless given.
+            axes: Coordinates out of x, y and z of the tip that are measured, as of `MujocoPlant`.
 
         Raises:
-            ValueError: The robot has tendon friction.
+            ValueError: The robot has tendon friction, or what the model lacks.
         """
-        self.robot, self.speed = robot, speed_limit(robot)
-        self.config = SceneConfig(robot, control_period=control_period)
-        self.layout: HingeLayout = place_between(self.config.edges, self.config.hinge_rule)
-        self._factory, self.pieces = factory, robot.pieces
+        self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
+        self.axes = own_axes(robot) if axes is None else axes
+        self.config = config = replace(scene_of(robot), control_period=control_period)
+        self.layout: HingeLayout = place_between(config.edges, config.hinge_rule)
+        self.pieces, self._factory = robot.pieces, factory
+        way = {name: getattr(config, name) for name in ("bending", "torsion", "actuation")}
+        self._options = {"axes": self.axes, **way}
         self._nominal = self._model(robot)
 
     def _model(self, robot: RobotParams) -> PlantModel:
@@ -46,19 +72,19 @@ class BeamPlant:
                 f"robot {robot.name!r}: beam models have no tendon friction, only the MuJoCo chain "
                 "has (leave out `plant`, or tendon_friction)"
             )
-        return self._factory(robot)
+        return self._factory(robot, **self._options)
 
     @property
     def strain(self) -> float:
         """Largest axial strain [1] of the model."""
         return self._nominal.strain
 
-    def equilibrium(self, tension: np.ndarray) -> np.ndarray:
-        """Coordinates (n,) at rest under tensions (n_tendons,) [N]."""
-        return self._nominal.equilibrium(tension)
+    def equilibrium(self, control: np.ndarray) -> np.ndarray:
+        """Coordinates (n,) at rest under controls (n_tendons,) [N or m]."""
+        return self._nominal.equilibrium(control)
 
     def bent(self, curvature: np.ndarray) -> np.ndarray:
-        """Coordinates (n,) for a curvature (n_pieces,) [1/m].
+        """Coordinates (n,) for a curvature [1/m] as it is measured.
 
         Raises:
             ValueError: The model cannot take this shape.
@@ -72,18 +98,38 @@ class BeamPlant:
             ValueError: The variation has tendon friction.
         """
         plant = self._model(self.robot.vary(**vary)) if vary else self._nominal
-        return BeamSimulation(plant, self.config.control_period, self.layout)
+        return BeamSimulation(plant, self)
 
-    def readout(self, simulation: "BeamSimulation", _servos: None = None) -> BeamReadout:
-        """What is measured of a simulation."""
+    def readout(self, simulation: "BeamSimulation", servos: Servos | None = None) -> BeamReadout:
+        """What is measured of a simulation, and of the servos that drive it."""
+        directions = 1 if self.config.bending == "planar" else 2
         sizes = Sizes(
-            self.robot, self.layout, self.pieces, self.speed, 1, PLANE, strain=self.strain
+            self.robot,
+            self.layout,
+            self.pieces,
+            self.speed,
+            directions,
+            self.axes,
+            strain=self.strain,
         )
         space = observation_space(Measurement._fields, Measurement._fields, sizes)
-        return BeamReadout(simulation, space)
+        most = {name: box.high for name, box in space.items()}
+        least = {name: box.low for name, box in space.items()}
+        return BeamReadout(simulation, Measurement(**least), Measurement(**most), servos)
 
     def adopt(self, simulation: "BeamSimulation") -> None:
         """Nothing to do: the copy of a simulation already shares the copy of the model."""
+
+    @cached_property
+    def _drawn(self) -> mujoco.MjModel:
+        """The chain that is drawn in place of the model."""
+        return build_scene(self.config).model
+
+    def posture(self, strains: np.ndarray) -> np.ndarray:
+        """Hinge angles (nq,) [rad] of the scene to draw for strains (pieces, 3) [1/m]."""
+        kinds = 1 if self.config.bending == "planar" else 2 + self.config.torsion
+        angles = strains[self.layout.piece, :kinds] * self.layout.weights[:, None]
+        return posture(self._drawn, angles)
 
 
 class BeamSimulation:
@@ -92,32 +138,37 @@ class BeamSimulation:
     Attributes:
         plant: The model.
         q, v: Coordinates and velocities (n,); not a number after a failure.
-        ctrl: (n_tendons,) [N], tensions in force.
+        ctrl: (n_tendons,) [N or m], controls in force.
         scene, model, data, estimates: None; the MuJoCo chain has them.
     """
 
     scene = model = data = estimates = None
 
-    def __init__(self, plant: PlantModel, control_period: float, layout: HingeLayout) -> None:
-        self.plant = plant
-        self._period, self._layout = control_period, layout
+    def __init__(self, plant: PlantModel, owner: BeamPlant) -> None:
+        self.plant, self._owner = plant, owner
+        self._period = period = owner.config.control_period
+        number = ceil(period / _PATH_STEP - 1e-9)
+        self._clock = np.zeros(MEMORY_SIZE)
+        self._clock[[LONGEST, SUBSTEPS]] = period / number, number
+        self._servos: Servos | None = None
         self.ctrl = np.zeros(len(plant.robot.tendons))
         self.reset(plant.rest(), self.ctrl)
 
     def reset(self, posture: np.ndarray, ctrl: np.ndarray) -> None:
-        """Set coordinates (n,) at rest, with tensions (n_tendons,) [N] in force."""
+        """Set coordinates (n,) at rest, with controls (n_tendons,) [N or m] in force."""
         self.q, self.v = posture.copy(), np.zeros_like(posture)
         self.ctrl[:] = ctrl
         self._periods, self._failure = 0, None
 
     def advance(self) -> bool:
-        """Integrate over one control period with the tensions in `ctrl`.
+        """Integrate over one control period with the controls in `ctrl`, or by the servos.
 
         Returns:
             Whether all went well; if not, `failure` says what happened.
         """
+        control = self.ctrl if self._servos is None else self._wound(self._servos)
         self._periods += 1
-        reason = self.plant.advance(self.q, self.v, self.ctrl, self._period)
+        reason = self.plant.advance(self.q, self.v, control, self._period)
         if reason is None:
             return True
         self._failure = (
@@ -125,6 +176,21 @@ class BeamSimulation:
         )
         self.q[:] = self.v[:] = np.nan  # the state at that time is not known
         return False
+
+    def drive_by(self, servos: Servos) -> None:
+        """Let servos turn in every period from now on; their horns are the controls."""
+        servos.check_drives("length", self.ctrl.shape)
+        self._servos = servos
+
+    def _wound(self, servos: Servos) -> np.ndarray:
+        """Horns (1 + k, n_tendons) [m] of servos in this period, which they turn in."""
+        from softrobot_env.scene.integration.servos import turn  # compiled code takes time to load
+
+        path = np.empty((1 + int(self._clock[SUBSTEPS]), len(self.ctrl)))
+        rows = turn(servos.block[0], self._clock, path)
+        path[rows:] = path[rows - 1]
+        self.ctrl[:] = path[-1]
+        return path
 
     def failure(self) -> str | None:
         """What went wrong and when, or None."""
@@ -138,5 +204,4 @@ class BeamSimulation:
     @property
     def posture(self) -> np.ndarray:
         """Hinge angles (nq,) [rad] of the scene to draw."""
-        curvature = self.plant.measure(self.q, self.v).curvature
-        return curvature[self._layout.piece] * self._layout.weights
+        return self._owner.posture(self.plant.strains(self.q))

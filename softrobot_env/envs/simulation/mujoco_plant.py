@@ -7,7 +7,7 @@ import numpy as np
 
 from softrobot_env.envs.observations.readouts import BatchReadout, ChainReadout
 from softrobot_env.envs.observations.table import speed_limit
-from softrobot_env.envs.reference import PLANE, SPACE
+from softrobot_env.envs.reference import PLANE, own_axes
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene, vary_scene
@@ -59,7 +59,7 @@ class MujocoPlant:
         self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
         own = scene_of(robot)
         self.nominal = build_scene(replace(own, control_period=control_period, **scene_options))
-        self.axes = (PLANE if robot.moves_in_xz else SPACE) if axes is None else axes
+        self.axes = own_axes(robot) if axes is None else axes
         spatial = self.config.bending == "spatial"
         self.pieces = robot.pieces if spatial else self.layout.pieces
         _check_pieces(robot, self.layout, self.pieces)

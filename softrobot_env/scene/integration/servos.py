@@ -1,7 +1,9 @@
 """How servos turn in a control period, for compiled code; the law is that of `scene.servos`."""
 
+import numba
 import numpy as np
 
+from softrobot_env.machine_code import CALLED
 from softrobot_env.scene.integration.layout import (
     COMMAND,
     HALF,
@@ -39,6 +41,12 @@ def wind(servos, memory, path):
         servos[MOTOR, i] = _turned(servos, i, (rows - 1) * memory[LONGEST])
     assign(horn, path[rows - 1])
     return rows
+
+
+@numba.njit(**CALLED)
+def turn(servos, memory, path):
+    """As `wind`, for Python."""
+    return wind(servos, memory, path)
 
 
 @jit
