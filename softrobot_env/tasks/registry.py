@@ -28,10 +28,14 @@ class TasksOf(Registry[Maker]):
 
     def registered(self) -> dict[str, Maker]:
         """See `Registry`."""
-        return generic_tasks(self._robot) | OWN_TASKS.get(self._robot, {})
+        return generic_tasks(self._robot) | self.own()
+
+    def own(self) -> dict[str, Maker]:
+        """Those that the robot alone has."""
+        return OWN_TASKS.get(self._robot, {})
 
 
-def tasks_of(robot: RobotParams | str) -> Registry[Maker]:
+def tasks_of(robot: RobotParams | str) -> TasksOf:
     """The tasks of a robot: its own, and those that any robot can be given; errors as `find_robot`.
 
     Args:
@@ -205,6 +209,12 @@ def _made(name: str, make: Maker, options: Mapping[str, float | None]) -> Task:
             f"the maker of task {name!r} must return a Task, got {type(task).__name__}"
         )
     return with_fields(task, options=task.options or tuple((known | given).items()), maker=make)
+
+
+def known_tasks() -> list[str]:
+    """Names of all tasks: own ones of any robot, and those for every robot."""
+    own = (name for makers in OWN_TASKS.values() for name in makers)
+    return list(dict.fromkeys([*EVERY_TASK, *GENERIC_TASKS, *own]))
 
 
 def options_of(name: str, robot: RobotParams | str | None = None) -> tuple[str, ...]:
