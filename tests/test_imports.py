@@ -45,11 +45,14 @@ ALLOWED = {
     **dict.fromkeys(FOUNDATION, FOUNDATION),
     "tasks": FOUNDATION | {"scene"},  # of any robot lie in its workspace, which its statics tell
     **dict.fromkeys(MIDDLE, FOUNDATION),
-    "control": FOUNDATION | {"beams", "learned"},
+    # Tasks for any robot look up its workspace when one is made.
+    "tasks": FOUNDATION | {"scene"},
+    # Static feedforward inverts the scene of a robot.
+    "control": FOUNDATION | {"beams", "learned", "scene"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware"},
     # Its runner makes environment and policy of a case, for every command, benchmark and training.
     "evaluation": FOUNDATION | {"beams", "control", "envs"},
-    "rendering": FOUNDATION | {"evaluation"},
+    "rendering": FOUNDATION | {"evaluation", "scene"},
     "cli": EVERYTHING,
     "commands": EVERYTHING,  # one module per command of the cli
     "__main__": EVERYTHING,

@@ -43,6 +43,7 @@ _LEAST_SHARE = 0.05  # of the way to the least norm in one iteration
 _HALVINGS = 4  # of the way to a point
 _NARROW = 1e-3  # of the reach: a tip that moves less to a side moves on a line
 _SAME = 1e-6  # N
+_PROBES, _GROWTH, _WITHIN = 16, 1.5, 0.75  # of the box of samples: 12 of 16 have to stay within
 _MIDDLES, _FAR = 3, 4.0  # that are tried; radii, which a ground is long at most
 _PLACES, _TRIALS = 48, 3  # to look for points from
 
@@ -315,17 +316,18 @@ class InverseStatics:
         Returns:
             The equilibria, without errors, that of the action 0 first.
         """
-        found = self._spread(count)
+        found = self._spread(count, self._box)
         inputs, postures = (np.array([getattr(f, n) for f in found]) for n in ("inputs", "posture"))
         return Held(inputs, postures, np.zeros(len(found))), count + 1 - len(found)
 
-    def _spread(self, count: int) -> list[_Found]:
+    def _spread(self, count: int, box: float) -> list[_Found]:
         found, actions = [self._rest], [self._rest.action]
-        for action in spread(count, self._tensions.n_inputs):
+        for action in box * spread(count, self._tensions.n_inputs):
             near = found[int(np.argmin(np.linalg.norm(np.array(actions) - action, axis=1)))]
             commanded = _controls(self._by_tension, self._command(action))
             try:
-                posture = self._by_tension.equilibrium(commanded, near.posture)
+                guess = self._ahead(near, action)
+                posture = self._by_tension.equilibrium(commanded, guess)
             except EquilibriumError:
                 continue
             inputs = self._inputs(action, posture)
@@ -334,10 +336,40 @@ class InverseStatics:
                 actions.append(action)
         return found
 
+    def _ahead(self, near: _Found, action: np.ndarray) -> np.ndarray:
+        """Posture (nq,) under an action, in steps from a place near it."""
+        posture, far = near.posture, float(np.abs(action - near.action).max())
+        for part in np.linspace(0, 1, 2 + int(far / _LARGEST_STEP))[1:]:
+            here = near.action + part * (action - near.action)
+            for _ in range(2):
+                turn = self._linearised(here, posture)[0]
+                if turn is None:
+                    return near.posture
+                posture = self._moved(posture, turn / max(1.0, np.abs(turn).max() / self._turn))
+        return posture
+
+    @cached_property
+    def _box(self) -> float:
+        """Largest action of tensions in samples: 1, or where lengths begin to leave their travel.
+
+        What they do to first order about the action 0, then larger while most of a few are within.
+        """
+        if not self._pulled:
+            return 1.0
+        _, turns, _, _ = self._linearised(self._rest.action, self._rest.posture)
+        tensions = self._by_action(self._rest.action)
+        shorter = self._forces.by_controls()[:, : len(tensions)].T @ turns
+        pulled = shorter + tensions / _elastic(self.scene.config.robot)[1][:, None]
+        linear = self.inputs.input_scale / np.linalg.norm(pulled, axis=1)
+        box = min(1.0, float(linear.min()))
+        while box < 1.0 and len(self._spread(_PROBES, _GROWTH * box)) > _WITHIN * _PROBES:
+            box *= _GROWTH
+        return min(1.0, box)
+
     @cached_property
     def _sample(self) -> tuple[list[_Found], np.ndarray]:
         """Places to look for points from, and their tips (n, k)."""
-        found = self._spread(_PLACES)
+        found = self._spread(_PLACES, self._box)
         tips = self.scene.tip(np.array([f.posture for f in found]))
         return found, tips @ self.directions.T
 
@@ -358,7 +390,8 @@ class InverseStatics:
         between = (point + self.directions @ self.scene.tip(start.posture)) / 2
         half = self._towards(between, start, halvings - 1)
         if half.error > self.tolerance:
-            return min(found, half, key=lambda f: self._distance(f, point))
+            half = half._replace(error=self._distance(half, point))
+            return min(found, half, key=lambda f: f.error)
         return min(found, self._towards(point, half, halvings - 1), key=lambda f: f.error)
 
     def _distance(self, found: _Found, point: np.ndarray) -> float:
@@ -405,9 +438,7 @@ class InverseStatics:
         """
         forces = self._forces
         force = forces.force(posture, _controls(self._by_tension, self._command(action)))
-        shifted = self._command(action + self._shifts)
-        m = len(action)
-        by_action = (shifted[:m] - shifted[m:]).T / (2 * self._shifts[0, 0])
+        by_action = self._by_action(action)
         right = forces.by_controls()[:, : len(by_action)] @ by_action
         try:
             found = np.linalg.solve(-forces.tangent(), np.column_stack([force, right]))
@@ -418,6 +449,11 @@ class InverseStatics:
         tip, by_turns = forces.tip_by_turns()
         balance, by_actions = found[:, 0], found[:, 1:]
         return balance, by_actions, by_turns @ by_actions, tip + by_turns @ balance
+
+    def _by_action(self, action: np.ndarray) -> np.ndarray:
+        """Derivative (n_tendons, m) [N] of the tensions by actions, the mean of both at a kink."""
+        above, below = np.split(self._command(action + self._shifts), 2)
+        return (above - below).T / (2 * self._shifts[0, 0])
 
     def _moved(self, posture: np.ndarray, turn: np.ndarray) -> np.ndarray:
         moved = posture.copy()
@@ -448,7 +484,10 @@ def _driven_by_tension(scene: Scene) -> Scene:
 def _controls(scene: Scene, commanded: np.ndarray) -> np.ndarray:
     """Controls (nu,) of a scene: tensions or lengths (n_tendons,), and no loads."""
     controls = np.zeros(scene.model.nu)
-    controls[: len(commanded)] = commanded
+    low, high = scene.model.actuator_ctrlrange[: len(commanded)].T
+    within = np.clip(commanded, low, high)
+    rounding = np.abs(within - commanded) <= 1e-9 * high
+    controls[: len(commanded)] = np.where(rounding, within, commanded)
     return controls
 
 

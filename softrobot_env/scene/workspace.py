@@ -11,7 +11,7 @@ from softrobot_env.scene.inverse import Ground, InverseStatics
 from softrobot_env.scene.registry import scene_of
 
 #: Actions of a sample unless told otherwise.
-SAMPLE = 400
+SAMPLE = 300
 
 #: Largest action [1] in the middle of the ground of a planar robot: room is left to all sides.
 _BENT = 0.6

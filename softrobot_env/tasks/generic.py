@@ -59,19 +59,23 @@ class Site(NamedTuple):
             ValueError: A point cannot be reached; the message says how far off it is, and what is
                 large enough for sure.
         """
-        found = self.inverse.solve(points, self.ground.inputs)
-        worst = int(np.argmax(found.errors))
-        error = found.errors[worst]
-        if not error <= self.inverse.tolerance:
-            far = "no equilibrium is found" if np.isinf(error) else f"{1e3 * error:.3g} mm off"
-            name, ground = self.inverse.scene.config.robot.name, self.ground
-            raise ValueError(
-                f"{what}: robot {name!r} cannot hold its tip at "
-                f"{np.round(points[worst], 4).tolist()} m ({far}); choose a smaller radius: from "
-                f"the middle of its tasks it gets {ground.radius:.3g} m to all sides, and "
-                f"{ground.length:.3g} m along the longest way"
-            )
-        return self.inverse.scene.tip(found.postures), found.inputs
+        held, rows = self.inverse.solve(self.ground.middle[None], self.ground.inputs), []
+        for point in points:
+            held = self.inverse.solve(point[None], held, anywhere=False)
+            if not held.errors[0] <= self.inverse.tolerance:
+                raise ValueError(f"{what}: {self._out_of_reach(point, held.errors[0])}")
+            rows.append(held)
+        tips = self.inverse.scene.tip(np.concatenate([row.postures for row in rows]))
+        return tips, np.concatenate([row.inputs for row in rows])
+
+    def _out_of_reach(self, point: np.ndarray, error: float) -> str:
+        far = "no equilibrium is found" if np.isinf(error) else f"{1e3 * error:.3g} mm off"
+        name, ground = self.inverse.scene.config.robot.name, self.ground
+        return (
+            f"robot {name!r} cannot hold its tip at {np.round(point, 4).tolist()} m ({far}); "
+            f"choose a smaller radius: from the middle of its tasks it gets {ground.radius:.3g} m "
+            f"to all sides, and {ground.length:.3g} m along the longest way"
+        )
 
 
 @lru_cache(maxsize=32)
@@ -150,9 +154,9 @@ def _on_line(
     radius = _rounded(REACH_SHARE * most) if radius is None else _checked(radius)
     if radius > most:
         raise ValueError(f"radius must be at most {most:.3g} m here, got {radius!r}")
-    tips = site.inverse.line(np.sort(rng.uniform(-1, 1, 20 * _POINTS)))[0]
-    near = tips[np.linalg.norm(tips - middle, axis=1) <= radius]
-    return rng.permutation(near)[:_POINTS], radius
+    actions = np.linspace(-1, 1, 81) * min(1.0, 2 * radius / most)
+    near = actions[np.linalg.norm(site.inverse.line(actions)[0] - middle, axis=1) <= radius]
+    return site.inverse.line(rng.uniform(near[0], near[-1], _POINTS))[0], radius
 
 
 def _wide_ground(

@@ -109,6 +109,14 @@ def test_inspect_tells_what_a_scene_leaves_out(capsys):
         assert text in out
 
 
+def test_inspect_draws_the_workspace_of_a_robot(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    options = ["--robot", "planar_finger", "--workspace", "--out", str(tmp_path / "new")]
+    assert main(["inspect", *options]) == 0
+    assert "ground of tasks" in capsys.readouterr().out
+    assert (tmp_path / "new" / "workspace_planar_finger.png").stat().st_size > 10_000
+
+
 def test_inspect_follows_the_scene_options(capsys):
     options = ["--rule", "midpoint", "--pieces", "3", "--control-period", "0.001"]
     assert main(["inspect", *options]) == 0
@@ -143,6 +151,7 @@ def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
         (["inspect", "--pieces", "4"], "inside a piece"),
         (["inspect", "--control-period", "3"], "control_period"),
         (["inspect", "--twin", "1"], "--twin: only with tasks of the rig"),
+        (["inspect", "--workspace"], "--workspace goes with --robot only"),
         (["evaluate", "--step-widths", "0.9", "--tasks", "step"], "step width"),
         (["evaluate", "--step-widths", "0.1", "--tasks", "swing"], "step_width is an option of"),
         (["evaluate", "--speeds", "0.1", "--tasks", "swing"], "circle, figure_eight, random"),

@@ -73,41 +73,49 @@ class _Driven:
         tendons = plant.robot.tendons
         self.simulation = simulation = BatchSimulation(plant.nominal, count, threads)
         shares = np.random.default_rng(0).uniform(0, 1, (count, len(tendons)))
-        self.plant, self.servos, self._inputs = plant, None, simulation.ctrl
+        self.plant, self.servos, self.inputs = plant, None, simulation.ctrl
         if plant.config.actuation == "length":
             none = np.zeros(len(tendons))
             self.servos = Servos(SERVO_SPEED, none, none, count)
             simulation.drive_by(self.servos)
-            self._inputs, self._wanted = self.servos.command, LENGTH_SCALE / 3 * shares
+            self.inputs, self.wanted = self.servos.command, LENGTH_SCALE / 3 * shares
         else:
             limits = np.array([tendon.tension_limit for tendon in tendons])
-            self._wanted = _SHARE * limits * shares
+            self.wanted = _SHARE * limits * shares
         self._start = np.zeros_like(simulation.qpos), np.zeros_like(simulation.ctrl)
         self._everyone = np.arange(count)
 
-    def time(self, step: Callable[[], object]) -> float:
-        """Mean time [s] of a control period of the motion."""
+    def time(self, step: Callable[[], np.ndarray]) -> float:
+        """Mean time [s] of a control period of the motion; a step says who diverged.
+
+        Raises:
+            RuntimeError: One has diverged.
+        """
         if self.servos is not None:
             self.servos.start(0.0)
         self.simulation.reset(self._everyone, *self._start)
-        self._inputs[:] = self._wanted
+        self.inputs[:] = self.wanted
         begin = perf_counter()
         for _ in range(_PERIODS):
-            step()
-        return (perf_counter() - begin) / _PERIODS
+            failed = step()
+        spent = perf_counter() - begin
+        if failed.any():
+            raise RuntimeError(f"robot {self.plant.robot.name!r} diverged while it was timed")
+        return spent / _PERIODS
 
 
-def _measuring(driven: _Driven) -> Callable[[], None]:
+def _measuring(driven: _Driven) -> Callable[[], np.ndarray]:
     """A control period of a batch with all that is measured of it."""
     readout = driven.plant.readout(driven.simulation, driven.servos)
     reads = [getattr(readout, name) for name in Measured.__annotations__]
-    inputs, wanted, simulation = driven._inputs, driven._wanted, driven.simulation
+    inputs, wanted, simulation = driven.inputs, driven.wanted, driven.simulation
 
-    def step() -> None:
+    def step() -> np.ndarray:
         inputs[:] = wanted
-        simulation.advance()
+        failed = simulation.advance()
         readout.update()
         for read in reads:
             read()
+        return failed
 
     return step

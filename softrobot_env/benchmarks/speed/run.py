@@ -17,12 +17,15 @@ from softrobot_env.benchmarks.jobs import Progress, quiet
 from softrobot_env.benchmarks.speed import moving, robots, vector
 from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.benchmarks.speed.startup import frame_time, startup_times
-from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.scene.simulation import Simulation
 
 #: Gymnasium's environments to compare with; the first one is the yardstick.
 YARDSTICKS = ("HalfCheetah-v5", "Reacher-v5", "InvertedDoublePendulum-v5")
+
+#: Of the rig, its tasks differ in the reference alone.
+RIG = "SoftRobot/RigTriangle-v0"
 
 #: Control steps per block: short, so that some block of many runs undisturbed.
 _STEPS = 100
@@ -39,7 +42,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
         Rows of single environments, of a moving arm by accuracy, of vector environments, of
         batches of robots and waits.
     """
-    contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS)}
+    contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS, RIG)}
     rounds, show = 80 if quick else 300, progress or quiet
     blocks = []
     for done in range(rounds):
@@ -67,7 +70,7 @@ def _time_block(env: gymnasium.Env) -> tuple[float, float]:
 def _bare(env: gymnasium.Env) -> Callable[[], object]:
     """The simulation in a step of an environment that was reset, under its zero action."""
     model, data = env.model, env.data
-    if not isinstance(env, TrackingEnv):
+    if not isinstance(env, EpisodeEnv):
         data.ctrl[:] = 0.0
         return lambda: mujoco.mj_step(model, data, env.frame_skip)
     simulation = Simulation(env.scene)

@@ -1,0 +1,192 @@
+"""Robots described by files in the one environment: single, many at once, drawn, checked."""
+
+import warnings
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from numpy.testing import assert_allclose
+
+import softrobot_env  # noqa: F401
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.paths import assets_dir
+from softrobot_env.robots import EXAMPLES, Base, find_robot
+from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.twin import Twin
+from softrobot_env.tasks import make_task
+
+ID = "SoftRobot/Track-v0"
+RANGES = Randomization(
+    youngs_modulus=(0.8, 1.25),
+    density=(0.9, 1.1),
+    damping_time=(0.5, 2.0),
+    tendon_radius=(0.95, 1.05),
+    tendon_friction=(0.0, 0.02),
+    delay=(0.0, 0.03),
+    sensor_noise=(0.5, 1.0),
+)
+
+
+#: The examples; those that take long are left to `make slow` where the others show the same.
+LONG = {"hanging_trunk", "ftdcr_v4"}
+SOME = [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in EXAMPLES]
+
+
+def file_of(name):
+    return str(assets_dir() / "robots" / f"{name}.toml")
+
+
+def actions_of(env, count, size=0.2, seed=0):
+    rng = np.random.default_rng(seed)
+    return size * rng.uniform(-1, 1, (count, *env.action_space.shape))
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_from_file_to_first_step_in_three_lines(name):
+    env = gymnasium.make(ID, robot=file_of(name), task="figure_eight")
+    env.reset(seed=0)
+    observation, *_ = env.step(env.action_space.sample())
+    assert env.observation_space.contains(observation)
+    assert env.unwrapped.task.robot == find_robot(name)
+    assert len(observation["tip_position"]) == (2 if env.unwrapped.task.robot.is_planar else 3)
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_the_checkers_have_nothing_to_say(name):
+    sb3 = pytest.importorskip("stable_baselines3.common.env_checker")
+    env = gymnasium.make(ID, robot=name, task="circle", preview=(0.1,)).unwrapped
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        # Bounds of float64 and actions in [-1, 1] are what Gymnasium asks for.
+        check_env(env, skip_render_check=True)
+        sb3.check_env(env, warn=True, skip_render_check=True)
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_episodes_start_in_equilibrium_on_the_reference(name):
+    """Held there by the start's inputs, the robot stays."""
+    env = TrackingEnv("circle", robot=name, observe="all")
+    _, info = env.reset(seed=0)
+    assert info["error"] < 1e-6 * env.task.robot.reach
+    action = np.array(env.task.start_input) - robot_inputs(env.task.robot).input_centre
+    start = env.reset()[0]["tip_position"]
+    for _ in range(20):
+        observation, *_ = env.step(action / env.input_scale)
+    assert_allclose(observation["tip_position"], start, atol=1e-6 * env.task.robot.reach)
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_many_are_single_ones_with_what_varies(name):
+    options = {"robot": name, "task": "circle", "observe": "all", "randomization": RANGES}
+    many = gymnasium.make_vec(ID, num_envs=3, **options)
+    single = [gymnasium.make(ID, **options) for _ in range(3)]
+    observation, info = many.reset(seed=3)
+    expected = [env.reset(seed=3 + k) for k, env in enumerate(single)]
+    for k, (_, one) in enumerate(expected):
+        assert {name: info[name][k] for name in one if name.startswith("variation")} == {
+            name: value for name, value in one.items() if name.startswith("variation")
+        }
+    for row in actions_of(many, 8):
+        observation, reward, *_ = many.step(row)
+        for k, env in enumerate(single):
+            one, gained, *_ = env.step(row[k])
+            assert reward[k] == pytest.approx(gained, abs=1e-9)
+            for key, value in one.items():
+                assert_allclose(observation[key][k], value, rtol=1e-7, atol=1e-8, err_msg=key)
+
+
+@pytest.mark.parametrize("name", SOME)
+def test_two_hundred_and_fifty_six_at_once(name):
+    envs = gymnasium.make_vec(ID, num_envs=256, robot=name, task="circle", randomization=RANGES)
+    observation, info = envs.reset(seed=0)
+    assert len(set(info["variation_youngs_modulus"])) == 256
+    observation, *_ = envs.step(np.zeros(envs.action_space.shape, np.float32))
+    assert envs.observation_space.contains(observation)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_it_is_drawn(name):
+    """Not empty, and another picture when the robot has moved."""
+    env = gymnasium.make(
+        ID, robot=name, task="circle", render_mode="rgb_array", width=96, height=72
+    )
+    env.reset(seed=0)
+    first = env.render()
+    for row in actions_of(env, 20, size=0.8):
+        env.step(row)
+    assert first.shape == (72, 96, 3)
+    assert first.std() > 5
+    assert np.abs(env.render().astype(int) - first).max() > 50
+    env.close()
+
+
+# ---------------------------------------------------------------- other robots, and refusals
+
+
+def test_a_planar_robot_in_a_turned_plane_is_seen_in_space():
+    """It moves as the same robot in the x-z plane, turned."""
+    upright = find_robot("planar_finger")
+    turned = replace(upright, name="turned", base=Base(roll=np.pi / 3))
+    envs = [TrackingEnv("circle", robot=robot) for robot in (upright, turned)]
+    tips = []
+    for env in envs:
+        env.reset(seed=0)
+        for row in actions_of(env, 10):
+            observation, *_ = env.step(row)
+        tips.append(observation["tip_position"])
+    (x, z), seen = tips
+    assert_allclose(seen, [x * np.cos(np.pi / 3), x * np.sin(np.pi / 3), z], atol=1e-9)
+
+
+def test_a_finger_with_one_tendon_is_pulled_from_nothing_to_its_limit():
+    finger = find_robot("planar_finger")
+    one = replace(finger, name="one", tendons=finger.tendons[-2:-1])
+    env = TrackingEnv("reach", robot=one, observe="all")
+    env.reset(seed=0)
+    for action, tension in ((-1.0, 0.0), (0.0, 5.0), (1.0, 10.0)):
+        observation, *_ = env.step(np.array([action]))
+        assert_allclose(observation["tendon_tension"], tension, atol=1e-12)
+    with pytest.raises(ValueError, match="moves on a line: task 'reach' works"):
+        make_task("circle", robot=one)
+
+
+def test_a_built_rod_with_errors_is_a_twin_of_its_own():
+    """Any robot driven by length has servos, and a camera in all its coordinates."""
+    rod = find_robot("silicone_rod")
+    built = Twin(
+        robot=rod.vary(youngs_modulus=0.9),
+        servo_speed=0.05,
+        servo_offset=(1e-3, 0.0, 0.0),
+        backlash=(2e-4,) * 3,
+        camera_noise=1e-3,
+        camera_delay=0.02,
+    )
+    env = TrackingEnv("circle", robot=rod, twin=built, observe="all")
+    _, info = env.reset(seed=0)
+    assert info["error"] > 1e-3  # softer, and its servo pulls in 1 mm too much
+    observation, *_, info = env.step(np.zeros(3))
+    assert info["tip_position"].shape == observation["tip_position"].shape == (3,)
+    assert np.abs(info["tip_position"] - observation["tip_position"]).max() > 1e-5
+    assert_allclose(np.abs(info["tendon_length"] - observation["tendon_length"]).max(), 1e-3, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"robot": "hanging_trunk", "twin": 1}, "driven by tension"),
+        ({"robot": "silicone_rod", "twin": 1}, "give a `Twin` of it"),
+        ({"robot": "snake"}, "unknown robot 'snake'; choose from arm"),
+        ({"robot": "silicone_rod", "task": "swing"}, "unknown task 'swing'; choose from reach"),
+        (
+            {"robot": "silicone_rod", "randomization": Randomization(tension_gain=(0.9, 1.1))},
+            "driven by length",
+        ),
+        ({"robot": "arm", "task": make_task("swing")}, "made already has its robot"),
+    ],
+)
+def test_what_cannot_be_is_refused_by_name(options, message):
+    with pytest.raises(ValueError, match=message):
+        TrackingEnv(**({"task": "circle"} | options))

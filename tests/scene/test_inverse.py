@@ -1,0 +1,181 @@
+"""Inverse statics of any robot: on the point, least in norm, honest about what is out of reach."""
+
+from dataclasses import replace
+from math import hypot
+
+import numpy as np
+import pytest
+
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.control.arm.statics import least_norm
+from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.inverse import Held, InverseStatics, spread
+from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.scene.workspace import sample_of, workspace_of
+
+#: A planar robot with one input: its tip moves on a line.
+FINGER = RobotParams(
+    name="one_pair",
+    length=0.1,
+    outer_radius=0.01,
+    inner_radius=0.0,
+    youngs_modulus=5e5,
+    density=1000.0,
+    damping_time=0.02,
+    pieces=3,
+    tendons=(
+        Tendon("up", (0.008, 0.0), 0.1, 0, 10.0),
+        Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0),
+    ),
+)
+
+#: A helical tendon beside two straight ones: the chain twists, and no tendon opposes another.
+HELIX = replace(
+    FINGER,
+    name="helix",
+    tendons=(
+        Tendon("a", (0.008, 0.0), 0.1, 0, 10.0),
+        Tendon("b", (0.0, 0.008), 0.1, 1, 10.0),
+        Tendon("c", (-0.006, 0.0), 0.1, 2, 5.0, turns=0.3),
+    ),
+    gravity=(0.0, 0.0, -9.81),
+    base=Base((0.1, 0.2, 0.3), (1.0, 0.5, 0.2), 0.4),
+    poisson_ratio=0.4,
+)
+
+ROBOTS = [ARM, RIG, HELIX, *(find_robot(name) for name in EXAMPLES)]
+
+
+def inverse_of(robot):
+    return workspace_of(robot).inverse
+
+
+@pytest.fixture(params=ROBOTS, ids=lambda robot: robot.name)
+def robot(request):
+    return request.param
+
+
+def test_equilibria_of_the_inverse_have_their_tip_on_the_points(robot):
+    """The points are tips of other inputs; a new scene of the robot's own drives is the judge."""
+    inverse, tips = inverse_of(robot), sample_of(robot, 40).tips[1:40:10]
+    found = inverse.solve(tips)
+    scene = build_scene(scene_of(robot))
+    for point, inputs, guess in zip(tips, found.inputs, found.postures, strict=True):
+        controls = np.zeros(scene.n_inputs)
+        controls[: len(robot.tendons)] = inverse.inputs.command(inputs)
+        tip = scene.tip(scene.equilibrium(controls, guess))
+        assert np.abs(inverse.directions @ (tip - point)).max() < 1e-6 * robot.length
+    actions = (found.inputs - inverse.inputs.input_centre) / inverse.inputs.input_scale
+    assert np.abs(actions).max() <= 1 + 1e-12
+
+
+def test_the_arm_has_the_inputs_of_the_constant_curvature_statics():
+    """One hinge pair a piece is exact for curvatures constant per piece; both minimise the norm."""
+    statics, inverse = ConstantCurvatureStatics(ARM), inverse_of(ARM)
+    start = np.array([-21.46455231, 7.58592414, 29.89212503])
+    tip = statics.tip(start)
+    points = tip + np.outer(np.linspace(0, 0.03, 4), [0.6, 0.8])
+    found = inverse.solve(np.insert(points, 1, 0.0, axis=1), start)
+    for point, inputs in zip(points, found.inputs, strict=True):
+        expected = least_norm(statics, point, start)
+        assert expected.converged
+        # The chain's "balanced2" rule leaves 2e-4 of the length at the tip.
+        np.testing.assert_allclose(statics.tip(inputs), point, atol=5e-4 * ARM.length)
+        assert np.linalg.norm(inputs) == pytest.approx(np.linalg.norm(expected.reduced), rel=0.01)
+
+
+def test_no_inputs_nearby_hold_the_tip_with_less():
+    """First-order condition of least norm: the actions lie in the row space of the tip Jacobian,
+    here by differences of equilibria."""
+    trunk = find_robot("hanging_trunk")
+    inverse = inverse_of(trunk)
+    found = inverse.solve(np.array([[0.06, 0.03, 0.0]]))
+    scale, columns = inverse.inputs.input_scale, []
+    for k in range(4):
+        shift = 1e-4 * scale * np.eye(4)[k]
+        ends = [
+            inverse.directions
+            @ inverse.scene.tip(inverse.posture(found.inputs[0] + s * shift, found.postures[0]))
+            for s in (1, -1)
+        ]
+        columns.append((ends[0] - ends[1]) / 2e-4)
+    action = found.inputs[0] / scale
+    rows = np.linalg.svd(np.array(columns).T, full_matrices=False)[2]
+    assert np.linalg.norm(action - rows.T @ (rows @ action)) < 1e-4 * np.linalg.norm(action)
+
+
+def test_a_point_out_of_reach_has_the_distance_that_is_left():
+    """Of the arm, whose reach is a half circle about its base where nothing is bent."""
+    inverse = inverse_of(ARM)
+    found = inverse.solve(np.array([[0.0, 0.0, 0.6], [0.3, 0.0, 0.6], [0.29, 0.0, 0.325]]))
+    assert found.errors[0] == pytest.approx(0.1, rel=1e-3)
+    assert found.errors[1] >= hypot(0.3, 0.6) - ARM.length
+    assert found.errors[2] < inverse.tolerance  # those after it are looked for all the same
+    tips = inverse.scene.tip(found.postures)
+    np.testing.assert_allclose(np.linalg.norm(tips[1] - [0.3, 0, 0.6]), found.errors[1])
+
+
+def test_a_call_goes_on_from_the_one_before():
+    inverse = inverse_of(RIG)
+    path = np.outer(np.linspace(0, 1, 5), [0.05, -0.03, 0.0])
+    whole = inverse.solve(path)
+    held, rows = None, []
+    for point in path:
+        held = inverse.solve(point[None], held)
+        rows.append(held.inputs[0])
+    np.testing.assert_allclose(rows, whole.inputs, atol=1e-9)
+    assert isinstance(held, Held)
+
+
+def test_the_controls_derivative_is_that_of_the_force(robot):
+    scene = inverse_of(robot).scene
+    held = sample_of(robot, 40)
+    forces, step = StaticForces(scene.model), 1e-4
+    posture = held.postures[5]
+    controls = np.zeros(scene.n_inputs)
+    controls[: len(robot.tendons)] = inverse_of(robot).inputs.command(held.inputs[5])
+    forces.force(posture, controls)
+    exact = forces.by_controls()
+    for k in range(scene.n_inputs):
+        sides = []
+        for side in (step, -step):
+            moved = controls.copy()
+            moved[k] += side * (1e-3 if robot.drive.kind == "length" else 1.0)
+            sides.append(forces.force(posture, moved).copy())
+        change = (sides[0] - sides[1]) / (2 * step * (1e-3 if robot.drive.kind == "length" else 1))
+        slack = robot.drive.kind == "tension" and controls[k] == 0
+        if not slack:
+            np.testing.assert_allclose(exact[:, k], change, atol=1e-5 * np.abs(exact).max())
+
+
+def test_the_spread_fills_the_box_more_evenly_than_chance():
+    """Star discrepancy over corner boxes of 200 points in 3-D: random ones have about 0.1."""
+    points = (spread(200, 3) + 1) / 2
+    corners = np.random.default_rng(0).uniform(size=(300, 3))
+    share = (points[None] < corners[:, None]).all(axis=-1).mean(axis=1)
+    assert np.abs(share - corners.prod(axis=1)).max() < 0.05
+
+
+def test_a_sample_counts_what_it_leaves_out_and_stays_in_the_box(robot):
+    sample = sample_of(robot, 40)
+    inputs = inverse_of(robot).inputs
+    assert len(sample.tips) + sample.left_out == 41
+    action = (sample.inputs - inputs.input_centre) / inputs.input_scale
+    assert np.abs(action).max() <= 1 + 1e-9
+    away = sample.tips - (np.zeros(3) if robot.base is None else robot.base.position)
+    assert np.linalg.norm(away, axis=1).max() <= robot.reach * (1 + 1e-9)
+
+
+def test_what_cannot_be_asked_is_refused():
+    bare = build_scene(scene_of(find_robot("cantilever_weak")))
+    with pytest.raises(ValueError, match="'cantilever_weak' has no tendons"):
+        InverseStatics(bare)
+    scene = inverse_of(ARM).scene
+    with pytest.raises(ValueError, match="at right angles"):
+        InverseStatics(scene, np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 1.0]]))
+    with pytest.raises(ValueError, match="points"):
+        InverseStatics(scene).solve(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match="start"):
+        InverseStatics(scene).solve(np.zeros((2, 3)), np.zeros(2))

@@ -1,0 +1,166 @@
+"""Tasks for any robot: reachable, smooth, at rest at both ends, refused where they cannot be."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softrobot_env.envs.reference import sample_reference
+from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
+from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.workspace import workspace_of
+from softrobot_env.tasks import make_task, remake_task, tasks_of
+
+#: As the silicone rod, sideways.
+SIDEWAYS = replace(
+    find_robot("silicone_rod"), name="sideways", base=Base((0.2, 0.1, 0.5), (1.0, 0.0, 0.0))
+)
+LINE = RobotParams(
+    name="one_pair",
+    length=0.1,
+    outer_radius=0.01,
+    inner_radius=0.0,
+    youngs_modulus=5e5,
+    density=1000.0,
+    damping_time=0.02,
+    pieces=3,
+    tendons=(
+        Tendon("up", (0.008, 0.0), 0.1, 0, 10.0),
+        Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0),
+    ),
+)
+ALL = [*EXAMPLES, SIDEWAYS]
+PATHS = ("circle", "figure_eight", "random")
+
+
+def named(robot):
+    return robot if isinstance(robot, str) else robot.name
+
+
+@pytest.fixture(params=ALL, ids=named)
+def robot(request):
+    return find_robot(request.param) if isinstance(request.param, str) else request.param
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_the_tip_can_rest_all_along_a_path(robot, name):
+    """Between the solved points too, in all three coordinates: to 1e-4 of the reach."""
+    task = make_task(name, robot=robot)
+    times = np.linspace(0.0, task.trajectory.end_time / 2, 23)
+    points = task.trajectory.position(times)
+    inverse = workspace_of(robot).inverse
+    found = inverse.solve(points, np.array(task.start_input))
+    assert found.errors.max() <= inverse.tolerance
+    assert np.abs(inverse.scene.tip(found.postures) - points).max() < 1e-4 * robot.reach
+    assert task.axes == ("xz" if robot.is_planar else "xyz")
+
+
+@pytest.mark.parametrize("name", ["reach", *PATHS])
+def test_the_start_is_held_by_the_start_input(robot, name):
+    task, inputs = make_task(name, robot=robot), robot_inputs(robot)
+    scene = build_scene(scene_of(robot))
+    controls = np.zeros(scene.n_inputs)
+    controls[: len(robot.tendons)] = inputs.command(np.array(task.start_input))
+    tip = scene.tip(scene.equilibrium(controls))
+    if name == "reach":
+        np.testing.assert_allclose(tip, workspace_of(robot).ground.middle, atol=1e-7)
+    else:
+        start = task.trajectory.position(np.zeros(1))[0]
+        np.testing.assert_allclose(tip, start, atol=1e-5 * robot.reach)
+
+
+@pytest.mark.parametrize("name", PATHS)
+def test_a_path_is_smooth_and_runs_from_rest_to_rest(name):
+    run = make_task(name, robot="hanging_trunk").trajectory
+    times, step = np.linspace(0.05, run.end_time - 0.05, 41), 1e-5
+    for order in ("position", "velocity"):
+        rate = (getattr(run, order)(times + step) - getattr(run, order)(times - step)) / (2 * step)
+        exact = {"position": run.velocity, "velocity": run.acceleration}[order](times)
+        np.testing.assert_allclose(rate, exact, atol=1e-5 * np.abs(exact).max())
+    for end in (0.0, run.end_time):
+        np.testing.assert_allclose(run.velocity(np.array([end])), 0.0, atol=1e-12)
+    start, last = run.position(np.array([0.0, run.end_time]))
+    np.testing.assert_allclose(start, last, atol=1e-12)
+
+
+def test_paths_lie_across_the_axis_of_the_robot():
+    """Sideways along x: the circle has its radius in y and z, about the tip of the hanging rod."""
+    task = make_task("circle", robot=SIDEWAYS, radius=0.02)
+    points = task.trajectory.path()
+    middle = workspace_of(SIDEWAYS).ground.middle
+    np.testing.assert_allclose(np.linalg.norm((points - middle)[:, 1:], axis=1), 0.02, rtol=1e-9)
+    assert np.ptp(points[:, 0]) > 1e-4
+
+
+def test_options_and_seeds():
+    task = make_task("random", robot="silicone_rod", seed=3, radius=0.03, speed=0.05)
+    assert task.option("seed") == 3 and task.option("radius") == 0.03
+    flat = (task.trajectory.path() - workspace_of(task.robot).ground.middle)[:, :2]
+    assert np.linalg.norm(flat, axis=1).max() == pytest.approx(0.03, rel=1e-3)
+    assert make_task("random", robot="silicone_rod", **dict(task.options)) == task
+    assert make_task("random", robot="silicone_rod", seed=4) != task
+    times = np.linspace(0, task.duration, 2001)
+    fastest = np.linalg.norm(task.trajectory.velocity(times), axis=1).max()
+    assert fastest == pytest.approx(0.05, rel=1e-3)
+    points = make_task("reach", robot="silicone_rod", seed=1, radius=0.04).trajectory.path()
+    assert len(points) == 10 and np.linalg.norm(points[:, :2], axis=1).max() <= 0.04
+
+
+def test_remaking_keeps_the_robot_and_what_was_changed_by_hand():
+    task = make_task("circle", robot="planar_finger")
+    slower = remake_task(task, speed=0.002)
+    assert slower.robot is task.robot and slower.option("speed") == 0.002
+    assert slower.option("radius") == task.option("radius")
+    own = replace(task, start_input=(0.1, 0.2))
+    assert remake_task(own, speed=0.002).start_input == (0.1, 0.2)
+    assert remake_task(make_task("circle"), speed=0.2).robot is ARM
+
+
+def test_a_robots_own_tasks_come_first():
+    assert make_task("circle", robot=ARM) == make_task("circle")
+    assert make_task("reach", robot="rig", seed=2) == make_task("reach", seed=2)
+    assert list(tasks_of(ARM))[:4] == ["reach", *PATHS] and "lshape" in tasks_of(ARM)
+    assert "triangle" in tasks_of(RIG) and "triangle" not in tasks_of(SIDEWAYS)
+    assert make_task("figure_eight", robot="rig").axes == "xyz"
+
+
+def test_a_tip_that_moves_on_a_line_is_told_so():
+    for name in PATHS:
+        with pytest.raises(ValueError, match=r"'one_pair', with 1 input.*'reach' works along it"):
+            make_task(name, robot=LINE)
+    task = make_task("reach", robot=LINE)
+    inverse = workspace_of(LINE).inverse
+    actions = np.linspace(-1, 1, 401)
+    line = inverse.line(actions)[0]
+    for point in task.trajectory.path():
+        assert np.linalg.norm(line - point, axis=1).min() < 1e-2 * LINE.length
+    assert np.linalg.norm(task.trajectory.path() - [0, 0, 0.1], axis=1).max() <= task.option(
+        "radius"
+    )
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "words"),
+    [
+        ("circle", {"radius": 0.3}, "cannot hold its tip at"),
+        ("circle", {"radius": -0.1}, "radius must be positive"),
+        ("circle", {"period": 1.0}, "no option 'period'; it has radius, speed"),
+        ("random", {"seed": 0.5}, "seed must be a whole number"),
+        ("triangle", {}, "unknown task 'triangle'; choose from reach, circle"),
+    ],
+)
+def test_what_cannot_be_is_refused(name, options, words):
+    with pytest.raises(ValueError, match=words):
+        make_task(name, robot="hanging_trunk", **options)
+    with pytest.raises(ValueError, match="unknown robot 'nobody'"):
+        make_task("circle", robot="nobody")
+
+
+def test_environments_can_sample_the_references(robot):
+    for name in ("reach", *PATHS):
+        task = make_task(name, robot=robot)
+        table = sample_reference(task, 0.02, np.array([0.1, 0.2]))
+        assert table.position.shape[1] == len(task.axes)
+        assert table.preview.shape[1] == 2 * len(task.axes)
