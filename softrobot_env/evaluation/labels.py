@@ -4,7 +4,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from softrobot_env.robots import ARM, RIG
-from softrobot_env.tasks import OPTIONS, RIG_TASKS, Option
+from softrobot_env.tasks import OPTIONS, RIG_TASKS
+from softrobot_env.tasks.spec import option_text
 
 #: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
 REAL, VIRTUAL = "real", "virtual"
@@ -34,10 +35,9 @@ def option_columns(options: Mapping[str, float]) -> dict[str, float | None]:
 
 def task_label(row: Mapping[str, Any]) -> str:
     """Task with its options, and the robot unless it is one of the thesis, for people."""
-    own = row.get("more_options") or {}
-    values = {option: row.get(option.column) for option in OPTIONS.values()}
-    values |= {Option(name): value for name, value in own.items()}
-    told = [option.text(value) for option, value in values.items() if value is not None]
+    values = {name: row.get(option.column) for name, option in OPTIONS.items()}
+    values |= row.get("more_options") or {}
+    told = [option_text(name, value) for name, value in values.items() if value is not None]
     return ", ".join(filter(None, (" ".join([row["task"], *told]), own_robot(row))))
 
 

@@ -92,7 +92,7 @@ def _circle(robot: RobotParams, radius: float | None = None, speed: float | None
     ground, (radius, _) = _wide_ground(robot, "circle", radius, long=False)
     e1, e2 = radius * ground.axes
     flat = FourierPath(_point(ground.middle + e1), (_point(e1),), (_point(e2),))
-    return _run("circle", robot, flat, speed, radius=radius)
+    return laps("circle", robot, flat, speed, radius=radius)
 
 
 def _figure_eight(
@@ -103,7 +103,7 @@ def _figure_eight(
     ground, (radius, width) = _wide_ground(robot, "figure_eight", radius)
     along, across = radius * ground.axes[0], min(width, radius / 2) * ground.axes[1]
     flat = figure_eight(_point(ground.middle), _point(along), _point(across))
-    return _run("figure_eight", robot, flat, speed, radius=radius)
+    return laps("figure_eight", robot, flat, speed, radius=radius)
 
 
 def _random(
@@ -114,7 +114,7 @@ def _random(
     ground, (radius, width) = _wide_ground(robot, "random", radius)
     along, across = radius * ground.axes[0], width * ground.axes[1]
     path = random_path(whole(seed), _point(ground.middle), _point(along), _point(across))
-    return _run("random", robot, path, speed, radius=radius, seed=seed)
+    return laps("random", robot, path, speed, radius=radius, seed=seed)
 
 
 def _reach(
@@ -180,10 +180,26 @@ def _wide_ground(
     return ground, (radius, radius * ground.radius / length)
 
 
-def _run(
-    name: str, robot: RobotParams, flat: FourierPath, speed: float | None, **options: float
+def laps(
+    name: str,
+    robot: RobotParams,
+    flat: FourierPath,
+    speed: float | None = None,
+    **options: float,
 ) -> Task:
-    """Laps of the path over a flat one, from rest to rest."""
+    """Two laps of a closed path of the tip, from rest to rest.
+
+    Args:
+        name: Of the task.
+        robot: The robot.
+        flat: The path, in the plane of `site_of(robot).ground`: the height of a spatial robot's tip
+            follows from its statics.
+        speed: [m/s], largest of the reference; slow for the robot unless given.
+        **options: What the path was made with, for labels and reports.
+
+    Raises:
+        ValueError: The robot cannot hold its tip somewhere on the path.
+    """
     site = site_of(robot)
     curve, start = _held_path(site, flat, f"task {name!r}")
     lap = max(_LAP * site.period, _SHORTEST_LAP)

@@ -71,7 +71,7 @@ def test_policies_without_their_package_are_left_out_of_all(tmp_path, capsys, mo
     arguments = ["--tasks", "lshape", "--control-period", "0.2", "--no-plots"]
     assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
     out = capsys.readouterr().out
-    assert "Left out feedforward" in out and "softrobot_env[mpc]" in out
+    assert "Left out static, feedforward" in out and "softrobot_env[mpc]" in out
     rows = json.loads((tmp_path / "report.json").read_text())["rows"]
     assert [row["policy"] for row in rows] == ["hold"]
 
@@ -157,6 +157,7 @@ def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
         (["evaluate", "--speeds", "0.1", "--tasks", "swing"], "circle, figure_eight, random"),
         (["evaluate", "--path-seeds", "1", "--tasks", "circle"], "random, reach"),
         (["render", "--step-width", "0.1", "--task", "swing"], "step only"),
+        (["evaluate", "--tasks", "circle", "--option", "colour=1"], "speed"),
     ],
 )
 def test_bad_values_end_with_the_reason(arguments, reason, capsys):
