@@ -43,7 +43,6 @@ EVERYTHING = None  # imports what it likes
 ALLOWED = {
     "__init__": {"registration", "registries", "processes"},
     **dict.fromkeys(FOUNDATION, FOUNDATION),
-    "tasks": FOUNDATION | {"scene"},  # of any robot lie in its workspace, which its statics tell
     **dict.fromkeys(MIDDLE, FOUNDATION),
     # Tasks for any robot look up its workspace when one is made.
     "tasks": FOUNDATION | {"scene"},

@@ -149,7 +149,9 @@ def _given_maker(path: str, robot: RobotParams | None) -> Maker:
     found = load_given("task", path)
     if isinstance(found, Task):
         return _of_robot(path, lambda: found, robot)
-    check_maker(path, found, takes_robot=bool(callable(found) and needed(found)))
+    if not callable(found):
+        raise ValueError(f"the task {path!r} must be a Task or a function, got {found!r}")
+    check_maker(path, found, takes_robot=bool(needed(found)))
     if not needed(found):
         return _of_robot(path, found, robot)
     if robot is None:
