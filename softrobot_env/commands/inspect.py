@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> int:
     if args.robot is not None and args.task is None:
         return _inspect_robot(args)
     if args.workspace:
-        raise ValueError("--workspace goes with --robot and without --task only")
+        raise ValueError("--workspace goes with --robot only, without --task")
     return _inspect_task(args)
 
 
