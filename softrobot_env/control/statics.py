@@ -56,6 +56,11 @@ class StaticFeedforward(Controller):
 
     def start(self, observation: Observation) -> StaticState:
         """Begin from the inputs in force."""
+        if len(observation["reference"]) not in (2, 3):
+            raise ValueError(
+                "StaticFeedforward needs 2 or 3 entries of reference, not "
+                f"{len(observation['reference'])}"
+            )
         inputs = self._inverse.inputs
         action = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
         value = inputs.input_centre + action * inputs.input_scale

@@ -151,7 +151,9 @@ class SimulatedSetting(Setting):
         self.plant = _plant(robot, control_period, speed, self.axes, plant, chain)
         self._offset = 0.0 if self.twin is None else np.array(self.twin.servo_offset)
         plant = self.plant
-        sizes = sizes_of(self.task, plant.layout, plant.pieces, len(preview), plant.strain)
+        sizes = sizes_of(
+            self.task, plant.layout, plant.pieces, len(preview), plant.directions, plant.strain
+        )
         self.noise_sizes = {name: OBSERVABLES[name].space(sizes).shape[0] for name in SENSOR_NOISE}
         self.dimensions = sizes.dimensions
         limits = [tendon.tension_limit for tendon in self.task.robot.tendons]
@@ -273,6 +275,7 @@ def sizes_of(
     layout: HingeLayout,
     pieces: int,
     n_preview: int,
+    directions: int,
     strain: float = 0.0,
 ) -> Sizes:
     """What sizes and bounds of a robot's observables depend on.
@@ -285,7 +288,7 @@ def sizes_of(
         "layout": layout,
         "pieces": pieces,
         "speed": speed_limit(robot),
-        "directions": 1 if robot.is_planar else 2,
+        "directions": directions,
         "axes": AXES[task.axes],
         "n_preview": n_preview,
         "n_inputs": robot_inputs(robot).n_inputs,

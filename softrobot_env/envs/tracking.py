@@ -62,7 +62,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     | key | size | what | unit |
     |---|---|---|---|
     | tip_position, tip_velocity | d | tip, as the camera sees it where there is one | m, m/s |
-    | curvature, curvature_rate | pieces | mean of each, in space (beta, gamma) | 1/m, 1/(m s) |
+    | curvature, curvature_rate | pieces | beta; in space gamma, torsion too | 1/m, 1/(m s) |
     | tendon_tension | tendons | applied tension | N |
     | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
     | reference, reference_velocity, reference_acceleration | d | reference now | m, m/s, m/s2 |

@@ -71,6 +71,7 @@ class Style:
 #: after a training on varied robots.
 STYLES = {
     "hold": Style(GREY, _DOTTED, "_"),
+    "static": Style("#004D40", marker="*"),
     "feedforward": Style(SKY, marker="o"),
     "feedforward_pi": Style("#6A3D9A", marker="s"),
     "qs_nn": Style(VERMILLION, marker="D"),

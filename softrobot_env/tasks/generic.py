@@ -39,6 +39,14 @@ _LAPS, _REST = 2, 1.0
 _SOLVED, _PER_HARMONIC, _FITTED = 48, 16, 0.4
 
 
+#: Harmonics of a height that are smaller, over the reach, are left out.
+_FELT = 1e-8
+
+#: The surface of the tips is solved on so many rings and spokes, and fitted by polynomials of this
+#: total degree, which may be so far off, over the reach.
+_RINGS, _SPOKES, _DEGREE, _SMOOTH = 6, 20, 8, 1e-4
+
+
 class Site(NamedTuple):
     """Where a robot's tasks take place.
 
@@ -114,7 +122,8 @@ def _random(
     ground, (radius, width) = _wide_ground(robot, "random", radius)
     along, across = radius * ground.axes[0], width * ground.axes[1]
     path = random_path(whole(seed), _point(ground.middle), _point(along), _point(across))
-    return laps("random", robot, path, speed, radius=radius, seed=seed)
+    sheet = _sheet(robot, radius, width, "task 'random'")
+    return laps("random", robot, path, speed, sheet, radius=radius, seed=seed)
 
 
 def _reach(
@@ -142,7 +151,8 @@ def _set_points(
     distance, turn = rng.uniform(size=(2, _POINTS))
     z = radius * np.sqrt(distance) * np.exp(2j * np.pi * turn)
     flat = site.ground.middle + np.stack([z.real, z.imag], axis=1) @ site.ground.axes
-    return site.held_along(flat, "task 'reach'")[0], radius
+    robot = site.inverse.scene.config.robot
+    return _sheet(robot, radius, radius, "task 'reach'").over(flat), radius
 
 
 def _on_line(
@@ -185,6 +195,7 @@ def laps(
     robot: RobotParams,
     flat: FourierPath,
     speed: float | None = None,
+    sheet: "_Sheet | None" = None,
     **options: float,
 ) -> Task:
     """Two laps of a closed path of the tip, from rest to rest.
@@ -195,13 +206,20 @@ def laps(
         flat: The path, in the plane of `site_of(robot).ground`: the height of a spatial robot's tip
             follows from its statics.
         speed: [m/s], largest of the reference; slow for the robot unless given.
+        sheet: Where the tip rests over this plane, if that is known already.
         **options: What the path was made with, for labels and reports.
 
     Raises:
         ValueError: The robot cannot hold its tip somewhere on the path.
     """
-    site = site_of(robot)
-    curve, start = _held_path(site, flat, f"task {name!r}")
+    site, what = site_of(robot), f"task {name!r}"
+    phase = _phases(flat)
+    if sheet is None:
+        tips, inputs = site.held_along(flat.derivative(phase, 0), what)
+    else:
+        tips = sheet.over(flat.derivative(phase, 0))
+        inputs = site.held_along(tips[:1], what)[1]
+    curve, start = _raised(site, flat, tips), inputs[0]
     lap = max(_LAP * site.period, _SHORTEST_LAP)
     fastest = min(_FASTEST * robot.reach, 2 * np.pi * curve.top_rate / lap)
     speed = _rounded(fastest) if speed is None else float(speed)
@@ -210,35 +228,88 @@ def laps(
     return _task(name, robot, run, run.end_time + _REST, start, made)
 
 
-@lru_cache(maxsize=64)
-def _solved(robot: RobotParams, flat: FourierPath, what: str) -> tuple[np.ndarray, np.ndarray]:
-    """Tips (n, 3) [m] and inputs (n, n_inputs) over equal steps of a flat path's phase."""
+def _phases(flat: FourierPath) -> np.ndarray:
+    """Equal steps of the phase of a flat path, at which its tips are found."""
     count = max(_SOLVED, _PER_HARMONIC * len(flat.cosine))
-    phase = 2 * np.pi * np.arange(count) / count
-    return site_of(robot).held_along(flat.derivative(phase, 0), what)
+    return 2 * np.pi * np.arange(count) / count
 
 
-def _held_path(site: Site, flat: FourierPath, what: str) -> tuple[FourierPath, np.ndarray]:
-    """The path of the tip over a flat path, and the inputs at its start.
+def _raised(site: Site, flat: FourierPath, tips: np.ndarray) -> FourierPath:
+    """The path of the tip over a flat path, through tips (n, 3) [m] at its `_phases`.
 
     In the x-z plane it is the flat one. A spatial robot's height is a Fourier series through the
-    solved points, so that the path stays smooth; between the points it is as good as the series
-    converges (tests hold it below 1e-4 of the reach).
+    tips, so that the path stays smooth; between them it is as good as the series converges (tests
+    hold it below 1e-4 of the reach).
     """
-    config = site.inverse.scene.config
-    tips, inputs = _solved(config.robot, flat, what)
-    if config.bending == "planar":
-        return flat, inputs[0]
+    if site.inverse.scene.config.bending == "planar":
+        return flat
     axis = np.cross(*site.ground.axes)
-    harmonics = int(_FITTED * len(tips))
-    terms = np.fft.rfft(tips @ axis)[1 : harmonics + 1] * 2 / len(tips)
+    terms = np.fft.rfft(tips @ axis)[1 : int(_FITTED * len(tips)) + 1] * 2 / len(tips)
+    k, reach = len(flat.cosine), site.inverse.scene.config.robot.reach
+    felt = np.flatnonzero(np.abs(terms) > _FELT * reach)
+    harmonics = max(k, felt[-1] + 1 if len(felt) else 0)
+    terms = terms[:harmonics]
     cosine, sine = (np.zeros((harmonics, 3)) for _ in range(2))
-    k = len(flat.cosine)
     cosine[:k], sine[:k] = flat.cosine, flat.sine
     cosine += terms.real[:, None] * axis
     sine -= terms.imag[:, None] * axis
-    start = tips[0]
-    return FourierPath(_point(start), *(tuple(map(_point, x)) for x in (cosine, sine))), inputs[0]
+    return FourierPath(_point(tips[0]), *(tuple(map(_point, x)) for x in (cosine, sine)))
+
+
+class _Sheet(NamedTuple):
+    """The surface of the tips over an ellipse, all of which can be held.
+
+    Attributes:
+        site: Of the robot.
+        size: (2,) [m], semi-axes of the ellipse along the axes of the ground.
+        height: (terms,) [m], coefficients of `_powers`, of the height over the ground's middle.
+    """
+
+    site: Site
+    size: np.ndarray
+    height: np.ndarray
+
+    def over(self, flat: np.ndarray) -> np.ndarray:
+        """Tips (n, 3) [m] over points (n, 3) in the plane of the ground, within the ellipse."""
+        ground = self.site.ground
+        away = (flat - ground.middle) @ ground.axes.T / self.size
+        return flat + np.outer(_powers(away) @ self.height, np.cross(*ground.axes))
+
+
+def _powers(points: np.ndarray) -> np.ndarray:
+    """Products of powers, up to a total degree, of coordinates (n, 2) in the unit disc."""
+    u, v = points.T
+    degrees = [(i, k - i) for k in range(_DEGREE + 1) for i in range(k + 1)]
+    return np.stack([u**i * v**j for i, j in degrees], axis=1)
+
+
+@lru_cache(maxsize=32)
+def _sheet(robot: RobotParams, length: float, width: float, what: str) -> _Sheet:
+    """The sheet over an ellipse, found once, so that tasks drawn in it cost little.
+
+    Raises:
+        ValueError: A tip on its rings cannot be held, or the surface is not smooth enough.
+    """
+    site, size = site_of(robot), np.array([length, width])
+    rings = np.linspace(1, 0, _RINGS, endpoint=False)[::-1]
+    turn = 2 * np.pi * np.arange(_SPOKES) / _SPOKES
+    disc = np.outer(rings, np.exp(1j * turn)).ravel()
+    points = np.stack([disc.real, disc.imag], axis=1)
+    flat = site.ground.middle + points * size @ site.ground.axes
+    if site.inverse.scene.config.bending == "planar":
+        site.held_along(flat[-_SPOKES:], what)  # what is within can be held as well
+        return _Sheet(site, size, np.zeros(_powers(points).shape[1]))
+    tips, _ = site.held_along(flat, what)
+    height = (tips - site.ground.middle) @ np.cross(*site.ground.axes)
+    terms = _powers(points)
+    fitted = np.linalg.lstsq(terms, height, rcond=None)[0]
+    off = np.abs(terms @ fitted - height).max()
+    if off > _SMOOTH * robot.reach:
+        raise ValueError(
+            f"{what}: the tip of robot {robot.name!r} moves on a surface that is up to "
+            f"{1e3 * off:.3g} mm off a smooth one; choose a smaller radius than {length:g} m"
+        )
+    return _Sheet(site, size, fitted)
 
 
 def _task(

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace as with_fields
-from functools import partial
+from functools import lru_cache, partial
 from inspect import signature
 
 from softrobot_env.registries import Registry, check_name, is_path, load_given
@@ -174,7 +174,7 @@ def remake_task(task: Task, /, **options: float) -> Task:
         ValueError: As `make_task`.
     """
     make = task.maker or EVERY_TASK.find(task.name)
-    before = _made(task.name, make, dict(task.options))
+    before = _as_it_was(task.name, make, task.options)
     made = _made(task.name, make, dict(task.options) | options)
     replaced = {
         name: getattr(task, name)
@@ -192,6 +192,11 @@ def with_option(makers: Mapping[str, Maker]) -> dict[str, tuple[str, ...]]:
 
 #: Option -> tasks of the thesis' robots that have it.
 WITH_OPTION = with_option(ALL_TASKS | RIG_TASKS)
+
+
+@lru_cache(maxsize=64)
+def _as_it_was(name: str, make: Maker, options: tuple[tuple[str, float], ...]) -> Task:
+    return _made(name, make, dict(options))
 
 
 def _made(name: str, make: Maker, options: Mapping[str, float | None]) -> Task:

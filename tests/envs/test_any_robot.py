@@ -153,6 +153,19 @@ def test_a_finger_with_one_tendon_is_pulled_from_nothing_to_its_limit():
         make_task("circle", robot=one)
 
 
+def test_a_robot_whose_tendons_wind_twists():
+    """And has torsion among its curvatures, to the side to which its tendons wind."""
+    rod = find_robot("silicone_rod")
+    wound = tuple(replace(tendon, turns=0.5) for tendon in rod.tendons)
+    env = TrackingEnv("circle", robot=replace(rod, name="wound", tendons=wound), observe="all")
+    env.reset(seed=0)
+    for _ in range(100):
+        observation, *_ = env.step(np.full(3, 0.2))
+    torsion = observation["curvature"].reshape(-1, 3)[:, 2]
+    assert observation["curvature"].shape == (3 * rod.pieces,)
+    assert torsion.max() < 0
+
+
 def test_a_built_rod_with_errors_is_a_twin_of_its_own():
     """Any robot driven by length has servos, and a camera in all its coordinates."""
     rod = find_robot("silicone_rod")

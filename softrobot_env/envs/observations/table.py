@@ -53,7 +53,7 @@ class Sizes:
         layout: Hinges of its chain.
         pieces: Number of pieces whose curvature is observed.
         speed: [m/s], limit of the tip's speed.
-        directions: In which a piece bends: 1 in a plane, 2 in space.
+        directions: Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 with torsion.
         axes: Coordinates out of x, y and z that positions have, a slice of (3,).
         n_preview: Number of preview times.
         n_inputs: Number of actions.
@@ -174,7 +174,7 @@ def _tendon_length(s: Sizes) -> spaces.Box:
 
 
 #: Every observable. Positions have the coordinates that the task names; curvatures are piece by
-#: piece, of a spatial robot (beta, gamma) each.
+#: piece, of a spatial robot (beta, gamma) each, and torsion where it twists.
 OBSERVABLES: dict[str, Observable] = {
     "tip_position": Observable("m", _tip_position, lambda o: o.measured.tip_position, 1e-4),
     "tip_velocity": Observable(

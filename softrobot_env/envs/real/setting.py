@@ -60,7 +60,7 @@ class RealSetting(Setting):
         robot = task.robot
         self.speed = speed_limit(robot)
         layout = place_hinges(robot.length, RIG_PIECES, DEFAULT_RULE)
-        sizes = sizes_of(task, layout, robot.pieces, len(preview))
+        sizes = sizes_of(task, layout, robot.pieces, len(preview), directions=2)
         self.reach = OBSERVABLES["tip_position"].space(sizes)
         if observe == "all":
             observe = tuple(name for name in _SEEN if name != TENSION)

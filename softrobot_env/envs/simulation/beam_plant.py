@@ -75,6 +75,11 @@ class BeamPlant:
         return self._factory(robot, **self._options)
 
     @property
+    def directions(self) -> int:
+        """Numbers of curvatures of a piece: 1 in a plane, 2 in space."""
+        return 1 if self.config.bending == "planar" else 2
+
+    @property
     def strain(self) -> float:
         """Largest axial strain [1] of the model."""
         return self._nominal.strain
@@ -102,13 +107,12 @@ class BeamPlant:
 
     def readout(self, simulation: "BeamSimulation", servos: Servos | None = None) -> BeamReadout:
         """What is measured of a simulation, and of the servos that drive it."""
-        directions = 1 if self.config.bending == "planar" else 2
         sizes = Sizes(
             self.robot,
             self.layout,
             self.pieces,
             self.speed,
-            directions,
+            self.directions,
             self.axes,
             strain=self.strain,
         )

@@ -67,6 +67,11 @@ class MujocoPlant:
             robot.require_plane("a planar chain")
 
     @property
+    def directions(self) -> int:
+        """Numbers of curvatures of a piece: 1 in a plane, 2 in space, 3 of a chain that twists."""
+        return 1 if self.config.bending == "planar" else 2 + self.config.torsion
+
+    @property
     def layout(self) -> HingeLayout:
         """Where the hinges stand."""
         return self.nominal.layout
