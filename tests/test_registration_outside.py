@@ -248,6 +248,7 @@ def register():
 
 
 class P:
+    environment = {"control_period": 0.02}
     def __init__(self, robot, control_period): pass
     def act(self, observation): return observation["reference"]
 """
@@ -257,7 +258,7 @@ import sys, warnings
 import softrobot_env, softrobot_env.evaluation.runner, softrobot_env.commands.evaluate
 assert "throwaway" not in sys.modules, "importing asks no plug-in"
 from softrobot_env.robots import find_robot
-from softrobot_env.control.registry import make_policy
+from softrobot_env.control.registry import make_policy, policy_environment
 find_robot("arm")
 assert "throwaway" not in sys.modules, "nor does a name that is there"
 with warnings.catch_warnings(record=True) as told:
@@ -265,6 +266,7 @@ with warnings.catch_warnings(record=True) as told:
     robot = find_robot("plugged")
     from softrobot_env.tasks import tasks_of
     assert "plugged_task" in list(tasks_of(robot))
+    assert policy_environment("plugged_policy") == {"control_period": 0.02}
     assert make_policy("plugged_policy", robot, 0.01).predict({"reference": 5})[0] == 5
 print(robot.name, [str(warning.message) for warning in told])
 """

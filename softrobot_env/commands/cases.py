@@ -3,9 +3,12 @@
 import argparse
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
 
 from softrobot_env.commands.arguments import expand_all
-from softrobot_env.commands.setups import FAMILIES, SIMULATED, Setup
+from softrobot_env.commands.setups import FAMILIES, SIMULATED, Setup, period_of
 from softrobot_env.commands.task_options import Given, check_used, combinations, merge
 from softrobot_env.control.registry import (
     EVERY_POLICY,
@@ -13,13 +16,17 @@ from softrobot_env.control.registry import (
     installed_policies,
     policy_name,
 )
-from softrobot_env.envs.disturbances import NEUTRAL
+from softrobot_env.envs.disturbances import NEUTRAL, rounded
+from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, find_maker, make_task, tasks_of
 
 #: Arguments that only robots over a serial line have.
 _SERIAL = ("robot_file", "port", "record")
+
+#: Robots drawn from --randomize unless told otherwise.
+_DRAWS = 5
 
 
 def make_setup(args: argparse.Namespace) -> Setup:
@@ -71,11 +78,15 @@ def make_cases(args: argparse.Namespace, setup: Setup) -> list[Case]:
 def _of_task(
     tasks: list[Task], policies: list[str], setup: Setup, args: argparse.Namespace
 ) -> Iterator[Case]:
-    conditions = list(itertools.product(setup.twins(tasks[0].robot), _variations(args.vary)))
+    given, drawn = _variations(args.vary), _draws(args)
+    conditions = list(itertools.product(setup.twins(tasks[0].robot), [*given, *drawn]))
     for task in tasks:
         for policy in policies:
             for twin, variation in conditions:
-                yield setup.complete(Case(task, policy, variation, twin))
+                case = setup.complete(Case(task, policy, variation, twin))
+                if variation in drawn:
+                    case = replace(case, variation=rounded(variation, period_of(case)))
+                yield case
 
 
 def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:
@@ -139,6 +150,20 @@ def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     varied = merge(given)
     combinations = itertools.product(*varied.values())
     return [{n: v for n, v in zip(varied, c, strict=True) if v != NEUTRAL[n]} for c in combinations]
+
+
+def _draws(args: argparse.Namespace) -> list[dict[str, float]]:
+    """Variations drawn from --randomize, the same for every policy and task.
+
+    Raises:
+        ValueError: A range that is none, or --draws without one.
+    """
+    if not args.randomize and args.draws is not None:
+        raise ValueError("--draws: only with --randomize")
+    ranges = Randomization(**{name: tuple(ends) for name, ends in args.randomize})
+    rng = np.random.default_rng(0)
+    count = (args.draws or _DRAWS) if args.randomize else 0
+    return [ranges.draw(rng) for _ in range(count)]
 
 
 def _given_options(args: argparse.Namespace) -> Given:

@@ -20,6 +20,7 @@ from softrobot_env.commands.arguments import (
     or_all,
     policy,
     positive,
+    seed,
     variation,
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
@@ -64,6 +65,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"values of one of {', '.join(NEUTRAL)}: in SI units or as factors; "
         "controllers keep the nominal robot",
     )
+    parser.add_argument(
+        "--randomize",
+        action="append",
+        type=variation,
+        default=[],
+        metavar="NAME=LOW,HIGH",
+        help="ranges of the same quantities, of which --draws robots are drawn besides those of "
+        "--vary; every policy gets the same ones",
+    )
+    parser.add_argument("--draws", type=seed, metavar="N", help="of --randomize; default: 5")
     _add_real(parser)
     add_feedback(parser)
     add_plant(parser)

@@ -15,6 +15,7 @@ from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
 from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
+from softrobot_env.scene.registry import SCENES
 from softrobot_env.tasks import RIG_TASKS
 
 if TYPE_CHECKING:
@@ -38,6 +39,12 @@ FAMILIES = {ARM: tuple(POLICIES), RIG: tuple(RIG_POLICIES)}
 
 #: What is shown of a robot unless told otherwise, by robot, and of all others.
 _SHOWN, _SHOWN_OF_OTHERS = {ARM: "feedforward_pi", RIG: "hybrid"}, "static"
+
+
+def period_of(case: Case) -> float:
+    """Control period [s] of the environment of a case."""
+    usual = SCENES[RIG.name].control_period if case.task.robot == RIG else DEFAULT_PERIOD
+    return case.scene.get("control_period", usual)
 
 
 class Setup:
@@ -119,7 +126,7 @@ class Setup:
             if case.plant != MUJOCO and "tendon_friction" in case.variation:
                 raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
             try:
-                split(case.variation, case.scene.get("control_period", DEFAULT_PERIOD))
+                split(case.variation, period_of(case))
             except ValueError as error:
                 raise ValueError(f"{case.policy}: {error}") from None
         self._try_out(cases)

@@ -25,7 +25,8 @@ class PolicySpec:
             policy that is made already.
         options: Keyword arguments of the factory.
         environment: Keyword arguments of the environment (`control_period`, `preview`) where the
-            policy needs others than the defaults; or their path.
+            policy needs others than the defaults; or their path. None asks the attribute
+            `environment` of what makes it.
         package: Package of the extra `mpc` that it needs, or None.
         robots: Says what a robot lacks that the policy cannot drive, None of any other. What our
             own policies need of a robot, their factories say.
@@ -33,7 +34,7 @@ class PolicySpec:
 
     make: Any
     options: dict[str, Any] = field(default_factory=dict)
-    environment: dict[str, Any] | str = field(default_factory=dict)
+    environment: dict[str, Any] | str | None = field(default_factory=dict)
     package: str | None = None
     robots: Callable[[RobotParams], str | None] | None = None
 
@@ -151,10 +152,10 @@ def register_policy(
     if not isinstance(make, str) and not callable(make) and not is_policy(make):
         raise TypeError(f"policy {name!r}: {no_policy(make)}")
     fits = robots if robots is None or callable(robots) else _one_of(tuple(robots))
-    needs = {} if environment is None else dict(environment)
-    if environment is None and not isinstance(make, str):
-        needs = dict(getattr(make, "environment", {}))
-    EVERY_POLICY.register(name, PolicySpec(make, options, needs, robots=fits), replace)
+    spec = PolicySpec(
+        make, options, None if environment is None else dict(environment), robots=fits
+    )
+    EVERY_POLICY.register(name, spec, replace)
 
 
 def _one_of(robots: tuple[str | RobotParams, ...]) -> Callable[[RobotParams], str | None]:
@@ -174,7 +175,7 @@ def find_policy(which: str) -> PolicySpec:
     found = load_given("policy", which)
     if not callable(found) and not is_policy(found):
         raise ValueError(f"policy {which!r}: {no_policy(found)}")
-    return PolicySpec(found, environment=dict(getattr(found, "environment", {})))
+    return PolicySpec(found, environment=None)
 
 
 def policy_name(which: str) -> str:
@@ -267,5 +268,8 @@ def policy_environment(name: str) -> dict[str, Any]:
     Raises:
         ValueError: Unknown name; the message lists the known ones.
     """
-    needed = find_policy(name).environment
+    spec = find_policy(name)
+    needed = spec.environment
+    if needed is None:
+        needed = getattr(spec.loaded(), "environment", {})
     return dict(load(needed) if isinstance(needed, str) else needed)

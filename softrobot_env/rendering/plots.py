@@ -124,5 +124,6 @@ def _paths(curves: Sequence[Curve], task: Task, title: str) -> Figure:
         axis.set_visible(False)
     figure.supxlabel("x [mm]", fontsize="medium")
     figure.supylabel("y [mm]", fontsize="medium")
-    figure.suptitle(f"{title}: path of the tip from above, reference in black", fontsize=11)
+    what = "path of the tip from above, reference in black"
+    figure.suptitle(f"{title}:{' ' if columns > 2 else chr(10)}{what}", fontsize=11)
     return figure

@@ -110,6 +110,16 @@ def test_variations_and_several_tasks_are_told_apart(tmp_path, mine, capsys):
     assert "stay seconds 0.2, planar_finger" in out and "E x 0.5" in out
 
 
+@pytest.mark.parametrize(
+    ("name", "pictures"),
+    [("hanging_trunk", {"tip", "inputs", "path"}), ("silicone_rod", {"tip", "lengths", "path"})],
+)
+def test_pictures_are_of_what_a_robot_has(name, pictures, tmp_path):
+    arguments = ["--robot", name, "--tasks", "reach", "--policies", "hold", "--duration", "0.1"]
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
+    assert {path.stem.rpartition("_")[2] for path in tmp_path.glob("*.png")} == pictures
+
+
 def test_the_environment_is_as_the_policy_wants_it(tmp_path, mine):
     arguments = ["--robot", "planar_finger", "--tasks", f"{mine}:stay", "--save-rollouts"]
     evaluated(tmp_path / "out", *arguments, "--policies", f"{mine}:P", f"{mine}:Q")
@@ -118,6 +128,21 @@ def test_the_environment_is_as_the_policy_wants_it(tmp_path, mine):
         for path in (tmp_path / "out").glob("*.npz")
     }
     assert steps == pytest.approx({"P": 0.01, "Q": 0.05})
+
+
+def test_robots_are_drawn_alike_for_every_policy(tmp_path, capsys):
+    arguments = ["--robot", "silicone_rod", "--tasks", "reach", "--policies", "hold", "static"]
+    arguments += ["--randomize", "density=0.5,2", "--randomize", "delay=0.011,0.029"]
+    rows = evaluated(tmp_path, *arguments, "--draws", "3", "--duration", "0.1")
+    drawn = [[r["variation"] for r in rows if r["policy"] == p] for p in ("hold", "static")]
+    assert drawn[0][1:] == drawn[1][1:] and drawn[0][0] == drawn[1][0] == {}
+    factors = [variation["density"] for variation in drawn[0][1:]]
+    assert len(set(factors)) == 3 and all(0.5 <= factor <= 2 for factor in factors)
+    assert {round(100 * v["delay"], 9) for v in drawn[0][1:]} <= {1, 2, 3}
+    for wrong in (["--draws", "2"], ["--randomize", "density=2,0.5"]):
+        assert main(["evaluate", "--robot", "silicone_rod", *wrong]) == 2
+    err = capsys.readouterr().err
+    assert "only with --randomize" in err and "low <= high" in err
 
 
 def test_a_plant_and_a_twin_go_where_they_can(tmp_path, capsys):

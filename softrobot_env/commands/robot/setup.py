@@ -24,7 +24,7 @@ from softrobot_env.hardware.transport import SerialTransport, Transport
 from softrobot_env.robots import RIG, RobotParams
 
 #: Arguments of simulated robots alone -> their value unless given.
-_SIMULATED = {"vary": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
+_SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
 
 
 class RealSetup(Setup):
