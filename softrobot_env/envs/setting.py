@@ -146,11 +146,10 @@ class SimulatedSetting(Setting):
         check_argument("plant", plant, Callable | None)
         super().__init__(make_env_task(task, robot, task_options), control_period, preview)
         self.twin = _twin_for(twin, self.task)
-        robot = self.task.robot if self.twin is None else self.twin.robot
+        built = self.task.robot if self.twin is None else self.twin.robot
         speed = speed_limit(self.task.robot)  # policies do not know the twin
-        self.plant = _plant(robot, control_period, speed, self.axes, plant, chain)
         self._offset = 0.0 if self.twin is None else np.array(self.twin.servo_offset)
-        plant = self.plant
+        self.plant = plant = _plant(built, control_period, speed, self.axes, plant, chain)
         sizes = sizes_of(
             self.task, plant.layout, plant.pieces, len(preview), plant.directions, plant.strain
         )
@@ -193,7 +192,7 @@ class SimulatedSetting(Setting):
 
     def check_randomization(self, randomization: Randomization | None) -> None:
         """Raise ValueError for what cannot vary between episodes of this robot."""
-        if randomization is not None and randomization.tension_gain != (1.0, 1.0):
+        if randomization is not None and tuple(randomization.tension_gain) != (1, 1):
             self._check_gain()
 
     def _check_gain(self) -> None:

@@ -120,6 +120,10 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     Simulations run on threads of the process that made them: in a forked child `reset` and `step`
     raise RuntimeError (start the child with "spawn"), and an environment can be neither copied nor
     pickled (make another with the same arguments).
+
+    Attributes:
+        simulation: Of all robots, a `BatchSimulation`.
+        task, twin, control_period, input_scale: As of `TrackingEnv`.
     """
 
     spec = EpisodeSpec()
@@ -203,11 +207,11 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.max_episode_steps = min(setting.reference.last_index, max_episode_steps or maxsize)
-        self._simulation = BatchSimulation(setting.plant.nominal, self.num_envs, threads)
+        self.simulation = BatchSimulation(setting.plant.nominal, self.num_envs, threads)
         self.twin, self._servos = setting.twin, setting.servos(self.num_envs)
-        self._target = self._simulation.ctrl
+        self._target = self.simulation.ctrl
         if self._servos is not None:
-            self._simulation.drive_by(self._servos)
+            self.simulation.drive_by(self._servos)
             self._target = self._servos.command
         self._prepare()
 
@@ -235,7 +239,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._generators: list[np.random.Generator] = []
         self._started = False
         self._observation: Observation | None = None
-        self._exact = setting.plant.readout(self._simulation, self._servos)
+        self._exact = setting.plant.readout(self.simulation, self._servos)
         self._noise: SensorNoise | None = None
         self._cameras = self._make_cameras()
         self._measure()
@@ -359,12 +363,12 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
                 randomized = self._randomization.draw(self._generators[i])
                 for name, value in rounded(randomized, self.control_period).items():
                     self._variation[name][i] = value
-        self._simulation.vary(which, {name: self._variation[name][which] for name in VARIABLE})
+        self.simulation.vary(which, {name: self._variation[name][which] for name in VARIABLE})
         command = self._start_drives(which, command)
         if self._servos is not None:
             self._servos.start(command, which)
             command = self._servos.horn[which]
-        self._simulation.reset(which, posture, command)
+        self.simulation.reset(which, posture, command)
         self._start_sensors(which)
         self._index[which] = 0
         self._action[which] = self._setting.action_of(action)
@@ -414,7 +418,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         """
         if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
             raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
-        self._simulation.check_process()
+        self.simulation.check_process()
         actions, previous = checked_actions(actions, self._action.shape), self._action
         resets = self._mode == AutoresetMode.NEXT_STEP and self._done.any()
         ended = self._done.copy() if resets else None
@@ -430,9 +434,9 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
     def _advance(self, ended: np.ndarray | None) -> np.ndarray:
         """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
         if ended is None:
-            return self._simulation.advance()
+            return self.simulation.advance()
         running = np.flatnonzero(~ended)
-        return self._simulation.advance(running) & ~ended if len(running) else self._nobody
+        return self.simulation.advance(running) & ~ended if len(running) else self._nobody
 
     def _result(
         self, previous: np.ndarray, failed: np.ndarray, ended: np.ndarray | None
@@ -517,7 +521,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             "tendon_length": self._exact.true_length(),
             **terms,
         }
-        estimate = self._simulation.integration_error
+        estimate = self.simulation.integration_error
         if estimate is not None:
             info["integration_error"] = estimate
         if self._randomization is not None:

@@ -93,9 +93,9 @@ class Twin:
 
 
 def nominal_twin(robot: RobotParams) -> Twin:
-    """A robot as its parameters say, with servos and a camera that only have a limited speed."""
+    """A robot as its parameters say, with servos that only have the limited speed of its drive."""
     none = (0.0,) * len(robot.tendons)
-    return Twin(robot, SERVO_SPEED, servo_offset=none, backlash=none)
+    return Twin(robot, robot.drive.speed, servo_offset=none, backlash=none)
 
 
 def rig3d_twin(seed: int) -> Twin:

@@ -6,7 +6,7 @@ import gymnasium
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from torchrl.envs import GymEnv, GymWrapper
 from torchrl.envs.utils import check_env_specs
-from uses import SIMULATED, VECTORISED, tried
+from uses import SIMULATED, tried
 
 STEPS = 12
 #: TorchRL takes these two of Gymnasium's modes.
@@ -55,6 +55,6 @@ tried("GymEnv, one, with info", SIMULATED, with_info)
 for mode in MODES:
     tried(f"SyncVectorEnv, {mode.value}", SIMULATED, partial(several, mode=mode))
 for mode in MODES:
-    tried(f"batch, {mode.value}", VECTORISED, partial(many, mode=mode))
+    tried(f"batch, {mode.value}", SIMULATED, partial(many, mode=mode))
 for mode in MODES:
-    tried(f"batch, {mode.value}, several episodes", VECTORISED, partial(through_the_end, mode=mode))
+    tried(f"batch, {mode.value}, several episodes", SIMULATED, partial(through_the_end, mode=mode))

@@ -5,12 +5,9 @@ import sys
 import traceback
 from collections.abc import Callable, Iterable
 
-from softrobot_env.registration import ENVIRONMENTS, RIG_ENVIRONMENTS
+from softrobot_env.registration import ANY_ROBOT, ENVIRONMENTS, RIG_ENVIRONMENTS
 
-SIMULATED = (*ENVIRONMENTS, *RIG_ENVIRONMENTS)
-
-#: Those that have an environment of many robots of their own.
-VECTORISED = tuple(ENVIRONMENTS)
+SIMULATED = (*ENVIRONMENTS, *RIG_ENVIRONMENTS, *ANY_ROBOT)
 
 
 def tried(use: str, ids: Iterable[str], act: Callable[[str], None]) -> None:

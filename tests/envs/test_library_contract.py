@@ -20,10 +20,14 @@ from support.real_episodes import FILE, Still
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.rewards import TERMS
-from softrobot_env.registration import ENVIRONMENTS, REAL_ENVIRONMENTS, RIG_ENVIRONMENTS
+from softrobot_env.registration import (
+    ANY_ROBOT,
+    ENVIRONMENTS,
+    REAL_ENVIRONMENTS,
+    RIG_ENVIRONMENTS,
+)
 
-SIMULATED = [*ENVIRONMENTS, *RIG_ENVIRONMENTS]
-VECTORISED = SIMULATED
+SIMULATED = [*ENVIRONMENTS, *RIG_ENVIRONMENTS, *ANY_ROBOT]
 REAL = [pytest.param(i, marks=pytest.mark.realtime(late=0.4)) for i in REAL_ENVIRONMENTS]
 
 #: Of the real rig: other tests may load the machine.
@@ -83,7 +87,7 @@ def test_info_of_a_failed_step_has_the_same_keys_and_says_why(env_id):
 
 
 @pytest.mark.parametrize("mode", AutoresetMode)
-@pytest.mark.parametrize("env_id", VECTORISED)
+@pytest.mark.parametrize("env_id", SIMULATED)
 def test_info_of_many_has_the_keys_of_one(env_id, mode):
     ranges = Randomization(density=(0.9, 1.1), sensor_noise=(1.0, 2.0))
     options = {"randomization": ranges, "control_period": 0.1}
@@ -112,7 +116,7 @@ def test_an_unknown_argument_is_told_as_python_does_with_those_allowed(env_id):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("env_id", VECTORISED)
+@pytest.mark.parametrize("env_id", SIMULATED)
 def test_unknown_arguments_and_drawing_of_many_are_refused(env_id):
     with pytest.raises(TypeError, match="unexpected keyword argument 'frameskip'; allowed are"):
         gymnasium.make_vec(env_id, frameskip=1)
@@ -168,7 +172,7 @@ def test_episodes_last_as_long_as_the_spec_says(env_id, period):
             assert count == one.spec.max_episode_steps == env.spec.max_episode_steps
 
 
-@pytest.mark.parametrize("env_id", VECTORISED)
+@pytest.mark.parametrize("env_id", SIMULATED)
 def test_many_as_gymnasium_defines_them(env_id):
     for mode in AutoresetMode:
         many = gymnasium.make_vec(env_id, num_envs=2, autoreset_mode=mode)
@@ -181,7 +185,7 @@ def test_many_as_gymnasium_defines_them(env_id):
 
 
 def test_many_end_after_max_episode_steps():
-    many = gymnasium.make_vec(VECTORISED[0], num_envs=2, max_episode_steps=3)
+    many = gymnasium.make_vec(SIMULATED[0], num_envs=2, max_episode_steps=3)
     many.reset()
     ends = [many.step(np.zeros((2, 3)))[3].tolist() for _ in range(4)]
     assert ends == [[False, False], [False, False], [True, True], [False, False]]
@@ -191,7 +195,7 @@ def test_many_end_after_max_episode_steps():
 
 
 def test_actions_of_many_at_the_bounds_and_beyond():
-    many, other = (gymnasium.make_vec(VECTORISED[0], num_envs=2) for _ in range(2))
+    many, other = (gymnasium.make_vec(SIMULATED[0], num_envs=2) for _ in range(2))
     many.reset(), other.reset()
     observation, *_ = many.step([[1 + 9e-7, -1 - 9e-7, 0.25], [0.0, 0.0, 0.0]])
     expected, *_ = other.step(np.array([[1, -1, 0.25], [0, 0, 0]]))
@@ -271,7 +275,7 @@ def test_many_fail_by_the_same_bounds():
     many = gymnasium.make_vec("SoftRobot/ArmSwing-v0", num_envs=3, observe="all")
     many.reset()
     limits = many._exact._measures
-    many._simulation.qvel[1] = 2 * limits.turning
+    many.simulation.qvel[1] = 2 * limits.turning
     many._exact.update()
     assert many._exact.outside.tolist() == [False, True, False]
     assert "norm of the hinge rates" in many._exact.what_left(1, 0.0)
@@ -282,7 +286,7 @@ def test_many_fail_by_the_same_bounds():
 
 @pytest.mark.parametrize("way", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_many_are_not_copied(way):
-    many = gymnasium.make_vec(VECTORISED[0], num_envs=2)
+    many = gymnasium.make_vec(SIMULATED[0], num_envs=2)
     with pytest.raises(TypeError, match="cannot be copied or pickled"):
         way(many)
 
@@ -309,13 +313,13 @@ def in_a_fork(act):
 
 
 def test_many_refuse_a_forked_child_and_go_on_here():
-    many = gymnasium.make_vec(VECTORISED[0], num_envs=2)
+    many = gymnasium.make_vec(SIMULATED[0], num_envs=2)
     many.reset()
     zero = np.zeros((2, 3))
     told = "RuntimeError: these simulations belong to process"
     assert in_a_fork(lambda: many.step(zero)).startswith(told)
     assert in_a_fork(many.reset).startswith(told)
-    assert in_a_fork(many.__dict__["_simulation"]._batch.__del__) == ""
+    assert in_a_fork(many.simulation._batch.__del__) == ""
     many.step(zero)
 
 

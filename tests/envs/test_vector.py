@@ -76,8 +76,8 @@ def test_physics_is_equal_bit_by_bit():
     for action in actions(100):
         many.step(action)
         single.step(action[1])
-    np.testing.assert_array_equal(many._simulation.qpos[1], single.data.qpos)
-    np.testing.assert_array_equal(many._simulation.qvel[1], single.data.qvel)
+    np.testing.assert_array_equal(many.simulation.qpos[1], single.data.qpos)
+    np.testing.assert_array_equal(many.simulation.qvel[1], single.data.qvel)
 
 
 def test_physics_with_friction_is_equal_bit_by_bit():
@@ -91,15 +91,15 @@ def test_physics_with_friction_is_equal_bit_by_bit():
         for action in actions(100):
             many.step(action)
             single.step(action[i])
-        np.testing.assert_array_equal(many._simulation.qpos[i], single.data.qpos)
-        np.testing.assert_array_equal(many._simulation.qvel[i], single.data.qvel)
+        np.testing.assert_array_equal(many.simulation.qpos[i], single.data.qpos)
+        np.testing.assert_array_equal(many.simulation.qvel[i], single.data.qvel)
     # Without friction again.
     many.reset()
     single.reset()
     for action in actions(50):
         many.step(action)
         single.step(action[1])
-    np.testing.assert_array_equal(many._simulation.qpos[1], single.data.qpos)
+    np.testing.assert_array_equal(many.simulation.qpos[1], single.data.qpos)
 
 
 def test_the_number_of_threads_does_not_matter():
@@ -171,9 +171,9 @@ def test_without_autoreset_ended_episodes_are_reset_by_mask():
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(action)
     first = np.array([True, False, True, False])
-    moved = env._simulation.qpos.copy()
+    moved = env.simulation.qpos.copy()
     env.reset(options={"reset_mask": first})
-    np.testing.assert_array_equal(env._simulation.qpos[~first], moved[~first])
+    np.testing.assert_array_equal(env.simulation.qpos[~first], moved[~first])
     with pytest.raises(gymnasium.error.ResetNeeded):
         env.step(action)
     env.reset(options={"reset_mask": ~first})
@@ -543,9 +543,9 @@ def test_robots_far_from_the_nominal_one_are_equal(vary):
         *_, terminated, _, _ = many.step(action)
         single.step(action[1])
         assert not terminated.any()
-    np.testing.assert_allclose(many._simulation.qpos[1], single.data.qpos, rtol=0, atol=1e-9)
-    np.testing.assert_allclose(many._simulation.qvel[1], single.data.qvel, rtol=0, atol=1e-7)
-    estimate = many._simulation.integration_error[1]
+    np.testing.assert_allclose(many.simulation.qpos[1], single.data.qpos, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(many.simulation.qvel[1], single.data.qvel, rtol=0, atol=1e-7)
+    estimate = many.simulation.integration_error[1]
     assert estimate == pytest.approx(single._simulation.integration_error, rel=1e-6)
 
 
@@ -553,7 +553,7 @@ def test_a_divergence_of_one_is_called_so():
     """A state beyond MuJoCo's bound, though its curvature is beyond the workspace too."""
     many = VectorTrackingEnv(COUNT, "swing")
     many.reset()
-    many._simulation.qvel[1] = 1e12
+    many.simulation.qvel[1] = 1e12
     *_, terminated, _, info = many.step(np.zeros((COUNT, 3), np.float32))
     assert terminated.tolist() == [False, True, False, False]
     assert info["failure"][1].startswith("simulation diverged")

@@ -22,13 +22,13 @@ _MOVING = (
     Column("estimate\nmm", "estimate", ".3f", "mm"),
 )
 _ROBOTS = (
-    Column("all measured, moving", "variant"),
+    Column("env.step, moving", "variant"),
     Column("DOF", "dof", "d"),
     Column("robots x\nthreads", lambda row: f"{row.n_envs} x {row.threads}", ">"),
     Column("µs a robot\nand period", "seconds", ".1f", "µs"),
     Column("periods/s", "steps_per_second", ".0f"),
     Column("bare/s", "raw_steps_per_second", ".0f"),
-    Column("bare/\nmeasured", "ratio", ".2f"),
+    Column("bare/\nenv", "ratio", ".2f"),
 )
 _WAITS = (
     Column("", "variant"),
