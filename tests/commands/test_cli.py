@@ -190,6 +190,7 @@ def test_quick_speed_benchmark(tmp_path):
     assert {row["what"] for row in rows} == {
         "env.step",
         "moving",
+        "robots",
         "vector env.step",
         "start",
         "render",
