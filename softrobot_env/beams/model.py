@@ -74,7 +74,7 @@ class BeamModel:
 
     Attributes:
         robot: The robot.
-        pieces: Number of pieces, equal in each section; the robot's own unless given.
+        pieces: Number of pieces, equal in each section; the robot's own unless given, or `fewest`.
         edges: (pieces + 1,) [m], their ends.
         loads: Its loads.
         drive: How tendons are driven, "tension" or "length".
@@ -97,12 +97,12 @@ class BeamModel:
         self, robot: RobotParams, pieces: int | None, loads: Sequence[Load], drive: str
     ) -> None:
         _check_robot(robot, has_head=not isinstance(self.inertia, str))
-        pieces = robot.pieces if pieces is None else pieces
+        pieces = max(robot.pieces, self.fewest(robot)) if pieces is None else pieces
         if not (isinstance(pieces, Integral) and pieces >= 1):
             raise ValueError(f"pieces must be a whole number, at least one, got {pieces!r}")
         self.robot, self.loads, self.drive = robot, tuple(loads), drive
         self.pieces = int(pieces)
-        self.edges = robot.backbone.cut(self.pieces)
+        self.edges = self._cut()
         self.data: Any = reference(self._data(make_actuation(robot, loads, drive)))
         self.input_names = tuple(x.name for x in (*robot.tendons, *loads))
         if drive == "length":  # as the model sums it up: rounding must not make a tendon slack
@@ -111,6 +111,15 @@ class BeamModel:
             self.data = self.data._replace(actuation=actuation)
 
     # ------------------------------------------------------------------ chosen by a subclass
+
+    @classmethod
+    def fewest(cls, robot: RobotParams) -> int:
+        """Number of pieces with fewer of which the model cannot follow the robot's tendons."""
+        return 1
+
+    def _cut(self) -> np.ndarray:
+        """Ends (pieces + 1,) [m] of the pieces."""
+        return self.robot.backbone.cut(self.pieces)
 
     def _data(self, actuation: Actuation) -> Any:
         """Structure for the kernels with some actuation, an instance of a NamedTuple class."""

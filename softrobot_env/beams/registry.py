@@ -154,5 +154,9 @@ def _build(
 ) -> "BeamModel":
     """A plant's model of a robot, whose last section stands for a head or not, under loads."""
     beam = _BEAMS[plant.name]
-    pieces = beam.finer * robot.pieces if plant.pieces is None else plant.pieces + headed
-    return load(beam.model)(robot, pieces, loads=loads, **options)
+    model, pieces = load(beam.model), plant.pieces
+    if pieces is None:
+        pieces = max(beam.finer * robot.pieces, model.fewest(robot))
+    else:
+        pieces += headed
+    return model(robot, pieces, loads=loads, **options)

@@ -53,6 +53,11 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
             "softrobot_env.benchmarks.accuracy.tables:tables",
             "softrobot_env.benchmarks.accuracy.plots:plot",
         ),
+        "contacts": _found_at(
+            "softrobot_env.benchmarks.contacts.run:run",
+            "softrobot_env.benchmarks.contacts.tables:tables",
+            "softrobot_env.benchmarks.contacts.plots:plot",
+        ),
         "controllers": _found_at(
             "softrobot_env.benchmarks.controllers.run:run",
             "softrobot_env.benchmarks.controllers.tables:tables",
@@ -83,6 +88,11 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
             "softrobot_env.benchmarks.scenes.tables:tables",
             "softrobot_env.benchmarks.scenes.plots:plot",
             options=("count", "seed"),
+        ),
+        "sections": _found_at(
+            "softrobot_env.benchmarks.sections.run:run",
+            "softrobot_env.benchmarks.sections.tables:tables",
+            "softrobot_env.benchmarks.sections.plots:plot",
         ),
         "speed": _found_at(
             "softrobot_env.benchmarks.speed.run:run",

@@ -1,4 +1,4 @@
-"""`softrobot benchmark`: models, controllers, random scenes, speed, stability, thesis' figures."""
+"""`softrobot benchmark`: models, controllers, scenes, contacts, speed, stability, the thesis."""
 
 import argparse
 from io import StringIO

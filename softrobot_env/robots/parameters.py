@@ -92,6 +92,12 @@ class Head:
         check_fields(self, "head")
         _check_inertia("head", self.inertia)
 
+    @property
+    def half_sizes(self) -> tuple[float, float, float]:
+        """Half the sizes [m] of the uniform block of its inertia, of 1 mm or more."""
+        whole = sum(self.inertia)
+        return tuple(sqrt(max(1.5 / self.mass * (whole - 2 * x), 1e-6)) for x in self.inertia)
+
 
 @dataclass(frozen=True)
 class Disc:
@@ -110,6 +116,13 @@ class Disc:
     def __post_init__(self) -> None:
         check_fields(self, "disc")
         _check_inertia("disc", self.inertia)
+
+    @property
+    def cylinder(self) -> tuple[float, float]:
+        """Radius and half the thickness [m] of the uniform disc of its inertia, 1 mm or more."""
+        lateral, _, axial = self.inertia
+        half = sqrt(max(3 * (lateral - axial / 2) / self.mass, 1e-6))
+        return sqrt(2 * axial / self.mass), half
 
     @classmethod
     def uniform(cls, station: float, mass: float, radius: float, thickness: float) -> "Disc":

@@ -42,9 +42,10 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
     for index, disc in enumerate(robot.discs):
         _add_disc(chain.spec.body(f"disc{index}"), disc, _radius(robot, disc.station))
     _add_base(chain.bodies[0], robot)
-    # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
-    room = 0.0 if chain.kinds == ("hinge",) else robot.reach
-    _add_surroundings(chain.spec, robot, 2 * robot.backbone.widest + room)
+    if look.surroundings:
+        # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
+        room = 0.0 if chain.kinds == ("hinge",) else robot.reach
+        add_surroundings(chain.spec, robot.length, 2 * robot.backbone.widest + room)
 
 
 def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appearance) -> None:
@@ -103,8 +104,7 @@ def _add_anchor_ring(chain: Chain, robot: RobotParams, station: float) -> None:
 
 def _add_head(body: mujoco.MjsBody, head: Head) -> None:
     """Block on a stem: the uniform one of the head's inertia, with a dark tag on each side."""
-    squares = 1.5 / head.mass * (sum(head.inertia) - 2 * np.array(head.inertia))
-    half = np.sqrt(np.maximum(squares, 1e-6))  # a thin body is seen, too
+    half = np.array(head.half_sizes)
     box, cylinder = mujoco.mjtGeom.mjGEOM_BOX, mujoco.mjtGeom.mjGEOM_CYLINDER
     centre, stem = np.array([0.0, 0.0, head.centre]), head.centre / 2
     add_visual(body, type=cylinder, pos=[0, 0, stem], size=[min(half) / 2, stem, 0], rgba=_DARK)
@@ -117,11 +117,9 @@ def _add_head(body: mujoco.MjsBody, head: Head) -> None:
 
 def _add_disc(body: mujoco.MjsBody, disc: Disc, least: float) -> None:
     """The uniform disc of its inertia, seen outside the backbone's radius `least` [m]."""
-    lateral, _, axial = disc.inertia
-    radius = max(np.sqrt(2 * axial / disc.mass), least + TENDON_WIDTH)
-    half = np.sqrt(max(3 * (lateral - axial / 2) / disc.mass, 1e-6))
-    cylinder = mujoco.mjtGeom.mjGEOM_CYLINDER
-    add_visual(body, type=cylinder, size=[radius, half, 0], rgba=_DARK)
+    radius, half = disc.cylinder
+    size = [max(radius, least + TENDON_WIDTH), half, 0]
+    add_visual(body, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size, rgba=_DARK)
 
 
 def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
@@ -138,15 +136,21 @@ def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
         )
 
 
-def _add_surroundings(spec: mujoco.MjSpec, robot: RobotParams, wall: float) -> None:
-    """Light, and a wall with a grid of 100 mm squares at y = `wall` [m] behind the robot."""
+def add_surroundings(spec: mujoco.MjSpec, height: float, wall: float) -> None:
+    """Light, and a wall with a grid of 100 mm squares at y = `wall` [m].
+
+    Args:
+        spec: The scene.
+        height: [m], size of what stands there.
+        wall: [m].
+    """
     spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
     spec.visual.headlight.diffuse = [0.28, 0.28, 0.28]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     direction = (0.4, 1.0, -0.5)
     spec.worldbody.add_light(  # its shadow map is centred on the robot
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[-2 * direction[0], -2 * direction[1], robot.length / 2 - 2 * direction[2]],
+        pos=[-2 * direction[0], -2 * direction[1], height / 2 - 2 * direction[2]],
         dir=direction,
         diffuse=[0.33, 0.33, 0.33],
         specular=[0.2, 0.2, 0.2],
@@ -155,8 +159,8 @@ def _add_surroundings(spec: mujoco.MjSpec, robot: RobotParams, wall: float) -> N
     # Hundreds of thin capsules make up the lines: coarse ones look the same and draw faster.
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 10, 4
     spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 2048, 2.0
-    spec.stat.extent = 1.6 * robot.length
-    spec.stat.center = [0, 0, robot.length / 2]
+    spec.stat.extent = 1.6 * height
+    spec.stat.center = [0, 0, height / 2]
     spec.visual.global_.azimuth = 90
     spec.visual.global_.elevation = -5
     _add_wall(spec, wall)

@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,14 +12,15 @@ import numpy as np
 from softrobot_env.motion import State
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
-from softrobot_env.scene import extras, kinematics
+from softrobot_env.scene import contacts, extras, kinematics
 from softrobot_env.scene.appearance import add_appearance
 from softrobot_env.scene.chain import Chain, add_chain, joint_kinds
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.coupling import couple_pieces
 from softrobot_env.scene.quadrature import HingeLayout, place_between
+from softrobot_env.scene.settling import settle
 from softrobot_env.scene.springs import add_springs
-from softrobot_env.scene.statics import equilibrium, finite
+from softrobot_env.scene.statics import checked_controls, equilibrium, finite
 from softrobot_env.scene.tendons import add_tendons
 from softrobot_env.scene.timestep import (
     EXTRAPOLATION,
@@ -48,12 +50,19 @@ class Scene:
         layout: Where the hinges stand.
         timestep: Integrator and timestep, and why.
         model: The compiled model.
+        pairs: What can touch, and how stiff it is.
     """
 
     config: SceneConfig
     layout: HingeLayout
     timestep: TimestepChoice
     model: mujoco.MjModel
+    pairs: tuple[contacts.Pair, ...] = ()
+
+    @property
+    def name(self) -> str:
+        """The robot's."""
+        return self.config.robot.name
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -80,10 +89,14 @@ class Scene:
     ) -> np.ndarray:
         """Posture (nq,) in equilibrium under constant inputs u (n_inputs,), zero unless given.
 
-        As `scene.statics.equilibrium`, which tells of the arguments and errors.
+        As `scene.statics.equilibrium`, which tells of the arguments and errors. With contacts it is
+        where `scene.settling` finds rest; `load_steps` and the kind of stability have no meaning
+        there, and as friction holds a robot in many places there must be none.
         """
         u = np.zeros(self.n_inputs) if u is None else u
-        gravity = None if gravity is None else self._gravity(gravity)
+        gravity = None if gravity is None else self.checked_gravity(gravity)
+        if self.config.contacts is not None:
+            return self._settled(u, guess, gravity)
         return equilibrium(
             self.model,
             u,
@@ -92,6 +105,40 @@ class Scene:
             check_stability=check_stability,
             gravity=gravity,
         )
+
+    def _settled(
+        self, u: np.ndarray, guess: np.ndarray | None, gravity: np.ndarray | None
+    ) -> np.ndarray:
+        """Posture (nq,) in which a scene with contacts comes to rest."""
+        rubbing = [x.name for x in (self.config.contacts, *self.config.objects) if x.friction]
+        if rubbing or self.config.robot.rubs:
+            raise ValueError(
+                "friction holds a robot in many places: an equilibrium with contacts needs "
+                f"friction 0 (of {', '.join(rubbing) or 'the tendons'}), or use `simulate`"
+            )
+        model = copy(self.model)
+        if gravity is not None:
+            model.opt.gravity[:] = gravity
+        start = model.qpos0 if guess is None else finite("the guess", guess, (model.nq,))
+        controls, period = checked_controls(model, u), self.timestep.first_period
+        return settle(model, self.config.robot, period, controls, start)
+
+    def contacts(
+        self, state: State | None = None, u: np.ndarray | None = None
+    ) -> tuple[contacts.Touch, ...]:
+        """What touches in a state under inputs u (n_inputs,), with its forces.
+
+        Args:
+            state: Positions and velocities; the straight pose at rest unless given.
+            u: Zero unless given.
+        """
+        q, v = self.start() if state is None else state
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = finite("state.q", q, (self.model.nq,))
+        data.qvel[:] = finite("state.v", v, (self.model.nv,))
+        data.ctrl[:] = 0 if u is None else checked_controls(self.model, u)
+        mujoco.mj_forward(self.model, data)
+        return contacts.touches(self.model, data)
 
     def simulate(
         self,
@@ -108,7 +155,7 @@ class Scene:
         """
         from softrobot_env.scene.simulation import simulate  # which knows of scenes
 
-        gravity = None if gravity is None else self._gravity(gravity)
+        gravity = None if gravity is None else self.checked_gravity(gravity)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
 
     def positions(
@@ -142,8 +189,12 @@ class Scene:
         q = finite("q", q, (self.model.nq,))
         return kinematics.tendon_lengths(self.model, self.config.robot, q)
 
-    def _gravity(self, gravity: np.ndarray) -> np.ndarray:
-        """(3,) [m/s2] of a case."""
+    def checked_gravity(self, gravity: np.ndarray) -> np.ndarray:
+        """A gravity (3,) [m/s2] that the chain feels.
+
+        Raises:
+            ValueError: It does not, or it is not finite.
+        """
         gravity = finite("gravity", gravity, (3,))
         _refuse_what_is_not_felt(self.config, gravity)
         return gravity
@@ -165,18 +216,20 @@ def build_scene(config: SceneConfig) -> Scene:
     Warns:
         TimestepWarning: See `scene.timestep.choose_timestep`.
     """
-    spec, layout = _assemble(config)
+    spec, layout, pairs = _assemble(config)
     model = spec.compile()
-    choice = _mujocos(config, model)
-    _apply(choice, model.opt)
+    choice = _mujocos(config, model, pairs)
+    apply_choice(choice, model.opt)
+    softest = contacts.tune(model, pairs, choice.timestep)
+    choice = replace(choice, reason=choice.reason + softened(softest))
     if is_extrapolated(config):
         choice = _extrapolated(config, config.robot)
-    return Scene(config, layout, choice, model)
+    return Scene(config, layout, choice, model, tuple(pairs))
 
 
 def is_extrapolated(config: SceneConfig) -> bool:
     """Whether our own integrator advances the scene: where no other is asked for."""
-    return config.integrator in (None, EXTRAPOLATION)
+    return config.contacts is None and config.integrator in (None, EXTRAPOLATION)
 
 
 def _extrapolated(config: SceneConfig, robot: RobotParams) -> TimestepChoice:
@@ -222,7 +275,8 @@ def vary_scene(scene: Scene, variation: dict[str, float]) -> Scene:
     choice = choice_of(scene, variation)
     if choice.integrator == EXTRAPOLATION or _near_its_limit(varied, choice):
         return varied
-    _apply(choice, varied.model.opt)
+    apply_choice(choice, varied.model.opt)
+    contacts.tune(varied.model, varied.pairs, choice.timestep)
     return replace(varied, timestep=choice)
 
 
@@ -233,26 +287,60 @@ def _near_its_limit(scene: Scene, choice: TimestepChoice) -> bool:
 
 def scene_xml(config: SceneConfig) -> str:
     """The scene as MJCF, ready for any MuJoCo viewer."""
-    spec, _ = _assemble(config)
-    _apply(_mujocos(config, spec.compile()), spec.option)
+    spec, _, pairs = _assemble(config)
+    model = spec.compile()
+    choice = _mujocos(config, model, pairs)
+    apply_choice(choice, spec.option)
+    contacts.tune(model, pairs, choice.timestep)
+    contacts.write(spec, model, pairs)
     return spec.to_xml()
 
 
-def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout]:
+def _assemble(config: SceneConfig) -> tuple[mujoco.MjSpec, HingeLayout, list[contacts.Pair]]:
+    chain = build_chain(config)
+    return chain.spec, chain.layout, _add_contacts(chain, config)
+
+
+def build_chain(config: SceneConfig) -> Chain:
+    """The robot of a scene in a spec of its own, with all parts but contacts.
+
+    Raises:
+        ValueError: As `build_scene`.
+    """
     _refuse_what_is_not_felt(config, config.robot.gravity)
     layout = place_between(config.edges, config.hinge_rule)
-    spec = _empty_spec(config)
-    kinds = joint_kinds(config.robot, config.bending, config.torsion, layout.coupled)
-    chain = add_chain(spec, config.robot, layout, kinds)
-    add_tendons(chain, config.robot, config.actuation)
-    add_springs(chain, config.robot)
+    robot = config.robot
+    spec = empty_spec(robot.name, robot.gravity, rubs=robot.rubs)
+    kinds = joint_kinds(robot, config.bending, config.torsion, layout.coupled)
+    chain = add_chain(spec, robot, layout, kinds)
+    add_tendons(chain, robot, config.actuation)
+    add_springs(chain, robot)
     if layout.coupled:
-        couple_pieces(chain, config.robot, [load.station for load in config.loads])
+        couple_pieces(chain, robot, [load.station for load in config.loads])
     _add_parts(chain, config)
-    return spec, layout
+    return chain
 
 
-def _mujocos(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
+def _add_contacts(chain: Chain, config: SceneConfig) -> list[contacts.Pair]:
+    """Skin and objects, last, so that the robot's bodies and DOFs keep their numbers."""
+    if config.contacts is None:
+        return []
+    contacts.prepare(chain.spec.option)
+    surfaces = contacts.add_skin(chain, config.robot, config.contacts)
+    surfaces += contacts.add_objects(chain.spec, config.objects)
+    return contacts.pair_surfaces(chain.spec, surfaces, config.contacts)
+
+
+def softened(softest: float) -> str:
+    """Remark of how much stiffness a timestep takes from contacts, see `scene.contacts.tune`."""
+    return (
+        "" if softest == 1 else f"; contacts down to {softest:.2g} times the material's stiffness"
+    )
+
+
+def _mujocos(
+    config: SceneConfig, model: mujoco.MjModel, pairs: Sequence[contacts.Pair]
+) -> TimestepChoice:
     """What MuJoCo's own steps of the model take: those of viewers, and of whoever steps it."""
     with warnings.catch_warnings():
         if is_extrapolated(config):
@@ -263,6 +351,7 @@ def _mujocos(config: SceneConfig, model: mujoco.MjModel) -> TimestepChoice:
             config.timestep,
             None if config.integrator == EXTRAPOLATION else config.integrator,
             friction=config.robot.rubs,
+            contacts=None if config.contacts is None else contacts.longest_step(model, pairs),
         )
 
 
@@ -278,23 +367,24 @@ def _refuse_what_is_not_felt(config: SceneConfig, gravity: Sequence[float]) -> N
         refuse_torsion("a chain with torsion=False", "torsion=True", loads, robot.tendons)
 
 
-def _apply(choice: TimestepChoice, option: mujoco.MjOption) -> None:
+def apply_choice(choice: TimestepChoice, option: mujoco.MjOption) -> None:
+    """Let an option have MuJoCo's integrator and timestep of a choice."""
     option.timestep = choice.timestep
     option.integrator = getattr(mujoco.mjtIntegrator, f"mjINT_{choice.integrator.upper()}")
 
 
-def _empty_spec(config: SceneConfig) -> mujoco.MjSpec:
+def empty_spec(name: str, gravity: Sequence[float], *, rubs: bool) -> mujoco.MjSpec:
     """Spec without contacts and MuJoCo's silent reset of a diverged state.
 
     Without constraints too, unless a tendon rubs: MuJoCo's dry friction is one.
     """
     spec = mujoco.MjSpec()
-    spec.modelname = config.robot.name
+    spec.modelname = name
     spec.compiler.degree = False
-    spec.option.gravity = config.robot.gravity
+    spec.option.gravity = gravity
     disable = mujoco.mjtDisableBit
     flags = disable.mjDSBL_CONTACT | disable.mjDSBL_AUTORESET
-    if not config.robot.rubs:
+    if not rubs:
         flags |= disable.mjDSBL_CONSTRAINT
     spec.option.disableflags = int(flags)
     return spec

@@ -43,6 +43,9 @@ TIP_SITE = "tip"
 HEAD_BODY = "head"
 BASE_BODY = "base"
 
+#: Between the name of one of several robots and the names of its parts.
+SEPARATOR = "/"
+
 
 @dataclass(frozen=True)
 class Chain:
@@ -193,7 +196,8 @@ def _joints(model: mujoco.MjModel) -> dict[str, np.ndarray]:
     """Addresses (stations,) in `qpos` of the joints by kind, in the order of the kinds."""
     addresses = {model.joint(i).name: model.jnt_qposadr[i] for i in range(model.njnt)}
     kinds = [kind for kind in (*HINGE_AXES, BALL) if f"{kind}0" in addresses]
-    stations = range(len(addresses) // len(kinds))
+    free = np.count_nonzero(model.jnt_type == mujoco.mjtJoint.mjJNT_FREE)  # objects
+    stations = range((len(addresses) - free) // len(kinds))
     return {kind: np.array([addresses[f"{kind}{i}"] for i in stations]) for kind in kinds}
 
 

@@ -6,11 +6,12 @@ from math import cos, inf, nan, sin
 
 import numpy as np
 
-from softrobot_env.fields import Positive, Share, check_fields, check_unique
+from softrobot_env.fields import Positive, check_fields, check_unique
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces
-from softrobot_env.scene.timestep import EXTRAPOLATION
+from softrobot_env.scene.objects import Contacts, Object, Rgba
+from softrobot_env.scene.timestep import CONTACT_INTEGRATORS, EXTRAPOLATION
 
 #: How tendons can be driven.
 ACTUATIONS = ("tension", "length")
@@ -27,13 +28,15 @@ FRONT_CAMERA = "front"
 #: Hinge rules of chains that do not twist and of those that do, unless another is wanted.
 DEFAULT_RULE, TWISTING_RULE = "balanced2", "coupled2"
 
+#: That of chains whose pieces end at the guides of their tendons: a span between two guides then
+#: shortens, and has lever arms, as an arc does.
+GUIDED_RULE = "chord2"
+
 #: Accuracy in time unless another is wanted.
 DEFAULT_SHARE = "0.1%"
 
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
-
-Rgba = tuple[Share, Share, Share, Share]
 
 
 @dataclass(frozen=True)
@@ -99,10 +102,14 @@ class TipSensors:
 
 @dataclass(frozen=True)
 class Appearance:
-    """Visible body: links, drawn tendons, floor and lights. Adds no mass and no contacts."""
+    """Visible body: links, drawn tendons, wall and lights. Adds no mass and no contacts.
+
+    `surroundings` tells whether wall and lights are there, too.
+    """
 
     link_rgba: Rgba = (0.93, 0.75, 0.45, 1.0)
     tendon_rgba: Rgba = (0.15, 0.3, 0.65, 1.0)
+    surroundings: bool = True
 
     def __post_init__(self) -> None:
         check_fields(self, "appearance")
@@ -117,8 +124,9 @@ class SceneConfig:
         pieces: Pieces the robot is cut into, equal in each section: in total (shared out by
             length, one or more a section), or one number per section; the robot's own unless given.
             A section's end is a piece's end, and a channel's end has to be one.
-        rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given
-            "coupled2" for a chain that twists, else "balanced2".
+        rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given "chord2"
+            where tendons run through guides, all at ends of pieces, else "coupled2" for a chain
+            that twists, else "balanced2".
         actuation: "tension" (controls are tensions [N]) or "length" (controls are the lengths
             [m] pulled in; tension = stiffness x stretch, never pushing).
         control_period: [s], the timestep divides it.
@@ -129,6 +137,8 @@ class SceneConfig:
         sensors, cameras, markers, paths, loads, appearance: The optional parts.
         bending: "planar" (in the x-z plane only) or "spatial".
         torsion: Whether a spatial chain twists about its axis too; else it is rigid in torsion.
+        contacts: That and how the robot touches itself and the objects; nothing touches without.
+        objects: What it can touch. Free ones have DOFs, after those of the robot.
     """
 
     robot: RobotParams
@@ -147,10 +157,12 @@ class SceneConfig:
     bending: str = "planar"
     torsion: bool = False
     accuracy: float | str = DEFAULT_SHARE
+    contacts: Contacts | None = None
+    objects: tuple[Object, ...] = ()
 
     def __post_init__(self) -> None:
         check_fields(self, "scene")
-        for name in ("cameras", "markers", "paths", "loads"):
+        for name in ("cameras", "markers", "paths", "loads", "objects"):
             check_unique([part.name for part in getattr(self, name)], f"the scene's {name}")
         chosen = {"actuation": ACTUATIONS, "bending": BENDING}
         if self.integrator is not None:
@@ -167,6 +179,16 @@ class SceneConfig:
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
         _ = self.wanted_accuracy, self.edges
+        self._check_contacts()
+
+    def _check_contacts(self) -> None:
+        if self.objects and self.contacts is None:
+            raise ValueError("objects are there to be touched: give contacts=Contacts(), too")
+        if self.contacts is not None and self.integrator not in (None, *CONTACT_INTEGRATORS):
+            raise ValueError(
+                f"integrator {self.integrator!r} does not know contacts; leave it out, or choose "
+                f"from {', '.join(CONTACT_INTEGRATORS)}"
+            )
 
     @property
     def wanted_accuracy(self) -> float:
@@ -195,9 +217,20 @@ class SceneConfig:
     @property
     def hinge_rule(self) -> str:
         """The hinge rule really used."""
-        if self.rule is None:
-            return TWISTING_RULE if self.torsion else DEFAULT_RULE
-        return self.rule
+        if self.rule is not None:
+            return self.rule
+        if self._guided_by_pieces():
+            return GUIDED_RULE
+        return TWISTING_RULE if self.torsion else DEFAULT_RULE
+
+    def _guided_by_pieces(self) -> bool:
+        """Whether the robot's tendons run through guides, all of them at ends of pieces."""
+        tendons = self.robot.tendons
+        if not (tendons and all(tendon.guides for tendon in tendons)):
+            return False
+        guides = np.unique([station for t in tendons for station in t.stations])
+        off = np.abs(self.edges[:, None] - guides).min(axis=0)
+        return bool(off.max() <= 1e-9 * self.robot.length)
 
 
 def parse_accuracy(accuracy: float | str, length: float) -> float:

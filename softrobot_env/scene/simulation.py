@@ -11,6 +11,7 @@ import numpy as np
 
 from softrobot_env.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.scene.build import Inputs, Scene
+from softrobot_env.scene.contacts import Touch, touches
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.statics import checked_controls, finite
 from softrobot_env.scene.tendons import full_length
@@ -32,7 +33,7 @@ WORRYING = 2.0
 def inaccuracy(scene: Scene, estimate: float, time: float) -> TimestepWarning:
     """The warning that an estimate [m] at a time [s] is far beyond the accuracy."""
     return TimestepWarning(
-        f"robot {scene.config.robot.name!r}: by t = {time:.3f} s the motion may be "
+        f"robot {scene.name!r}: by t = {time:.3f} s the motion may be "
         f"{1e3 * estimate:.3g} mm off, {1e3 * scene.timestep.accuracy:.3g} mm are wanted: small "
         "errors grow in it (a smaller `accuracy` may help)"
     )
@@ -171,6 +172,13 @@ class Simulation:
     def integration_error(self) -> float | None:
         """Estimated error [m] in time since the reset; None with MuJoCo's integrators."""
         return None if self.scene.timestep.accuracy is None else self._estimate[0]
+
+    def contacts(self) -> tuple[Touch, ...]:
+        """What touches now, and the forces under the controls in force."""
+        data = mujoco.MjData(self.model)  # reading must not move the simulation
+        mujoco.mj_copyData(data, self.model, self.data)
+        mujoco.mj_forward(self.model, data)
+        return touches(self.model, data)
 
     @property
     def step_times(self) -> np.ndarray:

@@ -9,7 +9,12 @@ from support.routed_robots import HELICAL, PULLED, ROD, TAPERED, TWO, VIA, tendo
 
 from softrobot_env.beams.ancf import ANCF
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.exact.tendon_rod import tendon_helix, tendon_rod
+from softrobot_env.beams.exact.tendon_rod import (
+    guided_rod,
+    hanging_rod,
+    tendon_helix,
+    tendon_rod,
+)
 from softrobot_env.beams.exact.varying_beam import bending_frequencies
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.plant import SteppedModel
@@ -238,3 +243,53 @@ def test_ancf_has_guides_at_any_offset_and_a_base():
     ]
     # The continuum differs from a rod by a share of its strain.
     assert np.linalg.norm(tips[0] - tips[1]) < 1e-3 * slender.length
+
+
+# ---------------------------------------------------------------- guides and weight
+
+
+def guided(turns):
+    """A rod with uneven discs."""
+    guides = (0.07, 0.12, 0.2, 0.26, 0.33)
+    one = tendon("guided", (0.008, -0.003), 0.4, guides=guides, turns=turns)
+    return replace(ROD, tendons=(one,))
+
+
+@pytest.mark.parametrize("turns", [0.0, -0.5])
+def test_exact_rods_with_guides_are_the_limit_of_pcc(turns):
+    robot, tips = guided(turns), []
+    for pieces in (20, 40):
+        model = PCC(robot, pieces, axes="torsion")
+        tips.append(model.tip(model.equilibrium(np.array([3.0]))))
+    exact = guided_rod(robot, [3.0], [robot.length]).tip
+    off = [np.linalg.norm(tip - exact) / robot.length for tip in tips]
+    assert off[1] < off[0] / 3 < 1e-3
+    assert np.linalg.norm(exact - [0, 0, robot.length]) > 0.09
+
+
+@pytest.mark.slow  # the exact one takes ten seconds
+def test_exact_rods_with_weight_are_the_limit_of_pcc_and_of_rods_without():
+    robot, tension = replace(HELICAL, gravity=(0.5, 0.3, -1.0)), [3.0]
+    exact, off = hanging_rod(robot, tension, [0.4]).tip, []
+    for pieces in (12, 24):
+        model = PCC(robot, pieces, axes="torsion")
+        tip = model.tip(model.equilibrium(np.array(tension)))
+        off.append(np.linalg.norm(tip - exact) / 0.4)
+    assert off[1] < off[0] / 3 < 1e-3
+    light = replace(robot, gravity=(0.0, 0.0, 0.0))
+    one, other = (f(light, tension, [0.2, 0.4]) for f in (hanging_rod, tendon_rod))
+    np.testing.assert_allclose(one.position, other.position, atol=1e-8)
+
+
+@pytest.mark.parametrize("turns", [0.0, -0.5])
+def test_a_rod_with_pieces_between_its_guides_is_exact_at_once(turns):
+    robot = guided(turns)
+    exact = guided_rod(robot, [3.0], [robot.length], 0.75).tip
+    model = CosseratRod(robot)
+    assert model.pieces == CosseratRod.fewest(robot) == 12
+    tip = model.tip(model.equilibrium(np.array([3.0])))
+    assert np.linalg.norm(tip - exact) < 2e-3 * robot.length
+    even = CosseratRod(robot, 11)  # too few for that
+    np.testing.assert_allclose(np.diff(even.edges), robot.length / 11)
+    more = CosseratRod(robot, 29)
+    assert np.isin(np.round(robot.tendons[0].stations, 9), np.round(more.edges, 9)).all()

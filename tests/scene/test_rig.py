@@ -177,8 +177,8 @@ def test_beam_models_refuse_a_head_and_uneven_bending():
     with pytest.raises(ValueError, match="has a head"):
         PCC(RIG, inertia="distributed")
     assert PCC(RIG, inertia=SUBPIECES).n == 2
-    with pytest.raises(ValueError, match="has a head"):
-        BeamPlant("pcc")(replace(ARM, head=HEAD))
+    with pytest.raises(ValueError, match="has a head, which plant 'ancf'"):
+        BeamPlant("ancf")(replace(ARM, head=HEAD))
     for uneven in ({"anisotropy": 0.1}, {"precurvature": (0.1, 0.0)}):
         with pytest.raises(ValueError, match="no anisotropy and no precurvature"):
             PCC(replace(RIG, **uneven), inertia=SUBPIECES)

@@ -1,6 +1,7 @@
 """Chains of robots with sections, routes, discs and bases against exact rods."""
 
 from dataclasses import replace
+from itertools import pairwise as pairs
 from math import pi, sqrt
 
 import mujoco
@@ -10,9 +11,9 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from support.routed_robots import CONVERGING, HELICAL, PULLED, ROD, TAPERED, TWO, VIA, tendon
 
-from softrobot_env.beams.exact.tendon_rod import tendon_helix, tendon_rod
+from softrobot_env.beams.exact.tendon_rod import guided_rod, tendon_helix, tendon_rod
 from softrobot_env.beams.exact.varying_beam import bending_frequencies
-from softrobot_env.robots import Base, Disc
+from softrobot_env.robots import Base, Disc, RobotParams, Section
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors
@@ -95,6 +96,23 @@ def test_tendon_lengths_are_told_in_the_straight_pose(robot):
     built = spatial(robot)
     expected = [tendon.straight_length for tendon in robot.tendons]
     assert_allclose(built.tendon_length(built.start().q), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.4])
+def test_a_chain_whose_pieces_end_at_guides_bends_as_the_exact_rod(turns):
+    guides = (0.06, 0.13, 0.21, 0.27, 0.34)
+    edges = (0.0, *guides, 0.4)
+    parts = [Section(b - a, 0.003, 4e7, 1100.0, 0.0, 1, poisson_ratio=0.3) for a, b in pairs(edges)]
+    guided = tendon("guided", (0.009, 0.003), 0.4, guides=guides, turns=turns)
+    robot = RobotParams("guided", sections=tuple(parts), tendons=(guided,))
+    exact, off = guided_rod(robot, [0.7], [0.4]).tip, {}
+    for rule in (None, "coupled2"):
+        built = spatial(robot, rule=rule)
+        off[rule] = np.linalg.norm(built.tip(built.equilibrium(np.array([0.7]))) - exact) / 0.4
+    assert np.linalg.norm(exact - [0, 0, 0.4]) > 0.1
+    assert off[None] < 0.002 and off[None] < off["coupled2"] / 3
+    within = replace(ROD, tendons=(guided,))  # guides are no ends of its pieces
+    assert spatial(within).config.hinge_rule == "coupled2"
 
 
 # ---------------------------------------------------------------- dynamics

@@ -19,11 +19,24 @@ GRIDS = ("middles", "thesis")
 MOMENTS = ("conservative", "printed")
 
 
+#: Pieces between two guides, at least.
+_PER_SPAN = 2
+
+#: From the middle of a piece towards the end of a pair, over its length. Bent at 1/6 and 5/6 a span
+#: shortens, and has lever arms, as an arc does to second order of its angle.
+_OUTWARDS = 2 / 3 - 0.5
+
+
 class CosseratRod(BeamModel):
     """Shear, tension, bending and torsion of any size.
 
     Coordinates come in blocks of seven, [x_n (3), p_n-1/2 (4)] for n = 1 .. pieces: the end of
     each segment and the quaternion of its section. A free base adds a last block [x_0 (3)].
+
+    The pieces are equal in each section. Where tendons run through guides the moment has a kink at
+    each guide and is nearly a parabola in between: guides are ends of pieces as well, if there are
+    two pieces or more for each span, and each pair of pieces of a span bends at 1/6 and 5/6, not in
+    the middles of the pieces.
 
     All errors are of second order in the pieces, but for a moment that follows a section inside a
     piece: it turns with the mean of its neighbours, which is a first-order error.
@@ -143,11 +156,35 @@ class CosseratRod(BeamModel):
             **self._samples(actuation, vertices),
         )
 
+    @classmethod
+    def fewest(cls, robot: RobotParams) -> int:
+        """See `BeamModel`: two for each span between guides."""
+        spans = len(_span_ends(robot)) - 1
+        return _PER_SPAN * spans if any(t.guides for t in robot.tendons) else 1
+
+    def _cut(self) -> np.ndarray:
+        """See `BeamModel`."""
+        self._paired = np.zeros(self.pieces, dtype=bool)
+        least = self.fewest(self.robot)
+        if self.grid == "thesis" or least == 1 or self.pieces < least:
+            return super()._cut()
+        ends = _span_ends(self.robot)
+        sizes, counts = np.diff(ends), np.full(len(ends) - 1, _PER_SPAN)
+        while counts.sum() < self.pieces:  # to the span with the longest pieces
+            left = self.pieces - counts.sum()
+            counts[np.argmax(sizes / counts)] += min(_PER_SPAN, left)
+        self._paired = np.repeat(counts % 2 == 0, counts)
+        parts = (e + d / n * np.arange(n) for e, d, n in zip(ends, sizes, counts, strict=False))
+        return np.append(np.concatenate(list(parts)), ends[-1])
+
     def _vertices(self) -> np.ndarray:
         """Arc lengths (N + 1,) [m] of the vertices."""
         if self.grid == "thesis":
             return self.edges
-        return np.append((self.edges[:-1] + self.edges[1:]) / 2, self.edges[-1])
+        middles, sizes = (self.edges[:-1] + self.edges[1:]) / 2, np.diff(self.edges)
+        second = np.cumsum(self._paired) % 2 == 0
+        shift = np.where(second, _OUTWARDS, -_OUTWARDS) * sizes * self._paired
+        return np.append(middles + shift, self.edges[-1])
 
     def _inertia(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Masses (N + 1,) [kg] of the vertices and inertias (N, 3) [kg m2] of the segments.
@@ -344,6 +381,14 @@ def _joined(
     return segment[keep], sampled[keep], np.ascontiguousarray(samples[keep])
 
 
+def _span_ends(robot: RobotParams) -> np.ndarray:
+    """Arc lengths (k,) [m] of the ends of robot, sections and spans between guides."""
+    guides = [station for t in robot.tendons if t.guides for station in t.stations]
+    ends = np.unique([*robot.backbone.ends, *guides])
+    apart = np.diff(ends, prepend=-1.0) > 1e-9 * robot.length
+    return ends[apart]
+
+
 def _middle_places(
     stations: np.ndarray, edges: np.ndarray, vertices: np.ndarray
 ) -> dict[str, np.ndarray]:
@@ -354,14 +399,14 @@ def _middle_places(
     pieces = len(edges) - 1
     number = np.arange(pieces + 1)
     at = _snapped(np.interp(stations, edges, number))
-    vertex = np.clip(np.floor(at - 0.5).astype(int), 0, pieces - 1)
     s = np.interp(at, number, edges)
+    vertex = np.clip(np.searchsorted(vertices, s, side="right") - 1, 0, pieces - 1)
     share = _snapped((s - vertices[vertex]) / np.diff(vertices)[vertex])
     section = np.minimum(at.astype(int), pieces - 1) - 1
     weight = at - section - 1
     return {
         "vertex": vertex,
-        "share": np.where(at < 0.5, 0.0, share),
+        "share": np.where(s < vertices[0], 0.0, share),
         "shift": np.minimum(s, vertices[0]),
         "section": section,
         "weight": weight,

@@ -14,18 +14,31 @@ Of a uniform rod a helical tendon turns at the rate w about e_z from section to 
 the strains: seen from axes that turn with it they are constant, so that the rod is a helix,
 
     F(s) = exp([kappa(0) + w e_z] s),   x(s) = integral of F v(0).
+
+With weight, section and tendons together also carry the weight W(s) of what lies beyond, and its
+moment M' = -x' x W, which vanishes at the tip: a boundary-value problem for M at the clamp.
+
+Between two guides a tendon is a straight line. It ends where the rod takes the next guide to, so
+that its direction is found span by span, from the clamp.
 """
 
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams.exact.spatial_rod import SpatialShape
 from softrobot_env.robots import RobotParams
 
 _RTOL, _ATOL = 1e-10, 1e-12
+_ENOUGH = 1e-8  # where equations are solved by integrating again and again
+_ZERO = np.zeros(3)
+
+#: Derivative (n,) of a state by the arc length.
+Slope = Callable[[float, np.ndarray], np.ndarray]
 _AXIS = np.array([0.0, 0.0, 1.0])
 
 
@@ -49,23 +62,169 @@ def tendon_rod(
     """
     _check(robot)
     s = np.asarray(stations, dtype=float)
-    breaks = [robot.backbone.ends, *(t.knots[:, 0] for t in robot.tendons), s]
-    edges = np.unique(np.concatenate(breaks))
-    y, states = np.concatenate([np.zeros(3), [1.0, 0, 0, 0]]), {}
+    breaks = [robot.backbone.ends, *(t.knots[:, 0] for t in robot.tendons)]
 
     def slope(at: float, y: np.ndarray) -> np.ndarray:
-        inside = min(max(at, low), high)
-        return _motion(y, *strains(robot, tension, inside, shear_coefficient))
+        return _motion(y, *strains(robot, tension, at, shear_coefficient))
 
-    states[0.0] = y
+    return _shape(s, _integrated(slope, np.concatenate([_ZERO, [1.0, 0, 0, 0]]), breaks, s))
+
+
+def _integrated(
+    slope: Slope,
+    y: np.ndarray,
+    breaks: Sequence[np.ndarray],
+    stations: np.ndarray,
+    rtol: float = _RTOL,
+) -> np.ndarray:
+    """States (k + 1, n) at stations (k,) [m] and at the last break, from the first on.
+
+    The slope may jump at the breaks.
+    """
+    edges, out = np.unique(np.concatenate(breaks)), np.empty((len(stations) + 1, len(y)))
+    out[:-1][stations == edges[0]] = y
     for start, end in pairwise(edges):
         margin = 1e-12 * (end - start)
-        low, high = start + margin, end - margin
-        y = solve_ivp(slope, (start, end), y, "DOP853", rtol=_RTOL, atol=_ATOL).y[:, -1]
-        states[float(end)] = y
-    found = np.array([states[float(x)] for x in s])
-    frames = Rotation.from_quat(found[:, [4, 5, 6, 3]])
-    return SpatialShape(s, found[:, :3], frames.as_matrix())
+
+        def inside(
+            at: float, y: np.ndarray, low: float = start + margin, high: float = end - margin
+        ) -> np.ndarray:
+            return slope(min(max(at, low), high), y)
+
+        asked = (stations > start) & (stations <= end)
+        found = solve_ivp(
+            inside, (start, end), y, "DOP853", rtol=rtol, atol=_ATOL, dense_output=asked.any()
+        )
+        if asked.any():
+            out[:-1][asked] = found.sol(stations[asked]).T
+        y = found.y[:, -1]
+    out[-1] = y
+    return out
+
+
+def _shape(stations: np.ndarray, states: np.ndarray) -> SpatialShape:
+    rows = states[: len(stations)]
+    return SpatialShape(stations, rows[:, :3], np.array([_turn(y) for y in rows]))
+
+
+def hanging_rod(
+    robot: RobotParams,
+    tension: np.ndarray,
+    stations: np.ndarray,
+    shear_coefficient: float | None = None,
+) -> SpatialShape:
+    """The same of a robot with weight, along the axes of its base.
+
+    Raises:
+        ValueError: A tendon has guides, or no equilibrium was found.
+    """
+    _check(robot)
+    backbone, s = robot.backbone, np.asarray(stations, dtype=float)
+    breaks = [backbone.ends, *(t.knots[:, 0] for t in robot.tendons)]
+    breaks.append(np.array([disc.station for disc in robot.discs]))
+    fine = np.unique(np.concatenate([*breaks, np.linspace(0, robot.length, 2001)]))
+    parts = backbone.integrals(backbone.mass, fine)
+    rod = np.append(np.cumsum(parts[::-1])[::-1], 0.0)
+    gravity = np.array(robot.own_gravity)
+
+    def weight(at: float) -> np.ndarray:
+        """[N] of what lies beyond."""
+        discs = sum(disc.mass for disc in robot.discs if disc.station > at)
+        return (np.interp(at, fine, rod) + discs) * gravity
+
+    def along(moment: np.ndarray, share: float, asked: np.ndarray) -> np.ndarray:
+        """States at places, from a moment at the clamp, with a share of the weight."""
+
+        def slope(at: float, y: np.ndarray) -> np.ndarray:
+            load, turn = share * weight(at), _turn(y)
+            loads = turn.T @ load, turn.T @ y[7:]
+            motion = _motion(y, *strains(robot, tension, at, shear_coefficient, *loads))
+            return np.concatenate([motion, -np.cross(motion[:3], load)])
+
+        y = np.concatenate([_ZERO, [1.0, 0, 0, 0], moment])
+        return _integrated(slope, y, breaks, asked, _ENOUGH)
+
+    moment = _ZERO
+    for share in (0.25, 0.5, 0.75, 1.0):  # the equilibrium that grows out of the weightless one
+        found = root(
+            lambda m, x=share: along(m, x, np.empty(0))[-1, 7:],
+            moment,
+            options={"xtol": 1e-7, "eps": 1e-6},  # integration errs by some 1e-8
+        )
+        moment = found.x
+    if not found.success:
+        raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
+    return _shape(s, along(moment, 1.0, s))
+
+
+def guided_rod(
+    robot: RobotParams,
+    tension: np.ndarray,
+    stations: np.ndarray,
+    shear_coefficient: float | None = None,
+) -> SpatialShape:
+    """The same of a weightless robot whose tendons run through the same guides, up to their ends.
+
+    Raises:
+        ValueError: They do not, or no equilibrium was found.
+    """
+    s = np.asarray(stations, dtype=float)
+    guides = np.unique([x for t in robot.tendons for x in t.stations])
+    missed = [t.name for t in robot.tendons if len(t.stations) != np.sum(guides <= t.end)]
+    if missed:
+        raise ValueError(f"need tendons through the same guides, unlike {', '.join(missed)}")
+    y = np.concatenate([_ZERO, [1.0, 0, 0, 0]])
+    rows = np.tile(y, (len(s), 1))
+    for start, end in pairwise(guides):
+        active = [k for k, t in enumerate(robot.tendons) if t.end > start]
+        ends = np.zeros((2, len(active), 3))
+        for row, k in enumerate(active):
+            ends[:, row, :2] = robot.tendons[k].at(np.array([start, end]))
+        pull = np.asarray(tension, dtype=float)[active][:, None]
+        span = _Span(robot, shear_coefficient, y, (start, end), ends, pull)
+        found = root(span.missed, np.tile(_turn(y)[:, 2], len(active)), tol=1e-10)
+        if not found.success:
+            raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
+        asked = (s > start) & (s <= end)
+        states = span.states(found.x, s[asked])
+        rows[asked], y = states[:-1], states[-1]
+    return _shape(s, rows)
+
+
+class _Span:
+    """A rod between two guides, from a state at the first on."""
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        shear_coefficient: float | None,
+        y: np.ndarray,
+        span: tuple[float, float],
+        ends: np.ndarray,
+        pull: np.ndarray,
+    ) -> None:
+        """Places (2, tendons, 3) [m] of the tendons in both guides, and tensions [N]."""
+        self._robot, self._shear, self._y, self._pull = robot, shear_coefficient, y, pull
+        self._start, self._end = y[:3] + ends[0] @ _turn(y).T, ends[1]
+        within = [x for x in robot.backbone.ends if span[0] < x < span[1]]
+        self._breaks = [np.array([*span, *within])]
+
+    def states(self, ways: np.ndarray, stations: np.ndarray) -> np.ndarray:
+        """States at stations and at the second guide, if tendons have directions (3 k,)."""
+        force = -self._pull * ways.reshape(-1, 3)
+
+        def slope(at: float, y: np.ndarray) -> np.ndarray:
+            turn, moment = _turn(y), np.cross(self._start - y[:3], force).sum(axis=0)
+            loads = turn.T @ force.sum(axis=0), turn.T @ moment
+            return _motion(y, *_answer(self._robot, at, self._shear, *loads))
+
+        return _integrated(slope, self._y, self._breaks, stations)
+
+    def missed(self, ways: np.ndarray) -> np.ndarray:
+        """By how much (3 k,) [1] such tendons miss the second guide."""
+        y = self.states(ways, np.empty(0))[-1]
+        line = y[:3] + self._end @ _turn(y).T - self._start
+        return ways - (line / np.linalg.norm(line, axis=1)[:, None]).ravel()
 
 
 def tendon_helix(
@@ -99,32 +258,62 @@ def _integral(rate: np.ndarray, along: np.ndarray, s: np.ndarray) -> np.ndarray:
 
 
 def strains(
-    robot: RobotParams, tension: np.ndarray, station: float, shear_coefficient: float | None
+    robot: RobotParams,
+    tension: np.ndarray,
+    station: float,
+    shear_coefficient: float | None,
+    force: np.ndarray = _ZERO,
+    moment: np.ndarray = _ZERO,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Strains v [1] and kappa [1/m], (3,) each, of one cross-section."""
-    backbone, s = robot.backbone, np.array([station])
-    bending, torsion = backbone.bending(s)[0], backbone.torsion(s)[0]
-    soft = np.zeros(3)
-    if shear_coefficient is not None:
-        shear = shear_coefficient * backbone.shear(s)[0]
-        soft = 1 / np.array([shear, shear, backbone.axial(s)[0]])
+    """Strains v [1] and kappa [1/m], (3,) each, of one cross-section.
+
+    Under tensions, and a force [N] and a moment [N m] along its axes from what lies beyond.
+    """
     active = [k for k, t in enumerate(robot.tendons) if t.end > station]
     pull = np.asarray(tension, dtype=float)[active][:, None]
     place, lead = np.zeros((2, len(active), 3))
     for row, k in enumerate(active):
-        place[row, :2] = robot.tendons[k].at(station)
-        lead[row, :2] = robot.tendons[k].slope(station)
-    along, kappa = _AXIS.copy(), np.zeros(3)
+        place[row, :2], lead[row, :2] = robot.tendons[k].course(station)
+    along, kappa = _answer(robot, station, shear_coefficient, force, moment)
     for _ in range(200):
         way = along + np.cross(kappa, place) + lead
-        force = pull * way / np.linalg.norm(way, axis=1)[:, None]
-        new = _AXIS - soft * force.sum(axis=0)
-        moment = -np.cross(place, force).sum(axis=0) / [bending, bending, torsion]
-        change = max(np.abs(new - along).max(), np.abs(moment - kappa).max() * robot.length)
-        along, kappa = new, moment
-        if change < 1e-15:
+        pulls = pull * way / np.linalg.norm(way, axis=1)[:, None]
+        rest = force - pulls.sum(axis=0), moment - np.cross(place, pulls).sum(axis=0)
+        new, bent = _answer(robot, station, shear_coefficient, *rest)
+        change = max(np.abs(new - along).max(), np.abs(bent - kappa).max() * robot.length)
+        along, kappa = new, bent
+        if change < 1e-14:
             return along, kappa
     raise ValueError(f"the strains at {station} m did not converge: the tensions are too large")
+
+
+def _answer(
+    robot: RobotParams,
+    station: float,
+    shear_coefficient: float | None,
+    force: np.ndarray,
+    moment: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Strains v and kappa of a cross-section under a force and a moment along its axes."""
+    backbone, s = robot.backbone, np.array([station])
+    bending, torsion = backbone.bending(s)[0], backbone.torsion(s)[0]
+    along = _AXIS
+    if shear_coefficient is not None:
+        shear = shear_coefficient * backbone.shear(s)[0]
+        along = _AXIS + force / [shear, shear, backbone.axial(s)[0]]
+    return along, moment / [bending, bending, torsion]
+
+
+def _turn(y: np.ndarray) -> np.ndarray:
+    """Axes (3, 3), as columns, of the section in a state."""
+    w, a, b, c = y[3:7] / np.linalg.norm(y[3:7])
+    return np.array(
+        [
+            [1 - 2 * (b * b + c * c), 2 * (a * b - w * c), 2 * (a * c + w * b)],
+            [2 * (a * b + w * c), 1 - 2 * (a * a + c * c), 2 * (b * c - w * a)],
+            [2 * (a * c - w * b), 2 * (b * c + w * a), 1 - 2 * (a * a + b * b)],
+        ]
+    )
 
 
 def _motion(y: np.ndarray, along: np.ndarray, kappa: np.ndarray) -> np.ndarray:
@@ -137,7 +326,7 @@ def _motion(y: np.ndarray, along: np.ndarray, kappa: np.ndarray) -> np.ndarray:
         w * b + z * a - x * c,
         w * c + x * b - y_ * a,
     ]
-    return np.concatenate([Rotation.from_quat([x, y_, z, w]).apply(along), turn])
+    return np.concatenate([_turn(y) @ along, turn])
 
 
 def _check(robot: RobotParams) -> None:

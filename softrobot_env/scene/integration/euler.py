@@ -17,7 +17,7 @@ def euler_step(chain, forces, h, matrix, change):
     """
     _fill_joints(chain, forces, h, matrix, change)
     _add_drives(chain, forces, h, matrix, change)
-    _factorize(matrix, chain.v.size)
+    _factorize(matrix, ints(chain.model, chain.header[AT.dof_parentid], chain.v.size))
     _solve(matrix, change, chain.v.size)
     if forces.counts[1]:
         _rub(chain.v, forces, h, matrix, change)
@@ -121,19 +121,25 @@ def _dot(a, b):
 
 
 @jit
-def _factorize(matrix, n):
+def _factorize(matrix, parents):
     """Factors L' D L of (n, n), of which the lower half is given, in its place, from the last row.
 
     L has ones on its diagonal, where the inverse of D is kept. Each row changes those before it as
-    a whole, which takes half the time of scalar products of rows.
+    a whole, which takes half the time of scalar products of rows. Nothing couples the DOFs of two
+    robots, each of which begins where there is no parent (n,).
     """
-    for i in range(n - 1, -1, -1):
+    start = parents.size
+    for i in range(parents.size - 1, -1, -1):
+        if i < start:
+            start = i
+            while parents[start] >= 0:
+                start -= 1
         inverse = 1 / matrix[i, i]
-        for j in range(i):
+        for j in range(start, i):
             share = matrix[i, j] * inverse
-            for k in range(j + 1):
+            for k in range(start, j + 1):
                 matrix[j, k] -= share * matrix[i, k]
-        for k in range(i):
+        for k in range(start, i):
             matrix[i, k] *= inverse
         matrix[i, i] = inverse
 

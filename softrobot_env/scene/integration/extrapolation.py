@@ -49,6 +49,7 @@ from softrobot_env.scene.integration.mujoco_functions import (
     assign,
     cut,
     inlined,
+    ints,
     jit,
     making,
     move,
@@ -302,15 +303,21 @@ def _take(work, entry, h):
 
 @jit
 def displacement(chain, turn):
-    """Largest displacement [m] of the backbone by small turns (nv,) of the joints, at most."""
+    """Largest displacement [m] of a backbone by small turns (nv,) of the joints, at most."""
     axes = reals(chain.data, chain.header[AT.cdof], 6 * turn.size)
-    x, y, z, way = 0.0, 0.0, 0.0, 0.0
+    parents = ints(chain.model, chain.header[AT.dof_parentid], turn.size)
+    x, y, z, way, farthest = 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(turn.size):
+        if parents[i] < 0:  # another robot begins
+            farthest = max(farthest, way)
+            x, y, z, way = 0.0, 0.0, 0.0, 0.0
         x += axes[6 * i] * turn[i]
         y += axes[6 * i + 1] * turn[i]
         z += axes[6 * i + 2] * turn[i]
         way += chain.lengths[i] * np.sqrt(x * x + y * y + z * z)
-    return way
+        if not way < np.inf:
+            return way
+    return max(farthest, way)
 
 
 @jit

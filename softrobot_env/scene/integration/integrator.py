@@ -9,7 +9,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from softrobot_env.scene.chain import TIP_SITE
+from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
 from softrobot_env.scene.integration.layout import (
     ACCURACY,
     DATA_FIELDS,
@@ -179,8 +179,17 @@ class Integration:
 
 def backbone_lengths(model: mujoco.MjModel) -> np.ndarray:
     """Length (nv,) [m] of the link that the last DOF of each body moves; the others have none."""
-    lengths, beyond = np.zeros(model.nv), float(np.linalg.norm(model.site(TIP_SITE).pos))
-    body = int(model.site(TIP_SITE).bodyid[0])
+    lengths = np.zeros(model.nv)
+    for number in range(model.nsite):
+        site = model.site(number)
+        if site.name.rpartition(SEPARATOR)[2] == TIP_SITE:
+            _measure_to(model, site, lengths)
+    return lengths
+
+
+def _measure_to(model: mujoco.MjModel, tip: Any, lengths: np.ndarray) -> None:
+    """Fill in the lengths (nv,) [m] of the chain that ends in a tip."""
+    beyond, body = float(np.linalg.norm(tip.pos)), int(tip.bodyid[0])
     while body:
         dofs, first = int(model.body_dofnum[body]), int(model.body_dofadr[body])
         if dofs:
@@ -188,4 +197,3 @@ def backbone_lengths(model: mujoco.MjModel) -> np.ndarray:
             beyond = 0.0
         beyond += float(np.linalg.norm(model.body_pos[body]))
         body = int(model.body_parentid[body])
-    return lengths

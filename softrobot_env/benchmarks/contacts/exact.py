@@ -1,0 +1,142 @@
+"""Rods at rest on something, against the closed form and elasticas of `beams.exact`."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from math import pi
+
+import numpy as np
+
+from softrobot_env.beams.exact.touching_rod import (
+    propped_reaction,
+    rod_on_post,
+    rod_round_cylinder,
+)
+from softrobot_env.benchmarks.contacts.rows import Check
+from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.motion import State
+from softrobot_env.robots import Base, RobotParams
+from softrobot_env.robots.loads import Load
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.contacts import Touch
+from softrobot_env.scene.objects import Contacts, Cylinder
+
+_ACROSS = (pi / 2, 0.0, 0.0)
+
+ROD = RobotParams(
+    "rod",
+    length=0.4,
+    outer_radius=0.005,
+    inner_radius=0.0,
+    youngs_modulus=5e6,
+    density=1000.0,
+    damping_time=0.01,
+    pieces=12,
+)
+_LYING = replace(ROD, gravity=(0.0, 0.0, -0.1), base=Base((0.0, 0.0, 0.0), (1.0, 0.0, 0.0)))
+
+#: [N/m2], of the skin.
+STIFFNESS = 1e6
+
+
+@dataclass(frozen=True)
+class Exact:
+    """A rod at rest, and what is exact of it.
+
+    Attributes:
+        config: The scene, loaded by its inputs of one.
+        contact: From what touches to the sum of all forces on the rod (3,) [N].
+        pressed: The same, to the sum of their sizes [N].
+        tip: (3,) [m]; None if unknown.
+    """
+
+    config: SceneConfig
+    contact: Callable[[tuple[Touch, ...]], np.ndarray]
+    pressed: Callable[[tuple[Touch, ...]], float]
+    tip: np.ndarray | None
+
+
+def _skin() -> Contacts:
+    return Contacts(friction=0.0, stiffness=STIFFNESS)
+
+
+def _propped() -> Exact:
+    """A cantilever under its weight with a prop near its end."""
+    station, radius = 0.36, 0.02
+    prop = Cylinder(
+        name="prop",
+        radius=radius,
+        length=0.1,
+        turn=_ACROSS,
+        position=(station, 0.0, -radius - _LYING.outer_radius),
+    )
+    load = _LYING.mass_per_length * -_LYING.gravity[2]
+    beam = _LYING.length, _LYING.bending_stiffness, load, station
+
+    def reaction(touches: tuple[Touch, ...]) -> float:
+        size = sum(float(np.linalg.norm(touch.force)) for touch in touches)
+        depth = sum(touch.depth for touch in touches) / len(touches)
+        return propped_reaction(*beam, depth / size)
+
+    config = SceneConfig(_LYING, contacts=_skin(), objects=(prop,))
+    return Exact(config, lambda t: np.array([0.0, 0.0, reaction(t)]), reaction, None)
+
+
+def _loaded(force: float, post: tuple[float, float], radius: float, exact: Callable) -> Exact:
+    """A rod pressed on a round post by a dead force [N] at its tip."""
+    truth = exact(ROD.length, ROD.bending_stiffness, (force, 0.0), post, radius)
+    thing = Cylinder(
+        name="post",
+        radius=radius - ROD.outer_radius,
+        length=0.1,
+        turn=_ACROSS,
+        position=(post[0], 0.0, post[1]),
+    )
+    load = Load("push", ROD.length, force=(force, 0.0, 0.0))
+    config = SceneConfig(ROD, contacts=_skin(), objects=(thing,), loads=(load,))
+    contact, tip = (np.array([x, 0.0, z]) for x, z in (truth.contact, truth.tip))
+    return Exact(config, lambda _: contact, lambda _: truth.pressed, tip)
+
+
+def _on_post() -> Exact:
+    """A rod bent over a thin post."""
+    return _loaded(0.06, (0.025, 0.2), 0.025, rod_on_post)
+
+
+def _round_cylinder() -> Exact:
+    """A rod bent round a thick one, on which it lies over an arc."""
+    return _loaded(0.3, (0.1, 0.15), 0.1, rod_round_cylinder)
+
+
+#: Name -> what makes the check.
+CHECKS: dict[str, Callable[[], Exact]] = {
+    "propped cantilever": _propped,
+    "rod on post": _on_post,
+    "rod round cylinder": _round_cylinder,
+}
+
+
+def check(name: str, pieces: int, repeats: int = 3) -> list[Check]:
+    """A rod of so many pieces against the truth; its time is the best of some."""
+    truth = CHECKS[name]()
+    scene = build_scene(replace(truth.config, pieces=pieces))
+    u = np.ones(scene.n_inputs)
+    wall_time, q = best_of(lambda: scene.equilibrium(u), repeats)
+    touches = scene.contacts(State(q, np.zeros(scene.model.nv)), u)
+    force = np.sum([touch.force for touch in touches], axis=0)
+    pressed = sum(np.linalg.norm(touch.force) for touch in touches)
+    exact, exact_pressed = truth.contact(touches), truth.pressed(touches)
+    off = None if truth.tip is None else np.linalg.norm(scene.tip(q) - truth.tip)
+    return [
+        Check(
+            case=name,
+            pieces=pieces,
+            stiffness=STIFFNESS,
+            timestep=scene.timestep.timestep,
+            force=float(np.linalg.norm(force)),
+            force_error=float(np.linalg.norm(force - exact) / np.linalg.norm(exact)),
+            pressed_error=float(pressed / exact_pressed - 1),
+            tip_error=None if off is None else float(off / scene.config.robot.length),
+            wall_time=wall_time,
+        )
+    ]

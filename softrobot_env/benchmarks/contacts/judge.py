@@ -1,0 +1,151 @@
+"""Runs of a scene with contacts, and how far they are from refined ones."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from time import perf_counter
+
+import numpy as np
+
+from softrobot_env.benchmarks.contacts.cases import CASES, Case
+from softrobot_env.benchmarks.contacts.rows import (
+    ACCURATE,
+    ACCURATE_SHARE,
+    INACCURATE,
+    REPORTED,
+    UNJUDGED,
+    WARNED,
+    WRONG,
+    WRONG_SHARE,
+    Cell,
+)
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.contacts import material_stiffness, tune
+from softrobot_env.scene.simulation import Simulation
+from softrobot_env.scene.timestep import TimestepWarning
+
+#: Timesteps of the refined runs, as parts of the rule's, and the least impedance of their contacts.
+_REFINED, _LEAST_IMPEDANCE = (8, 16), 0.02
+
+#: A truth is good enough if it is known to this share of what is accurate, or of the error.
+_CLEAR = 0.25
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run of a scene.
+
+    Attributes:
+        timestep: [s].
+        places: (periods, k, 3) [m] of the tip and the free objects; None if it failed.
+        why: Why it failed, or was refused.
+        warning: What a `TimestepWarning` said.
+        wall_time: [s].
+        most_touches: Most contacts at the end of a control period.
+    """
+
+    timestep: float
+    places: np.ndarray | None = None
+    why: str | None = None
+    warning: str | None = None
+    wall_time: float | None = None
+    most_touches: int | None = None
+
+
+def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> list[Cell]:
+    """Cells of a scene with a stiffness and friction, one for each timestep over the rule's."""
+    case = CASES[name]()
+    stiffness = ratio * _softest(case.config.robot)
+    config = case.with_contacts(stiffness, friction)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", TimestepWarning)
+        rule = build_scene(config).timestep.timestep
+        coarse, truth = (_refined(case, config, rule / parts) for parts in _REFINED)
+    cells = []
+    for multiple in steps:
+        own = _own_run(case, config, None if multiple == 1 else multiple * rule)
+        known = _distance(coarse, truth)
+        error = None if own.places is None else _distance(own.places, truth)
+        cells.append(
+            Cell(
+                scene=name,
+                stiffness_ratio=ratio,
+                stiffness=stiffness,
+                friction=friction,
+                steps_ratio=multiple,
+                timestep=multiple * rule,
+                verdict=_verdict(own, error, known, case.config.robot.length),
+                why=own.why,
+                warning=own.warning,
+                error=error,
+                error_share=None if error is None else error / case.config.robot.length,
+                uncertainty=known,
+                wall_time=own.wall_time,
+                duration=case.duration,
+                most_touches=own.most_touches,
+            )
+        )
+    return cells
+
+
+def _softest(robot: RobotParams) -> float:
+    """Stiffness [N/m2] of the skin of a robot's softest material."""
+    return min(material_stiffness(section) for section in robot.backbone.sections)
+
+
+def _own_run(case: Case, config: SceneConfig, timestep: float | None) -> Run:
+    """As a user would run it."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", TimestepWarning)
+        try:
+            scene = build_scene(replace(config, timestep=timestep))
+        except ValueError as error:
+            return Run(timestep or 0.0, why=str(error))
+        ran = _run(case, scene)
+    said = [str(w.message) for w in caught if issubclass(w.category, TimestepWarning)]
+    return replace(ran, warning=said[0] if said else None)
+
+
+def _refined(case: Case, config: SceneConfig, timestep: float) -> np.ndarray | None:
+    scene = build_scene(replace(config, timestep=timestep))
+    tune(scene.model, scene.pairs, timestep, _LEAST_IMPEDANCE)
+    return _run(case, scene).places
+
+
+def _run(case: Case, scene: Scene) -> Run:
+    """Places of a run, whose contacts are counted when the time is no longer taken."""
+    simulation, choice = Simulation(scene), scene.timestep
+    simulation.reset(scene.model.qpos0, case.inputs(0.0))
+    names = [thing.name for thing in case.objects if thing.is_free]
+    seen = [simulation.data.site("tip").xpos, *(simulation.data.body(n).xpos for n in names)]
+    places, touches = [], 0
+    begin = perf_counter()
+    for number in range(round(case.duration / scene.config.control_period)):
+        simulation.ctrl[:] = case.inputs(number * scene.config.control_period)
+        if not simulation.advance():
+            return Run(choice.timestep, why=simulation.failure())
+        places.append(np.array(seen))
+        touches = max(touches, int(simulation.data.ncon))
+    took = perf_counter() - begin
+    return Run(choice.timestep, np.array(places), wall_time=took, most_touches=touches)
+
+
+def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
+    """Largest distance [m] between two runs at any instant; None if one of them failed."""
+    if one is None or other is None:
+        return None
+    return float(np.linalg.norm(one - other, axis=-1).max())
+
+
+def _verdict(own: Run, error: float | None, known: float | None, length: float) -> str:
+    if own.why is not None:
+        return REPORTED
+    if error is None or known is None or known > _CLEAR * max(ACCURATE_SHARE * length, error):
+        return UNJUDGED
+    if error <= ACCURATE_SHARE * length:
+        return ACCURATE
+    if own.warning is not None:
+        return WARNED
+    return INACCURATE if error <= WRONG_SHARE * length else WRONG

@@ -1,0 +1,84 @@
+"""The contact study as a picture: error over run time of the grid and of the rods at rest."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from softrobot_env.benchmarks.contacts.rows import ACCURATE_SHARE, WRONG_SHARE, Cell, Check
+from softrobot_env.benchmarks.records import Record, groups, of_kind, select
+from softrobot_env.rendering.figures import (
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    VERMILLION,
+    add_legend,
+    entry,
+    new_figure,
+    save,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_COLOURS = (BLUE, GREEN, ORANGE, PURPLE, BLACK)
+_MARKERS = {1: "o", 2: "s", 4: "^", 8: "v", 16: "D"}
+
+
+def plot(rows: Sequence[Record], path: Path | str) -> None:
+    """Draw what timesteps cost and how far they are off, as PNG."""
+    figure, axes = new_figure(1, 2, (12, 5.2))
+    cells, checks = of_kind(rows, Cell), of_kind(rows, Check)
+    scenes = _grid(axes[0, 0], cells)
+    lines = _rods(axes[0, 1], checks)
+    steps = [
+        entry(f"{n} x the rule's timestep", color=BLACK, marker=_MARKERS[n], linestyle="")
+        for (n,) in groups(cells, "steps_ratio")
+    ]
+    add_legend(figure, [*scenes, *steps, *lines])
+    save(figure, path)
+
+
+def _grid(axis: "Axes", cells: Sequence[Cell]) -> list:
+    """Every cell that ended; colours tell the scene, markers the timestep."""
+    entries = []
+    for ((scene,), mine), colour in zip(groups(cells, "scene").items(), _COLOURS, strict=False):
+        for multiple, marker in _MARKERS.items():
+            known = [c for c in select(mine, steps_ratio=multiple) if c.error_share is not None]
+            cost = [c.wall_time / c.duration for c in known]
+            share = [c.error_share for c in known]
+            axis.scatter(cost, share, s=20, c=colour, marker=marker, alpha=0.7)
+        entries.append(entry(scene, color=colour, marker="o", linestyle=""))
+    axis.axhline(ACCURATE_SHARE, color=BLACK, linewidth=0.9, linestyle="--")
+    axis.axhline(WRONG_SHARE, color=VERMILLION, linewidth=0.9, linestyle="--")
+    axis.set(
+        xscale="log",
+        yscale="log",
+        xlabel="run time / simulated time",
+        ylabel="error / length (dashed: accurate; wrong)",
+        title="Moving scenes, against refined runs",
+    )
+    return entries
+
+
+def _rods(axis: "Axes", checks: Sequence[Check]) -> list:
+    """Errors of forces and tips over the time to come to rest, a line each."""
+    entries = []
+    for ((case,), mine), colour in zip(groups(checks, "case").items(), _COLOURS, strict=False):
+        for field, style in (("force_error", "-"), ("tip_error", ":")):
+            known = [c for c in mine if getattr(c, field) is not None]
+            if known:
+                times = [1e3 * c.wall_time for c in known]
+                errors = [getattr(c, field) for c in known]
+                axis.plot(times, errors, color=colour, linestyle=style, marker="o", markersize=4)
+                what = "force" if field == "force_error" else "tip"
+                entries.append(entry(f"{case}, {what}", color=colour, linestyle=style))
+    axis.set(
+        xscale="log",
+        yscale="log",
+        xlabel="time to come to rest [ms]",
+        ylabel="relative error of force; of tip over length",
+        title="Rods at rest with 6 to 48 pieces, against exact solutions",
+    )
+    return entries

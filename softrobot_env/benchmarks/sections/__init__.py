@@ -1,0 +1,1 @@
+"""Robots of sections and routed tendons against exact rods: error and run time."""

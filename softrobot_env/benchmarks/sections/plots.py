@@ -1,0 +1,49 @@
+"""The study of sections as a picture: error of the tip against run time."""
+
+from collections.abc import Sequence
+from math import ceil
+from pathlib import Path
+
+from softrobot_env.benchmarks.records import groups, select
+from softrobot_env.benchmarks.sections.rows import GOAL, Row
+from softrobot_env.rendering.figures import (
+    BLACK,
+    BLUE,
+    GREEN,
+    VERMILLION,
+    add_legend,
+    entry,
+    new_figure,
+    save,
+)
+
+_COLOURS = {"chain": BLUE, "pcc": VERMILLION, "cosserat": GREEN}
+_COLUMNS = 4
+_TIMES, _ERRORS = (1.0, 1000.0), (1e-3, 30.0)  # [ms], [%]
+
+
+def plot(rows: Sequence[Row], path: Path | str) -> None:
+    """Draw error against run time of all robots, as PNG; full dots are default resolutions."""
+    cases = groups(rows, "case")
+    lines = ceil(len(cases) / _COLUMNS)
+    figure, axes = new_figure(lines, _COLUMNS, (3.4 * _COLUMNS, 2.9 * lines + 0.8))
+    figure.suptitle("Sections and routes: error of the tip against the time to find an equilibrium")
+    for axis, ((case,), mine) in zip(axes.flat, cases.items(), strict=False):
+        for model, colour in _COLOURS.items():
+            done = [row for row in select(mine, model=model) if row.failure is None]
+            points = [(1e3 * r.equilibrium_time, 100 * r.error_share) for r in done]
+            axis.plot(*zip(*points, strict=True), "o-", color=colour, markerfacecolor="white")
+            own = [p for p, row in zip(points, done, strict=True) if row.default]
+            axis.plot(*zip(*own, strict=True), "o", color=colour)
+        axis.axhline(100 * GOAL, color=BLACK, linewidth=0.9, linestyle="--")
+        axis.set(xscale="log", yscale="log", title=case, xlabel="run time [ms]")
+        axis.set(xlim=_TIMES, ylim=_ERRORS)
+        axis.set_ylabel("tip error / length [%]")
+    for axis in axes.flat[len(cases) :]:
+        axis.set_visible(False)
+    add_legend(
+        figure,
+        [entry(model, color=colour, marker="o") for model, colour in _COLOURS.items()]
+        + [entry(f"goal: {100 * GOAL:g} % at the full dots", color=BLACK, linestyle="--")],
+    )
+    save(figure, path)

@@ -1,0 +1,579 @@
+"""Several robots in one scene, and robots on moving mounts: attached to each other by names.
+
+Every robot, a member, is built as in a scene of its own and attached with its name as prefix:
+"finger1/upper_front". What members do not share (postures, curvatures, lengths of tendons) is read
+as in their own scenes; positions and motion are those of the one model of all.
+"""
+
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from softrobot_env.fields import check_fields, check_unique
+from softrobot_env.motion import State
+from softrobot_env.robots import Base
+from softrobot_env.scene import contacts, extras, kinematics
+from softrobot_env.scene.appearance import add_surroundings
+from softrobot_env.scene.build import (
+    Inputs,
+    Scene,
+    apply_choice,
+    build_chain,
+    build_scene,
+    empty_spec,
+    is_extrapolated,
+    softened,
+)
+from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
+from softrobot_env.scene.config import FRONT_CAMERA, Appearance, Camera, SceneConfig
+from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
+from softrobot_env.scene.objects import Contacts, Object
+from softrobot_env.scene.statics import checked_controls, finite
+from softrobot_env.scene.timestep import (
+    EXTRAPOLATION,
+    LinearChain,
+    TimestepChoice,
+    TimestepWarning,
+    choose_timestep,
+    linearize,
+)
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+    from softrobot_env.scene.simulation import SceneMotion
+
+#: What the scenes of all members have in common.
+_SHARED = ("control_period", "timestep", "integrator")
+
+
+@dataclass(frozen=True)
+class Member:
+    """One robot of several.
+
+    Attributes:
+        name: Unique name, the prefix of its parts.
+        config: Its scene.
+        base: Where it is clamped; as its robot says unless given.
+        mount: How its base moves, if it does.
+    """
+
+    name: str
+    config: SceneConfig
+    base: Base | None = None
+    mount: Mount | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"member {self.name!r}")
+        if not self.name or SEPARATOR in self.name:
+            raise ValueError(f"a member needs a name without {SEPARATOR!r}, got {self.name!r}")
+        if self.config.contacts is not None:
+            raise ValueError(f"member {self.name!r}: contacts and objects belong to the assembly")
+        own = [part.name for part in (*self.config.markers, *self.config.paths)]
+        if self.mount is not None and own:
+            raise ValueError(f"member {self.name!r}: {own[0]!r} would move with its mount")
+        fixed = [load.name for load in self.config.loads if not load.follows]
+        if self.mount is not None and self.mount.turns and fixed:
+            raise ValueError(f"member {self.name!r}: load {fixed[0]!r} would turn with its mount")
+        if self.mount is not None and self.config.bending == "planar":
+            self._refuse_out_of_plane(self.mount)
+
+    def _refuse_out_of_plane(self, mount: Mount) -> None:
+        """A planar chain cannot feel what leaves its plane."""
+        normal = (self.base or self.config.robot.base or Base()).axes[:, 1]
+        for direction in mount.directions:
+            along = abs(normal @ mount.axis(direction))
+            if along < 1 - 1e-9 if direction in TURNS else along > 1e-9:
+                raise ValueError(
+                    f"member {self.name!r}: a mount that moves along {direction!r} leaves the "
+                    "plane of a chain with bending='planar'; choose bending='spatial'"
+                )
+
+    @property
+    def prefix(self) -> str:
+        """Of the names of its parts."""
+        return self.name + SEPARATOR
+
+    def placed(self, gravity: tuple[float, float, float] | None) -> SceneConfig:
+        """Its scene, clamped where it shall be, under a gravity (3,) [m/s2] unless None."""
+        robot = self.config.robot
+        base = self.base or robot.base
+        if self.mount is not None and base is None:
+            base = Base()
+        robot = replace(robot, base=base, gravity=robot.gravity if gravity is None else gravity)
+        look = self.config.appearance
+        look = None if look is None else replace(look, surroundings=False)  # those of all
+        return replace(self.config, robot=robot, appearance=look)
+
+
+@dataclass(frozen=True)
+class Assembly:
+    """Robots of one scene.
+
+    Attributes:
+        name: Of them together.
+        members: One or more, with the same control period, timestep, integrator and gravity.
+        gravity: (3,) [m/s2] of all members; their own unless given.
+        contacts: That and how they touch each other and the objects; nothing touches without.
+        objects: What they can touch. Free ones have DOFs, after those of the robots.
+        cameras: That look at them.
+        surroundings: Whether there are lights and a wall behind them.
+    """
+
+    name: str
+    members: tuple[Member, ...]
+    gravity: tuple[float, float, float] | None = None
+    contacts: Contacts | None = None
+    objects: tuple[Object, ...] = ()
+    cameras: tuple[Camera, ...] = ()
+    surroundings: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"assembly {self.name!r}")
+        if not self.members:
+            raise ValueError(f"assembly {self.name!r} needs a member")
+        check_unique([member.name for member in self.members], "the assembly's members")
+        check_unique([thing.name for thing in self.objects], "the assembly's objects")
+        for name in _SHARED:
+            values = {getattr(member.config, name) for member in self.members}
+            if len(values) > 1:
+                raise ValueError(f"members of {self.name!r} differ in {name}: {sorted(values)}")
+        if len({tuple(config.robot.gravity) for config in self.placed}) > 1:
+            raise ValueError(
+                f"members of {self.name!r} feel different gravity: give one to the assembly"
+            )
+        if self.objects and self.contacts is None:
+            raise ValueError("objects are there to be touched: give contacts=Contacts(), too")
+        self._check_mounts()
+
+    def _check_mounts(self) -> None:
+        moving = [member.name for member in self.members if member.mount is not None]
+        if moving and not self.is_extrapolated:
+            why = "contacts need one of MuJoCo's" if self.contacts else f"not {self.integrator!r}"
+            raise ValueError(
+                f"member {moving[0]!r}: a moving mount needs our own integrator, {why}"
+            )
+
+    @cached_property
+    def placed(self) -> tuple[SceneConfig, ...]:
+        """The members' scenes as they are built."""
+        return tuple(member.placed(self.gravity) for member in self.members)
+
+    @property
+    def control_period(self) -> float:
+        """[s]"""
+        return self.placed[0].control_period
+
+    @property
+    def integrator(self) -> str | None:
+        """That was asked for."""
+        return self.placed[0].integrator
+
+    @property
+    def is_extrapolated(self) -> bool:
+        """Whether our own integrator advances the scene."""
+        return self.contacts is None and is_extrapolated(self.placed[0])
+
+
+@dataclass(frozen=True)
+class Part:
+    """A member in the scene of all.
+
+    Attributes:
+        member: What was asked for.
+        scene: The member alone, standing still.
+        model: Of all.
+        q, v: Where its joints' positions and velocities stand in those of all.
+        u: Where its inputs stand.
+        bodies: Numbers in the model of all of its own model's bodies.
+    """
+
+    member: Member
+    scene: Scene
+    model: mujoco.MjModel
+    q: slice
+    v: slice
+    u: slice
+    bodies: np.ndarray
+
+    def posture(self, q: np.ndarray) -> np.ndarray:
+        """Its part (nq,) or (T, nq) of postures of all."""
+        return np.asarray(q)[..., self.q]
+
+    def tip(self, q: np.ndarray) -> np.ndarray:
+        """Tip (3,) or (T, 3) [m] in postures of all; with a head, its output point."""
+        site = self.scene.model.site(TIP_SITE)
+        return self._positions(q, site.bodyid, site.pos[None])[..., 0, :]
+
+    def positions(
+        self, q: np.ndarray, stations: np.ndarray, offsets: np.ndarray | None = None
+    ) -> np.ndarray:
+        """As `Scene.positions`, in postures of all."""
+        return self._positions(q, *self._places(stations, offsets))
+
+    def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
+        """As `Scene.velocities`, in a state of all."""
+        q, v = finite("q", q, (self.model.nq,)), finite("v", v, (self.model.nv,))
+        body, points = self._places(stations, None)
+        return kinematics.velocities(self.model, q, v, self.bodies[body], points)
+
+    def curvature(self, q: np.ndarray) -> np.ndarray:
+        """As `Scene.curvature`, in a posture of all."""
+        return self.scene.curvature(self.posture(q))
+
+    def tendon_length(self, q: np.ndarray) -> np.ndarray:
+        """As `Scene.tendon_length`, in a posture of all."""
+        return self.scene.tendon_length(self.posture(q))
+
+    def _places(
+        self, stations: np.ndarray, offsets: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        scene = self.scene
+        return kinematics.places(scene.config.robot, scene.layout, stations, offsets)
+
+    def _positions(self, q: np.ndarray, body: np.ndarray, points: np.ndarray) -> np.ndarray:
+        series = np.atleast_2d(np.asarray(q, dtype=float))
+        if series.shape[1:] != (self.model.nq,):
+            raise ValueError(f"need postures of {self.model.nq} numbers each, got {np.shape(q)}")
+        out = kinematics.positions(self.model, series, self.bodies[body], points)
+        return out if np.ndim(q) == 2 else out[0]
+
+
+@dataclass(frozen=True)
+class AssembledScene:
+    """A compiled scene of several robots.
+
+    Attributes:
+        config: What was asked for.
+        timestep: Integrator and timestep, and why.
+        model: The compiled model of all.
+        parts: The members by name.
+    """
+
+    config: Assembly
+    timestep: TimestepChoice
+    model: mujoco.MjModel
+    parts: dict[str, Part]
+
+    def __getitem__(self, name: str) -> Part:
+        """A member by its name."""
+        if name not in self.parts:
+            raise KeyError(f"no member {name!r}; there are {', '.join(self.parts)}")
+        return self.parts[name]
+
+    @property
+    def name(self) -> str:
+        """The assembly's."""
+        return self.config.name
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs, such as "finger1/upper_front"; motions of mounts are none."""
+        return tuple(self.model.actuator(k).name for k in range(self.n_inputs))
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return sum(part.scene.n_inputs for part in self.parts.values())
+
+    def start(self) -> State:
+        """The straight poses at rest."""
+        return State(self.model.qpos0.copy(), np.zeros(self.model.nv))
+
+    def inputs(self, **members: np.ndarray) -> np.ndarray:
+        """Inputs (n_inputs,) of all from those of members by name; zero of those left out."""
+        u = np.zeros(self.n_inputs)
+        for name, values in members.items():
+            part = self[name]
+            u[part.u] = finite(f"inputs of {name!r}", values, (part.scene.n_inputs,))
+        return u
+
+    def equilibrium(
+        self,
+        u: np.ndarray | None = None,
+        guess: np.ndarray | None = None,
+        load_steps: int = 1,
+        check_stability: bool | str = True,
+        *,
+        gravity: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Posture (nq,) in equilibrium under inputs u (n_inputs,), mounts as they are at first.
+
+        As `Scene.equilibrium`: robots that do not touch rest each by itself.
+
+        Raises:
+            ValueError: As there, or the robots can touch.
+            EquilibriumError: As there.
+        """
+        if self.config.contacts is not None:
+            raise ValueError(
+                f"{self.name!r} has contacts: no equilibrium is computed, use `simulate`"
+            )
+        u = np.zeros(self.n_inputs) if u is None else finite("inputs", u, (self.n_inputs,))
+        guess = None if guess is None else finite("the guess", guess, (self.model.nq,))
+        out = self.model.qpos0.copy()
+        for part in self.parts.values():
+            near = None if guess is None else guess[part.q]
+            out[part.q] = part.scene.equilibrium(
+                u[part.u], near, load_steps, check_stability, gravity=gravity
+            )
+        return out
+
+    def contacts(
+        self, state: State | None = None, u: np.ndarray | None = None
+    ) -> tuple[contacts.Touch, ...]:
+        """What touches in a state under inputs u (n_inputs,), as `Scene.contacts`."""
+        q, v = self.start() if state is None else state
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = finite("state.q", q, (self.model.nq,))
+        data.qvel[:] = finite("state.v", v, (self.model.nv,))
+        data.ctrl[:] = 0 if u is None else checked_controls(self.model, u)
+        mujoco.mj_forward(self.model, data)
+        return contacts.touches(self.model, data)
+
+    def simulate(
+        self,
+        duration: float,
+        u: Inputs = None,
+        start: State | None = None,
+        *,
+        samples: np.ndarray | float | None = None,
+        gravity: np.ndarray | None = None,
+        mounts: Mapping[str, Prescribed] | None = None,
+    ) -> "SceneMotion":
+        """Simulate a motion, as `Scene.simulate`.
+
+        Args:
+            duration: [s].
+            u: Inputs of the robots.
+            start: The straight poses at rest unless given. Mounts start as they move, whatever it
+                says of them, and with them the robots' bases.
+            samples: As there.
+            gravity: (3,) [m/s2] in place of the scene's.
+            mounts: Motion of each mount by its member's name; those left out stand still.
+
+        Raises:
+            ValueError: As there, or a motion does not fit its mount.
+            IntegrationError: As there.
+        """
+        from softrobot_env.scene.simulation import simulate  # which knows of scenes
+
+        if gravity is not None:
+            for part in self.parts.values():
+                part.scene.checked_gravity(gravity)
+        splines = self._splines(duration, mounts or {})
+        u, start = self._mounted(duration, u, self.start() if start is None else start, splines)
+        return simulate(self, duration, u, start, samples=samples, gravity=gravity)
+
+    def _splines(
+        self, duration: float, motions: Mapping[str, Prescribed]
+    ) -> dict[str, "CubicSpline"]:
+        """How mounts move, by the names of their members."""
+        mounts = {m.name: m.mount for m in self.config.members if m.mount is not None}
+        unknown = [name for name in motions if name not in mounts]
+        if unknown:
+            raise ValueError(
+                f"no mount of {unknown[0]!r} moves; those of {', '.join(mounts) or 'none'} do"
+            )
+        accuracy = self.timestep.accuracy or 0.0
+        return {
+            name: followed(mounts[name], motion, duration, self.timestep.timestep, accuracy)
+            for name, motion in motions.items()
+        }
+
+    def _mounted(
+        self, duration: float, u: Inputs, start: State, splines: dict[str, "CubicSpline"]
+    ) -> tuple[Inputs, State]:
+        """Inputs with the mounts' accelerations, and the start with their motion."""
+        own = self.model.nu - self.n_inputs
+        if not own:
+            return u, start
+        drives = _of_time(u, self.n_inputs, duration, self.config.control_period)
+        q, v = start[0].copy(), start[1].copy()
+        places = {}
+        for name, spline in splines.items():
+            mount = self[name].member.mount
+            joints = [self.model.joint(f"{name}/mount_{d}") for d in mount.directions]
+            for joint, x, rate in zip(joints, spline(0.0), spline(0.0, 1), strict=True):
+                q[joint.qposadr], v[joint.dofadr] = x, rate
+            places[name] = [self.model.actuator(joint.name).id for joint in joints]
+
+        def controls(time: float) -> np.ndarray:
+            row = np.zeros(self.model.nu)
+            row[: self.n_inputs] = drives(time)
+            for name, spline in splines.items():
+                row[places[name]] = spline(time, 2)
+            return row
+
+        return controls, State(q, v)
+
+
+def _of_time(
+    u: Inputs, count: int, duration: float, period: float
+) -> Callable[[float], np.ndarray]:
+    """Inputs (count,) as a function of the time [s].
+
+    Raises:
+        ValueError: They are rows for control periods, which a function of time cannot jump between.
+    """
+    if callable(u):
+        return u
+    if u is not None and np.ndim(u) > 1:
+        raise ValueError("with moving mounts inputs are constant, or a function of time")
+    values = np.zeros(count) if u is None else finite("inputs", u, (count,))
+    return lambda time: values
+
+
+def build_assembly(assembly: Assembly) -> AssembledScene:
+    """Build and compile a scene of several robots.
+
+    Raises:
+        ValueError: As `build_scene`.
+
+    Warns:
+        TimestepWarning: See `scene.timestep.choose_timestep`.
+    """
+    alone = [build_scene(config) for config in assembly.placed]
+    spec, pairs = _attached(assembly)
+    model = spec.compile()
+    parts = _parts(assembly, alone, model)
+    choice = _mujocos(assembly, model, pairs, parts.values())
+    apply_choice(choice, model.opt)
+    softest = contacts.tune(model, pairs, choice.timestep)
+    choice = replace(choice, reason=choice.reason + softened(softest))
+    if assembly.is_extrapolated:
+        choice = _strictest([scene.timestep for scene in alone])
+    return AssembledScene(assembly, choice, model, parts)
+
+
+def assembly_xml(assembly: Assembly) -> str:
+    """The scene as MJCF, ready for any MuJoCo viewer."""
+    spec, pairs = _attached(assembly)
+    model = spec.compile()
+    choice = build_assembly(assembly).model.opt
+    spec.option.timestep, spec.option.integrator = choice.timestep, choice.integrator
+    contacts.tune(model, pairs, choice.timestep)
+    contacts.write(spec, model, pairs)
+    return spec.to_xml()
+
+
+def visible_assembly(assembly: Assembly, aspect: float = 4 / 3) -> Assembly:
+    """The same assembly with bodies to look at and a camera that frames them.
+
+    Args:
+        assembly: The assembly.
+        aspect: Width over height of the pictures to take.
+    """
+    looks = Appearance(surroundings=False)
+    members = tuple(
+        replace(m, config=replace(m.config, appearance=looks)) for m in assembly.members
+    )
+    low, high = _box(assembly)
+    height = 1.35 * max(high[2] - low[2], (high[0] - low[0]) / aspect)
+    centre = float(low[0] + high[0]) / 2, float(low[2] + high[2]) / 2
+    camera = Camera(FRONT_CAMERA, centre, float(height), elevation=0.3)
+    return replace(assembly, members=members, cameras=(camera,), surroundings=True)
+
+
+def _box(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner (3,) [m] of what the straight robots take, with some room."""
+    ends = []
+    for config in assembly.placed:
+        base, width = config.robot.base or Base(), 2 * config.robot.backbone.widest
+        tip = np.array(base.position) + config.robot.reach * base.axes[:, 2]
+        ends += [end + side * width for end in (np.array(base.position), tip) for side in (-1, 1)]
+    return np.min(ends, axis=0), np.max(ends, axis=0)
+
+
+def _attached(assembly: Assembly) -> tuple[mujoco.MjSpec, list[contacts.Pair]]:
+    """One spec of all members, and what can touch."""
+    rubs = any(config.robot.rubs for config in assembly.placed)
+    spec = empty_spec(assembly.name, assembly.placed[0].robot.gravity, rubs=rubs)
+    surfaces = []
+    for number, (member, config) in enumerate(zip(assembly.members, assembly.placed, strict=True)):
+        chain = build_chain(config)
+        if assembly.contacts is not None:
+            skin = contacts.add_skin(chain, config.robot, assembly.contacts)
+            surfaces += [surface.within(member.prefix, number) for surface in skin]
+        chain.spec.option.disableflags = spec.option.disableflags  # those of all count
+        if member.mount is None:
+            frame = spec.worldbody.add_frame()
+        else:
+            frame = add_mount(spec, member.prefix, member.mount, config.robot)
+        spec.attach(chain.spec, prefix=member.prefix, frame=frame)
+    for member in assembly.members:
+        if member.mount is not None:
+            add_drives(spec, member.prefix, member.mount)
+    _add_surroundings(spec, assembly)
+    if assembly.contacts is None:
+        return spec, []
+    contacts.prepare(spec.option)
+    surfaces += contacts.add_objects(spec, assembly.objects)
+    return spec, contacts.pair_surfaces(spec, surfaces, assembly.contacts)
+
+
+def _add_surroundings(spec: mujoco.MjSpec, assembly: Assembly) -> None:
+    for camera in assembly.cameras:
+        extras.add_camera(spec, camera)
+    if assembly.surroundings:
+        low, high = _box(assembly)
+        size = float(np.max(high - low))
+        add_surroundings(spec, size, float(high[1]) + size)
+
+
+def _parts(assembly: Assembly, alone: list[Scene], model: mujoco.MjModel) -> dict[str, Part]:
+    parts, first = {}, 0
+    for member, scene in zip(assembly.members, alone, strict=True):
+        own = scene.model
+        joint = model.joint(member.prefix + own.joint(0).name)
+        q, v = int(joint.qposadr[0]), int(joint.dofadr[0])
+        inputs, first = slice(first, first + own.nu), first + own.nu
+        names = [own.body(number).name for number in range(1, own.nbody)]
+        bodies = np.array([0, *(model.body(member.prefix + name).id for name in names)])
+        place = slice(q, q + own.nq), slice(v, v + own.nv), inputs
+        parts[member.name] = Part(member, scene, model, *place, bodies)
+    return parts
+
+
+def _mujocos(
+    assembly: Assembly,
+    model: mujoco.MjModel,
+    pairs: list[contacts.Pair],
+    parts: Iterable[Part],
+) -> TimestepChoice:
+    """What MuJoCo's own steps of the model take, as `build_scene` has it."""
+    chain = linearize(model)
+    dofs = np.concatenate([np.arange(model.nv)[part.v] for part in parts])  # not the mounts'
+    own = np.ix_(dofs, dofs)
+    chain = LinearChain(chain.mass[own], chain.stiffness[own], chain.damping[own], chain.driven)
+    asked = assembly.integrator
+    with warnings.catch_warnings():
+        if assembly.is_extrapolated:
+            warnings.simplefilter("ignore", TimestepWarning)
+        return choose_timestep(
+            chain,
+            assembly.control_period,
+            assembly.placed[0].timestep,
+            None if asked == EXTRAPOLATION else asked,
+            friction=any(config.robot.rubs for config in assembly.placed),
+            contacts=None if assembly.contacts is None else contacts.longest_step(model, pairs),
+        )
+
+
+def _strictest(choices: list[TimestepChoice]) -> TimestepChoice:
+    """The choice of our own integrator that suits all."""
+    shortest = min(choices, key=lambda choice: choice.timestep)
+    accuracy = min(choice.accuracy for choice in choices)
+    reason = f"steps are as long as {1e3 * accuracy:.3g} mm allow, at most "
+    return replace(
+        shortest,
+        accuracy=accuracy,
+        rate=min(choice.rate for choice in choices),
+        first_period=max(choice.first_period for choice in choices),
+        reason=f"{reason}{1e3 * shortest.timestep:.3g} ms",
+    )

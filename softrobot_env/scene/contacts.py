@@ -1,0 +1,487 @@
+"""Contacts as parts of a scene: a skin of the robot, things that stand or lie about, and forces.
+
+The skin is one capsule a link with the radius at its middle; discs and head have shapes of their
+own. Which shapes may touch is said by a list of pairs: nothing else in the scene collides.
+
+A contact is a spring and a damper. Its force at depth r is K r + B v, and its friction follows
+Coulomb's law. MuJoCo has accelerations in the place of forces: a row of impedance d with the mean
+inverse mass A of the two bodies acts as a spring, a damper, and a mass d / ((1 - d) A) between
+them. With solref = (-w^2, -2 zeta w), w^2 = K A (1 - d), its stiffness is K and its damping ratio
+zeta, whatever d is. So d is free: `LEAST_IMPEDANCE` where the timestep h resolves the spring, and
+where w h would pass `RESOLVED`, or lighter bodies would chatter (`_DAMPED`), as large as slows it
+down to that. This mass is an error that shrinks with h; forces at rest have none of it. MuJoCo's
+`discrete` has another A, which depends on the timestep, and so another stiffness: it is not taken
+for contacts.
+
+Surfaces are told by the names of their geoms, so that chains which were put into one spec with a
+prefix can be paired as well as one alone: `add_skin`, `add_objects`, then `pair_surfaces`.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import hypot, inf, pi, sqrt
+
+import mujoco
+import numpy as np
+
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.sections import Section
+from softrobot_env.scene.chain import HEAD_BODY, Chain
+from softrobot_env.scene.objects import Contacts, G, Object
+
+#: Name of the backbone among those that touch.
+BACKBONE = "backbone"
+
+#: Impedance d of a contact that the timestep resolves, and the largest that is taken.
+LEAST_IMPEDANCE, MOST_IMPEDANCE = 0.1, 0.999
+
+#: Largest d that the rule's timestep leaves to contacts whose stiffness was asked for, and largest
+#: d to which those of the robot's material are softened.
+ACCURATE_IMPEDANCE, DEFAULT_IMPEDANCE = 0.7, 0.9
+
+#: Largest w h [1] of a contact's spring. From 0.8 on a critically damped one is unstable, and A,
+#: which is a mean over directions, may be a third of what counts.
+RESOLVED = 0.35
+
+#: Largest product of timestep and rate 2 zeta w / d at which a contact of bodies that are far
+#: lighter than A says takes speed: from 2 on they chatter.
+_DAMPED = 1.2
+
+#: Rate at which friction stops a motion, over a contact's frequency w [1]. MuJoCo's friction parts
+#: two bodies by friction times rate / w^2 times their sliding velocity: it must not be large.
+_STOPPING = 1.0
+
+#: How much stiffer contacts are against sliding than against depth [1].
+_SIDEWAYS = 1e4
+
+#: Depth of a free object under its own weight, where nothing else gives, over its size [1].
+_OBJECT_DEPTH = 5e-3
+
+#: What the first of a geom's user numbers says it is.
+_LINK, _PART = 1, 2
+
+_SKIN = "skin{}"
+_OBJECT_GEOM = "{}_shape"
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A shape that can touch others.
+
+    Attributes:
+        geom: Its name in the spec.
+        owner: What it belongs to, for people: a part of a robot, or an object.
+        friction: Coefficient [1]; None leaves it to the other one.
+        stiffness: [N/m] of its skin; infinite of objects.
+        robot: Number of the robot it belongs to; None of objects.
+        span: [m], arc lengths between which it lies on its robot.
+        radius: [m] around the backbone.
+        halves: Whether it meets others in two points at once, each of half the stiffness.
+        weight: [N/m], what a free object weighs over the depth it sinks in by that.
+        fixed: Whether it cannot move.
+    """
+
+    geom: str
+    owner: str
+    friction: float | None
+    stiffness: float = inf
+    robot: int | None = None
+    span: tuple[float, float] = (0.0, 0.0)
+    radius: float = 0.0
+    halves: bool = False
+    weight: float = 0.0
+    fixed: bool = False
+
+    def within(self, prefix: str, robot: int) -> "Surface":
+        """The same one after its spec was attached with a prefix, as robot of another number."""
+        number = None if self.robot is None else robot
+        return replace(self, geom=prefix + self.geom, owner=prefix + self.owner, robot=number)
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two surfaces that can touch.
+
+    Attributes:
+        name: Of the pair in the spec.
+        stiffness: [N/m].
+        damping_ratio: [1].
+        asked: Whether the user gave the stiffness.
+    """
+
+    name: str
+    stiffness: float
+    damping_ratio: float
+    asked: bool
+
+
+@dataclass(frozen=True)
+class Touch:
+    """A point in which two surfaces press on each other.
+
+    Attributes:
+        first, second: What touches: "backbone", "head", "disc0", ... or an object's name. The
+            first belongs to a robot unless two objects touch.
+        stations: Arc lengths [m] on the robots' backbones; None of an object.
+        point: (3,) [m] in the world.
+        force: (3,) [N] on the first; the second feels the opposite.
+        depth: [m], negative of a gap.
+    """
+
+    first: str
+    second: str
+    stations: tuple[float | None, float | None]
+    point: np.ndarray
+    force: np.ndarray
+    depth: float
+
+
+# ---------------------------------------------------------------- shapes
+
+
+def add_skin(
+    chain: Chain, robot: RobotParams, contacts: Contacts, number: int = 0
+) -> list[Surface]:
+    """Add the shapes of a robot to its chain.
+
+    The tip is round: its last capsule ends where the backbone does.
+
+    Raises:
+        ValueError: The robot is shorter than its radius at the tip.
+    """
+    tip_radius = _radius(robot, robot.length)
+    if robot.length <= tip_radius:
+        raise ValueError(
+            f"robot {robot.name!r}: contacts need a robot longer than its radius of {tip_radius} m"
+        )
+    ends = np.array([0.0, *chain.layout.stations, robot.length])
+    out = []
+    for index, body in enumerate(chain.bodies):
+        start = ends[index]
+        end = min(ends[index + 1], robot.length - tip_radius)
+        if end > start:
+            out.append(_add_link(body, index, (start, end), robot, contacts, number))
+    for index, disc in enumerate(robot.discs):
+        radius, half = disc.cylinder
+        surface = _part(f"disc{index}", disc.station, half, radius, robot, contacts, number)
+        body = chain.spec.body(f"disc{index}")
+        _add_shape(body, surface, mujoco.mjtGeom.mjGEOM_CYLINDER, [radius, half, 0])
+        out.append(surface)
+    if robot.head is not None:
+        size = robot.head.half_sizes
+        width = hypot(size[0], size[1])
+        surface = _part(HEAD_BODY, robot.length, size[2], width, robot, contacts, number)
+        box, at = mujoco.mjtGeom.mjGEOM_BOX, [0, 0, robot.head.centre]
+        _add_shape(chain.spec.body(HEAD_BODY), surface, box, list(size), at)
+        out.append(surface)
+    return out
+
+
+def _add_link(
+    body: mujoco.MjsBody,
+    index: int,
+    span: tuple[float, float],
+    robot: RobotParams,
+    contacts: Contacts,
+    number: int,
+) -> Surface:
+    start, end = span
+    radius, half = _radius(robot, (start + end) / 2), (end - start) / 2
+    per_length = _skin_stiffness(robot, (start + end) / 2, contacts)
+    surface = Surface(
+        _SKIN.format(index),
+        BACKBONE,
+        None,
+        per_length * (end - start),
+        number,
+        (start, end),
+        radius,
+        fixed=index == 0,
+    )
+    capsule = mujoco.mjtGeom.mjGEOM_CAPSULE
+    _add_shape(body, surface, capsule, [radius, half, 0], [0, 0, half], origin=start)
+    return surface
+
+
+def _part(
+    name: str,
+    station: float,
+    half: float,
+    radius: float,
+    robot: RobotParams,
+    contacts: Contacts,
+    number: int,
+) -> Surface:
+    """A disc or head, covered with the robot's skin."""
+    stiffness = 2 * radius * _skin_stiffness(robot, station, contacts)
+    span = station - half, station + half
+    return Surface(f"{name}_skin", name, None, stiffness, number, span, radius)
+
+
+def _add_shape(
+    body: mujoco.MjsBody,
+    surface: Surface,
+    kind: mujoco.mjtGeom,
+    size: Sequence[float],
+    pos: Sequence[float] = (0, 0, 0),
+    origin: float | None = None,
+) -> None:
+    """Geom that touches by pairs alone. Its user numbers tell the stations on it."""
+    low, high = surface.span
+    body.add_geom(
+        name=surface.geom,
+        type=kind,
+        size=size,
+        pos=pos,
+        mass=0,
+        contype=0,
+        conaffinity=0,
+        group=3,  # which viewers do not show
+        userdata=[_PART, (low + high) / 2, 0, 0] if origin is None else [_LINK, origin, low, high],
+    )
+
+
+def _radius(robot: RobotParams, station: float) -> float:
+    return float(robot.backbone.outer_radius(np.array([station]))[0])
+
+
+def _skin_stiffness(robot: RobotParams, station: float, contacts: Contacts) -> float:
+    """[N/m2]"""
+    if contacts.stiffness is not None:
+        return contacts.stiffness
+    backbone = robot.backbone
+    section = backbone.sections[int(backbone.index(np.array([station]))[0])]
+    return material_stiffness(section)
+
+
+def material_stiffness(section: Section) -> float:
+    """Stiffness [N/m2] of a cylinder of a section's material on a flat, see `Contacts`."""
+    return pi / 4 * section.youngs_modulus / (1 - section.poisson_ratio**2)
+
+
+def add_objects(spec: mujoco.MjSpec, objects: Iterable[Object]) -> list[Surface]:
+    """Add objects to a spec, after all chains: the DOFs of free ones come last."""
+    quality = spec.visual.quality
+    quality.numslices, quality.numstacks = max(quality.numslices, 28), max(quality.numstacks, 16)
+    return [_add_object(spec, thing) for thing in objects]
+
+
+def _add_object(spec: mujoco.MjSpec, thing: Object) -> Surface:
+    body = spec.worldbody.add_body(name=thing.name, pos=thing.position, quat=thing.quaternion)
+    name = _OBJECT_GEOM.format(thing.name)
+    geom = body.add_geom(
+        name=name,
+        type=getattr(mujoco.mjtGeom, thing.geom_type),
+        size=thing.geom_size,
+        contype=0,
+        conaffinity=0,
+        rgba=thing.rgba,
+    )
+    weight = 0.0
+    if thing.is_free:
+        body.add_freejoint(name=f"{thing.name}_free")
+        geom.mass = mass = thing.total_mass
+        weight = mass * G / (_OBJECT_DEPTH * thing.extent)
+    return Surface(
+        name,
+        thing.name,
+        thing.friction,
+        halves=thing.has_faces,
+        weight=weight,
+        fixed=not thing.is_free,
+    )
+
+
+# ---------------------------------------------------------------- pairs
+
+
+def pair_surfaces(
+    spec: mujoco.MjSpec, surfaces: Sequence[Surface], contacts: Contacts
+) -> list[Pair]:
+    """Let surfaces touch each other: robots and objects, two robots, and a robot itself if asked.
+
+    Of one robot those are left out whose distance along the backbone is less than half a turn of
+    the tightest bend, as nearer ones overlap in a straight robot, too.
+    """
+    return [
+        _add_pair(spec, one, other, contacts)
+        for one, other in combinations(surfaces, 2)
+        if _may_touch(one, other, contacts)
+    ]
+
+
+def _may_touch(one: Surface, other: Surface, contacts: Contacts) -> bool:
+    if one.fixed and other.fixed:
+        return False
+    if one.robot is None or one.robot != other.robot:
+        return True
+    gap = max(one.span[0], other.span[0]) - min(one.span[1], other.span[1])
+    return contacts.self_contact and gap >= pi / 2 * (one.radius + other.radius)
+
+
+def _add_pair(spec: mujoco.MjSpec, one: Surface, other: Surface, contacts: Contacts) -> Pair:
+    given = [x.friction for x in (one, other) if x.friction is not None]
+    friction = max(given, default=contacts.friction)
+    name = f"{one.geom}~{other.geom}"
+    pair = spec.add_pair(name=name, geomname1=one.geom, geomname2=other.geom)
+    pair.condim = 3 if friction > 0 else 1
+    pair.friction = [max(friction, 1e-5), max(friction, 1e-5), 0.005, 1e-4, 1e-4]
+    compliance = 1 / one.stiffness + 1 / other.stiffness
+    stiffness = 1 / compliance if compliance else max(one.weight, other.weight)
+    if one.halves or other.halves:
+        stiffness /= 2
+    asked = bool(compliance) and contacts.stiffness is not None
+    return Pair(name, stiffness, contacts.damping_ratio, asked)
+
+
+def prepare(option: mujoco.MjOption) -> None:
+    """Settings of MuJoCo's solver for contacts.
+
+    The dense path: the sparse Cholesky factor of MuJoCo 4.0.0's Newton solver has a bug.
+    """
+    option.disableflags = int(option.disableflags) & ~int(
+        mujoco.mjtDisableBit.mjDSBL_CONTACT | mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
+    )
+    option.solver = mujoco.mjtSolver.mjSOL_NEWTON
+    option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    option.impratio = _SIDEWAYS
+    option.tolerance = 1e-10
+
+
+def longest_step(model: mujoco.MjModel, pairs: Sequence[Pair]) -> float:
+    """Timestep [s] that resolves the contacts whose stiffness was asked for; inf without any."""
+    asked = [_square(model, pair) for pair in pairs if pair.asked]
+    square = max(asked, default=0.0)
+    return RESOLVED / sqrt(square * (1 - ACCURATE_IMPEDANCE)) if square else inf
+
+
+def tune(
+    model: mujoco.MjModel, pairs: Sequence[Pair], timestep: float, least: float = LEAST_IMPEDANCE
+) -> float:
+    """Give pairs their stiffness and damping at a timestep [s], as the module tells.
+
+    Args:
+        model: The compiled scene.
+        pairs: Pairs that it has.
+        timestep: [s].
+        least: Least impedance [1].
+
+    Returns:
+        The smallest ratio of a pair's stiffness to what was to be had: the robot's material may
+        be stiffer than the timestep can do. It is 1 if none is.
+
+    Raises:
+        ValueError: A stiffness that was asked for is more than the timestep can do.
+    """
+    softest, fastest = 1.0, (RESOLVED / timestep) ** 2
+    for pair in pairs:
+        square = _square(model, pair)
+        most = fastest / (1 - (MOST_IMPEDANCE if pair.asked else DEFAULT_IMPEDANCE))
+        if pair.asked and square > most:
+            raise ValueError(_too_stiff(pair, square / most, timestep))
+        softest = min(softest, most / square)
+        square = min(square, most)
+        steady = _steady(2 * pair.damping_ratio * timestep * sqrt(square) / _DAMPED)
+        _set(model, pair, square, max(least, steady, 1 - fastest / square))
+    return softest
+
+
+def _steady(x: float) -> float:
+    """Impedance d at which d = x sqrt(1 - d)."""
+    return x * (sqrt(x**2 + 4) - x) / 2
+
+
+def _set(model: mujoco.MjModel, pair: Pair, square: float, impedance: float) -> None:
+    """Parameters of a pair with a spring of frequency sqrt(square) [rad/s] without the mass."""
+    number, frequency = model.pair(pair.name).id, sqrt(square * (1 - impedance))
+    model.pair_solref[number] = -(frequency**2), -2 * pair.damping_ratio * frequency
+    model.pair_solimp[number] = impedance, impedance, 1e-3, 0.5, 2
+    # Friction has no spring: the first of these has no effect.
+    model.pair_solreffriction[number] = -1.0, -impedance * _STOPPING * frequency
+
+
+def write(spec: mujoco.MjSpec, model: mujoco.MjModel, pairs: Sequence[Pair]) -> None:
+    """Give the pairs of a spec what `tune` gave those of its model."""
+    by_name = {pair.name: pair for pair in spec.pairs}
+    for pair in pairs:
+        number = model.pair(pair.name).id
+        for field in ("solref", "solimp", "solreffriction"):
+            setattr(by_name[pair.name], field, getattr(model, f"pair_{field}")[number])
+
+
+def _square(model: mujoco.MjModel, pair: Pair) -> float:
+    """K A [1/s2] of a pair, A being what MuJoCo takes for the inverse mass [1/kg] of two bodies."""
+    number = model.pair(pair.name).id
+    geoms = model.pair_geom1[number], model.pair_geom2[number]
+    inverse = sum(model.body_invweight0[model.geom_bodyid[g], 0] for g in geoms)
+    return pair.stiffness * float(inverse)
+
+
+def _too_stiff(pair: Pair, excess: float, timestep: float) -> str:
+    return (
+        f"contacts {pair.name!r} of {pair.stiffness:.3g} N/m are too stiff for a timestep of "
+        f"{timestep:.3g} s: give Contacts(stiffness=...) {excess:.3g} times smaller, or a timestep "
+        f"of {timestep / sqrt(excess):.2g} s"
+    )
+
+
+# ---------------------------------------------------------------- read-outs
+
+
+def touches(model: mujoco.MjModel, data: mujoco.MjData) -> tuple[Touch, ...]:
+    """All contacts of a state of which the accelerations are known (`mj_forward`)."""
+    return tuple(
+        _touch(model, data, number)
+        for number in range(data.ncon)
+        if data.contact[number].efc_address >= 0
+    )
+
+
+def _touch(model: mujoco.MjModel, data: mujoco.MjData, number: int) -> Touch:
+    contact, wrench = data.contact[number], np.empty(6)
+    mujoco.mj_contactForce(model, data, number, wrench)
+    # MuJoCo's is the force on its second geom, along the rows of the frame.
+    force = contact.frame.reshape(3, 3).T @ wrench[:3]
+    point, geoms = contact.pos.copy(), [int(g) for g in contact.geom]
+    stations = [_station(model, data, geom, point) for geom in geoms]
+    names = [_owner(model, geom) for geom in geoms]
+    if stations[0] is None and stations[1] is not None:
+        names, stations, force = names[::-1], stations[::-1], -force
+    return Touch(*names, tuple(stations), point, -force, -float(contact.dist))
+
+
+def _owner(model: mujoco.MjModel, geom: int) -> str:
+    """Name of what a geom belongs to, with the prefix of its robot."""
+    if _kind(model, geom) == _LINK:
+        return model.geom(geom).name.rstrip("0123456789").removesuffix("skin") + BACKBONE
+    return model.body(model.geom_bodyid[geom]).name
+
+
+def _kind(model: mujoco.MjModel, geom: int) -> int:
+    return int(model.geom_user[geom, 0]) if model.nuser_geom else 0
+
+
+def _station(
+    model: mujoco.MjModel, data: mujoco.MjData, geom: int, point: np.ndarray
+) -> float | None:
+    """Arc length [m] of the backbone next to a point, None if the geom is no robot's."""
+    kind = _kind(model, geom)
+    if not kind:
+        return None
+    start, low, high = model.geom_user[geom, 1:4]
+    if kind == _PART:
+        return float(start)
+    body = model.geom_bodyid[geom]
+    height = data.xmat[body].reshape(3, 3)[:, 2] @ (point - data.xpos[body])
+    return float(np.clip(start + height, low, high))
+
+
+def net_force(contacts: Iterable[Touch], name: str) -> np.ndarray:
+    """Force (3,) [N] of contacts on what is called `name`, an object or a part of a robot."""
+    out = np.zeros(3)
+    for touch in contacts:
+        if touch.first != touch.second:
+            out += touch.force * ((touch.first == name) - (touch.second == name))
+    return out

@@ -1,0 +1,201 @@
+"""Beam models as plants of any robot: in space, by length, with heads, sections and bases."""
+
+import pickle
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from softrobot_env.envs.simulation.servos import Servos
+
+from softrobot_env.beams.registry import BeamPlant as Factory
+from softrobot_env.envs.simulation.beam_plant import BeamPlant
+from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
+from softrobot_env.robots import ROBOTS
+from softrobot_env.scene.build import build_scene
+
+SPACE = slice(0, 3)
+#: Control period [s], and control periods of a motion.
+PERIOD, STEPS = 0.02, 10
+
+#: Robot, how it is driven, whether it twists, pieces for each of its own, and controls [m or N].
+CASES = {
+    "rig_equivalent": ("length", False, 4, [0.010, 0.0, 0.002]),
+    "silicone_rod": ("length", False, 1, [0.006, 0.0, 0.002]),
+    "hanging_trunk": ("tension", True, 1, [12.0, 0.0, 3.0, 0.0, 7.0, 0.0]),
+}
+
+
+def thin(robot):
+    """The same robot at a quarter of the radius: 16 times as stiff against tension as before."""
+    if robot.sections:
+        return robot.with_sections(
+            *(
+                replace(
+                    part,
+                    outer_radius=tuple(r / 4 for r in part.outer_radii),
+                    youngs_modulus=part.youngs_modulus * 4**4,
+                    density=part.density * 4**2,
+                )
+                for part in robot.sections
+            )
+        )
+    return replace(
+        robot,
+        outer_radius=robot.outer_radius / 4,
+        youngs_modulus=robot.youngs_modulus * 4**4,
+        density=robot.density * 4**2,
+    )
+
+
+def pulled(plant, drive, control):
+    """Tips (k, 3) [m] of a motion from rest, then what is measured in equilibrium, by name."""
+    servos = Servos(0.1, np.zeros(len(control)), np.zeros(len(control)))
+    servos = servos if drive == "length" else None
+    simulation = plant.simulation({})
+    simulation.reset(plant.equilibrium(0 * control), 0 * control)
+    readout, tips = plant.readout(simulation, servos), []
+    for _ in range(STEPS):
+        if servos is None:
+            simulation.ctrl[:] = control
+            healthy = simulation.advance()
+        else:
+            healthy = simulation.advance_through(servos.move(control, simulation.step_times))
+        assert healthy and readout.update() is None
+        tips.append(tip_of(simulation, readout))
+    simulation.reset(plant.equilibrium(control), control)
+    assert readout.update() is None
+    return (
+        np.array(tips),
+        tip_of(simulation, readout),
+        readout.curvature(),
+        readout.tendon_tension(),
+        readout.curvature_rate(),
+    )
+
+
+def tip_of(simulation, readout):
+    if simulation.data is None:
+        return readout.tip_position()
+    return simulation.data.sensordata[:3].copy()
+
+
+@cache
+def found(robot_name, model, pieces=None, slim=False):
+    """The same of a named robot and model."""
+    drive, torsion, finer, control = CASES[robot_name]
+    robot = thin(ROBOTS[robot_name]) if slim else ROBOTS[robot_name]
+    way = {"bending": "spatial", "torsion": torsion, "actuation": drive}
+    finer = finer * robot.pieces if pieces is None else pieces
+    if model == "chain":
+        plant = MujocoPlant(robot, PERIOD, pieces=finer, **way)
+    else:
+        plant = BeamPlant(robot, PERIOD, Factory(model, pieces=finer), SPACE, **way)
+    return pulled(plant, drive, np.array(control))
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_pcc_becomes_the_chain_of_as_many_pieces(name):
+    """They differ by where the mass is and how a piece is curved: both of second order."""
+    length, number = ROBOTS[name].length, CASES[name][2] * ROBOTS[name].pieces
+    rest, motion = [], []
+    for pieces in (number, 2 * number):
+        chain, pcc = found(name, "chain", pieces), found(name, "pcc", pieces)
+        rest.append(np.linalg.norm(chain[1] - pcc[1]) / length)
+        motion.append(np.linalg.norm(chain[0] - pcc[0], axis=1).max() / length)
+    assert np.linalg.norm(chain[0] - chain[0][0], axis=1).max() > 0.03 * length
+    assert rest[1] < rest[0] / 3 < 0.001
+    assert motion[1] < motion[0] / 3 < 0.001
+    # A chain that twists shares out a piece's bend to its neighbours, by the order of its hinges.
+    assert_allclose(pcc[2], chain[2], atol=0.01 * np.abs(chain[2]).max())
+    assert_allclose(pcc[3], chain[3], rtol=0.002)
+    assert_allclose(pcc[4], 0, atol=1e-9)
+
+
+@pytest.mark.slow  # compiling the rod takes a minute
+@pytest.mark.parametrize("name", CASES)
+def test_a_cosserat_rod_is_the_chain_as_far_as_it_does_not_stretch(name):
+    """A rod of a quarter of the radius with the same stiffness in bending stretches 16 times less.
+
+    What is left between them, its own error of discretisation apart, shrinks as much.
+    """
+    off = []
+    for slim in (False, True):
+        chain, rod = (found(name, m, n, slim) for m, n in (("chain", None), ("cosserat", 24)))
+        off.append(np.linalg.norm(chain[1] - rod[1]) / ROBOTS[name].length)
+        if slim:
+            assert np.linalg.norm(chain[0] - rod[0], axis=1).max() < 0.01 * ROBOTS[name].length
+            assert_allclose(rod[2], chain[2], atol=0.04 * np.abs(chain[2]).max())
+    assert off[1] < 0.003 < off[0]
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_posture_of_some_curvature(name):
+    _, torsion, _, _ = CASES[name]
+    robot = replace(ROBOTS[name], pieces=3) if ROBOTS[name].is_uniform else ROBOTS[name]
+    way = {"bending": "spatial", "torsion": torsion}
+    plant = BeamPlant(robot, PERIOD, Factory("pcc"), SPACE, **way)
+    wanted = np.random.default_rng(8).uniform(-2, 2, 2 * robot.pieces)
+    simulation = plant.simulation({})
+    simulation.reset(plant.bent(wanted), np.zeros(len(robot.tendons)))
+    readout = plant.readout(simulation)
+    assert_allclose(readout.curvature(), wanted, atol=1e-6)
+    # What is drawn looks like it: hinges in place of arcs err to second order.
+    drawn = build_scene(plant.config).tip(simulation.posture)
+    assert_allclose(drawn, readout.tip_position(), atol=0.01 * robot.length)
+
+
+def test_rates_are_derivatives_and_copies_go_on_alike():
+    plant = BeamPlant(ROBOTS["hanging_trunk"], PERIOD, Factory("pcc"), SPACE, bending="spatial")
+    simulation = plant.simulation({})
+    simulation.ctrl[:] = [3.0, 0, 1.0, 0, 2.0, 0]
+    assert simulation.advance()
+    model, q, v = simulation.plant, simulation.q, simulation.v
+    now, h = model.measure(q, v), 1e-5
+    ahead, behind = (model.measure(q + step * v, v) for step in (h, -h))
+    for value, rate in (("tip_position", now.tip_velocity), ("curvature", now.curvature_rate)):
+        slope = (getattr(ahead, value) - getattr(behind, value)) / (2 * h)
+        assert_allclose(rate, slope, rtol=1e-5, atol=1e-6 * np.abs(rate).max())
+        assert np.abs(rate).max() > 1e-3
+    other = pickle.loads(pickle.dumps(simulation))
+    assert simulation.advance() and other.advance()
+    assert other.q.tobytes() == simulation.q.tobytes()
+
+
+def test_measured_are_the_axes_that_are_asked_for():
+    robot, tips = ROBOTS["hanging_trunk"], []
+    for axes in (SPACE, slice(0, 2), slice(0, 3, 2)):
+        plant = BeamPlant(robot, PERIOD, Factory("pcc"), axes, bending="spatial")
+        simulation = plant.simulation({})
+        simulation.reset(plant.equilibrium(np.array([3.0, 0, 1.0, 0, 2.0, 0])), np.zeros(6))
+        tips.append(plant.readout(simulation).tip_position())
+    assert_allclose(tips[1], tips[0][:2])
+    assert_allclose(tips[2], tips[0][::2])
+    assert 0.25 < tips[0][2] < 0.27  # it hangs from 0.6 m
+
+
+def test_a_sharp_bend_to_both_sides_at_once_is_told():
+    robot = replace(ROBOTS["silicone_rod"], pieces=3)
+    plant = BeamPlant(robot, PERIOD, Factory("pcc"), SPACE, bending="spatial")
+    simulation = plant.simulation({})
+    curvature = np.zeros(6)
+    curvature[2:4] = 0.75 * robot.curvature_limit
+    simulation.reset(plant.bent(curvature), np.zeros(3))
+    said = plant.readout(simulation).update()
+    assert said.startswith("left the workspace: curvature 70.71 1/m of piece 2 of 3")
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "options", "message"),
+    [
+        ("ancf", "rig", {}, "'rig' has a head, which plant 'ancf' has no sections for; take pcc"),
+        ("ancf", "hanging_trunk", {}, "ANCF needs a backbone of one section"),
+        ("pcc", "silicone_rod", {"bending": "planar"}, "PCC with axes 'planar' moves in the x-z"),
+        ("pcc", "hanging_trunk", {"actuation": "length"}, "needs a finite stiffness to be driven"),
+    ],
+)
+def test_what_a_model_lacks_is_refused_by_name(model, name, options, message):
+    way = {"bending": "spatial", **options}
+    with pytest.raises(ValueError, match=message):
+        BeamPlant(ROBOTS[name], PERIOD, Factory(model), SPACE, **way)
