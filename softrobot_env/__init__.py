@@ -4,8 +4,24 @@ from softrobot_env.processes import one_thread_on_the_command_line
 
 one_thread_on_the_command_line()
 
+from typing import Any  # noqa: E402
+
 from softrobot_env.registration import register_envs  # noqa: E402  (loads NumPy)
+from softrobot_env.registries import load  # noqa: E402
 
 __version__ = "0.1.0"
 
 register_envs()
+
+#: What adds robots, tasks and policies of one's own, loaded when it is asked for.
+_REGISTER = {
+    "register_robot": "softrobot_env.robots.registry:register_robot",
+    "register_task": "softrobot_env.tasks.registry:register_task",
+    "register_policy": "softrobot_env.control.registry:register_policy",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _REGISTER:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return load(_REGISTER[name])

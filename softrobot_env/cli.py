@@ -4,7 +4,16 @@ import argparse
 import shlex
 import sys
 
-from softrobot_env.commands import benchmark, evaluate, export, inspect, render, robot_file, train
+from softrobot_env.commands import (
+    benchmark,
+    evaluate,
+    export,
+    inspect,
+    listing,
+    render,
+    robot_file,
+    train,
+)
 from softrobot_env.commands.robot import command as robot
 from softrobot_env.commands.subcommands import Command, add_commands
 from softrobot_env.registries import Registry
@@ -20,6 +29,7 @@ COMMANDS: Registry[Command] = Registry(
         "benchmark": Command(benchmark, "measure accuracy and speed"),
         "train": Command(train, "make the trained artifacts that policies load"),
         "inspect": Command(inspect, "print what a scene contains and what it leaves out"),
+        "list": Command(listing, "print the robots, tasks and policies there are"),
         "export": Command(export, "write the MJCF of the registered scenes, or of a robot"),
         "robot-file": Command(robot_file, "check the file of a robot of your own"),
         "robot": Command(

@@ -1,10 +1,51 @@
-"""Registries: entries of one kind by name, whose code is loaded when it is asked for."""
+"""Registries: entries of one kind by name, whose code is loaded when it is asked for.
+
+Other packages add entries: a function that an installed package names in the entry-point group
+`softrobot_env` is called once, when a name is first asked for that a registry does not have, or
+when its names are listed.
+"""
 
 from collections.abc import Iterator, Mapping
+from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import Any, Generic, TypeVar
+from warnings import warn
 
 Entry = TypeVar("Entry")
+
+#: Group of the entry points that installed packages register robots, tasks and policies with.
+GROUP = "softrobot_env"
+
+
+_called: set[str] = set()
+
+
+def load_plugins() -> None:
+    """Call what installed packages name in the entry-point group, once in a process.
+
+    One that fails is told in a warning, and changes nothing for the others.
+    """
+    if GROUP in _called:
+        return
+    _called.add(GROUP)  # first: what is called may look up entries itself
+    for point in _entry_points():
+        try:
+            point.load()()
+        except Exception as error:  # whatever it is, it is not ours
+            package = "" if point.dist is None else f" of the package {point.dist.name}"
+            warn(
+                f"the plug-in {point.name!r}{package} ({point.value}) is left out: "
+                f"{type(error).__name__}: {error}",
+                stacklevel=2,
+            )
+
+
+def _entry_points() -> list[Any]:
+    """In the order of their names, so that it does not depend on the installation."""
+    return sorted(entry_points(group=GROUP), key=lambda point: (point.name, point.value))
 
 
 class Registry(Mapping[str, Entry], Generic[Entry]):
@@ -15,16 +56,24 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
     """
 
     def __init__(self, kind: str, entries: Mapping[str, Entry]) -> None:
-        self.kind, self._entries = kind, dict(entries)
+        self.kind, self._own = kind, dict(entries)
+
+    def registered(self) -> dict[str, Entry]:
+        """The entries there are so far: plug-ins are not asked."""
+        return self._own
 
     def __getitem__(self, name: str) -> Entry:
-        return self._entries[name]
+        if name not in self.registered():
+            load_plugins()
+        return self.registered()[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._entries)
+        load_plugins()
+        return iter(list(self.registered()))
 
     def __len__(self) -> int:
-        return len(self._entries)
+        load_plugins()
+        return len(self.registered())
 
     def find(self, name: str) -> Entry:
         """The entry of a name.
@@ -32,12 +81,71 @@ class Registry(Mapping[str, Entry], Generic[Entry]):
         Raises:
             ValueError: There is none; the message lists the names.
         """
-        if name not in self._entries:
+        if name not in self:
             raise ValueError(f"unknown {self.kind} {name!r}; choose from {', '.join(self)}")
-        return self._entries[name]
+        return self[name]
+
+    def register(self, name: str, entry: Entry, replace: bool = False) -> None:
+        """Add an entry, or replace one.
+
+        Raises:
+            ValueError: The name is taken and `replace` is not set, or it is no name that a command
+                could be given.
+        """
+        check_name(self.kind, name)
+        if name in self._own and not replace:
+            raise ValueError(f"the {self.kind} {name!r} is there already; replace=True replaces it")
+        self._own[name] = entry
+
+
+def check_name(kind: str, name: str) -> None:
+    """Raise ValueError unless a name can stand on a command line and in a file name."""
+    if not isinstance(name, str) or not name.replace("_", "").replace("-", "").isalnum():
+        raise ValueError(f"the name of a {kind} consists of letters, digits, _ and -, got {name!r}")
+    if name == "all":
+        raise ValueError(f"a {kind} cannot be called 'all', which stands for every one")
 
 
 def load(path: str) -> Any:
-    """The object that a path `package.module:name` stands for."""
-    module, _, name = path.partition(":")
-    return getattr(import_module(module), name)
+    """The object that a path `package.module:name` or `file.py:name` stands for.
+
+    Raises:
+        ImportError, AttributeError: There is no such module, or it has no such name.
+        OSError: There is no such file.
+    """
+    module, _, name = path.rpartition(":")
+    if not module.endswith(".py"):
+        return getattr(import_module(module), name)
+    file = Path(module).resolve()
+    return getattr(_run_file(file, file.stat().st_mtime_ns), name)
+
+
+@cache
+def _run_file(path: Path, _written: int) -> Any:
+    """The module that a file of Python code makes, run once as it is."""
+    spec = spec_from_file_location(f"softrobot_file_{path.stem}", path)
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def is_path(text: str) -> bool:
+    """Whether a text names an object in a module or a file, and not an entry of a registry."""
+    return ":" in text
+
+
+def load_given(kind: str, path: str) -> Any:
+    """What a user's path `package.module:name` or `file.py:name` stands for.
+
+    Raises:
+        ValueError: There is no such thing, or its code fails; the message says why.
+    """
+    module, _, name = path.rpartition(":")
+    if not module or not name:
+        raise ValueError(
+            f"the {kind} {path!r} is neither a name nor 'package.module:name' or 'file.py:name'"
+        )
+    try:
+        return load(path)
+    except Exception as error:
+        raise ValueError(f"the {kind} {path!r}: {type(error).__name__}: {error}") from error

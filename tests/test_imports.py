@@ -41,7 +41,7 @@ EVERYTHING = None  # imports what it likes
 
 #: Part of the package -> parts it may import, besides itself.
 ALLOWED = {
-    "__init__": {"registration", "processes"},
+    "__init__": {"registration", "registries", "processes"},
     **dict.fromkeys(FOUNDATION, FOUNDATION),
     **dict.fromkeys(MIDDLE, FOUNDATION),
     # Tasks for any robot look up its workspace when one is made.

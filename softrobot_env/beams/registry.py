@@ -87,7 +87,7 @@ _BEAMS = Registry(
 )
 
 #: Names of all plants: "pcc" is the thesis' own, lumped and of the robot's number of pieces.
-PLANTS = (MUJOCO, *_BEAMS)
+PLANTS = (MUJOCO, *_BEAMS.registered())
 
 
 @dataclass(frozen=True)

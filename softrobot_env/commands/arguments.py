@@ -6,8 +6,9 @@ from math import inf, isfinite, nan
 from pathlib import Path
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.control.registry import FEEDBACKS, policy_environment
+from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
+from softrobot_env.registries import is_path
 from softrobot_env.robots import ROBOTS
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
@@ -169,13 +170,12 @@ def variation(text: str) -> tuple[str, list[float]]:
     return name, [_varied(name, value) for value in values]
 
 
-def named_values(text: str, known: Iterable[str]) -> tuple[str, list[str]]:
-    """`name=1,2,3` as one of the known names and its values."""
+def named_values(text: str, known: Iterable[str] | None = None) -> tuple[str, list[str]]:
+    """`name=1,2,3` as a name, one of those known if they are given, and its values."""
     name, _, values = text.partition("=")
-    if name not in known or not values:
-        raise argparse.ArgumentTypeError(
-            f"{text!r} is not NAME=V1,V2,... with NAME out of {', '.join(known)}"
-        )
+    if not values or (known is not None and name not in known):
+        told = "" if known is None else f" with NAME out of {', '.join(known)}"
+        raise argparse.ArgumentTypeError(f"{text!r} is not NAME=V1,V2,...{told}")
     return name, values.split(",")
 
 
@@ -200,6 +200,21 @@ def names_or_all(known: list[str]) -> Callable[[str], str]:
         return text
 
     return convert
+
+
+def policy(text: str) -> str:
+    """A policy's name, or the path of one's own."""
+    if not is_path(text) and text not in EVERY_POLICY:
+        raise argparse.ArgumentTypeError(
+            f"unknown policy {text!r}; choose from {', '.join(EVERY_POLICY)}, or give "
+            "package.module:name or file.py:name"
+        )
+    return text
+
+
+def or_all(convert: Callable[[str], str]) -> Callable[[str], str]:
+    """Converter that accepts "all" as well."""
+    return lambda text: text if text == "all" else convert(text)
 
 
 def expand_all(names: list[str], known: list[str]) -> list[str]:

@@ -27,11 +27,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
     for name, what in _OPTIONS.items():
         parser.add_argument(f"--{name}", type=seed, metavar="N", help=what)
+    parser.add_argument("--robot", metavar="ROBOT", help=argparse.SUPPRESS)
     add_out(parser, "out/benchmark", "; a folder of what is measured is made in it")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
+    if args.robot is not None:
+        raise ValueError(
+            f"the benchmark {args.what} measures its own robots: give --robot to softrobot "
+            "evaluate (errors, times) or inspect (cost and error of a step)"
+        )
     benchmark = BENCHMARKS.find(args.what)()
     options = _own_options(args, benchmark.options)
     console = Console()

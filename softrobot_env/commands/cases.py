@@ -3,100 +3,146 @@
 import argparse
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
 
 from softrobot_env.commands.arguments import expand_all
-from softrobot_env.commands.setups import SIMULATED, ArmSetup, RigSetup, Setup, setup_of
+from softrobot_env.commands.setups import FAMILIES, SIMULATED, Setup, period_of
 from softrobot_env.commands.task_options import Given, check_used, combinations, merge
-from softrobot_env.control.registry import POLICIES, RIG_POLICIES, installed_policies
-from softrobot_env.envs.disturbances import NEUTRAL
+from softrobot_env.control.registry import (
+    EVERY_POLICY,
+    POLICIES,
+    installed_policies,
+    policy_name,
+)
+from softrobot_env.envs.disturbances import NEUTRAL, rounded
+from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.tasks import STEP_WIDTHS, TASKS, make_task
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, find_maker, make_task, tasks_of
 
 #: Arguments that only robots over a serial line have.
 _SERIAL = ("robot_file", "port", "record")
 
+#: Robots drawn from --randomize unless told otherwise.
+_DRAWS = 5
 
-def make_setups(args: argparse.Namespace) -> tuple[Setup, ...]:
-    """One setup for every kind of robot.
 
-    Each task belongs to one of them.
+def make_setup(args: argparse.Namespace) -> Setup:
+    """The robots that the arguments describe.
 
     Raises:
-        ValueError: Arguments of a robot over a serial line for a simulated one.
+        ValueError: Arguments of a robot over a serial line for a simulated one, or --robot for one.
         ImportError: Packages of the extra `robot` are missing.
     """
-    if getattr(args, "env", SIMULATED) != SIMULATED:
+    env = getattr(args, "env", SIMULATED)
+    if env != SIMULATED:
         from softrobot_env.commands.robot.setup import RealSetup
 
-        return ArmSetup(args), RealSetup(args)
+        if args.robot is not None:
+            raise ValueError(f"--robot: only with simulated robots, --env {env} has its rig")
+        return RealSetup(args)
     given = [f"--{name.replace('_', '-')}" for name in _SERIAL if getattr(args, name, None)]
     if given:
         raise ValueError(f"{', '.join(given)}: only with --env real or virtual")
-    return ArmSetup(args), RigSetup(args)
+    return Setup(args)
 
 
-def make_cases(args: argparse.Namespace, setups: tuple[Setup, ...]) -> list[Case]:
+def make_cases(args: argparse.Namespace, setup: Setup) -> list[Case]:
     """Every combination of what was asked for that fits together.
 
     Raises:
         ValueError: A policy without a task or a task without a policy, an option that no case
             uses, or a value that a case cannot have; before anything is run.
     """
-    tasks = expand_all(args.tasks, list(TASKS))
+    every = TASKS if setup.robot in (None, ARM) else tasks_of(setup.robot)
+    makers = {name: find_maker(name, setup.robot) for name in expand_all(args.tasks, list(every))}
     given = _given_options(args)
-    _check_policies(args.policies, tasks, setups)
-    check_used(given, tasks)
+    check_used(given, makers, setup.robot)
+    wanted = {"step_width": list(STEP_WIDTHS)} | given
+    tasks = {
+        name: [make_task(name, robot=setup.robot, **o) for o in combinations(make, wanted)]
+        for name, make in makers.items()
+    }
+    _check_names(args.policies)
+    robots = {name: made[0].robot for name, made in tasks.items()}
+    _check_policies(args.policies, list(robots.values()), setup)
     cases = []
-    for name in tasks:
-        setup = setup_of(name, setups)
-        policies = _fitting(args.policies, setup)
-        if not policies:
-            raise ValueError(
-                f"no policy for task {name!r} among {', '.join(args.policies)}; it can have "
-                f"{', '.join(setup.policies)}"
-            )
-        cases += _of_task(name, {"step_width": list(STEP_WIDTHS)} | given, policies, setup, args)
-    for setup in setups:
-        setup.check([case for case in cases if case.task.name in setup.tasks])
+    for name, made in tasks.items():
+        cases += _of_task(made, _for_task(args.policies, name, robots[name], setup), setup, args)
+    setup.check(cases)
     return cases
 
 
 def _of_task(
-    name: str,
-    given: Given,
-    policies: list[str],
-    setup: Setup,
-    args: argparse.Namespace,
+    tasks: list[Task], policies: list[str], setup: Setup, args: argparse.Namespace
 ) -> Iterator[Case]:
-    conditions = list(itertools.product(setup.twins(), _variations(args.vary)))
-    for options in combinations(name, given):
-        task = make_task(name, **options)
+    given, drawn = _variations(args.vary), _draws(args)
+    conditions = list(itertools.product(setup.twins(tasks[0].robot), [*given, *drawn]))
+    for task in tasks:
         for policy in policies:
             for twin, variation in conditions:
-                yield setup.complete(Case(task, policy, variation, twin))
+                case = setup.complete(Case(task, policy, variation, twin))
+                if variation in drawn:
+                    case = replace(case, variation=rounded(variation, period_of(case)))
+                yield case
 
 
 def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:
     """Policies that would have been run if their packages were installed."""
     missing = [name for name in POLICIES if name not in installed_policies()]
-    wanted = "all" in args.policies and any(case.policy in POLICIES for case in cases)
-    return missing if wanted else []
+    arm = any(case.policy in POLICIES and case.task.robot == ARM for case in cases)
+    return missing if "all" in args.policies and arm else []
 
 
-def _fitting(names: list[str], setup: Setup) -> list[str]:
-    """Policies among those named that can drive a robot."""
-    runnable = [*installed_policies(), *RIG_POLICIES]
-    ready = [name for name in setup.policies if name in runnable]
-    return ready if "all" in names else [n for n in dict.fromkeys(names) if n in setup.policies]
+def _for_task(names: list[str], task: str, robot: RobotParams, setup: Setup) -> list[str]:
+    """Policies among those named that can drive the robot of a task.
+
+    Raises:
+        ValueError: There is none.
+    """
+    if "all" in names:
+        named = [*fitting(robot, setup), *(name for name in names if name != "all")]
+    else:
+        named = [name for name in names if setup.misfit(name, robot) is None]
+    if not named:
+        able = ", ".join(fitting(robot, setup))
+        raise ValueError(
+            f"no policy for task {task!r} among {', '.join(names)}; it can have {able}"
+        )
+    return list(dict.fromkeys(named))
 
 
-def _check_policies(names: list[str], tasks: list[str], setups: tuple[Setup, ...]) -> None:
-    used = {setup_of(task, setups) for task in tasks}
+def fitting(robot: RobotParams, setup: Setup) -> list[str]:
+    """Installed policies that can drive a robot, see `Setup.misfit`."""
+    ready = [*installed_policies(), *(name for name in EVERY_POLICY if name not in POLICIES)]
+    return [name for name in ready if setup.misfit(name, robot) is None]
+
+
+def _check_names(names: list[str]) -> None:
+    """Raise ValueError where two policies would have one name in reports."""
+    paths = {}
+    for which in dict.fromkeys(names):
+        other = paths.setdefault(policy_name(which), which)
+        known = which != policy_name(which) and policy_name(which) in EVERY_POLICY
+        if other != which or known:
+            name = policy_name(which)
+            raise ValueError(f"there are two policies called {name!r}: rename that of {which!r}")
+
+
+def _check_policies(names: list[str], robots: list[RobotParams], setup: Setup) -> None:
+    """Refuse policies that are for none of the robots."""
     for name in (name for name in names if name != "all"):
-        able = [setup for setup in setups if name in setup.policies]
-        if not used & set(able):
-            fitting = ", ".join(itertools.chain(*(setup.tasks for setup in able)))
-            raise ValueError(f"policy {name!r} is for the tasks {fitting}")
+        reasons = {robot.name: setup.misfit(name, robot) for robot in robots}
+        if None in reasons.values():
+            continue
+        owners = [robot for robot in FAMILIES if name in FAMILIES[robot]]
+        if setup.robot is None and owners:
+            fits = ", ".join(tasks_of(owners[0]).own())
+            raise ValueError(f"policy {name!r} is for the tasks {fits}")
+        told = "; ".join(f"{robot!r}: {reason}" for robot, reason in reasons.items())
+        raise ValueError(f"policy {name!r} cannot drive robot {told}")
 
 
 def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
@@ -104,6 +150,20 @@ def _variations(given: list[tuple[str, list[float]]]) -> list[dict[str, float]]:
     varied = merge(given)
     combinations = itertools.product(*varied.values())
     return [{n: v for n, v in zip(varied, c, strict=True) if v != NEUTRAL[n]} for c in combinations]
+
+
+def _draws(args: argparse.Namespace) -> list[dict[str, float]]:
+    """Variations drawn from --randomize, the same for every policy and task.
+
+    Raises:
+        ValueError: A range that is none, or --draws without one.
+    """
+    if not args.randomize and args.draws is not None:
+        raise ValueError("--draws: only with --randomize")
+    ranges = Randomization(**{name: tuple(ends) for name, ends in args.randomize})
+    rng = np.random.default_rng(0)
+    count = (args.draws or _DRAWS) if args.randomize else 0
+    return [ranges.draw(rng) for _ in range(count)]
 
 
 def _given_options(args: argparse.Namespace) -> Given:

@@ -15,38 +15,43 @@ from softrobot_env.commands.arguments import (
     add_learnt,
     add_out,
     add_plant,
+    add_robot,
     add_twin,
-    names_or_all,
+    or_all,
+    policy,
     positive,
+    seed,
     variation,
 )
-from softrobot_env.commands.cases import left_out, make_cases, make_setups
-from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup, setup_of
-from softrobot_env.commands.task_options import option
+from softrobot_env.commands.cases import left_out, make_cases, make_setup
+from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
+from softrobot_env.commands.task_options import TASK_HELP, option, task_name
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.evaluation import report, runner
 from softrobot_env.evaluation.labels import (
     learnt_label,
     option_columns,
-    rig_label,
     robot_label,
 )
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rows import EvaluatedRow
 from softrobot_env.hardware.errors import RobotError
-from softrobot_env.tasks import ALL_TASKS, EVERY_TASK, RIG_TASKS, TASKS, UNSEEN_TASKS, WITH_OPTION
+from softrobot_env.tasks import TASKS, UNSEEN_TASKS, WITH_OPTION
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
   softrobot evaluate --tasks triangle --option period=5,1 --twin 0
   softrobot evaluate --tasks triangle --twin 3 --learnt out/rig_nn_3.npz
-  softrobot evaluate --tasks triangle --policies hybrid --env virtual"""
+  softrobot evaluate --tasks triangle --policies hybrid --env virtual
+  softrobot evaluate --robot my.toml --tasks circle my_tasks.py:lemniscate --policies all"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    add_robot(parser, "all tasks are for it; default: the arm's and the rig's have theirs")
     _add_cases(parser)
     _add_options(parser)
+    parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
     parser.add_argument("--no-plots", action="store_true", help="skip the plots")
     parser.add_argument("--save-rollouts", action="store_true", help="also write npz records")
     add_twin(parser, several=True)
@@ -57,9 +62,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         type=variation,
         default=[],
         metavar="NAME=V1,V2",
-        help=f"values of one of {', '.join(NEUTRAL)}: of the arm, in SI units or as factors; "
+        help=f"values of one of {', '.join(NEUTRAL)}: in SI units or as factors; "
         "controllers keep the nominal robot",
     )
+    parser.add_argument(
+        "--randomize",
+        action="append",
+        type=variation,
+        default=[],
+        metavar="NAME=LOW,HIGH",
+        help="ranges of the same quantities, of which --draws robots are drawn besides those of "
+        "--vary; every policy gets the same ones",
+    )
+    parser.add_argument("--draws", type=seed, metavar="N", help="of --randomize; default: 5")
     _add_real(parser)
     add_feedback(parser)
     add_plant(parser)
@@ -71,16 +86,16 @@ def _add_cases(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--tasks",
         nargs="+",
-        type=names_or_all(list(EVERY_TASK)),
+        type=or_all(task_name),
         default=["all"],
         metavar="TASK",
-        help=f"of the arm: {', '.join(ALL_TASKS)}; of the test rig: {', '.join(RIG_TASKS)}; "
-        f"default: all, which is {', '.join(TASKS)}. Those of the rig are named explicitly",
+        help=f"{TASK_HELP}; default: all, which is {', '.join(TASKS)} of the arm, and of --robot "
+        "all that it has. Those of the rig are named explicitly",
     )
     parser.add_argument(
         "--policies",
         nargs="+",
-        type=names_or_all([*POLICIES, *RIG_POLICIES]),
+        type=or_all(policy),
         default=["all"],
         metavar="POLICY",
         help=f"of the arm: {', '.join(POLICIES)}; of the test rig: {', '.join(RIG_POLICIES)}; "
@@ -170,27 +185,25 @@ class Result:
 
     @property
     def group(self) -> str:
-        """Task, and rig, of the episodes that one plot compares."""
-        return ", ".join(filter(None, (self.outcome.case.task.label, rig_label(self.columns))))
+        """Task, and robot or rig, of the episodes that one plot compares."""
+        return self.outcome.case.robot_label
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if any episode failed."""
     console = Console()
     args.out.mkdir(parents=True, exist_ok=True)
-    setups = make_setups(args)
-    cases = make_cases(args, setups)
+    setup = make_setup(args)
+    cases = make_cases(args, setup)
     missing = left_out(args, cases)
     if missing:
         console.print(f'Left out {", ".join(missing)}: pip install "softrobot_env\\[mpc]"')
-    results = _run_cases(cases, setups, console)
+    results = _run_cases(cases, setup, console)
     _write(results, args, console)
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
 
-def _run_cases(
-    cases: list[runner.Case], setups: tuple[Setup, ...], console: Console
-) -> list[Result]:
+def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list[Result]:
     """Results; those so far if a real robot does not go on."""
     results = []
     with Progress(console=console, transient=True) as progress:
@@ -198,7 +211,7 @@ def _run_cases(
         for case in cases:
             progress.update(bar, description=case.label)
             try:
-                with closing(setup_of(case.task.name, setups).environment(case)) as env:
+                with closing(setup.environment(case)) as env:
                     results.append(Result(runner.run(case, env)))
             except RobotError as error:
                 console.print(f"Ended before {case.label}: {error}")
@@ -237,12 +250,12 @@ def _plot(results: list[Result], out: Path) -> None:
         nominal = {r.row.policy: r.outcome.rollout for r in same if not r.row.variation}
         if nominal:
             plot_task(policy_curves(nominal), task, group, out, stem)
-        for policy in dict.fromkeys(r.row.policy for r in same):
-            mine = [r for r in same if r.row.policy == policy]
+        for name in dict.fromkeys(r.row.policy for r in same):
+            mine = [r for r in same if r.row.policy == name]
             varied = {robot_label(r.columns) or "nominal": r.outcome.rollout for r in mine}
             if len(varied) > 1:
-                title = f"{group}, {policy}"
-                plot_task(varied_curves(varied), task, title, out, f"{stem}_{policy}_varied")
+                title = f"{group}, {name}"
+                plot_task(varied_curves(varied), task, title, out, f"{stem}_{name}_varied")
 
 
 def _file_stem(result: Result) -> str:

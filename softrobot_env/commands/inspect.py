@@ -10,12 +10,13 @@ from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.commands.arguments import add_robot, add_scene, add_twin, scene_options
-from softrobot_env.commands.setups import RigSetup
+from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.runner import Case
 from softrobot_env.rendering.tables import Column, make_table, named_values
-from softrobot_env.robots import RobotParams, Tendon, find_robot
+from softrobot_env.robots import RIG, RobotParams, Tendon, find_robot
 from softrobot_env.robots.twin import Twin, twin_or_ideal
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.registry import scene_of
@@ -43,7 +44,7 @@ _OPTIONAL = {
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_task(parser)
-    add_robot(parser, "its own scene, without a task; default: the task's")
+    add_robot(parser, "its own scene unless --task is given; default: the task's")
     parser.add_argument(
         "--workspace", action="store_true", help="of --robot: draw where its tip rests"
     )
@@ -56,17 +57,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    if args.robot is not None:
+    if args.robot is not None and args.task is None:
         return _inspect_robot(args)
     if args.workspace:
-        raise ValueError("--workspace goes with --robot only")
+        raise ValueError("--workspace goes with --robot only, without --task")
     return _inspect_task(args)
 
 
 def _inspect_robot(args: argparse.Namespace) -> int:
     """Print the scene of a robot without a task."""
-    if args.twin is not None or args.option or args.step_width or args.task != "swing":
-        raise ValueError("--task, --option, --step-width and --twin do not go with --robot")
+    if args.twin is not None or args.option or args.step_width:
+        raise ValueError("--option, --step-width and --twin go with a --task only")
     config = replace(scene_of(find_robot(args.robot)), **scene_options(args))
     own = {"bends": f"{config.bending}, {'twists' if config.torsion else 'without torsion'}"}
     title = f"Robot {config.robot.name}"
@@ -102,16 +103,17 @@ def _show_workspace(robot: RobotParams, folder: Path) -> None:
 
 def _inspect_task(args: argparse.Namespace) -> int:
     """Print the scene of a task."""
-    task = one_task(args)
-    rig, scene = RigSetup(args), scene_options(args)
-    if task.axes == "xy":
-        env = RigEnv(task, twin=twin_or_ideal(rig.twins()[0]), **scene)
-        left_out, own = _errors_left_out(env.twin), _as_built(env)
+    setup, scene = Setup(args), scene_options(args)
+    task = one_task(args, setup.robot)
+    twin = setup.twins(task.robot)[0]
+    case = Case(task, "hold", twin=twin, scene=scene)
+    setup.check([case])
+    if task.robot == RIG:
+        env = RigEnv(task, twin=twin_or_ideal(twin), **scene)
     else:
-        rig.check([])
         env = TrackingEnv(task, **scene)
-        inputs = f"{env.action_space.shape[0]} inputs, full scale {env.input_scale.tolist()} N"
-        left_out, own = [], {"action": inputs}
+    left_out = [] if env.twin is None else _errors_left_out(env.twin)
+    own = _as_built(env) | _action(env)
     seen = ", ".join(f"{k} {v.shape[0]}" for k, v in env.observation_space.items())
     title = f"Task {task.label}, robot {env.scene.config.robot.name}"
     _print(env.scene, title, left_out, {"observation": seen, **own})
@@ -200,18 +202,33 @@ def _errors_left_out(twin: Twin) -> list[str]:
     return [name for name, there in errors.items() if not there]
 
 
-def _as_built(env: RigEnv) -> dict[str, str]:
-    """Rows of a rig: its stiffness, servos and camera, and the action."""
+def _as_built(env: TrackingEnv) -> dict[str, str]:
+    """Rows of a robot driven by length: its servos and camera, and which rig it is."""
     twin = env.twin
-    return {
-        "rig": "ideal" if twin.seed is None else f"twin {twin.seed}",
-        "bending stiffness": _stiffness(twin.robot, env.task.robot),
-        "servos": f"{1e3 * twin.servo_speed:.0f} mm/s, offsets {_millimetres(twin.servo_offset)}, "
+    if twin is None:
+        return {}
+    speed = "any speed" if isinf(twin.servo_speed) else f"{1e3 * twin.servo_speed:.0f} mm/s"
+    rows = {
+        "servos": f"{speed}, offsets {_millimetres(twin.servo_offset)}, "
         f"backlash {_millimetres(twin.backlash)}",
         "camera": f"noise {1e3 * twin.camera_noise:g} mm, delay {1e3 * twin.camera_delay:.3g} ms",
-        "action": f"{env.action_space.shape[0]} lengths to pull in, full scale "
-        f"{1e3 * env.length_scale:g} mm",
     }
+    if env.task.robot != RIG:
+        return rows
+    which = {
+        "rig": "ideal" if twin.seed is None else f"twin {twin.seed}",
+        "bending stiffness": _stiffness(twin.robot, env.task.robot),
+    }
+    return which | rows
+
+
+def _action(env: TrackingEnv) -> dict[str, str]:
+    """The row of the action."""
+    scale = env.input_scale
+    if env.twin is None:
+        return {"action": f"{len(scale)} inputs, full scale {scale.tolist()} N"}
+    told = ", ".join(f"{1e3 * s:g}" for s in dict.fromkeys(scale.tolist()))
+    return {"action": f"{len(scale)} lengths to pull in, full scale {told} mm"}
 
 
 def _stiffness(robot: RobotParams, nominal: RobotParams) -> str:

@@ -11,29 +11,34 @@ from softrobot_env.commands.arguments import (
     add_feedback,
     add_learnt,
     add_plant,
+    add_robot,
     add_twin,
+    policy,
     positive,
     size,
 )
-from softrobot_env.commands.cases import make_setups
-from softrobot_env.commands.setups import Setup, setup_of
+from softrobot_env.commands.cases import fitting, make_setup
+from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 from softrobot_env.evaluation.runner import Case
 
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
-  softrobot render --task triangle --policy hybrid --option period=1 --out triangle.gif"""
+  softrobot render --task triangle --policy hybrid --option period=1 --out triangle.gif
+  softrobot render --robot my.toml --task circle --policy static --out circle.mp4"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    add_robot(parser, "default: the task's")
     add_task(parser)
     parser.add_argument(
         "--policy",
-        choices=[*POLICIES, *RIG_POLICIES],
+        type=policy,
         metavar="POLICY",
         help=f"of the arm: {', '.join(POLICIES)}; default: feedforward_pi; of the test rig: "
-        f"{', '.join(RIG_POLICIES)}; default: hybrid",
+        f"{', '.join(RIG_POLICIES)}; default: hybrid; of other robots static, or one's own, "
+        "package.module:name or file.py:name; default: static",
     )
     parser.add_argument(
         "--out", type=Path, default=Path("out/render.mp4"), metavar="FILE", help=".mp4 or .gif"
@@ -51,11 +56,9 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     from softrobot_env.rendering.video import record, write_video
 
-    setups = make_setups(args)
-    setup = setup_of(args.task, setups)
+    setup = make_setup(args)
     case = _case(args, setup)
-    for other in setups:
-        other.check([case] if other is setup else [])
+    setup.check([case])
     width, height = args.size
     env = setup.environment(case, render_mode="rgb_array", width=width, height=height)
     console = Console()
@@ -81,12 +84,13 @@ def _case(args: argparse.Namespace, setup: Setup) -> Case:
     Raises:
         ValueError: A policy of another robot.
     """
-    task = one_task(args)
-    policy = args.policy or setup.default_policy
-    if policy not in setup.policies:
+    task = one_task(args, setup.robot)
+    name = args.policy or setup.default_policy(task.robot)
+    reason = setup.misfit(name, task.robot)
+    if reason is not None:
         raise ValueError(
-            f"policy {policy!r} is not for the task {args.task}; choose from "
-            f"{', '.join(setup.policies)}"
+            f"policy {name!r} is not for the task {task.name}: {reason}; choose from "
+            f"{', '.join(fitting(task.robot, setup))}"
         )
-    case = Case(task, policy, twin=setup.twins()[0])
+    case = Case(task, name, twin=setup.twins(task.robot)[0])
     return replace(setup.complete(case), duration=args.duration)

@@ -3,19 +3,20 @@
 import argparse
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.commands.arguments import plant_options, scene_options
-from softrobot_env.control.registry import FEEDBACKS, POLICIES, RIG_POLICIES
+from softrobot_env.commands.arguments import plant_options
+from softrobot_env.control.registry import FEEDBACKS, POLICIES, RIG_POLICIES, misfit
 from softrobot_env.envs.disturbances import split
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
-from softrobot_env.robots import RIG
-from softrobot_env.tasks import ALL_TASKS, RIG_TASKS
+from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
+from softrobot_env.scene.registry import SCENES
+from softrobot_env.tasks import RIG_TASKS
 
 if TYPE_CHECKING:
     from softrobot_env.control.rig.identified import IdentifiedParameters
@@ -27,43 +28,85 @@ ENVIRONMENTS = (SIMULATED, VIRTUAL, REAL)
 #: Duration [s] of step responses: the thesis' 25 s lets slow policies settle.
 STEP_DURATION = 25.0
 
-#: Arguments that only the arm has -> their value unless given.
-ARM_ARGUMENTS = {"vary": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
-
 #: The twin whose networks come with the package.
 _SHIPPED = 0
 
 #: Arguments that only the rig has.
 _RIG_ARGUMENTS = ("twin", "learnt")
 
+#: The policies that were made for a robot: those that it is given unless --robot names it.
+FAMILIES = {ARM: tuple(POLICIES), RIG: tuple(RIG_POLICIES)}
+
+#: What is shown of a robot unless told otherwise, by robot, and of all others.
+_SHOWN, _SHOWN_OF_OTHERS = {ARM: "feedforward_pi", RIG: "hybrid"}, "static"
+
+
+def period_of(case: Case) -> float:
+    """Control period [s] of the environment of a case."""
+    usual = SCENES[RIG.name].control_period if case.task.robot == RIG else DEFAULT_PERIOD
+    return case.scene.get("control_period", usual)
+
 
 class Setup:
-    """Robots of one kind, as the arguments of a command describe them.
+    """Simulated robots, as the arguments of a command describe them.
+
+    Which arguments apply is up to the robot of each task.
 
     Attributes:
-        tasks: Names of the tasks it can be given.
-        policies: Names of the policies that can drive it.
-        default_policy: The one to show.
+        robot: That of --robot, for which all tasks are; None where each task has its own.
     """
 
-    tasks: ClassVar[tuple[str, ...]]
-    policies: ClassVar[tuple[str, ...]]
-    default_policy: ClassVar[str]
-
     def __init__(self, args: argparse.Namespace) -> None:
-        self._args = args
+        """Read --robot.
 
-    def twins(self) -> list[int | None]:
-        """Rigs to run every case on."""
-        return [None]
+        Raises:
+            ValueError, OSError: As `find_robot`.
+        """
+        self._args = args
+        given = getattr(args, "robot", None)
+        self.robot = None if given is None else find_robot(given)
+
+    def default_policy(self, robot: RobotParams) -> str:
+        """The policy to show of a robot."""
+        return _SHOWN.get(robot, _SHOWN_OF_OTHERS)
+
+    def misfit(self, policy: str, robot: RobotParams) -> str | None:
+        """Why a policy is not for a robot; None where it is.
+
+        Raises:
+            ValueError: There is no such policy.
+        """
+        families = {} if self.robot is not None else FAMILIES
+        for owner, family in families.items():
+            if policy in family and robot in families:
+                return None if owner == robot else f"policy {policy!r} is for robot {owner.name!r}"
+        return misfit(policy, robot)
+
+    def twins(self, robot: RobotParams) -> list[int | None]:
+        """Twins of a robot to run every case on, None for the robot as it should be."""
+        if robot != RIG:
+            return [None]
+        return [_SHIPPED] if self._args.twin is None else list(dict.fromkeys(self._args.twin))
 
     def complete(self, case: Case) -> Case:
         """A case of task, policy, variation and twin with all else that the arguments say of it.
 
+        Step responses are long. Reads the file of identified parameters for policies that act on
+        them.
+
         Raises:
             ValueError, FileNotFoundError: An argument that does not fit; the message says why.
         """
-        raise NotImplementedError
+        step = STEP_DURATION if case.task.step_width is not None else None
+        tension = case.task.robot.drive.kind == "tension"
+        return replace(
+            case,
+            plant=self._args.plant,
+            feedback=self._args.feedback if tension else None,
+            duration=getattr(self._args, "duration", None) or step,
+            scene=plant_options(self._args, case.policy),
+            identified=self._identified if acts_on_identified(case.policy) else None,
+        )
 
     def check(self, cases: list[Case]) -> None:
         """Refuse what an environment would refuse in a later episode, and what no case uses.
@@ -71,80 +114,50 @@ class Setup:
         Raises:
             ValueError: The message names what is allowed.
         """
-        raise NotImplementedError
-
-    def environment(self, case: Case, **drawing: Any) -> gymnasium.Env:
-        """Environment for a case, with all observables; `drawing` is how to render."""
-        return case.environment(**drawing)
-
-
-class ArmSetup(Setup):
-    """The planar arm, in MuJoCo or as a beam model."""
-
-    tasks = tuple(ALL_TASKS)
-    policies = tuple(POLICIES)
-    default_policy = "feedforward_pi"
-
-    def complete(self, case: Case) -> Case:
-        """See `Setup`; step responses are long."""
-        return replace(
-            case,
-            plant=self._args.plant,
-            feedback=self._args.feedback,
-            duration=None if case.task.step_width is None else STEP_DURATION,
-            scene=plant_options(self._args, case.policy),
-        )
-
-    def check(self, cases: list[Case]) -> None:
-        """Refuse variations that a case cannot have."""
+        self._check_rig([case for case in cases if case.task.robot == RIG])
+        if getattr(self._args, "feedback", FEEDBACKS[0]) != FEEDBACKS[0]:
+            for case in cases:
+                if case.task.robot.drive.kind != "tension":
+                    raise ValueError(
+                        "--feedback: only with robots driven by tension, not with "
+                        f"{case.task.robot.name!r}"
+                    )
         for case in cases:
             if case.plant != MUJOCO and "tendon_friction" in case.variation:
                 raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
             try:
-                split(case.variation, case.scene.get("control_period", DEFAULT_PERIOD))
+                split(case.variation, period_of(case))
             except ValueError as error:
                 raise ValueError(f"{case.policy}: {error}") from None
+        self._try_out(cases)
 
-
-class RigSetup(Setup):
-    """The spatial test rig: twins of it, or an ideal one."""
-
-    tasks = tuple(RIG_TASKS)
-    policies = tuple(RIG_POLICIES)
-    default_policy = "hybrid"
-    plant = MUJOCO
-
-    def twins(self) -> list[int | None]:
-        """Those asked for."""
-        return [_SHIPPED] if self._args.twin is None else list(dict.fromkeys(self._args.twin))
-
-    def complete(self, case: Case) -> Case:
-        """See `Setup`; reads the file of identified parameters for policies that act on them."""
-        known = self._identified if acts_on_identified(case.policy) else None
-        return replace(case, plant=self.plant, scene=scene_options(self._args), identified=known)
-
-    def check(self, cases: list[Case]) -> None:
-        """Refuse what no case uses, arguments of the arm and unfit references."""
+    def _check_rig(self, cases: list[Case]) -> None:
+        """Refuse arguments of the rig that no case uses."""
         args = vars(self._args)
         own = [f"--{name}" for name in _RIG_ARGUMENTS if args.get(name) is not None]
-        foreign = [
-            f"--{name}"
-            for name, default in ARM_ARGUMENTS.items()
-            if args.get(name, default) != default
-        ]
         if not cases and own:
             tasks = ", ".join(RIG_TASKS)
             raise ValueError(f"{', '.join(own)}: only with tasks of the rig, {tasks}")
-        if cases and foreign:
-            tasks = ", ".join(ALL_TASKS)
-            raise ValueError(f"{', '.join(foreign)}: only with tasks of the arm, {tasks}")
         unused = args.get("learnt") is not None and not any(case.identified for case in cases)
         if cases and unused:
             able = ", ".join(filter(acts_on_identified, RIG_POLICIES))
             raise ValueError(f"--learnt: only with the policies {able}")
-        # Environments refuse references that are too fast or too far.
-        for case in {(case.task, case.twin): case for case in cases}.values():
-            self.environment(case)
+
+    def _try_out(self, cases: list[Case]) -> None:
+        """Environments refuse references that are too fast or too far, and variations."""
+        tried = {}
+        for case in cases:
+            if case.task.robot != ARM:
+                varied = tuple(case.variation.items())
+                tried[case.task, case.twin, case.plant, varied] = case
+        for case in tried.values():
+            env = self.environment(case)
+            if case.variation:
+                env.reset(options=case.reset_options)
+
+    def environment(self, case: Case, **drawing: Any) -> gymnasium.Env:
+        """Environment for a case, with all observables; `drawing` is how to render."""
+        return case.environment(**drawing)
 
     @cached_property
     def _identified(self) -> "IdentifiedParameters":
@@ -157,8 +170,3 @@ class RigSetup(Setup):
         from softrobot_env.control.rig.identified import IdentifiedParameters
 
         return IdentifiedParameters.load(RIG, self._args.learnt)
-
-
-def setup_of(task: str, setups: tuple[Setup, ...]) -> Setup:
-    """The setup that a task is for."""
-    return next(setup for setup in setups if task in setup.tasks)

@@ -2,42 +2,84 @@
 
 import argparse
 import itertools
+from collections.abc import Mapping
 from math import isfinite
 
 from softrobot_env.commands.arguments import named_values, number, positive
-from softrobot_env.tasks import EVERY_TASK, WITH_OPTION, Task, defaults, make_task
+from softrobot_env.registries import is_path
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.tasks import (
+    ALL_TASKS,
+    RIG_TASKS,
+    WITH_OPTION,
+    Maker,
+    Task,
+    defaults,
+    find_maker,
+    known_tasks,
+    make_task,
+    tasks_of,
+    with_option,
+)
+from softrobot_env.tasks.generic import GENERIC_TASKS
 
 #: Options of a task by name.
 Options = dict[str, float]
+
+#: What --task can be, for people.
+TASK_HELP = (
+    f"of the arm: {', '.join(ALL_TASKS)}; of the test rig: {', '.join(RIG_TASKS)}; of any --robot: "
+    f"{', '.join(GENERIC_TASKS.registered())}; or one's own, package.module:name or file.py:name"
+)
 
 #: Values given for options of tasks.
 Given = dict[str, list[float]]
 
 
-def combinations(task: str, given: Given) -> list[Options]:
+def task_name(text: str) -> str:
+    """A task's name, or the path of one's own."""
+    if not is_path(text) and text not in known_tasks():
+        known = ", ".join(known_tasks())
+        raise argparse.ArgumentTypeError(
+            f"unknown task {text!r}; choose from {known}, or give package.module:name or "
+            "file.py:name"
+        )
+    return text
+
+
+def combinations(make: Maker, given: Given) -> list[Options]:
     """Options of a task in every combination of the values given for them."""
-    own = defaults(EVERY_TASK[task])
+    own = defaults(make)
     values = []
     for option, default in own.items():
         kind = float if isinstance(default, float) else lambda seed: seed  # seeds stay whole
-        values.append(dict.fromkeys(map(kind, given.get(option, [default]))))
-    return [dict(zip(own, chosen, strict=True)) for chosen in itertools.product(*values)]
+        values.append([v if v is None else kind(v) for v in given.get(option, [default])])
+    return [
+        dict(zip(own, chosen, strict=True))
+        for chosen in itertools.product(*map(dict.fromkeys, values))
+    ]
 
 
-def check_used(given: Given, tasks: list[str]) -> None:
+def check_used(given: Given, makers: Mapping[str, Maker], robot: RobotParams | None) -> None:
     """Refuse options that none of the tasks has.
 
     Raises:
-        ValueError: The message names the tasks that have the option.
+        ValueError: The message names the tasks that have the option, or else all options.
     """
-    for option in given:
-        if not set(tasks) & set(WITH_OPTION[option]):
-            raise ValueError(f"{option} is an option of {', '.join(WITH_OPTION[option])} only")
+    here = with_option(makers)
+    known = here | (WITH_OPTION if robot is None else with_option(tasks_of(robot)))
+    for name in given:
+        if here.get(name):
+            continue
+        if not known.get(name):
+            able = ", ".join(filter(known.get, known))
+            raise ValueError(f"no task has the option {name!r}; choose from {able}")
+        raise ValueError(f"{name} is an option of {', '.join(known[name])} only")
 
 
 def option(text: str) -> tuple[str, list[float]]:
     """`name=1,2,3` as the name of an option of tasks and its values."""
-    name, values = named_values(text, WITH_OPTION)
+    name, values = named_values(text)
     # What is written as a whole number stays one.
     return name, [int(v) if v.isdecimal() else number(v, isfinite, "a number") for v in values]
 
@@ -54,10 +96,9 @@ def add_task(parser: argparse.ArgumentParser) -> None:
     """--task, --option and --step-width, of commands that are about one task."""
     parser.add_argument(
         "--task",
-        choices=tuple(EVERY_TASK),
-        default="swing",
+        type=task_name,
         metavar="TASK",
-        help=f"out of {', '.join(EVERY_TASK)}; default: swing",
+        help=f"{TASK_HELP}; default: swing of the arm, circle of --robot",
     )
     parser.add_argument(
         "--option",
@@ -72,16 +113,18 @@ def add_task(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def one_task(args: argparse.Namespace) -> Task:
-    """The task of `add_task`.
+def one_task(args: argparse.Namespace, robot: RobotParams | None) -> Task:
+    """The task of `add_task`, for a robot unless it has its own.
 
     Raises:
         ValueError: An option of other tasks, several values of one, or one out of range.
     """
     width = [] if args.step_width is None else [("step_width", [args.step_width])]
     given = merge([*args.option, *width])
-    check_used(given, [args.task])
-    options, *more = combinations(args.task, given)
+    name = args.task or ("swing" if robot in (None, ARM) else "circle")
+    make = find_maker(name, robot)
+    check_used(given, {name: make}, robot)
+    options, *more = combinations(make, given)
     if more:
         raise ValueError("--option: only one value of each for one task")
-    return make_task(args.task, **options)
+    return make_task(name, robot=robot, **options)

@@ -12,11 +12,12 @@ from rich.console import Console
 from rich.progress import Progress
 
 from softrobot_env.commands import train_rl
-from softrobot_env.commands.arguments import add_out, seed
+from softrobot_env.commands.arguments import add_out, add_robot, seed
 from softrobot_env.interfaces import Show
 from softrobot_env.paths import models_dir
 from softrobot_env.registries import load
 from softrobot_env.rendering.tables import named_values
+from softrobot_env.robots import ARM, RIG, find_robot
 
 EXAMPLE = """softrobot train --algo ppo --randomize
   softrobot train rig_nn --twin 3 --out out"""
@@ -45,7 +46,6 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
     from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
     from softrobot_env.learned import bayesian, quasi_static
     from softrobot_env.learned.network import describe
-    from softrobot_env.robots import ARM
 
     statics = ConstantCurvatureStatics(ARM)
     # Independent streams, so that the validation data are not those of another seed.
@@ -75,7 +75,6 @@ def _train_gains(design: str, seed: int, path: Path, show: Show) -> Figures:
     """Gain table of a law for the arm (thesis sec. 6.4), by its design; nothing in it is random."""
     from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
     from softrobot_env.control.arm.operating_points import build_gains, save_gains
-    from softrobot_env.robots import ARM
 
     gains = build_gains(
         ARM,
@@ -104,7 +103,6 @@ def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
     from math import degrees
 
     from softrobot_env.identification.parameters import identify, record
-    from softrobot_env.robots import RIG
 
     found = identify(record(twin, seed, show=show), seed)
     rig = found.parameters
@@ -149,6 +147,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the seed in its name, for `softrobot evaluate --learnt`",
     )
     add_out(parser, str(models_dir()), ", where policies look")
+    add_robot(parser, "that of the artifact, no other; default: it")
     train_rl.add_arguments(parser)
 
 
@@ -170,6 +169,7 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"{', '.join(foreign)}: only with --algo")
     if args.twin is not None and args.what != _OF_A_TWIN:
         raise ValueError(f"--twin: only with {_OF_A_TWIN}")
+    _check_robot(args)
     console = Console()
     _check_packages(args)
     args.out.mkdir(parents=True, exist_ok=True)
@@ -186,6 +186,19 @@ def run(args: argparse.Namespace) -> int:
     console.print(named_values(f"{name}, seed {args.seed}", figures))
     console.print(f"Wrote {path}")
     return 0
+
+
+def _check_robot(args: argparse.Namespace) -> None:
+    """Raise ValueError for a robot that the artifact is not of."""
+    if args.robot is None:
+        return
+    robot, own = find_robot(args.robot), RIG if args.what == _OF_A_TWIN else ARM
+    if robot != own:
+        raise ValueError(
+            f"{args.algo or args.what} is trained for the robot {own.name!r} alone, not for "
+            f"{robot.name!r}: train on gymnasium.make('SoftRobot/Track-v0', robot=...) with a "
+            "learning library"
+        )
 
 
 def _check_packages(args: argparse.Namespace) -> None:

@@ -1,16 +1,16 @@
 """Policies by name. What a policy imports is loaded when it is built."""
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from inspect import signature
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from softrobot_env.control.outside import as_policy, is_policy, no_policy
 from softrobot_env.fields import Positive, check_argument
-from softrobot_env.registries import Registry, load
+from softrobot_env.interfaces import Policy
+from softrobot_env.registries import Registry, is_path, load, load_given
 from softrobot_env.robots import RobotParams
-
-if TYPE_CHECKING:
-    from softrobot_env.control.base import Controller
 
 #: What policies may measure: the full state, or tip and curvatures alone, with an observer.
 FEEDBACKS = ("state", "output")
@@ -21,21 +21,31 @@ class PolicySpec:
     """How to build a policy, and the environment it is meant for.
 
     Attributes:
-        make: Path of its factory(nominal robot, control period [s], **options).
+        make: Its factory(nominal robot, control period [s], **options), or the path of one, or a
+            policy that is made already.
         options: Keyword arguments of the factory.
         environment: Keyword arguments of the environment (`control_period`, `preview`) where the
-            policy needs others than the defaults; or their path.
+            policy needs others than the defaults; or their path. None asks the attribute
+            `environment` of what makes it.
         package: Package of the extra `mpc` that it needs, or None.
+        robots: Says what a robot lacks that the policy cannot drive, None of any other. What our
+            own policies need of a robot, their factories say.
     """
 
-    make: str
+    make: Any
     options: dict[str, Any] = field(default_factory=dict)
-    environment: dict[str, Any] | str = field(default_factory=dict)
+    environment: dict[str, Any] | str | None = field(default_factory=dict)
     package: str | None = None
+    robots: Callable[[RobotParams], str | None] | None = None
+
+    def loaded(self) -> Any:
+        """The factory, or the policy."""
+        return load(self.make) if isinstance(self.make, str) else self.make
 
     def takes(self, option: str) -> bool:
         """Whether the factory has a keyword argument of this name."""
-        return option in signature(load(self.make)).parameters
+        made = self.loaded()
+        return callable(made) and option in signature(made).parameters
 
 
 #: Policies of planar robots.
@@ -105,8 +115,92 @@ def installed_policies() -> list[str]:
     return [name for name, p in packages.items() if p is None or find_spec(p) is not None]
 
 
-def _find(name: str) -> PolicySpec:
-    return Registry("policy", POLICIES | RIG_POLICIES).find(name)
+#: Every policy by name, those of other packages as well.
+EVERY_POLICY: Registry[PolicySpec] = Registry("policy", POLICIES | RIG_POLICIES)
+
+
+def register_policy(
+    name: str,
+    make: Any,
+    robots: Iterable[str | RobotParams] | Callable[[RobotParams], str | None] | None = None,
+    *,
+    replace: bool = False,
+    environment: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> None:
+    """Add a policy.
+
+    Args:
+        name: Its name.
+        make: A class or function (nominal robot, control period [s], **options), its path
+            "package.module:name" or "file.py:name", or a policy that is made already. What it makes
+            must have `predict(observation, state, episode_start, deterministic)`, as models of
+            stable-baselines3 have, or `act(observation)`, which returns the action.
+        robots: Which robots it can drive: their names or themselves; or a function that says what
+            a robot lacks, None where it fits. Unless given, any.
+        replace: Whether it may take the place of another policy of this name.
+        environment: Arguments of the environment that it needs (`control_period`, `preview`);
+            unless given those in the attribute `environment` of what makes it.
+        **options: Keyword arguments of the factory.
+
+    Raises:
+        ValueError: The name is taken, or the path is none.
+        TypeError: What is given makes no policy.
+    """
+    if isinstance(make, str) and not is_path(make):
+        raise ValueError(f"policy {name!r}: {make!r} is not 'package.module:name'")
+    if not isinstance(make, str) and not callable(make) and not is_policy(make):
+        raise TypeError(f"policy {name!r}: {no_policy(make)}")
+    fits = robots if robots is None or callable(robots) else _one_of(tuple(robots))
+    spec = PolicySpec(
+        make, options, None if environment is None else dict(environment), robots=fits
+    )
+    EVERY_POLICY.register(name, spec, replace)
+
+
+def _one_of(robots: tuple[str | RobotParams, ...]) -> Callable[[RobotParams], str | None]:
+    names = [robot if isinstance(robot, str) else robot.name for robot in robots]
+    return lambda robot: None if robot.name in names else f"it drives {', '.join(names)} only"
+
+
+def find_policy(which: str) -> PolicySpec:
+    """The policy of a name, or one's own as `package.module:name` or `file.py:name`.
+
+    Raises:
+        ValueError: Unknown name, the message lists the known ones; or there is no such object, or
+            it makes no policy.
+    """
+    if not is_path(which):
+        return EVERY_POLICY.find(which)
+    found = load_given("policy", which)
+    if not callable(found) and not is_policy(found):
+        raise ValueError(f"policy {which!r}: {no_policy(found)}")
+    return PolicySpec(found, environment=None)
+
+
+def policy_name(which: str) -> str:
+    """What a policy is called in reports: its name, or that in its module or file."""
+    return which.rpartition(":")[2]
+
+
+def fitting_policies(robot: RobotParams, control_period: float = 0.01) -> dict[str, str | None]:
+    """Why a policy cannot drive a robot, by the name of each that is installed; None if it can."""
+    ready = [name for name in EVERY_POLICY if name not in POLICIES or name in installed_policies()]
+    return {name: misfit(name, robot, control_period) for name in ready}
+
+
+def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str | None:
+    """What a robot lacks that a policy cannot drive; None where it can.
+
+    Raises:
+        ValueError: As `find_policy`.
+    """
+    period = policy_environment(which).get("control_period", control_period)
+    try:
+        make_policy(which, robot, period)
+    except ValueError as error:
+        return str(error)
+    return None
 
 
 def make_policy(
@@ -115,11 +209,11 @@ def make_policy(
     control_period: float,
     feedback: str = FEEDBACKS[0],
     **options: Any,
-) -> "Controller":
+) -> Policy:
     """Build a policy by name.
 
     Args:
-        name: One of `POLICIES` or `RIG_POLICIES`.
+        name: One of `EVERY_POLICY`, or one's own as `package.module:name` or `file.py:name`.
         robot: The nominal robot, which the policy may know.
         control_period: [s] between calls of `predict`.
         feedback: One of `FEEDBACKS`. Policies that use curvature rates get them from an observer
@@ -130,17 +224,40 @@ def make_policy(
         ValueError: Unknown name; the message lists the known ones. Or a robot or control period
             that the policy cannot work with.
     """
-    spec = _find(name)
+    spec = find_policy(name)
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
     check_argument("robot", robot, RobotParams)
     check_argument("control_period", control_period, Positive)
-    policy = load(spec.make)(robot, control_period, **(spec.options | options))
-    if feedback == "state" or "curvature_rate" not in policy.requires:
+    policy = _made(name, spec, robot, control_period, options)
+    if feedback == "state" or "curvature_rate" not in getattr(policy, "requires", ()):
         return policy
     from softrobot_env.control.arm.observer import OutputFeedback
 
     return OutputFeedback(policy, robot, control_period)
+
+
+def _made(
+    name: str, spec: PolicySpec, robot: RobotParams, control_period: float, options: dict[str, Any]
+) -> Policy:
+    """The policy of an entry.
+
+    Raises:
+        ValueError: It cannot drive the robot, or is none.
+    """
+    lacks = None if spec.robots is None else spec.robots(robot)
+    if lacks:
+        raise ValueError(f"policy {name!r} cannot drive robot {robot.name!r}: {lacks}")
+    made, given = spec.loaded(), spec.options | options
+    if callable(made) and (isinstance(made, type) or not is_policy(made)):
+        try:
+            signature(made).bind(robot, control_period, **given)
+        except TypeError as error:
+            raise ValueError(
+                f"policy {name!r}: what makes it must take (robot, control_period): {error}"
+            ) from error
+        made = made(robot, control_period, **given)
+    return as_policy(made, name)
 
 
 def policy_environment(name: str) -> dict[str, Any]:
@@ -151,5 +268,8 @@ def policy_environment(name: str) -> dict[str, Any]:
     Raises:
         ValueError: Unknown name; the message lists the known ones.
     """
-    needed = _find(name).environment
+    spec = find_policy(name)
+    needed = spec.environment
+    if needed is None:
+        needed = getattr(spec.loaded(), "environment", {})
     return dict(load(needed) if isinstance(needed, str) else needed)

@@ -3,7 +3,9 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from softrobot_env.robots import ARM, RIG
 from softrobot_env.tasks import OPTIONS, RIG_TASKS
+from softrobot_env.tasks.spec import option_text
 
 #: Plants of rows that are no simulation: the rig, and a virtual one, over a serial line.
 REAL, VIRTUAL = "real", "virtual"
@@ -22,15 +24,32 @@ _VARIATIONS: dict[str, Callable[[float], str]] = {
 
 
 def option_columns(options: Mapping[str, float]) -> dict[str, float | None]:
-    """Columns of a row for the options of any task, None where the task has none."""
-    return {option.column: options.get(name) for name, option in OPTIONS.items()}
+    """Columns of a row for the options of any task, None where the task has none.
+
+    Options that only a user's task has are together in the column `more_options`, if any.
+    """
+    own = {name: value for name, value in options.items() if name not in OPTIONS}
+    columns = {option.column: options.get(name) for name, option in OPTIONS.items()}
+    return columns | ({"more_options": own} if own else {})
 
 
 def task_label(row: Mapping[str, Any]) -> str:
-    """Task with its options, for people."""
-    values = {option: row.get(option.column) for option in OPTIONS.values()}
-    told = [option.text(value) for option, value in values.items() if value is not None]
-    return " ".join([row["task"], *told])
+    """Task with its options, and the robot unless it is one of the thesis, for people."""
+    values = {name: row.get(option.column) for name, option in OPTIONS.items()}
+    values |= row.get("more_options") or {}
+    told = [option_text(name, value) for name, value in values.items() if value is not None]
+    return ", ".join(filter(None, (" ".join([row["task"], *told]), own_robot(row))))
+
+
+def own_robot(row: Mapping[str, Any]) -> str:
+    """The robot of a row; empty for those of the thesis, which their tasks and labels tell."""
+    robot = _robot(row)
+    return "" if robot in (ARM.name, RIG.name) else robot
+
+
+def _robot(row: Mapping[str, Any]) -> str:
+    """Name of a row's robot, which the tasks tell where the thesis reports it."""
+    return row.get("robot") or (RIG.name if row["task"] in RIG_TASKS else ARM.name)
 
 
 def variation_label(row: Mapping[str, Any]) -> str:
@@ -39,8 +58,8 @@ def variation_label(row: Mapping[str, Any]) -> str:
 
 
 def rig_label(row: Mapping[str, Any]) -> str:
-    """Which rig it was, for people; empty for tasks of other robots."""
-    if row["task"] not in RIG_TASKS:
+    """Which rig it was, for people; empty for other robots."""
+    if _robot(row) != RIG.name:
         return ""
     if row["plant"] == REAL:
         return "real"
@@ -66,10 +85,10 @@ def _twin_label(seed: int) -> str:
 
 
 def robot_label(row: Mapping[str, Any]) -> str:
-    """How the robot differs from the nominal arm, or which rig it was."""
-    return variation_label(row) or rig_label(row)
+    """Which rig it was, and how the robot differs from the nominal one."""
+    return ", ".join(filter(None, (rig_label(row), variation_label(row))))
 
 
 def robot_heading(row: Mapping[str, Any]) -> str:
     """What `robot_label` tells."""
-    return "rig" if row["task"] in RIG_TASKS else "variation"
+    return "rig" if _robot(row) == RIG.name else "variation"

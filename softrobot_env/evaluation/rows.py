@@ -11,7 +11,7 @@ class EpisodeRow:
     Attributes:
         task, policy, robot, plant, source: Names.
         step_width: [m] of a step, None for other tasks.
-        variation: What differed from the nominal arm.
+        variation: What differed from the nominal robot.
         e_mean, e_max, e_rms, e_final: [m], see `TrackingMetrics`.
         rise_time, settling_time, overshoot, steady_state_error: See `StepMetrics`; None where the
             task is no step.
@@ -49,7 +49,7 @@ class EvaluatedRow(EpisodeRow):
 
     Attributes:
         options: Columns of the task's options, see `labels.option_columns`.
-        twin: Seed of the rig's twin; None for other rigs, and for the arm.
+        twin: Seed of the rig's twin; None for other rigs and robots.
         e_mean_tracking, e_max_tracking: [m], see `ApproachedMetrics`.
         feedback: What the policy measured; None where it measures nothing.
         learnt: The rig of which the policy's identified parameters are, for people, or None.

@@ -9,10 +9,16 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
-from softrobot_env.control.registry import FEEDBACKS, RIG_POLICIES, make_policy, policy_environment
+from softrobot_env.control.registry import (
+    FEEDBACKS,
+    RIG_POLICIES,
+    make_policy,
+    policy_environment,
+    policy_name,
+)
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.labels import rig_label, variation_label
+from softrobot_env.evaluation.labels import own_robot, rig_label, variation_label
 from softrobot_env.evaluation.metrics import (
     StepMetrics,
     TrackingMetrics,
@@ -23,6 +29,7 @@ from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.run import run_episode, warm_up
 from softrobot_env.interfaces import Policy
+from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import twin_or_ideal
 from softrobot_env.tasks import Task
 
@@ -40,9 +47,9 @@ class Case:
 
     Attributes:
         task: The task.
-        policy: Name of the policy.
-        variation: What differs from the nominal arm, see the reset option `vary`.
-        twin: Seed of the rig's twin; None for an ideal rig, and for the arm.
+        policy: The policy, see `control.registry.find_policy`.
+        variation: What differs from the nominal robot, see the reset option `vary`.
+        twin: Seed of the rig's twin; None for an ideal rig, and for other robots.
         plant: What moves, as reports say it: one of `beams.registry.PLANTS`, or what is behind a
             serial line.
         feedback: What the policy measures, one of `control.registry.FEEDBACKS`; None for the rig,
@@ -65,10 +72,16 @@ class Case:
 
     @property
     def label(self) -> str:
-        """Task, rig, policy and variation for people."""
-        rig = rig_label({"task": self.task.name, "plant": self.plant, "twin": self.twin})
+        """Task, robot or rig, policy and variation for people."""
         varied = variation_label({"variation": self.variation})
-        return ", ".join(filter(None, (self.task.label, rig, self.policy, varied)))
+        return ", ".join(filter(None, (self.robot_label, policy_name(self.policy), varied)))
+
+    @property
+    def robot_label(self) -> str:
+        """Task, robot unless it is one of the thesis, and which rig it is, for people."""
+        row = {"task": self.task.name, "robot": self.task.robot.name}
+        row |= {"plant": self.plant, "twin": self.twin}
+        return ", ".join(filter(None, (self.task.label, own_robot(row), rig_label(row))))
 
     @property
     def reset_options(self) -> dict[str, Any]:
@@ -79,10 +92,11 @@ class Case:
     def environment(self, **drawing: Any) -> gymnasium.Env:
         """The simulation of this case with all observables; `drawing` is how to render."""
         options = policy_environment(self.policy) | dict(self.scene) | drawing
-        if self.task.axes == "xy":
+        if self.plant != MUJOCO:
+            options = {"plant": BeamPlant(self.plant), "pieces": None} | options
+        if self.task.robot == RIG:
             return RigEnv(self.task, twin=twin_or_ideal(self.twin), observe="all", **options)
-        plant = {} if self.plant == MUJOCO else {"plant": BeamPlant(self.plant)}
-        return TrackingEnv(self.task, observe="all", **(plant | options))
+        return TrackingEnv(self.task, observe="all", **options)
 
     def make_policy(self, control_period: float) -> Policy:
         """The policy, which decides every `control_period` [s]."""
@@ -122,7 +136,7 @@ class Outcome:
         return kind(
             task=case.task.name,
             step_width=width,
-            policy=case.policy,
+            policy=policy_name(case.policy),
             robot=case.task.robot.name,
             plant=case.plant,
             source=rollout.source,

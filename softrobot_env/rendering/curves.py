@@ -85,10 +85,10 @@ def draw(axis: Axes, curves: Sequence[Curve], values: Values, shown: Shown = eve
 def draw_tip(
     axes: Sequence[Axes], curves: Sequence[Curve], plane: str = "xz", shown: Shown = everything
 ) -> None:
-    """Two coordinates of the tip with their reference, and the error if there is a third axis.
+    """Coordinates of the tip with their reference, and the error if there is one axis more.
 
     Args:
-        axes: Two or three.
+        axes: One for each coordinate, and one for the error.
         curves: The episodes.
         plane: The coordinates, such as "xz".
         shown: Which samples.
@@ -100,7 +100,7 @@ def draw_tip(
         axis.plot(whole.time[part], 1e3 * whole.reference[part, index], **REFERENCE)
         draw(axis, curves, lambda rollout, k=index: 1e3 * rollout.tip[:, k], shown)
         axis.set_ylabel(f"tip {name} [mm]")
-    for axis in axes[2:]:
+    for axis in axes[len(plane) :]:
         draw(axis, curves, lambda rollout: 1e3 * rollout.error, shown)
         axis.set(yscale="log", ylabel="error [mm]")
         axis.set_ylim(bottom=max(_SMALLEST_ERROR, axis.get_ylim()[0]))

@@ -39,26 +39,32 @@ def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: 
         stem: Start of the file names.
 
     Returns:
-        Paths of `<stem>_tip.png` (tip and error over time) and, of a planar robot,
-        `<stem>_inputs.png` (reduced tendon inputs over time) and `<stem>_shapes.png` (path of the
-        tip and final shapes); of a spatial one `<stem>_lengths.png` (lengths that the servos pulled
-        in over time) and `<stem>_path.png` (path of the tip from above). Where the trajectory has
-        an approach, they begin after it.
+        Paths of `<stem>_tip.png` (tip and error over time), then `<stem>_inputs.png` (reduced
+        tendon inputs over time) or, of a robot driven by length, `<stem>_lengths.png` (lengths that
+        the servos pulled in), and of a planar robot `<stem>_shapes.png` (path of the tip and final
+        shapes), of a spatial one `<stem>_path.png` (path of the tip from above). Where the
+        trajectory has an approach, they begin after it.
     """
+    robot = task.robot
     figures = {"tip": _tip(curves, task, title)}
-    if task.axes == "xy":
-        names = [f"tendon {i} [mm]" for i in range(1, len(task.robot.tendons) + 1)]
+    if robot.drive.kind == "length":
+        names = [f"tendon {i} [mm]" for i in range(1, len(robot.tendons) + 1)]
         text = f"{title}: length pulled in by the servos"
         figures["lengths"] = _stacked(curves, lambda r: 1e3 * r.tendon_length, names, task, text)
-        figures["path"] = _paths(curves, task, title)
     else:
-        pairs = TendonMap(task.robot)
-        names = [f"pair {i} [N]" for i in range(1, pairs.n_inputs + 1)]
+        inputs = TendonMap(robot)
+        what = "pair" if robot.is_planar else "input"
+        names = [f"{what} {i} [N]" for i in range(1, inputs.n_inputs + 1)]
         text = f"{title}: tendon tension (positive: upper tendon)"
+        if not robot.is_planar:
+            text = f"{title}: reduced inputs of the tendons"
         figures["inputs"] = _stacked(
-            curves, lambda r: pairs.reduced(r.tendon_tension), names, task, text
+            curves, lambda r: inputs.reduced(r.tendon_tension), names, task, text
         )
+    if robot.is_planar:
         figures["shapes"] = _shapes(curves, task, title)
+    else:
+        figures["path"] = _paths(curves, task, title)
     return [save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
 
 
@@ -71,7 +77,8 @@ def _shown(task: Task, rollout: Rollout) -> slice:
 
 
 def _tip(curves: Sequence[Curve], task: Task, title: str) -> Figure:
-    figure, axes = new_figure(3, 1, (7.0, 7.0))
+    count = len(task.axes) + 1
+    figure, axes = new_figure(count, 1, (7.0, 1.0 + 2.0 * count))
     draw_tip(axes[:, 0], curves, task.axes, partial(_shown, task))
     return finish(figure, axes[0, 0], title)
 
@@ -117,5 +124,6 @@ def _paths(curves: Sequence[Curve], task: Task, title: str) -> Figure:
         axis.set_visible(False)
     figure.supxlabel("x [mm]", fontsize="medium")
     figure.supylabel("y [mm]", fontsize="medium")
-    figure.suptitle(f"{title}: path of the tip from above, reference in black", fontsize=11)
+    what = "path of the tip from above, reference in black"
+    figure.suptitle(f"{title}:{' ' if columns > 2 else chr(10)}{what}", fontsize=11)
     return figure

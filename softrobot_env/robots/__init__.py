@@ -32,6 +32,7 @@ from softrobot_env.robots.registry import (
     SERVO_SPEED,
     WORKSPACE,
     find_robot,
+    register_robot,
 )
 from softrobot_env.robots.sections import Backbone, Section
 from softrobot_env.robots.tendons import Tendon
@@ -65,5 +66,6 @@ __all__ = [
     "check_number",
     "find_robot",
     "read_robot",
+    "register_robot",
     "write_robot",
 ]

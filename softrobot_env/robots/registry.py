@@ -4,8 +4,9 @@
 assumption of this package.
 """
 
-from dataclasses import replace
+from dataclasses import replace as with_fields
 from math import cos, pi, sin
+from pathlib import Path
 
 from softrobot_env.paths import assets_dir
 from softrobot_env.registries import Registry
@@ -25,7 +26,9 @@ CANTILEVER_WEAK = RobotParams(
     pieces=6,
     gravity=(-9.81, 0.0, 0.0),
 )
-CANTILEVER_STIFF = replace(CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040)
+CANTILEVER_STIFF = with_fields(
+    CANTILEVER_WEAK, name="cantilever_stiff", length=0.2, outer_radius=0.040
+)
 
 
 def _pair(group: int, end: float, radius: float, limit: float) -> tuple[Tendon, Tendon]:
@@ -104,7 +107,9 @@ RIG = RobotParams(
 EQUIVALENT = 1.2
 
 #: A rig that, as a beam, stands and calms down as the one-piece model of `RIG` does.
-EQUIVALENT_RIG = replace(RIG, name="rig_equivalent", youngs_modulus=EQUIVALENT * RIG.youngs_modulus)
+EQUIVALENT_RIG = with_fields(
+    RIG, name="rig_equivalent", youngs_modulus=EQUIVALENT * RIG.youngs_modulus
+)
 
 #: Radius [m] of the rig's usable workspace (audit).
 WORKSPACE = 0.121
@@ -118,6 +123,30 @@ ROBOTS = Registry(
     {r.name: r for r in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG, EQUIVALENT_RIG)}
     | {name: read_robot(assets_dir() / "robots" / f"{name}.toml") for name in EXAMPLES},
 )
+
+
+def register_robot(
+    robot: RobotParams | str | Path, name: str | None = None, *, replace: bool = False
+) -> RobotParams:
+    """Add a robot to the named ones; returns it, with its name.
+
+    Args:
+        robot: The robot, or a file that describes it.
+        name: Its name; the robot's own unless given.
+        replace: Whether it may take the place of another of this name.
+
+    Raises:
+        ValueError: The name is taken, or the file says what is not allowed.
+        TypeError: Neither a robot nor a path.
+        OSError: The file cannot be read.
+    """
+    if isinstance(robot, str | Path):
+        robot = read_robot(robot)
+    if not isinstance(robot, RobotParams):
+        raise TypeError(f"a robot is a RobotParams or the path of a robot file, got {robot!r}")
+    named = with_fields(robot, name=robot.name if name is None else name)
+    ROBOTS.register(named.name, named, replace)
+    return named
 
 
 def find_robot(which: str) -> RobotParams:

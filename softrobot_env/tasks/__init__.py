@@ -4,10 +4,14 @@ from softrobot_env.tasks.arm import ALL_TASKS, STEP_WIDTHS, TASKS, UNSEEN_TASKS,
 from softrobot_env.tasks.registry import (
     EVERY_TASK,
     WITH_OPTION,
+    find_maker,
+    known_tasks,
     make_task,
     options_of,
+    register_task,
     remake_task,
     tasks_of,
+    with_option,
 )
 from softrobot_env.tasks.rig import RIG_TASKS
 from softrobot_env.tasks.rig_trajectories import SetPoints
@@ -29,8 +33,12 @@ __all__ = [
     "Task",
     "defaults",
     "equal_input",
+    "find_maker",
+    "known_tasks",
     "make_task",
     "options_of",
+    "register_task",
     "remake_task",
     "tasks_of",
+    "with_option",
 ]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from softrobot_env.registries import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.tasks.rig_trajectories import SetPoints
 from softrobot_env.tasks.smooth_paths import FourierPath, SmoothRun, figure_eight, random_path
@@ -99,7 +100,7 @@ def _circle(robot: RobotParams, radius: float | None = None, speed: float | None
     ground, (radius, _) = _wide_ground(robot, "circle", radius, long=False)
     e1, e2 = radius * ground.axes
     flat = FourierPath(_point(ground.middle + e1), (_point(e1),), (_point(e2),))
-    return _run("circle", robot, flat, speed, radius=radius)
+    return laps("circle", robot, flat, speed, radius=radius)
 
 
 def _figure_eight(
@@ -110,7 +111,7 @@ def _figure_eight(
     ground, (radius, width) = _wide_ground(robot, "figure_eight", radius)
     along, across = radius * ground.axes[0], min(width, radius / 2) * ground.axes[1]
     flat = figure_eight(_point(ground.middle), _point(along), _point(across))
-    return _run("figure_eight", robot, flat, speed, radius=radius)
+    return laps("figure_eight", robot, flat, speed, radius=radius)
 
 
 def _random(
@@ -122,7 +123,7 @@ def _random(
     along, across = radius * ground.axes[0], width * ground.axes[1]
     path = random_path(whole(seed), _point(ground.middle), _point(along), _point(across))
     sheet = _sheet(robot, radius, width, "task 'random'")
-    return _run("random", robot, path, speed, sheet, radius=radius, seed=seed)
+    return laps("random", robot, path, speed, sheet, radius=radius, seed=seed)
 
 
 def _reach(
@@ -189,15 +190,28 @@ def _wide_ground(
     return ground, (radius, radius * ground.radius / length)
 
 
-def _run(
+def laps(
     name: str,
     robot: RobotParams,
     flat: FourierPath,
-    speed: float | None,
+    speed: float | None = None,
     sheet: "_Sheet | None" = None,
     **options: float,
 ) -> Task:
-    """Laps of the path over a flat one, from rest to rest; on a sheet that is known already."""
+    """Two laps of a closed path of the tip, from rest to rest.
+
+    Args:
+        name: Of the task.
+        robot: The robot.
+        flat: The path, in the plane of `site_of(robot).ground`: the height of a spatial robot's tip
+            follows from its statics.
+        speed: [m/s], largest of the reference; slow for the robot unless given.
+        sheet: Where the tip rests over this plane, if that is known already.
+        **options: What the path was made with, for labels and reports.
+
+    Raises:
+        ValueError: The robot cannot hold its tip somewhere on the path.
+    """
     site, what = site_of(robot), f"task {name!r}"
     phase = _phases(flat)
     if sheet is None:
@@ -327,14 +341,17 @@ def _checked(radius: float) -> float:
 
 
 #: Name -> function (robot, **options) that makes the task.
-GENERIC_TASKS: dict[str, Callable[..., Task]] = {
-    "reach": _reach,
-    "circle": _circle,
-    "figure_eight": _figure_eight,
-    "random": _random,
-}
+GENERIC_TASKS: Registry[Callable[..., Task]] = Registry(
+    "task",
+    {
+        "reach": _reach,
+        "circle": _circle,
+        "figure_eight": _figure_eight,
+        "random": _random,
+    },
+)
 
 
 def generic_tasks(robot: RobotParams) -> dict[str, Maker]:
     """The tasks that any robot can be given, of one robot; an option that is None has a default."""
-    return {name: partial(make, robot) for name, make in GENERIC_TASKS.items()}
+    return {name: partial(make, robot) for name, make in GENERIC_TASKS.registered().items()}

@@ -1,38 +1,104 @@
 """Tasks by name."""
 
-from collections.abc import Mapping
-from dataclasses import replace
-from functools import lru_cache
+from collections.abc import Callable, Mapping
+from dataclasses import replace as with_fields
+from functools import lru_cache, partial
+from inspect import signature
 
-from softrobot_env.registries import Registry
-from softrobot_env.robots import RobotParams, as_number, find_robot
+from softrobot_env.registries import Registry, check_name, is_path, load_given
+from softrobot_env.robots import ARM, RIG, RobotParams, as_number, find_robot
 from softrobot_env.tasks.arm import ALL_TASKS
-from softrobot_env.tasks.generic import generic_tasks
+from softrobot_env.tasks.generic import GENERIC_TASKS, generic_tasks
 from softrobot_env.tasks.rig import RIG_TASKS
 from softrobot_env.tasks.spec import OPTIONS, Maker, Task, defaults
 
-#: Tasks of all robots.
+#: The own tasks of the thesis' robots, and those that were registered for one robot.
 EVERY_TASK: Registry[Maker] = Registry("task", ALL_TASKS | RIG_TASKS)
 
-#: Option -> tasks that have it.
-WITH_OPTION = {
-    option: tuple(name for name, make in EVERY_TASK.items() if option in defaults(make))
-    for option in OPTIONS
-}
-
-
 #: Robot -> its own tasks, before those that any robot can be given.
-OWN_TASKS: dict[str, dict[str, Maker]] = {"arm": ALL_TASKS, "rig": RIG_TASKS}
+OWN_TASKS: dict[RobotParams, dict[str, Maker]] = {ARM: dict(ALL_TASKS), RIG: dict(RIG_TASKS)}
 
 
-def tasks_of(robot: RobotParams | str) -> Registry[Maker]:
+class TasksOf(Registry[Maker]):
+    """The tasks of a robot: its own, and those that any robot can be given."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        super().__init__("task", {})
+        self._robot = robot
+
+    def registered(self) -> dict[str, Maker]:
+        """See `Registry`."""
+        return generic_tasks(self._robot) | self.own()
+
+    def own(self) -> dict[str, Maker]:
+        """Those that the robot alone has."""
+        return OWN_TASKS.get(self._robot, {})
+
+
+def tasks_of(robot: RobotParams | str) -> TasksOf:
     """The tasks of a robot: its own, and those that any robot can be given; errors as `find_robot`.
 
     Args:
         robot: The robot, the name of one, or a file that describes it.
     """
+    return TasksOf(find_robot(robot) if isinstance(robot, str) else robot)
+
+
+def register_task(
+    name: str,
+    maker: Callable[..., Task],
+    robot: RobotParams | str | None = None,
+    *,
+    replace: bool = False,
+) -> None:
+    """Add a task.
+
+    Args:
+        name: Its name.
+        maker: Makes the task from its options, numbers with defaults that are its keyword
+            arguments. That of a task for any robot takes the robot first.
+        robot: The robot, or the name or file of one, whose own task it is, found by name alone as
+            well unless another has this name. Unless given, any robot can be given the task.
+        replace: Whether it may take the place of another task of this name.
+
+    Raises:
+        ValueError: The name is taken, or the maker does not take what it has to.
+        TypeError: The maker is no function.
+        OSError: The robot's file cannot be read.
+    """
+    check_name("task", name)
+    check_maker(name, maker, takes_robot=robot is None)
+    if robot is None:
+        GENERIC_TASKS.register(name, maker, replace)
+        return
     robot = find_robot(robot) if isinstance(robot, str) else robot
-    return Registry("task", generic_tasks(robot) | OWN_TASKS.get(robot.name, {}))
+    own = OWN_TASKS.setdefault(robot, {})
+    if name in own and not replace:
+        raise ValueError(
+            f"robot {robot.name!r} has a task {name!r} already; replace=True replaces it"
+        )
+    replaced = own.get(name)
+    own[name] = maker
+    if EVERY_TASK.registered().get(name) in (None, replaced):
+        EVERY_TASK.register(name, maker, replace=True)
+
+
+def check_maker(name: str, maker: Callable[..., Task], takes_robot: bool) -> None:
+    """Raise TypeError or ValueError unless something can make a task."""
+    if not callable(maker):
+        raise TypeError(f"the maker of task {name!r} must be a function, got {maker!r}")
+    first = needed(maker)
+    if len(first) != takes_robot:
+        wanted = "the robot alone" if takes_robot else "nothing, which is for one robot,"
+        raise ValueError(
+            f"the maker of task {name!r} must take {wanted} before options that have defaults, got "
+            f"a function of {', '.join(first) or 'nothing'}"
+        )
+
+
+def needed(maker: Callable[..., Task]) -> list[str]:
+    """Parameters without defaults of what makes a task."""
+    return [n for n, p in signature(maker).parameters.items() if p.default is p.empty]
 
 
 def make_task(
@@ -47,7 +113,8 @@ def make_task(
     """Build a task by name.
 
     Args:
-        name: One of `tasks_of(robot)`; without a robot one of `among`.
+        name: One of `tasks_of(robot)`, without a robot one of `among`; or a task of one's own as
+            `package.module:name` or `file.py:name`: a `Task`, or what `register_task` takes.
         step_width: As the option of that name.
         robot: The robot, the name of one, or a file that describes it.
         among: The tasks to choose from without a robot.
@@ -60,10 +127,44 @@ def make_task(
             cannot do the task, or does not reach as far.
         OSError: The robot's file cannot be read.
     """
-    if robot is not None:
-        among = tasks_of(robot)
-    make = Registry("task", among).find(name)
+    make = find_maker(name, robot, among)
     return _made(name, make, {"step_width": step_width} | options)
+
+
+def find_maker(
+    name: str,
+    robot: RobotParams | str | None = None,
+    among: Mapping[str, Maker] = EVERY_TASK,
+) -> Maker:
+    """What makes a task of its options; arguments and errors as of `make_task`."""
+    if robot is None and not is_path(name):
+        return (among if isinstance(among, Registry) else Registry("task", among)).find(name)
+    if isinstance(robot, str):
+        robot = find_robot(robot)
+    return _given_maker(name, robot) if is_path(name) else TasksOf(robot).find(name)
+
+
+def _given_maker(path: str, robot: RobotParams | None) -> Maker:
+    """What makes the task that a user's module or file has, for a robot where it takes one."""
+    found = load_given("task", path)
+    if isinstance(found, Task):
+        return _of_robot(path, lambda: found, robot)
+    if not callable(found):
+        raise ValueError(f"the task {path!r} must be a Task or a function, got {found!r}")
+    check_maker(path, found, takes_robot=bool(needed(found)))
+    if not needed(found):
+        return _of_robot(path, found, robot)
+    if robot is None:
+        raise ValueError(f"the task {path!r} is for any robot: say which with robot")
+    return partial(found, robot)
+
+
+def _of_robot(path: str, make: Maker, robot: RobotParams | None) -> Maker:
+    """The maker of a task that has its robot, which must be the one asked for, if any."""
+    own = make().robot
+    if robot not in (None, own):
+        raise ValueError(f"the task {path!r} is for robot {own.name!r}, not {robot.name!r}")
+    return make
 
 
 def remake_task(task: Task, /, **options: float) -> Task:
@@ -80,7 +181,17 @@ def remake_task(task: Task, /, **options: float) -> Task:
         for name in ("robot", "start_input")
         if getattr(task, name) != getattr(before, name)
     }
-    return replace(made, **replaced)
+    return with_fields(made, **replaced)
+
+
+def with_option(makers: Mapping[str, Maker]) -> dict[str, tuple[str, ...]]:
+    """Option -> names of the tasks that have it."""
+    options = dict.fromkeys([*OPTIONS, *(o for make in makers.values() for o in defaults(make))])
+    return {o: tuple(n for n, make in makers.items() if o in defaults(make)) for o in options}
+
+
+#: Option -> tasks of the thesis' robots that have it.
+WITH_OPTION = with_option(ALL_TASKS | RIG_TASKS)
 
 
 @lru_cache(maxsize=64)
@@ -100,10 +211,22 @@ def _made(name: str, make: Maker, options: Mapping[str, float | None]) -> Task:
         if as_number(value) is None:
             raise ValueError(f"option {option!r} must be a number, got {value!r}")
     task = make(**given)
-    return replace(task, options=task.options or tuple((known | given).items()), maker=make)
+    if not isinstance(task, Task):
+        raise ValueError(
+            f"the maker of task {name!r} must return a Task, got {type(task).__name__}"
+        )
+    return with_fields(task, options=task.options or tuple((known | given).items()), maker=make)
+
+
+def known_tasks() -> list[str]:
+    """Names of all tasks: own ones of any robot, and those for every robot."""
+    own = (name for makers in OWN_TASKS.values() for name in makers)
+    return list(dict.fromkeys([*EVERY_TASK, *GENERIC_TASKS, *own]))
 
 
 def options_of(name: str, robot: RobotParams | str | None = None) -> tuple[str, ...]:
     """Names of the options of a task, see `make_task`; none of an unknown one."""
-    among = EVERY_TASK if robot is None else tasks_of(robot)
-    return tuple(defaults(among[name])) if name in among else ()
+    try:
+        return tuple(defaults(find_maker(name, robot)))
+    except ValueError:
+        return ()

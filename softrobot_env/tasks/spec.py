@@ -47,6 +47,11 @@ OPTIONS: dict[str, Option] = {
 }
 
 
+def option_text(name: str, value: float) -> str:
+    """The value of an option for people, with its name where only a user's task has it."""
+    return OPTIONS[name].text(value) if name in OPTIONS else f"{name} {value:g}"
+
+
 @dataclass(frozen=True)
 class Task:
     """What an environment asks of a policy.
@@ -110,7 +115,7 @@ class Task:
         """Name for people, with the options."""
         order = [*OPTIONS, *(name for name, _ in self.options if name not in OPTIONS)]
         given = sorted(self.options, key=lambda option: order.index(option[0]))
-        told = (OPTIONS.get(name, Option(name)).text(value) for name, value in given)
+        told = (option_text(name, value) for name, value in given)
         return " ".join([self.name, *told])
 
 

@@ -157,6 +157,7 @@ def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
         (["evaluate", "--speeds", "0.1", "--tasks", "swing"], "circle, figure_eight, random"),
         (["evaluate", "--path-seeds", "1", "--tasks", "circle"], "random, reach"),
         (["render", "--step-width", "0.1", "--task", "swing"], "step only"),
+        (["evaluate", "--tasks", "circle", "--option", "colour=1"], "speed"),
     ],
 )
 def test_bad_values_end_with_the_reason(arguments, reason, capsys):
@@ -189,6 +190,7 @@ def test_quick_speed_benchmark(tmp_path):
     assert {row["what"] for row in rows} == {
         "env.step",
         "moving",
+        "robots",
         "vector env.step",
         "start",
         "render",

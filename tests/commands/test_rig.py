@@ -112,8 +112,8 @@ def test_options_apply_to_every_task_that_has_them(tmp_path):
         (["--tasks", "reach", "--option", "seed=0.5"], "whole number"),
         (["--tasks", "triangle", "--option", "period=0"], "positive"),
         (["--tasks", "triangle", "--option", "period=5,0.08"], "below 2.02 m/s"),
-        (["--tasks", "triangle", "--vary", "density=2"], "--vary: only with tasks of the arm"),
-        (["--tasks", "triangle", "swing", "--plant", "pcc"], "--plant: only with"),
+        (["--tasks", "triangle", "--vary", "tension_gain=2"], "driven by length"),
+        (["--tasks", "triangle", "--plant", "pcc"], "no tendon friction"),
         (["--tasks", "triangle", "--feedback", "output"], "--feedback: only with"),
     ],
     ids=str,
@@ -127,7 +127,6 @@ def test_what_no_case_uses_is_refused_before_any_episode(arguments, reason, tmp_
 @pytest.mark.parametrize(
     ("arguments", "allowed"),
     [
-        (["--option", "colour=1"], "period"),
         (["--option", "period"], "NAME=V1,V2"),
         (["--option", "period=fast"], "not a number"),
         (["--option", "period=inf"], "not a number"),
@@ -161,6 +160,20 @@ def test_inspect_tells_which_errors_a_rig_has_not(capsys):
     assert "reach 0 121 mm 1 s" in out and "ideal" in out
     for error in ("backlash", "tendon friction", "camera noise", "camera delay"):
         assert error in out
+
+
+def test_a_rig_varies_and_can_be_a_beam_model(tmp_path, capsys):
+    arguments = ["--tasks", "triangle", "--policies", "inverse_dynamics", "--no-plots", *FAST]
+    arguments += ["--duration", "0.3"]
+    vary = ["--twin", "0", "none", "--vary", "youngs_modulus=1,0.5"]
+    rows = evaluated(tmp_path, *arguments, *vary)
+    told = [(row["twin"], row["variation"].get("youngs_modulus")) for row in rows]
+    assert told == [(0, None), (0, 0.5), (None, None), (None, 0.5)]
+    assert "twin 0, E x 0.5" in capsys.readouterr().out
+    assert len({row["e_final"] for row in rows}) == 4
+    (row,) = evaluated(tmp_path, *arguments, "--plant", "pcc", "--twin", "none")
+    assert row["plant"] == "pcc"
+    assert row["e_final"] == pytest.approx(rows[2]["e_final"], abs=2e-3)  # ideal, as a chain
 
 
 def test_render_takes_one_value_and_a_policy_of_the_rig(tmp_path, capsys):

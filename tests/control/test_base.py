@@ -34,7 +34,7 @@ def observe(reference, tip=None, action=(0.06, 0.06, 0.06)):
 
 
 def test_unknown_policy_lists_the_known_ones():
-    with pytest.raises(ValueError, match="hold, feedforward, feedforward_pi, qs_nn, lqi"):
+    with pytest.raises(ValueError, match="hold, feedforward, feedforward_pi, static, qs_nn, lqi"):
         make_policy("pid", ARM, PERIOD)
 
 

@@ -4,47 +4,66 @@ import argparse
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
+
+from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
-from softrobot_env.commands.setups import RigSetup
+from softrobot_env.commands.setups import Setup
+from softrobot_env.control.registry import FEEDBACKS
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.hardware.recording import RecordingTransport
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.transport import SerialTransport, Transport
+from softrobot_env.robots import RIG, RobotParams
+
+#: Arguments of simulated robots alone -> their value unless given.
+_SIMULATED = {"vary": [], "randomize": [], "feedback": FEEDBACKS[0], "plant": MUJOCO}
 
 
-class RealSetup(RigSetup):
-    """A robot over a serial line."""
+class RealSetup(Setup):
+    """A rig over a serial line; tasks of other robots are simulated."""
 
     def __init__(self, args: argparse.Namespace) -> None:
         """Arguments of `softrobot evaluate`."""
         super().__init__(args)
         self.plant = args.env
 
-    def twins(self) -> list[int | None]:
+    def twins(self, robot: RobotParams) -> list[int | None]:
         """Seeds for virtual robots; a real one is what it is."""
-        return super().twins() if self.plant == VIRTUAL else [None]
+        return super().twins(robot) if self.plant == VIRTUAL else [None]
+
+    def complete(self, case: Case) -> Case:
+        """See `Setup`."""
+        case = super().complete(case)
+        return replace(case, plant=self.plant) if case.task.robot == RIG else case
 
     def check(self, cases: list[Case]) -> None:
         """Refuse what belongs to a virtual robot or to none, and unfit references."""
         args = self._args
-        if not cases:
+        if not any(case.task.robot == RIG for case in cases):
             raise ValueError(f"--env {self.plant}: only with tasks of the rig")
         if self.plant == REAL and args.twin is not None:
             raise ValueError("--twin: only with simulated and virtual robots")
         if self.plant == VIRTUAL and (args.robot_file is not None or args.port is not None):
             raise ValueError("--robot-file, --port: only with --env real")
-        if self.plant == VIRTUAL and None in self.twins():
+        if self.plant == VIRTUAL and None in self.twins(RIG):
             raise ValueError("--twin none: only with simulated robots")
+        foreign = [f"--{name}" for name, value in _SIMULATED.items() if vars(args)[name] != value]
+        if foreign:
+            raise ValueError(f"{', '.join(foreign)}: only with simulated robots")
         super().check(cases)
 
-    def environment(self, case: Case, **drawing: Any) -> RealRigEnv:
+    def environment(self, case: Case, **drawing: Any) -> gymnasium.Env:
         """Environment for a case; its `close` ends a virtual robot's process."""
+        if case.task.robot != RIG:
+            return super().environment(case, **drawing)
         if self.plant == VIRTUAL:
             return _VirtualRigEnv(case, self._line)
         file = robot_of(self._args)

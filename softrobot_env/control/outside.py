@@ -1,0 +1,83 @@
+"""Policies that others made, as `interfaces.Policy`: objects with `predict`, or only with `act`."""
+
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.interfaces import Observation, Policy
+
+
+class Acting:
+    """A policy without a state of its own to return, from `act(observation)`.
+
+    Its object may keep what it likes between calls: it serves one environment.
+
+    Attributes:
+        requires: Observables that it is shown, where it says so; else all.
+    """
+
+    def __init__(self, acting: Any) -> None:
+        self._act = acting.act
+        if hasattr(acting, "requires"):
+            self.requires = tuple(acting.requires)
+
+    def predict(
+        self,
+        observation: Observation,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """See `softrobot_env.interfaces.Policy`."""
+        return np.asarray(self._act(observation)), state
+
+
+class Model:
+    """A model whose `observation_space` says which observables it knows, as stable-baselines3's.
+
+    Attributes:
+        requires: These observables.
+    """
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        self.requires = tuple(model.observation_space.spaces)
+
+    def predict(
+        self,
+        observation: Observation,
+        state: Any = None,
+        episode_start: np.ndarray | None = None,
+        deterministic: bool = True,
+    ) -> tuple[np.ndarray, Any]:
+        """See `softrobot_env.interfaces.Policy`."""
+        return self._model.predict(observation, state, episode_start, deterministic)
+
+
+def is_policy(made: Any) -> bool:
+    """Whether an object has `predict` or `act`."""
+    return any(callable(getattr(made, name, None)) for name in ("predict", "act"))
+
+
+def no_policy(made: Any) -> str:
+    """What is wrong with an object that is no policy."""
+    return (
+        "a policy has predict(observation, state, episode_start, deterministic) or "
+        f"act(observation), and {type(made).__name__!r} has neither"
+    )
+
+
+def as_policy(made: Any, name: str) -> Policy:
+    """An object as a policy.
+
+    Raises:
+        ValueError: It has neither `predict` nor `act`.
+    """
+    if not is_policy(made):
+        raise ValueError(f"policy {name!r}: {no_policy(made)}")
+    if not callable(getattr(made, "predict", None)):
+        return Acting(made)
+    known = getattr(made, "observation_space", None)
+    if hasattr(made, "requires") or not hasattr(known, "spaces"):
+        return made
+    return Model(made)

@@ -1,0 +1,247 @@
+"""The command line for any robot, by its file or name, with tasks and policies of one's own."""
+
+import json
+import re
+import shlex
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from softrobot_env.cli import main
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.paths import assets_dir
+from softrobot_env.robots import EXAMPLES, find_robot
+
+ROOT = Path(__file__).resolve().parents[2]
+
+MINE = """
+import numpy as np
+from softrobot_env.tasks import SetPoints, Task
+
+def stay(robot, seconds=0.2):
+    points = SetPoints(((0.0, 0.0, robot.reach),), float(seconds))
+    return Task("stay", robot, points, float(seconds), (0.0, 0.0))
+
+class P:
+    def __init__(self, robot, control_period): pass
+    def act(self, observation): return np.full_like(observation["previous_action"], 0.2)
+
+class Q(P):
+    environment = {"control_period": 0.05}
+
+def needs_head(robot, control_period):
+    if robot.head is None:
+        raise ValueError("needs_head needs a robot with a head")
+    return P(robot, control_period)
+"""
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """A file with tasks and policies."""
+    path = tmp_path / "mine.py"
+    path.write_text(MINE)
+    return path
+
+
+def evaluated(out, *arguments):
+    """Rows of a run without plots."""
+    assert main(["evaluate", *arguments, "--no-plots", "--out", str(out)]) == 0
+    return json.loads((out / "report.json").read_text())["rows"]
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_is_evaluated_by_one_command(name, tmp_path):
+    file = str(assets_dir() / "robots" / f"{name}.toml")
+    arguments = ["--robot", file, "--tasks", "reach", "--policies", "all", "--duration", "0.5"]
+    rows = evaluated(tmp_path, *arguments, "--save-rollouts")
+    assert {"hold", "static"} <= {row["policy"] for row in rows}
+    assert not {"lqi", "hybrid"} & {row["policy"] for row in rows}
+    assert {row["robot"] for row in rows} == {name} and not any(row["failure"] for row in rows)
+    ends = {row["policy"]: row["e_final"] for row in rows}
+    assert ends["static"] < 0.7 * ends["hold"]  # on its way to the first set point
+    (path,) = tmp_path.glob(f"reach_*_{name}_static.npz")
+    assert Rollout.load(path).action.shape[1] == len(TrackingEnv("reach", robot=name).input_scale)
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_is_rendered_by_one_command(name, tmp_path):
+    size = ["--size", "64", "48", "--fps", "5", "--duration", "0.2"]
+    out = tmp_path / "a.gif"
+    assert main(["render", "--robot", name, "--task", "reach", *size, "--out", str(out)]) == 0
+    assert out.stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    "name", [*EXAMPLES[:-1], pytest.param(EXAMPLES[-1], marks=pytest.mark.slow)]
+)
+def test_an_example_is_inspected_by_one_command(name, capsys):
+    assert main(["inspect", "--robot", name, "--task", "reach"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    robot = find_robot(name)
+    assert f"robot {name}" in out and robot.tendons[-1].name in out
+    unit = "lengths to pull in" if robot.drive.kind == "length" else "inputs, full scale"
+    assert unit in out and ("servos" in out) == (robot.drive.kind == "length")
+
+
+@pytest.mark.parametrize("name", EXAMPLES)
+def test_an_example_is_exported_by_one_command(name, tmp_path):
+    assert main(["export", "--robot", name, "--out", str(tmp_path)]) == 0
+    for stem in (name, f"{name}_view"):
+        model = mujoco.MjModel.from_xml_path(str(tmp_path / f"{stem}.xml"))
+        assert model.nu == len(find_robot(name).tendons)
+
+
+def test_variations_and_several_tasks_are_told_apart(tmp_path, mine, capsys):
+    arguments = ["--robot", "planar_finger", "--tasks", f"{mine}:stay", "reach"]
+    arguments += ["--policies", "hold", f"{mine}:P", f"{mine}:Q", "--duration", "0.2"]
+    rows = evaluated(tmp_path / "out", *arguments, "--vary", "youngs_modulus=1,0.5")
+    told = [(row["task"], row["policy"], row["variation"].get("youngs_modulus")) for row in rows]
+    policies = ("hold", "P", "Q")
+    assert told == [(t, p, v) for t in ("stay", "reach") for p in policies for v in (None, 0.5)]
+    assert rows[0]["more_options"] == {"seconds": 0.2}
+    by_case = dict(zip(told, rows, strict=True))
+    nominal, soft = (by_case["stay", "P", v]["e_final"] for v in (None, 0.5))
+    assert soft > 1.3 * nominal
+    out = capsys.readouterr().out
+    assert "stay seconds 0.2, planar_finger" in out and "E x 0.5" in out
+
+
+@pytest.mark.parametrize(
+    ("name", "pictures"),
+    [("hanging_trunk", {"tip", "inputs", "path"}), ("silicone_rod", {"tip", "lengths", "path"})],
+)
+def test_pictures_are_of_what_a_robot_has(name, pictures, tmp_path):
+    arguments = ["--robot", name, "--tasks", "reach", "--policies", "hold", "--duration", "0.1"]
+    assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
+    assert {path.stem.rpartition("_")[2] for path in tmp_path.glob("*.png")} == pictures
+
+
+def test_the_environment_is_as_the_policy_wants_it(tmp_path, mine):
+    arguments = ["--robot", "planar_finger", "--tasks", f"{mine}:stay", "--save-rollouts"]
+    evaluated(tmp_path / "out", *arguments, "--policies", f"{mine}:P", f"{mine}:Q")
+    steps = {
+        path.stem[-1]: np.diff(Rollout.load(path).time)[0]
+        for path in (tmp_path / "out").glob("*.npz")
+    }
+    assert steps == pytest.approx({"P": 0.01, "Q": 0.05})
+
+
+def test_robots_are_drawn_alike_for_every_policy(tmp_path, capsys):
+    arguments = ["--robot", "silicone_rod", "--tasks", "reach", "--policies", "hold", "static"]
+    arguments += ["--randomize", "density=0.5,2", "--randomize", "delay=0.011,0.029"]
+    rows = evaluated(tmp_path, *arguments, "--draws", "3", "--duration", "0.1")
+    drawn = [[r["variation"] for r in rows if r["policy"] == p] for p in ("hold", "static")]
+    assert drawn[0][1:] == drawn[1][1:] and drawn[0][0] == drawn[1][0] == {}
+    factors = [variation["density"] for variation in drawn[0][1:]]
+    assert len(set(factors)) == 3 and all(0.5 <= factor <= 2 for factor in factors)
+    assert {round(100 * v["delay"], 9) for v in drawn[0][1:]} <= {1, 2, 3}
+    for wrong in (["--draws", "2"], ["--randomize", "density=2,0.5"]):
+        assert main(["evaluate", "--robot", "silicone_rod", *wrong]) == 2
+    err = capsys.readouterr().err
+    assert "only with --randomize" in err and "low <= high" in err
+
+
+def test_a_plant_and_a_twin_go_where_they_can(tmp_path, capsys):
+    short = ["--tasks", "reach", "--policies", "static", "--duration", "0.3"]
+    rows = [
+        *evaluated(tmp_path, "--robot", "planar_finger", *short),
+        *evaluated(tmp_path, "--robot", "planar_finger", *short, "--plant", "pcc"),
+    ]
+    assert [row["plant"] for row in rows] == ["mujoco", "pcc"]
+    assert rows[0]["e_final"] == pytest.approx(rows[1]["e_final"], abs=1e-3)
+    status = main(["evaluate", "--robot", "silicone_rod", *short, "--twin", "1"])
+    assert status == 2 and "--twin: only with tasks of the rig" in capsys.readouterr().err
+
+
+def test_a_named_robot_of_the_thesis_can_have_generic_tasks(tmp_path):
+    arguments = ["--robot", "rig", "--tasks", "figure_eight", "--policies", "static", "hold"]
+    rows = evaluated(tmp_path, *arguments, "--duration", "0.1")
+    assert [(row["robot"], row["twin"], row["policy"]) for row in rows] == [
+        ("rig", 0, "static"),
+        ("rig", 0, "hold"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["--tasks", "swing"], "unknown task 'swing'; choose from reach"),
+        (["--tasks", "reach", "--policies", "lqi"], "one section"),
+        (["--tasks", "reach", "--policies", "MINE:needs_head"], "a robot with a head"),
+        (["--tasks", "reach", "--policies", "MINE:missing"], "missing"),
+        (["--tasks", "MINE:P"], "must take the robot"),
+        (["--tasks", "reach", "--policies", "hold", "MINE:hold"], "two policies called 'hold'"),
+        (["--tasks", "circle", "--option", "hold=1"], "hold is an option of reach only"),
+        (["--tasks", "circle", "--option", "radius=0.1"], "smaller radius"),
+        (["--tasks", "reach", "--env", "virtual"], "--robot: only with simulated robots"),
+        (["--tasks", "reach", "--learnt", "x.npz"], "--learnt: only with tasks of the rig"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_is_refused_before_any_episode(arguments, reason, mine, tmp_path, capsys):
+    given = [text.replace("MINE", str(mine)) for text in arguments]
+    out = tmp_path / "out"
+    assert main(["evaluate", "--robot", "planar_finger", *given, "--out", str(out)]) == 2
+    err = capsys.readouterr().err
+    assert reason in err and err.count("\n") == 1
+    assert not list(out.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["evaluate", "--robot", "nobody"], "unknown robot 'nobody'; choose from arm"),
+        (["evaluate", "--tasks", "MINE:stay"], "is for any robot"),
+        (["evaluate", "--robot", "cantilever_weak"], "no tendons"),
+        (["render", "--robot", "planar_finger", "--policy", "lqi"], "one section"),
+        (["inspect", "--robot", "planar_finger", "--option", "radius=1"], "with a --task only"),
+        (["train", "qs_nn", "--robot", "planar_finger"], "'arm' alone, not for 'planar_finger'"),
+        (["train", "rig_nn", "--robot", "arm"], "'rig' alone, not for 'arm'"),
+        (["train", "--algo", "ppo", "--robot", "rig"], "'arm' alone, not for 'rig'"),
+        (["benchmark", "speed", "--robot", "planar_finger"], "measures its own robots"),
+    ],
+    ids=str,
+)
+def test_commands_name_what_a_robot_cannot_have(arguments, reason, mine, capsys, tmp_path):
+    given = [text.replace("MINE", str(mine)) for text in arguments]
+    out = [] if given[0] == "inspect" else ["--out", str(tmp_path / "out")]
+    assert main([*given, *out]) == 2
+    err = capsys.readouterr().err
+    assert reason in err and err.count("\n") == 1
+
+
+def test_list_tells_what_there_is_and_why_not(capsys):
+    assert main(["list"]) == 0
+    out = capsys.readouterr().out
+    assert all(text in out for text in ("hanging_trunk", "triangle", "figure_eight", "lqi"))
+    assert main(["list", "--robot", "ftdcr_v4"]) == 0
+    out = " ".join(capsys.readouterr().out.split())
+    assert "options seed, radius, hold" in out and "static can drive it" in out
+    assert "lqi robot 'ftdcr_v4': the planar arm needs" in out
+
+
+@pytest.mark.slow
+def test_commands_of_the_readme_work_as_printed(tmp_path, monkeypatch):
+    text = (ROOT / "README.md").read_text()
+    section = text.split("#### Your own robot on the command line")[1].split("`train` and")[0]
+    for block in re.findall(r"```python\n(.*?)```", section, re.S):
+        name = re.match(r"# (\w+\.py)\n", block)
+        if name:
+            (tmp_path / name[1]).write_text(block)
+    (tmp_path / "assets").symlink_to(assets_dir())
+    monkeypatch.chdir(tmp_path)
+    lines = re.search(r"```bash\n(.*?)```", section, re.S)[1].splitlines()
+    assert len(lines) == 6
+    for line in lines:
+        program, *words = shlex.split(line, comments=True)
+        assert program == "softrobot" and main(words) == 0
+    rows = json.loads((tmp_path / "out" / "finger" / "report.json").read_text())["rows"]
+    assert {(row["task"], row["policy"]) for row in rows} == {
+        (task, policy)
+        for task in ("circle", "lemniscate")
+        for policy in ("hold", "static", "Smooth")
+    }
