@@ -7,13 +7,13 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
-from softrobot_env.envs.simulation.servos import Servos
 
 from softrobot_env.beams.registry import BeamPlant as Factory
 from softrobot_env.envs.simulation.beam_plant import BeamPlant
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.robots import ROBOTS
 from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.servos import Servos
 
 SPACE = slice(0, 3)
 #: Control period [s], and control periods of a motion.
@@ -54,25 +54,28 @@ def pulled(plant, drive, control):
     servos = Servos(0.1, np.zeros(len(control)), np.zeros(len(control)))
     servos = servos if drive == "length" else None
     simulation = plant.simulation({})
+    if servos is not None:
+        simulation.drive_by(servos)
     simulation.reset(plant.equilibrium(0 * control), 0 * control)
     readout, tips = plant.readout(simulation, servos), []
     for _ in range(STEPS):
-        if servos is None:
-            simulation.ctrl[:] = control
-            healthy = simulation.advance()
-        else:
-            healthy = simulation.advance_through(servos.move(control, simulation.step_times))
-        assert healthy and readout.update() is None
+        (simulation.ctrl if servos is None else servos.command)[:] = control
+        assert simulation.advance() and readout.update() is None
         tips.append(tip_of(simulation, readout))
     simulation.reset(plant.equilibrium(control), control)
     assert readout.update() is None
     return (
         np.array(tips),
         tip_of(simulation, readout),
-        readout.curvature(),
+        bends(readout.curvature(), plant),
         readout.tendon_tension(),
-        readout.curvature_rate(),
+        bends(readout.curvature_rate(), plant),
     )
+
+
+def bends(curvature, plant):
+    """Beta and gamma of each piece; a chain that twists has torsion besides."""
+    return curvature.reshape(plant.pieces, -1)[:, :2].ravel()
 
 
 def tip_of(simulation, readout):
@@ -91,7 +94,7 @@ def found(robot_name, model, pieces=None, slim=False):
     if model == "chain":
         plant = MujocoPlant(robot, PERIOD, pieces=finer, **way)
     else:
-        plant = BeamPlant(robot, PERIOD, Factory(model, pieces=finer), SPACE, **way)
+        plant = BeamPlant(robot, PERIOD, Factory(model, pieces=finer), axes=SPACE, **way)
     return pulled(plant, drive, np.array(control))
 
 
@@ -135,7 +138,7 @@ def test_a_posture_of_some_curvature(name):
     _, torsion, _, _ = CASES[name]
     robot = replace(ROBOTS[name], pieces=3) if ROBOTS[name].is_uniform else ROBOTS[name]
     way = {"bending": "spatial", "torsion": torsion}
-    plant = BeamPlant(robot, PERIOD, Factory("pcc"), SPACE, **way)
+    plant = BeamPlant(robot, PERIOD, Factory("pcc"), axes=SPACE, **way)
     wanted = np.random.default_rng(8).uniform(-2, 2, 2 * robot.pieces)
     simulation = plant.simulation({})
     simulation.reset(plant.bent(wanted), np.zeros(len(robot.tendons)))
@@ -147,7 +150,9 @@ def test_a_posture_of_some_curvature(name):
 
 
 def test_rates_are_derivatives_and_copies_go_on_alike():
-    plant = BeamPlant(ROBOTS["hanging_trunk"], PERIOD, Factory("pcc"), SPACE, bending="spatial")
+    plant = BeamPlant(
+        ROBOTS["hanging_trunk"], PERIOD, Factory("pcc"), axes=SPACE, bending="spatial"
+    )
     simulation = plant.simulation({})
     simulation.ctrl[:] = [3.0, 0, 1.0, 0, 2.0, 0]
     assert simulation.advance()
@@ -166,7 +171,7 @@ def test_rates_are_derivatives_and_copies_go_on_alike():
 def test_measured_are_the_axes_that_are_asked_for():
     robot, tips = ROBOTS["hanging_trunk"], []
     for axes in (SPACE, slice(0, 2), slice(0, 3, 2)):
-        plant = BeamPlant(robot, PERIOD, Factory("pcc"), axes, bending="spatial")
+        plant = BeamPlant(robot, PERIOD, Factory("pcc"), axes=axes, bending="spatial")
         simulation = plant.simulation({})
         simulation.reset(plant.equilibrium(np.array([3.0, 0, 1.0, 0, 2.0, 0])), np.zeros(6))
         tips.append(plant.readout(simulation).tip_position())
@@ -177,7 +182,7 @@ def test_measured_are_the_axes_that_are_asked_for():
 
 def test_a_sharp_bend_to_both_sides_at_once_is_told():
     robot = replace(ROBOTS["silicone_rod"], pieces=3)
-    plant = BeamPlant(robot, PERIOD, Factory("pcc"), SPACE, bending="spatial")
+    plant = BeamPlant(robot, PERIOD, Factory("pcc"), axes=SPACE, bending="spatial")
     simulation = plant.simulation({})
     curvature = np.zeros(6)
     curvature[2:4] = 0.75 * robot.curvature_limit
@@ -198,4 +203,4 @@ def test_a_sharp_bend_to_both_sides_at_once_is_told():
 def test_what_a_model_lacks_is_refused_by_name(model, name, options, message):
     way = {"bending": "spatial", **options}
     with pytest.raises(ValueError, match=message):
-        BeamPlant(ROBOTS[name], PERIOD, Factory(model), SPACE, **way)
+        BeamPlant(ROBOTS[name], PERIOD, Factory(model), axes=SPACE, **way)

@@ -6,8 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.robots import ARM, RIG, Base
-from softrobot_env.robots.registry import DRIVEN_ROBOTS
+from softrobot_env.robots import ARM, RIG, ROBOTS, Base
 from softrobot_env.scene import contacts
 from softrobot_env.scene.assembly import Assembly, Member, assembly_xml, build_assembly
 from softrobot_env.scene.build import build_scene
@@ -17,7 +16,7 @@ from softrobot_env.scene.objects import Contacts, Sphere
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
 
-FINGER = scene_of(DRIVEN_ROBOTS["planar_finger"])
+FINGER = scene_of(ROBOTS["planar_finger"])
 WEIGHT = (0.0, 0.0, -9.81)
 
 
@@ -39,7 +38,7 @@ def gripper(**options):
 def mixed(**options):
     """Robots that differ in all: planar on tensions, spatial on lengths, hanging and sideways."""
     spatial = SceneConfig(RIG, actuation="length", bending="spatial", pieces=2)
-    trunk = scene_of(DRIVEN_ROBOTS["hanging_trunk"])
+    trunk = scene_of(ROBOTS["hanging_trunk"])
     members = (
         Member("up", SceneConfig(replace(ARM, gravity=WEIGHT))),
         Member("side", spatial, Base((0.5, 0.3, 0.2), (1.0, 0.4, 0.3), roll=0.7)),

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from functools import cached_property
 from math import ceil
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -44,6 +45,7 @@ class BeamPlant:
         factory: PlantFactory,
         speed: float | None = None,
         axes: slice | None = None,
+        **scene_options: Any,
     ) -> None:
         """Build the nominal model.
 
@@ -53,13 +55,16 @@ class BeamPlant:
             factory: Builds the model of a robot.
             speed: [m/s], limit of the tip's speed; that of the robot unless given.
             axes: Coordinates out of x, y and z of the tip that are measured, as of `MujocoPlant`.
+            **scene_options: As of `SceneConfig`, in place of what `scene_of` chooses.
 
         Raises:
             ValueError: The robot has tendon friction, or what the model lacks.
         """
         self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
         self.axes = own_axes(robot) if axes is None else axes
-        self.config = config = replace(scene_of(robot), control_period=control_period)
+        self.config = config = replace(
+            scene_of(robot), control_period=control_period, **scene_options
+        )
         self.layout: HingeLayout = place_between(config.edges, config.hinge_rule)
         self.pieces, self._factory = robot.pieces, factory
         way = {name: getattr(config, name) for name in ("bending", "torsion", "actuation")}
