@@ -8,12 +8,13 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from support.example_robots import MOST
 
 from softrobot_env.cli import main
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.paths import assets_dir
-from softrobot_env.robots import EXAMPLES, find_robot
+from softrobot_env.robots import find_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -53,7 +54,7 @@ def evaluated(out, *arguments):
     return json.loads((out / "report.json").read_text())["rows"]
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", MOST)
 def test_an_example_is_evaluated_by_one_command(name, tmp_path):
     file = str(assets_dir() / "robots" / f"{name}.toml")
     arguments = ["--robot", file, "--tasks", "reach", "--policies", "all", "--duration", "0.5"]
@@ -67,7 +68,7 @@ def test_an_example_is_evaluated_by_one_command(name, tmp_path):
     assert Rollout.load(path).action.shape[1] == len(TrackingEnv("reach", robot=name).input_scale)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", MOST)
 def test_an_example_is_rendered_by_one_command(name, tmp_path):
     size = ["--size", "64", "48", "--fps", "5", "--duration", "0.2"]
     out = tmp_path / "a.gif"
@@ -75,9 +76,7 @@ def test_an_example_is_rendered_by_one_command(name, tmp_path):
     assert out.stat().st_size > 1000
 
 
-@pytest.mark.parametrize(
-    "name", [*EXAMPLES[:-1], pytest.param(EXAMPLES[-1], marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("name", MOST)
 def test_an_example_is_inspected_by_one_command(name, capsys):
     assert main(["inspect", "--robot", name, "--task", "reach"]) == 0
     out = " ".join(capsys.readouterr().out.split())
@@ -87,7 +86,7 @@ def test_an_example_is_inspected_by_one_command(name, capsys):
     assert unit in out and ("servos" in out) == (robot.drive.kind == "length")
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", MOST)
 def test_an_example_is_exported_by_one_command(name, tmp_path):
     assert main(["export", "--robot", name, "--out", str(tmp_path)]) == 0
     for stem in (name, f"{name}_view"):

@@ -123,6 +123,7 @@ def test_no_robot_at_the_port(tmp_path, capsys):
     assert "/dev/no_robot" in capsys.readouterr().out.replace("\n", "")
 
 
+@pytest.mark.slow
 @pytest.mark.realtime(late=0.9)
 @pytest.mark.usefixtures("patient")
 def test_a_short_soak_says_what_it_measured(tmp_path):

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from support.example_robots import MOST
 
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
-from softrobot_env.robots import ARM, EXAMPLES, RIG, find_robot
+from softrobot_env.robots import ARM, RIG, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import scene_of
@@ -21,7 +22,7 @@ def asked(task, times):
     return [{"reference": point, "previous_action": action} for point in points]
 
 
-@pytest.mark.parametrize("name", ["arm", "rig", *EXAMPLES])
+@pytest.mark.parametrize("name", ["arm", "rig", *MOST])
 def test_the_tip_comes_to_rest_on_the_reference(name):
     """In a scene of its own, after a motion along the reference."""
     robot = find_robot(name)

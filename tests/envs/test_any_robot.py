@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from numpy.testing import assert_allclose
+from support.example_robots import SOME
 
 import softrobot_env  # noqa: F401
 from softrobot_env.envs.randomization import Randomization
@@ -28,11 +29,6 @@ RANGES = Randomization(
     delay=(0.0, 0.03),
     sensor_noise=(0.5, 1.0),
 )
-
-
-#: The examples; those that take long are left to `make slow` where the others show the same.
-LONG = {"hanging_trunk", "ftdcr_v4"}
-SOME = [pytest.param(name, marks=pytest.mark.slow if name in LONG else ()) for name in EXAMPLES]
 
 
 def file_of(name):

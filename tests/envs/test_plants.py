@@ -265,7 +265,10 @@ def test_a_fixed_step_is_used():
     assert 1e-3 > errors[0] > 3 * errors[1] > 9 * errors[2]
 
 
-@pytest.mark.parametrize("policy", POLICIES)
+@pytest.mark.parametrize(
+    "policy",
+    [pytest.param(p, marks=pytest.mark.slow if "mpc" in p else ()) for p in POLICIES],
+)
 @pytest.mark.parametrize("name", EACH)
 def test_policies_run(name, policy):
     options = {"control_period": 0.01, **policy_environment(policy)}

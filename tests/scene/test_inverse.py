@@ -52,7 +52,10 @@ def inverse_of(robot):
     return workspace_of(robot).inverse
 
 
-@pytest.fixture(params=ROBOTS, ids=lambda robot: robot.name)
+@pytest.fixture(
+    params=[*ROBOTS[:-1], pytest.param(ROBOTS[-1], marks=pytest.mark.slow)],
+    ids=lambda robot: robot.name,
+)
 def robot(request):
     return request.param
 

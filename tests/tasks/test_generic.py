@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.example_robots import MOST
 
 from softrobot_env.envs.reference import sample_reference
-from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
+from softrobot_env.robots import ARM, RIG, Base, RobotParams, Tendon, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import scene_of
@@ -31,7 +32,7 @@ LINE = RobotParams(
         Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0),
     ),
 )
-ALL = [*EXAMPLES, SIDEWAYS]
+ALL = [*MOST, SIDEWAYS]
 PATHS = ("circle", "figure_eight", "random")
 
 
