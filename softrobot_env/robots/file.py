@@ -7,8 +7,8 @@ angles. Places in messages count from 1: `section[1]` is the section at the base
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import MISSING, asdict, fields
-from math import inf, radians
+from dataclasses import MISSING, asdict, fields, replace
+from math import ceil, inf, radians
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -18,8 +18,10 @@ from softrobot_env.robots.sections import Section
 from softrobot_env.robots.tendons import Tendon
 from softrobot_env.toml_text import lines, read_table
 
-#: Pieces of a section whose table does not say it.
-PIECES = 6
+#: Fewest pieces of a section whose table does not say it, and of one through which a tendon runs
+#: that is not straight: shapes at rest are then within 0.5 % of the length of the exact ones
+#: (`softrobot benchmark sections`).
+PIECES, WINDING_PIECES = 6, 12
 
 #: Keys of the fields of each data class.
 KEYS: dict[type, dict[str, str]] = {
@@ -136,15 +138,33 @@ def _robot(table: Mapping[str, Any]) -> RobotParams:
         raise ValueError("section must be one or more tables, each begun with [[section]]")
     ends = [float(sum(s.length for s in sections[: k + 1])) for k in range(len(sections))]
     read = [_tendons(*x, k, ends) for k, x in enumerate(_tables(table, "tendon"))]
+    tendons = tuple(tendon for tendons, _ in read for tendon in tendons)
+    for k, (_, said) in enumerate(_tables(table, "section")):
+        if KEYS[Section]["pieces"] not in said:
+            pieces = default_pieces(ends[k] - sections[k].length, ends[k], tendons)
+            sections[k] = replace(sections[k], pieces=pieces)
     return RobotParams(
         **_fields(RobotParams, table),
         sections=tuple(sections),
-        tendons=tuple(tendon for tendons, _ in read for tendon in tendons),
+        tendons=tendons,
         discs=tuple(_disc(*x, ends[-1]) for x in _tables(table, "disc")),
         base=_part(Base, table, "base"),
         head=_part(Head, table, "head"),
         drive=_one_drive([drive for _, drive in read]),
     )
+
+
+def default_pieces(begin: float, end: float, tendons: Sequence[Tendon]) -> int:
+    """Pieces of a section between two arc lengths [m], unless something else is said.
+
+    As many to each span between the guides of its tendons, so that pieces end at equal spans' ends.
+    """
+    within = [tendon for tendon in tendons if tendon.end > begin * (1 + 1e-9)]
+    winding = any(not tendon.is_straight for tendon in within)
+    off = 1e-9 * end
+    inside = [sum(begin + off < g < end - off for g in tendon.guides) for tendon in within]
+    spans = max(inside, default=0) + 1
+    return spans * ceil((WINDING_PIECES if winding else PIECES) / spans)
 
 
 def _tables(table: Mapping[str, Any], name: str) -> list[tuple[str, Mapping[str, Any]]]:

@@ -61,6 +61,9 @@ _OBJECT_DEPTH = 5e-3
 #: What the first of a geom's user numbers says it is.
 _LINK, _PART = 1, 2
 
+#: Of a capsule, over its radius: shorter ones are left to their neighbours.
+_SHORTEST = 1e-6
+
 _SKIN = "skin{}"
 _OBJECT_GEOM = "{}_shape"
 
@@ -160,7 +163,7 @@ def add_skin(
     for index, body in enumerate(chain.bodies):
         start = ends[index]
         end = min(ends[index + 1], robot.length - tip_radius)
-        if end > start:
+        if end - start > _SHORTEST * tip_radius:
             out.append(_add_link(body, index, (start, end), robot, contacts, number))
     for index, disc in enumerate(robot.discs):
         radius, half = disc.cylinder

@@ -39,17 +39,23 @@ GUIDED = replace(
 )
 
 
+#: Compiling the continuum takes long.
+NAMES = ["pcc", "cosserat", pytest.param("ancf", marks=pytest.mark.slow)]
+
+
 def rigid_in_shear(robot, pieces, coefficient=50.0):
     """A Cosserat rod that hardly shears: the physics of the PCC model but for its stretch."""
     return CosseratRod(robot, pieces, shear_coefficient=coefficient)
 
 
+def model_of(name, robot, n, **options):
+    if name == "pcc":
+        return PCC(robot, n, axes="torsion", inertia="distributed", **options)
+    return {"cosserat": CosseratRod, "ancf": ANCF}[name](robot, n, **options)
+
+
 def models(robot, n, **options):
-    return {
-        "pcc": PCC(robot, n, axes="torsion", inertia="distributed", **options),
-        "cosserat": CosseratRod(robot, n, **options),
-        "ancf": ANCF(robot, n, **options),
-    }
+    return {name: model_of(name, robot, n, **options) for name in ("pcc", "cosserat", "ancf")}
 
 
 def tips(robot, n, u=None, **options):
@@ -67,6 +73,7 @@ def worst(points):
 # ---------------------------------------------------------------- statics
 
 
+@pytest.mark.slow  # compiling all models takes a minute
 @pytest.mark.parametrize("n", [12, 24])
 def test_models_agree_under_self_weight_within_the_shear(n):
     """Shear adds about 5 mm of 390 (Timoshenko: q L^2 / 2 kGA = 7 mm for small deflections)."""
@@ -81,6 +88,7 @@ def test_models_agree_under_self_weight_within_the_shear(n):
     assert np.linalg.norm(tip - found["pcc"]) < 0.01 * LENGTH
 
 
+@pytest.mark.slow  # compiling all models takes a minute
 def test_models_agree_in_space_under_a_force_and_a_moment():
     force = np.array([0.3, -0.2, -0.1])
     load = Load("load", LENGTH, force=tuple(force), moment=(0.05, 0.1, 0.08))
@@ -91,6 +99,7 @@ def test_models_agree_in_space_under_a_force_and_a_moment():
     assert worst(found) < shear + 1e-3 * LENGTH
 
 
+@pytest.mark.slow  # compiling all models takes a minute
 def test_moment_at_mid_length_bends_the_lower_half_only():
     moment = 0.4
     load = Load("load", LENGTH / 2, moment=(0.0, moment, 0.0))
@@ -102,6 +111,7 @@ def test_moment_at_mid_length_bends_the_lower_half_only():
         assert np.linalg.norm(tip - truth) < 1.5e-3 * LENGTH, name
 
 
+@pytest.mark.slow  # compiling all models takes a minute
 def test_follower_moment_makes_the_same_circle_as_a_dead_one_in_the_plane():
     bend = 2 * np.pi * 0.6 * WEIGHTLESS.bending_stiffness / LENGTH
     for follows in (False, True):
@@ -121,6 +131,7 @@ def bent_tip(pieces):
     return np.array([z.imag, 0.0, z.real])
 
 
+@pytest.mark.slow  # compiling all models takes a minute
 def test_tendons_in_channels_bend_every_model_as_its_physics_asks():
     """Inextensible; linear in stretch and curvature; St. Venant-Kirchhoff. Tips within 0.1 %."""
     found = tips(ARM, 24, np.array([4.0, 0, 3.0, 0, 5.0, 0]))
@@ -136,6 +147,7 @@ def test_tendons_in_channels_bend_every_model_as_its_physics_asks():
         assert np.linalg.norm(found[name] - bent_tip(pieces)) < 1e-3 * ARM.length, name
 
 
+@pytest.mark.slow  # compiling all models takes a minute
 def test_a_moment_bends_the_continuum_as_its_material_asks():
     """One and a quarter turns of a rod of 40 radii; at this strain it is 6 % softer than a beam."""
     robot = replace(ARM, tendons=(), outer_radius=ARM.length / 40, inner_radius=0.0)
@@ -150,6 +162,7 @@ def test_a_moment_bends_the_continuum_as_its_material_asks():
     assert np.linalg.norm(fine + (fine - coarse) / 3 - truth) < 1e-3 * robot.length
 
 
+@pytest.mark.slow  # compiling all models takes a minute
 def test_guided_tendons_bend_all_models_alike():
     """They differ by the compression e, and St. Venant-Kirchhoff is softer in bending by 3 e."""
     found = tips(GUIDED, 20, np.array([6.0, 2.0, 0.0]))
@@ -160,6 +173,7 @@ def test_guided_tendons_bend_all_models_alike():
     assert np.linalg.norm(cosserat - ancf) < 3 * compression * lateral + 1e-3 * LENGTH
 
 
+@pytest.mark.slow  # compiling all models takes a minute
 def test_length_drive_is_the_tension_drive_at_the_tension_it_causes():
     for name, model in models(GUIDED, 20, drive="length").items():
         pull = np.array([0.02, 0.0, -0.01])
@@ -202,10 +216,10 @@ def test_becks_column_flutters_and_never_buckles(name):
         model.equilibrium([1.02 * critical], check_stability="dynamic")
 
 
-@pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
+@pytest.mark.parametrize("name", NAMES)
 def test_what_is_not_finite_is_refused_by_name(name):
     load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
-    model = models(WEIGHTLESS, 3, loads=(load,))[name]
+    model = model_of(name, WEIGHTLESS, 3, loads=(load,))
     rest = model.rest()
     for wrong in (np.nan, np.inf):
         with pytest.raises(ValueError, match="inputs must be finite, got 'push'"):
@@ -238,9 +252,9 @@ def falling(model, **options):
 
 
 @pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
-@pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
+@pytest.mark.parametrize("name", NAMES)
 def test_energy_of_an_undamped_fall_is_conserved(name):
-    model = models(replace(CANTILEVER_WEAK, damping_time=0.0), 3)[name]
+    model = model_of(name, replace(CANTILEVER_WEAK, damping_time=0.0), 3)
     motion = falling(model, method="dormand_prince", tolerance=1e-9)
     energy = [
         model.kinetic_energy(q, v) + model.potential_energy(q)
@@ -252,9 +266,9 @@ def test_energy_of_an_undamped_fall_is_conserved(name):
 
 
 @pytest.mark.filterwarnings("ignore::softrobot_env.beams.ancf.LockingWarning")
-@pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
+@pytest.mark.parametrize("name", NAMES)
 def test_scipy_solves_the_same_right_hand_side(name):
-    model = models(CANTILEVER_WEAK, 2)[name]
+    model = model_of(name, CANTILEVER_WEAK, 2)
     start = model.start()
     motion = falling(model, tolerance=1e-7)
     y0 = np.concatenate(start)
@@ -298,10 +312,10 @@ def test_continuum_falls_like_a_rod_of_coefficient_1_while_strains_are_small(wei
     assert np.max(np.linalg.norm(rod - ancf, axis=1)) < share * robot.length
 
 
-@pytest.mark.parametrize("name", ["pcc", "cosserat", "ancf"])
+@pytest.mark.parametrize("name", NAMES)
 def test_linear_model_predicts_small_motions(name):
     load = Load("push", LENGTH, force=(1.0, 0.0, 0.0))
-    model = models(WEIGHTLESS, 4, loads=(load,))[name]
+    model = model_of(name, WEIGHTLESS, 4, loads=(load,))
     q = model.equilibrium([0.2])
     space = model.linearize(State(q, np.zeros(model.n)), [0.2])
     assert space.poles().real.max() < 1e-6

@@ -85,9 +85,9 @@ def test_contacts_leave_the_robot_as_it_is():
     """Far from everything it moves as an implicitfast scene of the same timestep does."""
     far = (replace(POST, position=(9.0, 0.0, 0.0)),)
     touching = build_scene(SceneConfig(ARM, contacts=Contacts(), objects=far))
-    plain = build_scene(
-        SceneConfig(ARM, integrator="implicitfast", timestep=touching.timestep.timestep)
-    )
+    assert touching.config.n_pieces == 24  # which contacts need, unless a number is given
+    step = touching.timestep.timestep
+    plain = build_scene(SceneConfig(ARM, pieces=24, integrator="implicitfast", timestep=step))
     u = np.array([5.0, 0, 0, 3.0, 0, 0])
     one, other = (scene.simulate(0.3, u).q[-1] for scene in (touching, plain))
     np.testing.assert_allclose(one, other, atol=1e-12)
@@ -362,7 +362,7 @@ def test_refined_runs_agree():
 def test_free_objects_leave_the_robots_read_outs_alone():
     ball = Sphere(name="ball", radius=0.03, density=700.0, position=(1.0, 0.0, 0.03))
     config = SceneConfig(
-        LYING, sensors=(TipSensors(),), contacts=Contacts(), objects=(ball, GROUND)
+        LYING, pieces=12, sensors=(TipSensors(),), contacts=Contacts(), objects=(ball, GROUND)
     )
     scene = build_scene(config)
     plain = build_scene(replace(config, contacts=None, objects=(), integrator="implicitfast"))

@@ -8,10 +8,9 @@ import numpy as np
 from softrobot_env.beams.exact.spatial_rod import SpatialShape
 from softrobot_env.beams.exact.tendon_rod import guided_rod, hanging_rod, tendon_rod
 from softrobot_env.robots import Base, Disc, RobotParams, Section, Tendon
+from softrobot_env.robots.file import PIECES, default_pieces
 
 _GRAVITY = (0.0, 0.0, -9.81)
-_PIECES = 6  # of a section, as those of robot files that say nothing else; here they say:
-_OF_TEN_DISCS, _OF_FOUR_TURNS = 10, 24  # one a span, six a turn
 
 
 @dataclass(frozen=True)
@@ -37,10 +36,8 @@ class Case:
         return self.solve(self.robot, self.tension, stations, shear_coefficient)
 
 
-def _section(
-    length: float, radius: float | tuple[float, float], modulus: float, pieces: int = _PIECES
-) -> Section:
-    return Section(length, radius, modulus, 1050.0, 0.02, pieces, poisson_ratio=0.4)
+def _section(length: float, radius: float | tuple[float, float], modulus: float) -> Section:
+    return Section(length, radius, modulus, 1050.0, 0.02, PIECES, poisson_ratio=0.4)
 
 
 def _tendon(name: str, offset: tuple[float, float], end: float, **options: object) -> Tendon:
@@ -50,7 +47,13 @@ def _tendon(name: str, offset: tuple[float, float], end: float, **options: objec
 def _robot(
     name: str, *sections: Section, tendons: tuple[Tendon, ...], **more: object
 ) -> RobotParams:
-    return RobotParams(name, sections=sections, tendons=tendons, **more)
+    """A robot with the pieces that robot files have which do not say any."""
+    ends = np.cumsum([0.0, *(section.length for section in sections)])
+    cut = (
+        replace(section, pieces=default_pieces(*ends[k : k + 2], tendons))
+        for k, section in enumerate(sections)
+    )
+    return RobotParams(name, sections=tuple(cut), tendons=tendons, **more)
 
 
 def _guided(turns: float) -> RobotParams:
@@ -58,9 +61,7 @@ def _guided(turns: float) -> RobotParams:
     ends = np.linspace(0, 0.3, 11).tolist()
     discs = tuple(Disc.uniform(s, 0.002, 0.012, 0.002) for s in ends[1:])
     tendon = _tendon("guided", (0.010, 0.0), 0.3, guides=tuple(ends[1:-1]), turns=turns)
-    return _robot(
-        "discs", _section(0.3, 0.003, 6e7, pieces=_OF_TEN_DISCS), tendons=(tendon,), discs=discs
-    )
+    return _robot("discs", _section(0.3, 0.003, 6e7), tendons=(tendon,), discs=discs)
 
 
 _ONE = _section(0.3, 0.010, 8e5)
@@ -68,9 +69,9 @@ _TWO = (_section(0.18, 0.013, 6e5), _section(0.14, 0.009, 9e5))
 _THREE = (_section(0.12, 0.014, 7e5), _section(0.1, (0.012, 0.009), 7e5), _section(0.1, 0.008, 5e5))
 
 
-def _helical(turns: float, pieces: int = _PIECES) -> RobotParams:
+def _helical(turns: float) -> RobotParams:
     tendon = _tendon("helical", (0.005, -0.005), 0.3, turns=turns)
-    return _robot("helical", replace(_ONE, pieces=pieces), tendons=(tendon,))
+    return _robot("helical", _ONE, tendons=(tendon,))
 
 
 _SIDE_BY_SIDE = tuple(
@@ -86,7 +87,7 @@ _OF_TWO = (
 
 CASES = (
     Case("helix of 1.5 turns", _helical(1.5), (5.0,), quick=True),
-    Case("helix of 4 turns", _helical(-4.0, pieces=_OF_FOUR_TURNS), (6.0,)),
+    Case("helix of 4 turns", _helical(-4.0), (6.0,)),
     Case(
         "converging",
         _robot(
