@@ -6,6 +6,8 @@ from importlib.util import find_spec
 from inspect import signature
 from typing import Any
 
+import gymnasium
+
 from softrobot_env.control.outside import as_policy, is_policy, no_policy
 from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Policy
@@ -205,8 +207,8 @@ def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str 
 
 def make_policy(
     name: str,
-    robot: RobotParams,
-    control_period: float,
+    robot: RobotParams | gymnasium.Env,
+    control_period: float | None = None,
     feedback: str = FEEDBACKS[0],
     **options: Any,
 ) -> Policy:
@@ -214,8 +216,8 @@ def make_policy(
 
     Args:
         name: One of `EVERY_POLICY`, or one's own as `package.module:name` or `file.py:name`.
-        robot: The nominal robot, which the policy may know.
-        control_period: [s] between calls of `predict`.
+        robot: The nominal robot, which the policy may know; or an environment that has one.
+        control_period: [s] between calls of `predict`; the environment's unless given.
         feedback: One of `FEEDBACKS`. Policies that use curvature rates get them from an observer
             under "output"; the others are the same under both.
         **options: Of the policy's factory, besides those of its name.
@@ -227,7 +229,11 @@ def make_policy(
     spec = find_policy(name)
     if feedback not in FEEDBACKS:
         raise ValueError(f"unknown feedback {feedback!r}; choose from {', '.join(FEEDBACKS)}")
-    check_argument("robot", robot, RobotParams)
+    check_argument("robot", robot, RobotParams | gymnasium.Env)
+    if isinstance(robot, gymnasium.Env):
+        own = robot.unwrapped
+        control_period = own.control_period if control_period is None else control_period
+        robot = own.task.robot
     check_argument("control_period", control_period, Positive)
     policy = _made(name, spec, robot, control_period, options)
     if feedback == "state" or "curvature_rate" not in getattr(policy, "requires", ()):

@@ -164,7 +164,7 @@ def default_pieces(begin: float, end: float, tendons: Sequence[Tendon]) -> int:
     off = 1e-9 * end
     inside = [sum(begin + off < g < end - off for g in tendon.guides) for tendon in within]
     spans = max(inside, default=0) + 1
-    return spans * ceil((WINDING_PIECES if winding else PIECES) / spans)
+    return int(spans * ceil((WINDING_PIECES if winding else PIECES) / spans))
 
 
 def _tables(table: Mapping[str, Any], name: str) -> list[tuple[str, Mapping[str, Any]]]:

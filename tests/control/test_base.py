@@ -194,7 +194,7 @@ def test_policies_refuse_what_is_no_control_period(name, period):
     robot = ARM if name in POLICIES else RIG
     with pytest.raises(ValueError, match="control_period must be finite and positive, got"):
         make_policy(name, robot, period)
-    with pytest.raises(ValueError, match="robot must be a RobotParams, got 'arm'"):
+    with pytest.raises(ValueError, match="robot must be a RobotParams or an Env, got 'arm'"):
         make_policy(name, "arm", 0.01)
 
 

@@ -1,5 +1,6 @@
 """Static feedforward of any robot: it holds what it is asked for, and says where it cannot."""
 
+import gymnasium
 import numpy as np
 import pytest
 from support.example_robots import MOST
@@ -81,3 +82,15 @@ def test_the_same_state_gives_the_same_action_and_stacks():
     stacked = {key: np.stack([one[key], other[key]]) for key in one}
     actions, states = policy.predict(stacked)
     assert actions.shape == (2, 2) and [s.status for s in states] == [None, None]
+
+
+def test_an_environment_says_robot_and_period():
+    env = gymnasium.make("SoftRobot/Track-v0", robot="planar_finger", control_period=0.02)
+    policy = make_policy("static", env)
+    observation, _ = env.reset(seed=0)
+    action, state = policy.predict(observation)
+    assert state.status is None
+    *_, info = env.step(action)
+    assert info["error"] < 0.01
+    with pytest.raises(ValueError, match="control_period"):
+        make_policy("static", find_robot("planar_finger"))
