@@ -562,6 +562,7 @@ def _mujocos(
             None if asked == EXTRAPOLATION else asked,
             friction=any(config.robot.rubs for config in assembly.placed),
             contacts=None if assembly.contacts is None else contacts.longest_step(model, pairs),
+            pieces=max(config.n_pieces for config in assembly.placed),
         )
 
 

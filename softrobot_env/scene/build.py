@@ -352,6 +352,7 @@ def _mujocos(
             None if config.integrator == EXTRAPOLATION else config.integrator,
             friction=config.robot.rubs,
             contacts=None if config.contacts is None else contacts.longest_step(model, pairs),
+            pieces=config.n_pieces,
         )
 
 

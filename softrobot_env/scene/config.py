@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, cos, inf, nan, sin
+from math import cos, inf, nan, sin
 
 import numpy as np
 
@@ -34,11 +34,6 @@ GUIDED_RULE = "chord2"
 
 #: Accuracy in time unless another is wanted.
 DEFAULT_SHARE = "0.1%"
-
-#: Fewest pieces of a robot that touches things unless a number is given: straight links lie on
-#: round things as a polygon does, and with 12 of them its forces are 1 % off, with 24 a twentieth
-#: of that (`softrobot benchmark contacts`).
-TOUCHING_PIECES = 24
 
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
@@ -127,9 +122,8 @@ class SceneConfig:
     Attributes:
         robot: The robot.
         pieces: Pieces the robot is cut into, equal in each section: in total (shared out by
-            length, one or more a section), or one number per section; the robot's own unless given,
-            with contacts a multiple of them, `TOUCHING_PIECES` or more. A section's end is a
-            piece's end, and a channel's end has to be one.
+            length, one or more a section), or one number per section; the robot's own unless given.
+            A section's end is a piece's end, and a channel's end has to be one.
         rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given "chord2"
             where tendons run through guides, all at ends of pieces, else "coupled2" for a chain
             that twists, else "balanced2".
@@ -218,9 +212,6 @@ class SceneConfig:
             ValueError: The pieces do not fit the robot's sections.
         """
         pieces = self.robot.pieces if self.pieces is None else self.pieces
-        if self.pieces is None and self.contacts is not None:
-            finer = ceil(TOUCHING_PIECES / pieces)
-            pieces = tuple(finer * part.pieces for part in self.robot.backbone.sections)
         return self.robot.backbone.cut(pieces)
 
     @property

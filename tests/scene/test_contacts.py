@@ -85,9 +85,8 @@ def test_contacts_leave_the_robot_as_it_is():
     """Far from everything it moves as an implicitfast scene of the same timestep does."""
     far = (replace(POST, position=(9.0, 0.0, 0.0)),)
     touching = build_scene(SceneConfig(ARM, contacts=Contacts(), objects=far))
-    assert touching.config.n_pieces == 24  # which contacts need, unless a number is given
     step = touching.timestep.timestep
-    plain = build_scene(SceneConfig(ARM, pieces=24, integrator="implicitfast", timestep=step))
+    plain = build_scene(SceneConfig(ARM, integrator="implicitfast", timestep=step))
     u = np.array([5.0, 0, 0, 3.0, 0, 0])
     one, other = (scene.simulate(0.3, u).q[-1] for scene in (touching, plain))
     np.testing.assert_allclose(one, other, atol=1e-12)
@@ -331,7 +330,7 @@ def test_newton_and_cg_find_the_same_forces():
     config = SceneConfig(robot, bending="spatial", contacts=Contacts(), objects=(GROUND,))
     simulation = moved(config, 3)
     model, data = simulation.model, simulation.data
-    assert model.nv > 60 and data.ncon > 20
+    assert model.nv > 60 and data.ncon > 10
     assert model.opt.jacobian == mujoco.mjtJacobian.mjJAC_DENSE
     found = []
     for solver in (mujoco.mjtSolver.mjSOL_NEWTON, mujoco.mjtSolver.mjSOL_CG):
