@@ -55,8 +55,8 @@ def check_inputs(inputs: Inputs, values: np.ndarray, what: str) -> None:
 class PulledLengths:
     """Lengths pulled in by each tendon of a robot driven by length, from the straight pose on.
 
-    Full scale is the drive's travel; where it says none, half a turn about the fibre: pi times the
-    largest distance of the tendon from it.
+    Full scale is the drive's travel; where it says none, half a turn about the fibre, pi times the
+    largest distance of the tendon from it, or `RobotParams.most_pulled` if that is less.
     """
 
     unit = "m"
@@ -64,8 +64,9 @@ class PulledLengths:
     def __init__(self, robot: RobotParams) -> None:
         travel = robot.drive.travel
         self.n_inputs = len(robot.tendons)
+        own = (min(pi * t.farthest, robot.most_pulled(t)) for t in robot.tendons)
         self.input_scale = np.array(
-            [pi * t.farthest if travel is None else travel for t in robot.tendons]
+            [scale if travel is None else travel for scale in own], dtype=float
         )
         self.input_centre = np.zeros(self.n_inputs)
         self._factor: np.ndarray | float = 1.0

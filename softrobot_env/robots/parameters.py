@@ -262,6 +262,12 @@ class RobotParams:
                 f"robot {self.name!r}: tendons driven by length need a finite stiffness, unlike "
                 f"{', '.join(stiff)}"
             )
+        most = min((self.most_pulled(tendon) for tendon in self.tendons), default=inf)
+        if self.drive.travel is not None and self.drive.travel > most:
+            raise ValueError(
+                f"robot {self.name!r}: travel must be at most {most:.3g} m, which folds the robot "
+                f"at full tension, got {self.drive.travel:g} m"
+            )
         if not hypot(*self.precurvature) < self.curvature_limit:
             raise ValueError(
                 f"robot {self.name!r}: precurvature must stay below {self.curvature_limit:g} 1/m"
@@ -425,6 +431,14 @@ class RobotParams:
     def curvature_limit(self) -> float:
         """Curvature [1/m] at which the inner side of the bend would fold: 1 / outer_radius."""
         return 1 / (self.backbone.widest if self.sections else self.outer_radius)
+
+    def most_pulled(self, tendon: Tendon) -> float:
+        """Length [m] of a tendon that can be pulled in, or let out, of the straight robot.
+
+        The robot is then bent until its inner side folds, and the tendon is at its limit.
+        """
+        bent = self.curvature_limit * tendon.end * tendon.farthest
+        return bent + tendon.tension_limit / tendon.stiffness
 
     def vary(self, **scales: float) -> "RobotParams":
         """The same robot with some parameters multiplied by factors, and with tendon friction.

@@ -36,7 +36,7 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str) -> None:
         if actuation == "tension":
             _pull_by_tension(chain.spec, tendon)
         else:
-            _pull_by_length(chain.spec, tendon, robot.curvature_limit * tendon.end)
+            _pull_by_length(chain.spec, tendon, robot.most_pulled(tendon))
 
 
 def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
@@ -130,13 +130,13 @@ def _pull_by_tension(spec: mujoco.MjSpec, tendon: Tendon) -> None:
     actuator.ctrlrange = [0.0, tendon.tension_limit]
 
 
-def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, angle: float) -> None:
+def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, most: float) -> None:
     """Control = pulled-in length s [m]: F = F_pre + c (s - s_geo) between 0 and
     the tension limit, (2.91) to (2.99).
 
     s_geo = straight length - length is the part of the pull that the bending robot follows;
-    under gear -1 MuJoCo's actuator length is minus the tendon length. The control range covers
-    bending by `angle` [rad] to either side at full tension.
+    under gear -1 MuJoCo's actuator length is minus the tendon length. Controls are at most `most`
+    [m] to either side.
     """
     if math.isinf(tendon.stiffness):
         raise ValueError(f"tendon {tendon.name!r} needs a finite stiffness to be driven by length")
@@ -149,5 +149,4 @@ def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, angle: float) -> None:
     actuator.biasprm[1] = -stiffness
     actuator.forcelimited = True
     actuator.forcerange = [0.0, tendon.tension_limit]
-    reach = angle * tendon.farthest + tendon.tension_limit / stiffness
-    actuator.ctrlrange = [-reach, reach]
+    actuator.ctrlrange = [-most, most]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.registries import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.tasks.rig_trajectories import SetPoints
@@ -91,7 +92,13 @@ def site_of(robot: RobotParams) -> Site:
     """The site of a robot's tasks, in its workspace; errors as `scene.workspace.workspace_of`."""
     from softrobot_env.scene.workspace import workspace_of
 
-    space = workspace_of(robot)
+    try:
+        space = workspace_of(robot)
+    except EquilibriumError as error:
+        raise EquilibriumError(
+            f"robot {robot.name!r} does not rest under the action 0, from which its tasks are laid "
+            f"out: {error}"
+        ) from None
     return Site(space.inverse, space.ground, space.scene.timestep.first_period)
 
 
@@ -145,6 +152,8 @@ def _set_points(
     site: Site, rng: np.random.Generator, radius: float | None
 ) -> tuple[np.ndarray, float]:
     """Points (n, 3) [m], and the radius [m] of what they lie in."""
+    if site.ground.radius == 0 and site.inverse.inputs.n_inputs > 1:
+        raise ValueError(f"task 'reach' needs room; {_no_room(site)}")
     if site.ground.radius == 0:
         return _on_line(site, rng, radius)
     radius = _rounded(REACH_SHARE * site.ground.radius) if radius is None else _checked(radius)
@@ -152,7 +161,8 @@ def _set_points(
     z = radius * np.sqrt(distance) * np.exp(2j * np.pi * turn)
     flat = site.ground.middle + np.stack([z.real, z.imag], axis=1) @ site.ground.axes
     robot = site.inverse.scene.config.robot
-    return _sheet(robot, radius, radius, "task 'reach'").over(flat), radius
+    sheet = _sheet(robot, radius, radius, "task 'reach'")
+    return site.held_along(flat, "task 'reach'")[0] if sheet is None else sheet.over(flat), radius
 
 
 def _on_line(
@@ -169,6 +179,17 @@ def _on_line(
     return site.inverse.line(rng.uniform(near[0], near[-1], _POINTS))[0], radius
 
 
+def _no_room(site: Site) -> str:
+    """Why a robot has no ground."""
+    inputs, name = site.inverse.inputs.n_inputs, site.inverse.scene.config.robot.name
+    if inputs == 1:
+        return f"that of robot {name!r}, with 1 input, moves on a line: task 'reach' works along it"
+    return (
+        f"robot {name!r}, with {inputs} inputs, is not found to hold its tip to all sides of where "
+        "it is under the action 0: give a task of your own"
+    )
+
+
 def _wide_ground(
     robot: RobotParams, task: str, radius: float | None, long: bool = True
 ) -> tuple["Ground", tuple[float, float]]:
@@ -180,11 +201,7 @@ def _wide_ground(
     site = site_of(robot)
     ground = site.ground
     if ground.radius == 0:
-        raise ValueError(
-            f"task {task!r} needs a tip that moves to all sides; that of robot {robot.name!r}, "
-            f"with {site.inverse.inputs.n_inputs} input(s), moves on a line: task 'reach' works "
-            "along it"
-        )
+        raise ValueError(f"task {task!r} needs a tip that moves to all sides; {_no_room(site)}")
     length = ground.length if long else ground.radius
     radius = _rounded(PATH_SHARE * length) if radius is None else _checked(radius)
     return ground, (radius, radius * ground.radius / length)
@@ -284,11 +301,14 @@ def _powers(points: np.ndarray) -> np.ndarray:
 
 
 @lru_cache(maxsize=32)
-def _sheet(robot: RobotParams, length: float, width: float, what: str) -> _Sheet:
+def _sheet(robot: RobotParams, length: float, width: float, what: str) -> _Sheet | None:
     """The sheet over an ellipse, found once, so that tasks drawn in it cost little.
 
+    Returns:
+        The sheet; None where the surface is not smooth: then every tip has to be looked for.
+
     Raises:
-        ValueError: A tip on its rings cannot be held, or the surface is not smooth enough.
+        ValueError: A tip on its rings cannot be held.
     """
     site, size = site_of(robot), np.array([length, width])
     rings = np.linspace(1, 0, _RINGS, endpoint=False)[::-1]
@@ -304,12 +324,7 @@ def _sheet(robot: RobotParams, length: float, width: float, what: str) -> _Sheet
     terms = _powers(points)
     fitted = np.linalg.lstsq(terms, height, rcond=None)[0]
     off = np.abs(terms @ fitted - height).max()
-    if off > _SMOOTH * robot.reach:
-        raise ValueError(
-            f"{what}: the tip of robot {robot.name!r} moves on a surface that is up to "
-            f"{1e3 * off:.3g} mm off a smooth one; choose a smaller radius than {length:g} m"
-        )
-    return _Sheet(site, size, fitted)
+    return _Sheet(site, size, fitted) if off <= _SMOOTH * robot.reach else None
 
 
 def _task(
