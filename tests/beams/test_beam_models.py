@@ -199,7 +199,7 @@ def test_unstable_equilibrium_is_refused():
         model.equilibrium([1.02 * critical])
 
 
-@pytest.mark.parametrize("name", ["pcc", "cosserat"])
+@pytest.mark.parametrize("name", ["pcc", pytest.param("cosserat", marks=pytest.mark.slow)])
 def test_becks_column_flutters_and_never_buckles(name):
     """A follower force along the tip: flutter from 20.05 EI / L^2 on, undamped (Beck 1952)."""
     robot = replace(WEIGHTLESS, damping_time=0.0, outer_radius=LENGTH / 400, inner_radius=0.0)
@@ -285,6 +285,7 @@ def limit_of_fall(make):
     return fine + (fine - coarse) / 3
 
 
+@pytest.mark.slow  # compiling the models takes long
 def test_models_fall_alike():
     """Without shear they agree within 0.1 % of the length; shear slows the rod as it should.
 
@@ -303,6 +304,7 @@ def test_models_fall_alike():
     assert np.max(np.linalg.norm(rod - ancf, axis=1)) < 0.2 * 12.7e-3 + 1e-3
 
 
+@pytest.mark.slow  # compiling the models takes long
 @pytest.mark.parametrize(("weight", "share"), [(1.0, 2e-3), (0.1, 1e-4)])
 def test_continuum_falls_like_a_rod_of_coefficient_1_while_strains_are_small(weight, share):
     """The rest are the large strains' terms, of second order in the load."""
@@ -450,6 +452,7 @@ def test_shapes_and_places_are_checked():
         model.equilibrium(check_stability="both")
 
 
+@pytest.mark.slow  # compiling the models takes long
 @pytest.mark.parametrize("pieces", [8, 48])
 def test_fine_models_refuse_what_coarse_ones_do(pieces):
     load = Load("press", LENGTH, force=(0.0, 0.0, -1.0))

@@ -229,6 +229,7 @@ def test_what_a_model_cannot_do_is_refused_by_name(make, message):
         make()
 
 
+@pytest.mark.slow  # compiling the models takes long
 def test_ancf_has_guides_at_any_offset_and_a_base():
     route = ((0.4, 0.002, 0.0),)
     slender = replace(

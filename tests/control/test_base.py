@@ -107,7 +107,7 @@ def test_feedback_removes_the_error_of_a_wrong_model():
     assert final["feedforward_pi"] < 0.2e-3
 
 
-@pytest.mark.parametrize("period", [0.002, 0.05, 0.1, 0.2])
+@pytest.mark.parametrize("period", [pytest.param(0.002, marks=pytest.mark.slow), 0.05, 0.1, 0.2])
 @pytest.mark.parametrize("task", ["step", "swing", "lshape"])
 def test_feedback_is_stable_at_every_control_period(task, period):
     """Slow sampling costs accuracy, but the tip comes to rest near the reference."""
