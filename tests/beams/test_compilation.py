@@ -70,7 +70,7 @@ def test_kernels_of_foreign_structures_are_not_stored():
 @pytest.mark.parametrize(
     ("before", "files"),
     [
-        pytest.param("", 2, id="linked"),
+        pytest.param("", 2, id="linked", marks=pytest.mark.slow),
         pytest.param(
             "import numba; numba.version_info = (9, 9, 9); ",
             1,

@@ -32,6 +32,9 @@ from softrobot_env.robots import ARM
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
 
+#: Drawn and refined scenes take long.
+pytestmark = pytest.mark.slow
+
 
 def of_arm(robot=ARM, periods=40, **options):
     """The arm under tensions that jump every tenth of a second."""

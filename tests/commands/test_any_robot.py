@@ -8,7 +8,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
-from support.example_robots import MOST
+from support.example_robots import SOME
 
 from softrobot_env.cli import main
 from softrobot_env.envs.tracking import TrackingEnv
@@ -54,7 +54,7 @@ def evaluated(out, *arguments):
     return json.loads((out / "report.json").read_text())["rows"]
 
 
-@pytest.mark.parametrize("name", MOST)
+@pytest.mark.parametrize("name", SOME)
 def test_an_example_is_evaluated_by_one_command(name, tmp_path):
     file = str(assets_dir() / "robots" / f"{name}.toml")
     arguments = ["--robot", file, "--tasks", "reach", "--policies", "all", "--duration", "0.5"]
@@ -68,7 +68,7 @@ def test_an_example_is_evaluated_by_one_command(name, tmp_path):
     assert Rollout.load(path).action.shape[1] == len(TrackingEnv("reach", robot=name).input_scale)
 
 
-@pytest.mark.parametrize("name", MOST)
+@pytest.mark.parametrize("name", SOME)
 def test_an_example_is_rendered_by_one_command(name, tmp_path):
     size = ["--size", "64", "48", "--fps", "5", "--duration", "0.2"]
     out = tmp_path / "a.gif"
@@ -76,7 +76,7 @@ def test_an_example_is_rendered_by_one_command(name, tmp_path):
     assert out.stat().st_size > 1000
 
 
-@pytest.mark.parametrize("name", MOST)
+@pytest.mark.parametrize("name", SOME)
 def test_an_example_is_inspected_by_one_command(name, capsys):
     assert main(["inspect", "--robot", name, "--task", "reach"]) == 0
     out = " ".join(capsys.readouterr().out.split())
@@ -86,7 +86,7 @@ def test_an_example_is_inspected_by_one_command(name, capsys):
     assert unit in out and ("servos" in out) == (robot.drive.kind == "length")
 
 
-@pytest.mark.parametrize("name", MOST)
+@pytest.mark.parametrize("name", SOME)
 def test_an_example_is_exported_by_one_command(name, tmp_path):
     assert main(["export", "--robot", name, "--out", str(tmp_path)]) == 0
     for stem in (name, f"{name}_view"):
@@ -129,6 +129,7 @@ def test_the_environment_is_as_the_policy_wants_it(tmp_path, mine):
     assert steps == pytest.approx({"P": 0.01, "Q": 0.05})
 
 
+@pytest.mark.slow
 def test_robots_are_drawn_alike_for_every_policy(tmp_path, capsys):
     arguments = ["--robot", "silicone_rod", "--tasks", "reach", "--policies", "hold", "static"]
     arguments += ["--randomize", "density=0.5,2", "--randomize", "delay=0.011,0.029"]

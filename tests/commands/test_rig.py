@@ -162,6 +162,7 @@ def test_inspect_tells_which_errors_a_rig_has_not(capsys):
         assert error in out
 
 
+@pytest.mark.slow  # compiling the model takes long
 def test_a_rig_varies_and_can_be_a_beam_model(tmp_path, capsys):
     arguments = ["--tasks", "triangle", "--policies", "inverse_dynamics", "--no-plots", *FAST]
     arguments += ["--duration", "0.3"]

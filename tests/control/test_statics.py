@@ -3,7 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
-from support.example_robots import MOST
+from support.example_robots import SOME
 
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
@@ -23,7 +23,7 @@ def asked(task, times):
     return [{"reference": point, "previous_action": action} for point in points]
 
 
-@pytest.mark.parametrize("name", ["arm", "rig", *MOST])
+@pytest.mark.parametrize("name", ["arm", "rig", *SOME])
 def test_the_tip_comes_to_rest_on_the_reference(name):
     """In a scene of its own, after a motion along the reference."""
     robot = find_robot(name)

@@ -103,7 +103,7 @@ def test_two_hundred_and_fifty_six_at_once(name):
     assert envs.observation_space.contains(observation)
 
 
-@pytest.mark.parametrize("name", EXAMPLES)
+@pytest.mark.parametrize("name", SOME)
 def test_it_is_drawn(name):
     """Not empty, and another picture when the robot has moved."""
     env = gymnasium.make(

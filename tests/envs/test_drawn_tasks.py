@@ -51,7 +51,7 @@ def test_one_can_be_kept(env_id):
     assert path_seed(env) == 4
 
 
-@pytest.mark.parametrize("env_id", DRAWN)
+@pytest.mark.parametrize("env_id", [DRAWN[0], pytest.param(DRAWN[1], marks=pytest.mark.slow)])
 def test_many_draw_as_single_ones(env_id):
     """Each for itself, through the end of an episode, which comes after different steps."""
     options = {"preview": (0.05, 0.3), "control_period": 0.1}

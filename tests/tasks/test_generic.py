@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.example_robots import MOST
+from support.example_robots import SOME
 
 from softrobot_env.envs.reference import sample_reference
 from softrobot_env.robots import ARM, RIG, Base, RobotParams, Tendon, find_robot
@@ -32,7 +32,7 @@ LINE = RobotParams(
         Tendon("low", (-0.008, 0.0), 0.1, 0, 10.0),
     ),
 )
-ALL = [*MOST, SIDEWAYS]
+ALL = [*SOME, SIDEWAYS]
 PATHS = ("circle", "figure_eight", "random")
 
 
