@@ -11,8 +11,9 @@ from softrobot_env.control.arm.lq_preview import (
     VELOCITY_WEIGHT,
     preview_design,
 )
-from softrobot_env.control.arm.operating_points import PERIOD, discretized, linear_model
-from softrobot_env.control.arm.reference_smoothing import (
+from softrobot_env.control.arm.operating_points import PERIOD, linear_model
+from softrobot_env.control.linear_quadratic import discretized
+from softrobot_env.control.reference_smoothing import (
     ACCELERATION,
     SIZE,
     begin_smoothing,

@@ -19,13 +19,19 @@ from softrobot_env.control.arm.operating_points import (
     Law,
     ScheduledController,
     conclude,
-    discretized,
     interpolate,
     linear_model,
 )
-from softrobot_env.control.arm.reference_smoothing import JUMP, SIZE, begin_smoothing, smoothed
 from softrobot_env.control.arm.statics import follow
 from softrobot_env.control.base import usable
+from softrobot_env.control.linear_quadratic import discretized, preview_gains
+from softrobot_env.control.reference_smoothing import (
+    ACCELERATION,
+    JUMP,
+    begin_smoothing,
+    memory_size,
+    smoothed,
+)
 from softrobot_env.control.status import FINE, NOT_FINITE, Memory, finite, kept
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
@@ -92,7 +98,7 @@ class LQPreview(ScheduledController):
         if observation["reference_preview"].size != 2 * len(KNOTS):
             raise ValueError(f"lq_preview needs an environment with preview={KNOTS}")
         n, m = self._law.arm.inputs.shape
-        values = np.zeros(3 * n + m + 5 + SIZE)
+        values = np.zeros(3 * n + m + 5 + memory_size(2))
         _, _, _, inputs, _, information, smoothing, _ = _split(values, n, m)
         inputs[:] = usable(observation["previous_action"]) * self._law.limit
         information[:] = PRIOR
@@ -191,7 +197,7 @@ def _act(
     points[0] = target
     for k in range(1, len(_TIMES)):
         points[k, 0], points[k, 1] = preview[2 * k - 2], preview[2 * k - 1]
-    smoothed(PERIOD, target, _TIMES, smoothing, points)
+    smoothed(PERIOD, target, _TIMES, JUMP, ACCELERATION, smoothing, points)
     rest, inverse = np.empty(n), np.empty((m, 2))
     gap = follow(arm, points[0] - offset, force, scale, limit, inputs, rest, inverse)
     velocity = (points[1] - points[0]) / _TIMES[1]
@@ -220,9 +226,7 @@ def preview_design(arm: PlanarArm, curvature: np.ndarray, period: float = PERIOD
     """Gains of u = -K x + sum_i G_i r_i, flattened to (n_inputs * (2 n + 2 * knots),).
 
     x = (curvatures, rates) and r_i, the reference at the i-th knot, are deviations from an
-    operating point. The optimum for a known reference: with P from Riccati's equation,
-    W = (R + B'PB)^-1, and A_c = A - BK, the reference j steps ahead enters through W B' A_c'^(j-1).
-    Beyond the last knot it is taken to stay there.
+    operating point.
 
     Args:
         arm: The arm.
@@ -240,27 +244,5 @@ def preview_design(arm: PlanarArm, curvature: np.ndarray, period: float = PERIOD
     riccati = solve_discrete_are(a, b, state_weight, input_weight)
     gain = np.linalg.solve(input_weight + b.T @ riccati @ b, b.T)
     feedback = gain @ riccati @ a
-    closed = a - b @ feedback
-    steps = round(KNOTS[-1] / period)
-    per_step = np.zeros((m, 2, steps + 1))
-    for j in range(1, steps + 1):
-        per_step[:, :, j] += gain @ position.T
-        by_speed = VELOCITY_WEIGHT * gain @ speed.T / (2 * period)
-        if j < steps:
-            per_step[:, :, j + 1] += by_speed
-            per_step[:, :, j - 1] -= by_speed
-        gain = gain @ closed.T
-    rest = np.linalg.solve(np.eye(len(a)) - closed, gain.T).T
-    per_step[:, :, -1] += rest @ position.T
-    preview = per_step @ _hats(steps, period)
-    return np.concatenate([feedback, preview.transpose(0, 2, 1).reshape(m, -1)], axis=1).ravel()
-
-
-def _hats(steps: int, period: float) -> np.ndarray:
-    """Weights (steps + 1, knots) with which the reference at every step follows from the knots.
-
-    The present reference, from which the others deviate, has none.
-    """
-    times = period * np.arange(steps + 1)
-    points = np.concatenate(([0.0], KNOTS))
-    return np.stack([np.interp(times, points, row) for row in np.eye(len(points))[1:]], axis=1)
+    ahead = preview_gains(a - b @ feedback, gain, position, speed, VELOCITY_WEIGHT, KNOTS, period)
+    return np.concatenate([feedback, ahead.reshape(m, -1)], axis=1).ravel()

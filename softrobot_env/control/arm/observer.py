@@ -11,8 +11,9 @@ from scipy.linalg import solve_discrete_are
 
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, inertia_forces, make_planar_arm
 from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.arm.operating_points import discretized, linear_model
+from softrobot_env.control.arm.operating_points import linear_model
 from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.control.status import finite
 from softrobot_env.fields import Positive, Range, check_argument
 from softrobot_env.interfaces import Observation

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import expm
 
 from softrobot_env.artifacts import read_arrays
 from softrobot_env.beams.closed_forms import planar_arm
@@ -108,13 +107,6 @@ def linear_model(
     a = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -arm.damping_time * stiffness]])
     b = np.vstack([np.zeros_like(arm.inputs), inverse @ arm.inputs])
     return a, b, np.hstack([jacobian, np.zeros((2, n))])
-
-
-def discretized(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """Exact A (n, n) and B (n, m) over a period [s] with constant inputs."""
-    n, m = b.shape
-    both = expm(period * np.block([[a, b], [np.zeros((m, n + m))]]))
-    return both[:n, :n], both[:n, n:]
 
 
 def axes() -> list[np.ndarray]:

@@ -1,0 +1,1 @@
+"""Laws whose gains and equilibria come from a table over the workspace of any robot."""

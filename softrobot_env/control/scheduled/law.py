@@ -1,0 +1,239 @@
+"""What laws on a table of operating points share: files, observables, and what a kernel needs."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.artifacts import Arrays
+from softrobot_env.beams.numerics.compilation import kernel, reference, structure
+from softrobot_env.control.base import Controller, hold_for, usable
+from softrobot_env.control.scheduled.operating_points import (
+    Equilibrium,
+    OperatingPoints,
+    find_points,
+    row_of,
+)
+from softrobot_env.control.scheduled.table import Table, row_size
+from softrobot_env.control.scheduled.timing import Timing, timing_of
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import robot_inputs
+
+#: Rates [1] of the estimates, times the period [s] of the first mode.
+_FORCE_RATE, _OFFSET_RATE = 60.0, 120.0
+
+#: Largest share of an estimate that one decision renews.
+_AT_ONCE = 0.3
+
+#: Gains of a law at an operating point: function of the point, the directions and the times.
+Design = Callable[[Equilibrium, np.ndarray, Timing], np.ndarray]
+
+
+@structure
+class Law(NamedTuple):
+    """What the kernel of a law needs of a robot.
+
+    Attributes:
+        table: Its operating points.
+        times: (1 + k,) [s]: 0 and the times at which the reference is seen.
+        period: [s] between decisions.
+        first: [s], period of the first mode.
+        force, offset: [1], shares of their estimates that a decision renews.
+        speed: (m,) [1], largest change of an action in a period.
+        reach: [m], of the robot.
+    """
+
+    table: Table
+    times: np.ndarray
+    period: float
+    first: float
+    force: float
+    offset: float
+    speed: np.ndarray
+    reach: float
+
+
+class ScheduledLaw(Controller):
+    """A law on a table of operating points, which decides in a kernel.
+
+    The actions in force are those commanded; of a robot driven by length, those that its servos
+    have reached, so that nothing winds up where they are too slow.
+    """
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        name: str,
+        table: Any,
+        observables: tuple[str, ...],
+    ) -> None:
+        """Put together what the kernel needs.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between calls.
+            name: Of the policy.
+            table: Reference to its `Table`.
+            observables: That it reads, besides the actions in force.
+
+        Raises:
+            ValueError: The robot's control period is no multiple of this one.
+        """
+        timing = timing_of(robot)
+        self.hold = hold_for(timing.period, control_period, name)
+        inputs = robot_inputs(robot)
+        self._pulled = robot.drive.kind == "length"
+        self._own = robot_inputs(robot)
+        self._in_force = "tendon_length" if self._pulled else "previous_action"
+        others = ("previous_action",) if self._pulled else ()
+        self.requires = (*observables, self._in_force, *others)
+        self.sizes = {
+            "curvature": table.n,
+            "curvature_rate": table.n,
+            self._in_force: inputs.n_inputs,
+        }
+        speed = np.full(inputs.n_inputs, np.inf)
+        if self._pulled:
+            speed = robot.drive.speed * timing.period / inputs.input_scale
+        self._observables = observables
+        self._law = reference(
+            Law(
+                table=table,
+                times=np.array((0.0, *timing.knots)),
+                period=timing.period,
+                first=timing.first,
+                force=min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
+                offset=min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
+                speed=speed,
+                reach=robot.reach,
+            )
+        )
+
+    def _applied(self, observation: Observation) -> np.ndarray:
+        """Actions (m,) in force."""
+        found = observation[self._in_force]
+        return found / self._own.input_scale if self._pulled else found
+
+    def _check_reference(self, observation: Observation, knots: int) -> None:
+        """Raise ValueError unless the reference and its preview can be used."""
+        table, size = self._law.table, observation["reference"].size
+        planar = np.allclose(table.directions[:, 1], 0) and len(table.directions) == 2
+        flat = np.allclose(table.directions[:, 2], 0)
+        if size not in (2, 3) or (size == 2 and not (planar or flat)):
+            raise ValueError(
+                f"{type(self).__name__} needs references of three coordinates of this robot, not "
+                f"{size}: give the task axes='xyz'"
+            )
+        if observation["tip_position"].size != size:
+            raise ValueError("tip_position and reference must have the same coordinates")
+        if knots and observation["reference_preview"].size != size * knots:
+            raise ValueError(
+                f"{type(self).__name__} needs an environment with preview="
+                f"{tuple(self._law.times[1:].tolist())}"
+            )
+
+    def _seen(self, observation: Observation) -> list[np.ndarray]:
+        """What the kernel reads, contiguous, and the actions in force."""
+        seen = [np.ascontiguousarray(observation[name]) for name in self._observables]
+        return [*seen, self._applied(observation)]
+
+    def _begun(self, observation: Observation) -> np.ndarray:
+        """Actions (m,) that an episode begins with."""
+        return usable(self._applied(observation))
+
+
+@kernel
+def in_space(place: np.ndarray, planar: bool, out: np.ndarray) -> None:
+    """Set out (3,) to a place of two or three coordinates: x, z of a planar robot, x, y of others.
+
+    The one that is missing is zero.
+    """
+    if len(place) == 3:
+        out[:] = place
+        return
+    out[0], out[1], out[2] = place[0], place[1], 0.0
+    if planar:
+        out[1], out[2] = 0.0, place[1]
+
+
+@kernel
+def is_planar(table: Table) -> bool:
+    """Whether the tip can be asked for in the x-z plane alone."""
+    return (
+        len(table.directions) == 2
+        and abs(table.directions[0, 1]) < 1e-12
+        and (abs(table.directions[1, 1]) < 1e-12)
+    )
+
+
+def build_table(
+    robot: RobotParams,
+    design: Design,
+    points: OperatingPoints | None = None,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> Any:
+    """Reference to the table of a robot with the gains of a law.
+
+    Args:
+        robot: Its nominal robot.
+        design: Gains (k,) at a point.
+        points: Operating points; found unless given.
+        progress: Called with the numbers of steps done and of all.
+
+    Raises:
+        ValueError, EquilibriumError: As `find_points`.
+    """
+    timing = timing_of(robot)
+    points = find_points(robot, progress=progress) if points is None else points
+    rows = []
+    for done, point in enumerate(points.points):
+        rows.append(row_of(point, design(point, points.directions, timing)))
+        progress(done + 1, len(points.points))
+    first = points.points[0]
+    return reference(
+        Table(
+            n=len(first.curvature),
+            m=len(first.action),
+            tips=np.array([p.tip for p in points.points]),
+            to_action=np.array([p.to_action for p in points.points]),
+            directions=points.directions,
+            rows=np.array(rows),
+        )
+    )
+
+
+#: Arrays of a table in its file, and their shapes.
+_ARRAYS = {
+    "tips": (None, 3),
+    "to_action": (None, None, 3),
+    "directions": (None, 3),
+    "rows": (None, None),
+}
+
+
+def table_arrays(table: Any) -> dict[str, np.ndarray]:
+    """What a file holds of a table: in single precision, far finer than it needs to be."""
+    arrays = {name: getattr(table, name).astype(np.float32) for name in _ARRAYS}
+    return arrays | {"sizes": np.array([table.n, table.m])}
+
+
+def read_table(data: Arrays, gains: Callable[[int, int], int]) -> Any:
+    """Reference to the table that a file holds.
+
+    Args:
+        data: Its arrays.
+        gains: Number of gains that a law has at a point, for n curvatures and m actions.
+
+    Raises:
+        ValueError: The file is damaged, or of another law or version.
+    """
+    data.check_finite()
+    for name, shape in (*_ARRAYS.items(), ("sizes", (2,))):
+        data.check_shape(name, shape)
+    arrays = {name: np.ascontiguousarray(data[name], dtype=float) for name in _ARRAYS}
+    n, m = (int(size) for size in data["sizes"])
+    if arrays["rows"].shape[1] != row_size(n, m) + gains(n, m):
+        raise ValueError(f"{data.path} holds a table of another law or version")
+    return reference(Table(n=n, m=m, **arrays))

@@ -1,0 +1,224 @@
+"""Operating points of any robot: equilibria all over its workspace, as few as an error allows.
+
+A point says to first order how the inputs and the shape change with the place of the tip. Between
+points these predictions are blended (`table.look_up`). Of many equilibria those become points where
+the tip, held by the blend of the points there are, would be farthest off.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.numerics.compilation import kernel, reference
+from softrobot_env.control.scheduled.linear_model import Linearizer, LinearModel, model_scene
+from softrobot_env.control.scheduled.table import Table, look_up
+from softrobot_env.processes import one_blas_thread
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.inverse import Ground, Held, InverseStatics
+from softrobot_env.scene.workspace import workspace_of
+
+#: Equilibria that are looked for, and the most of them that become points.
+CANDIDATES, MOST = 600, 250
+
+#: Error of the tip, over the reach, below which no more points are taken.
+TOLERANCE = 5e-4
+
+#: Damping of the inverse of the tip's derivative by actions, over its largest singular value.
+_DAMPING = 1e-2
+
+#: Parts of the candidates that lie where tasks take place, and what errors elsewhere count.
+_ON_GROUND, _OUTSIDE = 0.5, 0.2
+
+
+class Equilibrium(NamedTuple):
+    """A robot at rest.
+
+    Attributes:
+        action: (m,) [1].
+        curvature: (n,) [1/m].
+        tip: (3,) [m].
+        model: The linear model about it.
+        by_action: X (n, m) [1/m], how the curvature follows the actions at rest.
+        to_action: P (m, 3) [1/m], actions of least norm that move the tip along the directions
+            that can be asked for, with some damping.
+    """
+
+    action: np.ndarray
+    curvature: np.ndarray
+    tip: np.ndarray
+    model: LinearModel
+    by_action: np.ndarray
+    to_action: np.ndarray
+
+
+class OperatingPoints(NamedTuple):
+    """Equilibria that stand for a workspace.
+
+    Attributes:
+        points: The equilibria.
+        directions: E (k, 3), unit vectors along which the tip can be asked for.
+        errors: (points,) [m], largest error of the tip at any candidate with so many points.
+        candidates: Number of candidates.
+    """
+
+    points: list[Equilibrium]
+    directions: np.ndarray
+    errors: np.ndarray
+    candidates: int
+
+
+@one_blas_thread()
+def find_points(
+    robot: RobotParams,
+    most: int = MOST,
+    tolerance: float = TOLERANCE,
+    candidates: int = CANDIDATES,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+) -> OperatingPoints:
+    """Operating points of a robot, where the need is largest first.
+
+    Args:
+        robot: With tendons.
+        most: Largest number of points.
+        tolerance: Error of the tip at rest, over the reach, at which no more points are taken.
+        candidates: Number of equilibria that they are chosen from.
+        progress: Called with the numbers of candidates done and of all.
+
+    Raises:
+        ValueError: The robot has no tendons, or is not driven by its length or tension alone.
+        EquilibriumError: It does not rest under the action 0.
+    """
+    inverse = InverseStatics(model_scene(robot))
+    linearizer = Linearizer(inverse.scene)
+    spatial = inverse.scene.config.bending != "planar" and inverse.freedom > 2
+    directions = np.eye(3) if spatial else inverse.directions
+    found = []
+    for held in _candidates(robot, inverse, directions, candidates, progress):
+        found.append(_equilibrium(linearizer, directions, held))
+    ground = workspace_of(robot).ground
+    away = np.linalg.norm([directions @ (e.tip - ground.middle) for e in found], axis=1)
+    importance = np.where(away <= ground.length, 1.0, _OUTSIDE)
+    chosen, errors = _choose(found, directions, importance, most, tolerance * robot.reach)
+    return OperatingPoints([found[k] for k in chosen], directions, errors, len(found))
+
+
+def row_of(point: Equilibrium, gains: np.ndarray) -> np.ndarray:
+    """(size,) of a point with the gains (k,) of a law, laid out as `table.split` tells."""
+    stiffness, model = point.model.stiffness, point.model
+    forces = np.column_stack([model.mass, model.damping, model.elastic])
+    relative = np.linalg.solve(stiffness, forces)
+    n = len(stiffness)
+    parts = (
+        point.action,
+        point.curvature,
+        point.tip,
+        point.to_action,
+        point.by_action,
+        model.tip,
+        relative[:, :n],
+        relative[:, n : 2 * n],
+        relative[:, 2 * n],
+        gains,
+    )
+    return np.concatenate([np.ravel(part) for part in parts])
+
+
+def _equilibrium(linearizer: Linearizer, directions: np.ndarray, held: Held) -> Equilibrium:
+    inputs, angles = held.inputs[-1], held.postures[-1]
+    model = linearizer.about(angles, inputs)
+    by_action = np.linalg.solve(model.stiffness, model.inputs)
+    moved = directions @ model.tip @ by_action
+    left, singular, right = np.linalg.svd(moved, full_matrices=False)
+    gain = singular / (singular**2 + (_DAMPING * singular[0]) ** 2)
+    to_action = (right.T * gain) @ left.T @ directions
+    tip = linearizer.scene.tip(angles)
+    action = linearizer.action(inputs)
+    return Equilibrium(action, linearizer.mean @ angles, tip, model, by_action, to_action)
+
+
+def _candidates(
+    robot: RobotParams,
+    inverse: InverseStatics,
+    directions: np.ndarray,
+    count: int,
+    progress: Callable[[int, int], None],
+) -> Iterator[Held]:
+    """Equilibria where tasks take place, then all over the workspace, in every way to hold it."""
+    ground = workspace_of(robot).ground
+    first = inverse.solve(ground.middle[None], ground.inputs)
+    within = int(count * _ON_GROUND)
+    done, held = 0, [first]
+    yield first
+    for place in _disc(ground, within):
+        near = min(held, key=lambda h: np.linalg.norm(inverse.scene.tip(h.postures[-1]) - place))
+        found = inverse.solve(place[None], near, anywhere=False)
+        done += 1
+        progress(done, count)
+        if found.errors[-1] <= inverse.tolerance:
+            held.append(found)
+            yield found
+    solver = inverse if len(directions) == 2 else InverseStatics(inverse.scene, directions)
+    sample = inverse.sample(count - within)[0]
+    for inputs, angles in zip(sample.inputs, sample.postures, strict=True):
+        start = Held(inputs[None], angles[None], np.zeros(1))
+        found = solver.solve(inverse.scene.tip(angles)[None], start, anywhere=False)
+        done += 1
+        progress(done, count)
+        if found.errors[-1] <= solver.tolerance:
+            yield found
+
+
+def _disc(ground: Ground, count: int) -> np.ndarray:
+    """Places (count, 3) [m], even in the ellipse of a ground, from its middle outwards."""
+    number = np.arange(1, count + 1)
+    spiral = np.sqrt(number / count) * np.exp(1j * np.pi * (3 - np.sqrt(5)) * number)
+    size = np.array([ground.length, ground.radius])
+    return ground.middle + np.stack([spiral.real, spiral.imag], axis=1) * size @ ground.axes
+
+
+def _choose(
+    found: list[Equilibrium],
+    directions: np.ndarray,
+    importance: np.ndarray,
+    most: int,
+    tolerance: float,
+) -> tuple[list[int], np.ndarray]:
+    """Indices of the points, and the largest error [m] with each number of them.
+
+    Args:
+        found: Candidates.
+        directions: (k, 3).
+        importance: (candidates,) [1], factors of their errors.
+        most, tolerance: Where to end.
+    """
+    nothing = np.empty(0)
+    rows = np.array([row_of(e, nothing) for e in found])
+    tips = np.array([e.tip for e in found])
+    to_action = np.array([e.to_action for e in found])
+    jacobian = np.array([e.model.tip for e in found])
+    n, m = found[0].by_action.shape
+    chosen, errors = [0], []
+    while True:
+        table = reference(Table(n, m, tips[chosen], to_action[chosen], directions, rows[chosen]))
+        off = np.empty(len(found))
+        _errors(table, tips, rows, jacobian, off)
+        off *= importance
+        errors.append(off.max())
+        if len(chosen) >= min(most, len(found)) or off.max() <= tolerance:
+            return chosen, np.array(errors)
+        off[chosen] = 0.0
+        chosen.append(int(np.argmax(off)))
+
+
+@kernel
+def _errors(
+    table: Table, tips: np.ndarray, rows: np.ndarray, jacobian: np.ndarray, out: np.ndarray
+) -> None:
+    """Set out (candidates,) [m]: how far off the tip is, by shape or by place, in a blend."""
+    n, m = table.n, table.m
+    for i in range(len(tips)):
+        now = look_up(table, tips[i], rows[i, :m])
+        by_shape = jacobian[i] @ (now.curvature - rows[i, m : m + n])
+        by_place = now.tip - tips[i]
+        out[i] = np.sqrt(max(np.sum(by_shape**2), np.sum(by_place**2)))

@@ -1,0 +1,212 @@
+"""Tables of operating points with the gains of a law at each, and what kernels do with them."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.numerics.compilation import kernel, structure
+
+#: Points that are blended at most.
+NEIGHBOURS = 6
+
+#: [1], smallest distance of a point, as actions: a place on a point is the point's alone.
+_ON_POINT = 1e-9
+
+
+@structure
+class Table(NamedTuple):
+    """Operating points and gains, of n curvatures, m actions, k gains per action.
+
+    Attributes:
+        n, m: Sizes.
+        tips: (points, 3) [m].
+        to_action: (points, m, 3) [1/m], see `operating_points.Equilibrium`.
+        directions: (k, 3), unit vectors along which the tip can be asked for.
+        rows: (points, size), one row for each point: what `split` tells.
+    """
+
+    n: int
+    m: int
+    tips: np.ndarray
+    to_action: np.ndarray
+    directions: np.ndarray
+    rows: np.ndarray
+
+
+@kernel
+def blend_weights(
+    tips: np.ndarray,
+    actions: np.ndarray,
+    to_action: np.ndarray,
+    place: np.ndarray,
+    held: np.ndarray,
+    index: np.ndarray,
+    weight: np.ndarray,
+) -> int:
+    """Points near a place, and their weights, which change smoothly with it and sum up to one.
+
+    A point is as far away as the actions that would move the tip from it to the place, so that the
+    points lie close together where the robot's statics bend much; and as what these then differ
+    from the actions held until now. So a robot that can hold a place in several ways goes on in the
+    one that it is in. The weights, ((R - d) / (R d))^2
+    with R the distance of the first point that is left out (Franke and Little), vanish where a
+    point becomes one of the nearest.
+
+    Args:
+        tips: (points, 3) [m].
+        actions: (points, m) [1].
+        to_action: (points, m, 3) [1/m].
+        place: (3,) [m].
+        held: (m,) [1], equilibrium of the decision before.
+        index: (k,), set to the points.
+        weight: (k,), set to their weights.
+
+    Returns:
+        Number of points: the entries after it are not set.
+    """
+    count, m = len(tips), to_action.shape[1]
+    near = min(len(index), count)
+    distance = np.full(near + 1, np.inf)
+    order = np.zeros(near + 1, np.int64)
+    way = np.empty(3)
+    for i in range(count):
+        for x in range(3):
+            way[x] = place[x] - tips[i, x]
+        square = 0.0
+        for j in range(m):
+            step = 0.0
+            for x in range(3):
+                step += to_action[i, j, x] * way[x]
+            away = actions[i, j] + step - held[j]
+            square += step * step + away * away
+        if square < distance[near]:
+            slot = near
+            while slot > 0 and square < distance[slot - 1]:
+                distance[slot], order[slot] = distance[slot - 1], order[slot - 1]
+                slot -= 1
+            distance[slot], order[slot] = square, i
+    total, outer = 0.0, np.sqrt(distance[near])
+    for slot in range(near):
+        d = max(np.sqrt(distance[slot]), _ON_POINT)
+        index[slot] = order[slot]
+        share = 1 / d if np.isinf(outer) else max(outer - d, 0.0) / (outer * d)
+        weight[slot] = share * share
+        total += weight[slot]
+    if total == 0.0:  # all equally far
+        weight[:near] = 1.0
+        total = float(near)
+    for slot in range(near):
+        weight[slot] /= total
+    return near
+
+
+class Row(NamedTuple):
+    """What is known at a place of the tip; views of one array.
+
+    Attributes:
+        action: (m,) [1], at rest there.
+        curvature: (n,) [1/m], likewise.
+        tip: (3,) [m], of that equilibrium: the place, unless it is out of reach.
+        to_action: P (m, 3) [1/m].
+        by_action: X (n, m) [1/m].
+        jacobian: C (3, n) [m2].
+        inertia: K^-1 M (n, n) [s2].
+        damping: K^-1 D (n, n) [s].
+        elastic: (n,) [1/m], K^-1 times the force of the springs: what the curvature, to first
+            order, loses by springs twice as stiff.
+        gains: (k,), of the law.
+    """
+
+    action: np.ndarray
+    curvature: np.ndarray
+    tip: np.ndarray
+    to_action: np.ndarray
+    by_action: np.ndarray
+    jacobian: np.ndarray
+    inertia: np.ndarray
+    damping: np.ndarray
+    elastic: np.ndarray
+    gains: np.ndarray
+
+
+def row_size(n: int, m: int) -> int:
+    """Numbers in a row before the gains, for n curvatures and m actions."""
+    return m + n + 3 + 3 * m + n * m + 3 * n + 2 * n * n + n
+
+
+@kernel
+def split(row: np.ndarray, n: int, m: int) -> Row:
+    """Views of a row (size,) for n curvatures and m actions."""
+    a, b = m + n, m + n + 3
+    c = b + 3 * m
+    d = c + n * m
+    e = d + 3 * n
+    f, g = e + n * n, e + 2 * n * n
+    return Row(
+        row[:m],
+        row[m:a],
+        row[a:b],
+        row[b:c].reshape(m, 3),
+        row[c:d].reshape(n, m),
+        row[d:e].reshape(3, n),
+        row[e:f].reshape(n, n),
+        row[f:g].reshape(n, n),
+        row[g : g + n],
+        row[g + n :],
+    )
+
+
+@kernel
+def look_up(table: Table, place: np.ndarray, held: np.ndarray) -> Row:
+    """What the points near a place (3,) [m] tell of it, each to first order, blended.
+
+    Args:
+        table: The table.
+        place: (3,) [m].
+        held: (m,) [1], actions of the equilibrium before.
+    """
+    n, m = table.n, table.m
+    index, weight = np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS)
+    near = table.tips, table.rows[:, :m], table.to_action
+    count = blend_weights(*near, place, held, index, weight)
+    out = np.zeros(table.rows.shape[1])
+    step, way = np.empty(m), np.empty(3)
+    for slot in range(count):
+        share, row = weight[slot], table.rows[index[slot]]
+        for k in range(len(out)):
+            out[k] += share * row[k]
+        for x in range(3):
+            way[x] = place[x] - table.tips[index[slot], x]
+        for j in range(m):
+            step[j] = 0.0
+            for x in range(3):
+                step[j] += table.to_action[index[slot], j, x] * way[x]
+            out[j] += share * step[j]
+        point = split(row, n, m)
+        for i in range(n):
+            bend = 0.0
+            for j in range(m):
+                bend += point.by_action[i, j] * step[j]
+            out[m + i] += share * bend
+            for x in range(3):
+                out[m + n + x] += share * point.jacobian[x, i] * bend
+    return split(out, n, m)
+
+
+@kernel
+def inverse_of(moved: np.ndarray, directions: np.ndarray, damping: float) -> np.ndarray:
+    """(m, 3): actions of least norm that move the tip along directions (k, 3), damped.
+
+    Args:
+        moved: J (3, m) [m], how the tip follows the actions at rest.
+        directions: Unit vectors.
+        damping: Over the size of J.
+    """
+    along = directions @ moved
+    square = along @ along.T
+    size = 0.0
+    for i in range(len(square)):
+        size += square[i, i]
+    for i in range(len(square)):
+        square[i, i] += damping**2 * size
+    return along.T @ np.linalg.solve(square, directions)

@@ -1,0 +1,40 @@
+"""When laws of any robot decide, and at which times they see the reference, in its own time."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.control.scheduled.linear_model import model_scene
+from softrobot_env.robots import RobotParams
+
+#: Control periods [s] to choose from: the longest that fits this often in the first mode's period.
+_PERIODS, _PER_MODE = (1e-3, 2e-3, 5e-3, 1e-2), 250
+
+#: Preview times, in control periods, up to this share of the first mode's period.
+_KNOTS = (1, 2, 4, 7, 11, 16, 23, 32, 45, 60, 80, 105, 150, 200, 270)
+_HORIZON = 0.25
+
+
+class Timing(NamedTuple):
+    """Times of a robot.
+
+    Attributes:
+        first: [s], period of its first mode.
+        period: [s] between decisions.
+        knots: (k,) [s], times ahead at which the reference is seen; the first is one period.
+    """
+
+    first: float
+    period: float
+    knots: tuple[float, ...]
+
+
+@lru_cache(maxsize=64)
+def timing_of(robot: RobotParams) -> Timing:
+    """The times of a robot; ValueError or EquilibriumError where it has no first mode at rest."""
+    first = model_scene(robot).timestep.first_period
+    period = max((p for p in _PERIODS if _PER_MODE * p <= first), default=_PERIODS[0])
+    most = max(_HORIZON * first, _KNOTS[2] * period)
+    knots = np.round([k * period for k in _KNOTS if k * period <= most], 9)
+    return Timing(first, period, tuple(knots.tolist()))
