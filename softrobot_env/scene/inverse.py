@@ -362,9 +362,12 @@ class InverseStatics:
         pulled = shorter + tensions / _elastic(self.scene.config.robot)[1][:, None]
         linear = self.inputs.input_scale / np.linalg.norm(pulled, axis=1)
         box = min(1.0, float(linear.min()))
-        while box < 1.0 and len(self._spread(_PROBES, _GROWTH * box)) > _WITHIN * _PROBES:
-            box *= _GROWTH
-        return min(1.0, box)
+        while box < 1.0:
+            wider = min(1.0, _GROWTH * box)
+            if len(self._spread(_PROBES, wider)) <= _WITHIN * _PROBES:
+                break
+            box = wider
+        return box
 
     @cached_property
     def _sample(self) -> tuple[list[_Found], np.ndarray]:

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.optimize import nnls
 
 from softrobot_env.artifacts import Arrays
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
@@ -18,7 +19,7 @@ from softrobot_env.control.scheduled.table import Table, row_size
 from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
-from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.actuation import TendonMap, robot_inputs
 
 #: Rates [1] of the estimates, times the period [s] of the first mode.
 _FORCE_RATE, _OFFSET_RATE = 60.0, 120.0
@@ -26,8 +27,27 @@ _FORCE_RATE, _OFFSET_RATE = 60.0, 120.0
 #: Largest share of an estimate that one decision renews.
 _AT_ONCE = 0.3
 
+#: Moment [1], over the tension, below which tendons pull against each other.
+_OPPOSED = 1e-6
+
 #: Gains of a law at an operating point: function of the point, the directions and the times.
 Design = Callable[[Equilibrium, np.ndarray, Timing], np.ndarray]
+
+
+@structure
+class Taut(NamedTuple):
+    """What keeps tendons that are driven by length taut: groups of them pull against each other.
+
+    Attributes:
+        stiffness: (m,) [N], tension per action.
+        groups: (k, m) [1/N], actions that pull all tendons of a group against each other by a
+            tension of one in the sum, without a moment; none of a robot driven by tension.
+        shares: (k, m) [1], what each tendon gets of it.
+    """
+
+    stiffness: np.ndarray
+    groups: np.ndarray
+    shares: np.ndarray
 
 
 @structure
@@ -41,6 +61,7 @@ class Law(NamedTuple):
         first: [s], period of the first mode.
         force, offset: [1], shares of their estimates that a decision renews.
         speed: (m,) [1], largest change of an action in a period.
+        taut: What keeps tendons that are driven by length taut.
         reach: [m], of the robot.
     """
 
@@ -51,6 +72,7 @@ class Law(NamedTuple):
     force: float
     offset: float
     speed: np.ndarray
+    taut: Taut
     reach: float
 
 
@@ -107,6 +129,7 @@ class ScheduledLaw(Controller):
                 force=min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
                 offset=min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
                 speed=speed,
+                taut=_taut(robot),
                 reach=robot.reach,
             )
         )
@@ -142,6 +165,41 @@ class ScheduledLaw(Controller):
     def _begun(self, observation: Observation) -> np.ndarray:
         """Actions (m,) that an episode begins with."""
         return usable(self._applied(observation))
+
+
+def _taut(robot: RobotParams) -> Taut:
+    m = robot_inputs(robot).n_inputs
+    if robot.drive.kind == "tension":
+        return Taut(np.zeros(m), *np.zeros((2, 0, m)))
+    stiffness = np.array([t.stiffness for t in robot.tendons]) * robot_inputs(robot).input_scale
+    moments, shares = TendonMap(robot).phi, []
+    for group in sorted({t.group for t in robot.tendons}):
+        own = np.array([float(t.group == group) for t in robot.tendons])
+        share, left = nnls(np.vstack([moments * own, own]), np.append(np.zeros(len(moments)), 1.0))
+        if left < _OPPOSED and np.all(share[own > 0] > 0):
+            shares.append(share)
+    shares = np.reshape(shares, (len(shares), m))
+    return Taut(stiffness, shares / stiffness, shares)
+
+
+@kernel
+def tighten(law: Law, curvature: np.ndarray, action: np.ndarray) -> None:
+    """Pull tendons against each other where one of them would be slacker than its pretension.
+
+    Args:
+        law: Whose tendons they are.
+        curvature: (n,) [1/m].
+        action: (m,) [1], changed.
+    """
+    taut = law.taut
+    slack = law.table.lever @ curvature - taut.stiffness * action
+    for group in range(len(taut.shares)):
+        more = 0.0
+        for j in range(len(action)):
+            if taut.shares[group, j] > 0:
+                more = max(more, slack[j] / taut.shares[group, j])
+        for j in range(len(action)):
+            action[j] += more * taut.groups[group, j]
 
 
 @kernel
@@ -192,6 +250,9 @@ def build_table(
         rows.append(row_of(point, design(point, points.directions, timing)))
         progress(done + 1, len(points.points))
     first = points.points[0]
+    lever = np.zeros((len(first.action), len(first.curvature)))
+    if robot.drive.kind == "length":
+        lever = (first.model.inputs / robot_inputs(robot).input_scale).T
     return reference(
         Table(
             n=len(first.curvature),
@@ -199,6 +260,7 @@ def build_table(
             tips=np.array([p.tip for p in points.points]),
             to_action=np.array([p.to_action for p in points.points]),
             directions=points.directions,
+            lever=lever,
             rows=np.array(rows),
         )
     )
@@ -209,6 +271,7 @@ _ARRAYS = {
     "tips": (None, 3),
     "to_action": (None, None, 3),
     "directions": (None, 3),
+    "lever": (None, None),
     "rows": (None, None),
 }
 

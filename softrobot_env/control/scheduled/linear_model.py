@@ -6,11 +6,9 @@ constant curvature, the robot's own: with W from their curvatures q to the angle
     M q'' + D q' + K (q - q_OP) = B (a - a_OP),    tip = tip_OP + C (q - q_OP),
 
 with M = W' M_chain W and the others likewise. All that a chain knows is in it: tapers, discs,
-heads, any route of a tendon, guides, gravity, and the stiffness of tendons that are driven by length.
+heads, any route of a tendon, guides, gravity, and the stiffness of tendons driven by length.
 """
 
-from dataclasses import replace
-from math import ceil
 from typing import NamedTuple
 
 import mujoco
@@ -22,9 +20,6 @@ from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.chain import mean_curvature, posture
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.tangent import StaticForces
-
-#: Fewest pieces of the chain that statics and linear models come from.
-_FEWEST = 6
 
 #: [1], step of an action to both sides that the derivative of commands is taken over: the mean of
 #: both sides at a kink, where another tendon begins to pull.
@@ -59,12 +54,8 @@ class LinearModel(NamedTuple):
 
 
 def model_scene(robot: RobotParams) -> Scene:
-    """The chain that models of a robot are taken from, of `_FEWEST` pieces at least."""
-    config = scene_of(robot)
-    if config.n_pieces < _FEWEST:
-        finer = ceil(_FEWEST / config.n_pieces) * config.n_pieces
-        config = replace(config, pieces=finer)
-    return build_scene(config)
+    """The chain that models of a robot are taken from."""
+    return build_scene(scene_of(robot))
 
 
 class Linearizer:

@@ -14,7 +14,7 @@ from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import usable
 from softrobot_env.control.linear_quadratic import discretized, preview_gains
 from softrobot_env.control.reference_smoothing import begin_smoothing, memory_size, smoothed
-from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar
+from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.table import Row, inverse_of, look_up
 from softrobot_env.control.scheduled.timing import Timing
@@ -243,6 +243,7 @@ def _act(
             for x in range(3):
                 way = points[i + 1, x] - points[0, x] - law.times[i + 1] * velocity[x]
                 wanted[j] += ahead[j, 3 * i + x] * way
+    tighten(law, curvature, wanted)
     return conclude(law, wanted, previous, np.sqrt(np.sum(gap**2)), memory)
 
 

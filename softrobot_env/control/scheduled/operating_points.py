@@ -200,7 +200,8 @@ def _choose(
     n, m = found[0].by_action.shape
     chosen, errors = [0], []
     while True:
-        table = reference(Table(n, m, tips[chosen], to_action[chosen], directions, rows[chosen]))
+        near = tips[chosen], to_action[chosen], directions
+        table = reference(Table(n, m, *near, np.zeros((m, n)), rows[chosen]))
         off = np.empty(len(found))
         _errors(table, tips, rows, jacobian, off)
         off *= importance

@@ -22,6 +22,8 @@ class Table(NamedTuple):
         tips: (points, 3) [m].
         to_action: (points, m, 3) [1/m], see `operating_points.Equilibrium`.
         directions: (k, 3), unit vectors along which the tip can be asked for.
+        lever: (m, n) [N m], of a robot driven by length: how much the tension of a tendon falls as
+            the curvatures grow; zeros of others.
         rows: (points, size), one row for each point: what `split` tells.
     """
 
@@ -30,6 +32,7 @@ class Table(NamedTuple):
     tips: np.ndarray
     to_action: np.ndarray
     directions: np.ndarray
+    lever: np.ndarray
     rows: np.ndarray
 
 
