@@ -297,6 +297,7 @@ def read_table(data: Arrays, gains: Callable[[int, int], int]) -> Any:
         data.check_shape(name, shape)
     arrays = {name: np.ascontiguousarray(data[name], dtype=float) for name in _ARRAYS}
     n, m = (int(size) for size in data["sizes"])
-    if arrays["rows"].shape[1] != row_size(n, m) + gains(n, m):
+    size = row_size(n, m, len(arrays["directions"])) + gains(n, m)
+    if arrays["rows"].shape[1] != size:
         raise ValueError(f"{data.path} holds a table of another law or version")
     return reference(Table(n=n, m=m, **arrays))

@@ -31,6 +31,10 @@ _DAMPING = 1e-2
 _ON_GROUND, _OUTSIDE = 0.5, 0.2
 
 
+#: Neighbours, for each of its terms, that the second order of an equilibrium is fitted to.
+_PER_TERM = 3
+
+
 class Equilibrium(NamedTuple):
     """A robot at rest.
 
@@ -42,6 +46,7 @@ class Equilibrium(NamedTuple):
         by_action: X (n, m) [1/m], how the curvature follows the actions at rest.
         to_action: P (m, 3) [1/m], actions of least norm that move the tip along the directions
             that can be asked for, with some damping.
+        second: (m + n + 3, terms), see `table.Row`.
     """
 
     action: np.ndarray
@@ -50,6 +55,11 @@ class Equilibrium(NamedTuple):
     model: LinearModel
     by_action: np.ndarray
     to_action: np.ndarray
+    second: np.ndarray
+
+    def state(self) -> np.ndarray:
+        """(m + n + 3,): action, curvature and tip."""
+        return np.concatenate([self.action, self.curvature, self.tip])
 
 
 class OperatingPoints(NamedTuple):
@@ -96,6 +106,7 @@ def find_points(
     found = []
     for held in _candidates(robot, inverse, directions, candidates, progress):
         found.append(_equilibrium(linearizer, directions, held))
+    found = _bent(found, directions)
     ground = workspace_of(robot).ground
     away = np.linalg.norm([directions @ (e.tip - ground.middle) for e in found], axis=1)
     importance = np.where(away <= ground.length, 1.0, _OUTSIDE)
@@ -119,6 +130,7 @@ def row_of(point: Equilibrium, gains: np.ndarray) -> np.ndarray:
         relative[:, :n],
         relative[:, n : 2 * n],
         relative[:, 2 * n],
+        point.second,
         gains,
     )
     return np.concatenate([np.ravel(part) for part in parts])
@@ -134,7 +146,33 @@ def _equilibrium(linearizer: Linearizer, directions: np.ndarray, held: Held) -> 
     to_action = (right.T * gain) @ left.T @ directions
     tip = linearizer.scene.tip(angles)
     action = linearizer.action(inputs)
-    return Equilibrium(action, linearizer.mean @ angles, tip, model, by_action, to_action)
+    curvature = linearizer.mean @ angles
+    nothing = np.zeros((len(action) + len(curvature) + 3, len(_products(directions))))
+    return Equilibrium(action, curvature, tip, model, by_action, to_action, nothing)
+
+
+def _products(ways: np.ndarray) -> np.ndarray:
+    """(terms, ...) products of the ways (k, ...) along directions, as `table.look_up` has them."""
+    return np.array([ways[x] * ways[y] for x in range(len(ways)) for y in range(x + 1)])
+
+
+def _bent(found: list[Equilibrium], directions: np.ndarray) -> list[Equilibrium]:
+    """The equilibria with their second order, fitted to those around each."""
+    tips, actions = np.array([e.tip for e in found]), np.array([e.action for e in found])
+    states, bent = np.array([e.state() for e in found]), []
+    for point in found:
+        steps = (tips - point.tip) @ point.to_action.T
+        away = np.sum(steps**2, axis=1) + np.sum((point.action + steps - actions) ** 2, axis=1)
+        terms = len(_products(directions))
+        near = np.argsort(away)[1 : 1 + _PER_TERM * terms]
+        bend = steps[near] @ point.by_action.T
+        linear = np.hstack([steps[near], bend, bend @ point.model.tip.T])
+        products = _products(directions @ (tips[near] - point.tip).T).T
+        weight = 1 / np.maximum(away[near], 1e-300)[:, None] ** 0.5
+        left = (states[near] - point.state() - linear) * weight
+        second = np.linalg.lstsq(products * weight, left, rcond=1e-6)[0].T
+        bent.append(point._replace(second=second))
+    return bent
 
 
 def _candidates(

@@ -117,7 +117,9 @@ class Row(NamedTuple):
         damping: K^-1 D (n, n) [s].
         elastic: (n,) [1/m], K^-1 times the force of the springs: what the curvature, to first
             order, loses by springs twice as stiff.
-        gains: (k,), of the law.
+        second: (m + n + 3, k (k + 1) / 2), second order of action, curvature and tip by the ways
+            (k,) [m] along the directions: factors of their products.
+        gains: Of the law.
     """
 
     action: np.ndarray
@@ -129,22 +131,26 @@ class Row(NamedTuple):
     inertia: np.ndarray
     damping: np.ndarray
     elastic: np.ndarray
+    second: np.ndarray
     gains: np.ndarray
 
 
-def row_size(n: int, m: int) -> int:
-    """Numbers in a row before the gains, for n curvatures and m actions."""
-    return m + n + 3 + 3 * m + n * m + 3 * n + 2 * n * n + n
+def row_size(n: int, m: int, k: int) -> int:
+    """Numbers in a row before the gains, for n curvatures, m actions and k directions."""
+    terms = k * (k + 1) // 2
+    return m + n + 3 + 3 * m + n * m + 3 * n + 2 * n * n + n + (m + n + 3) * terms
 
 
 @kernel
-def split(row: np.ndarray, n: int, m: int) -> Row:
-    """Views of a row (size,) for n curvatures and m actions."""
+def split(row: np.ndarray, n: int, m: int, k: int) -> Row:
+    """Views of a row (size,) for n curvatures, m actions and k directions."""
     a, b = m + n, m + n + 3
     c = b + 3 * m
     d = c + n * m
     e = d + 3 * n
     f, g = e + n * n, e + 2 * n * n
+    terms = k * (k + 1) // 2
+    h = g + n + b * terms
     return Row(
         row[:m],
         row[m:a],
@@ -155,37 +161,38 @@ def split(row: np.ndarray, n: int, m: int) -> Row:
         row[e:f].reshape(n, n),
         row[f:g].reshape(n, n),
         row[g : g + n],
-        row[g + n :],
+        row[g + n : h].reshape(b, terms),
+        row[h:],
     )
 
 
 @kernel
 def look_up(table: Table, place: np.ndarray, held: np.ndarray) -> Row:
-    """What the points near a place (3,) [m] tell of it, each to first order, blended.
+    """What the points near a place (3,) [m] tell of it, each to second order, blended.
 
     Args:
         table: The table.
         place: (3,) [m].
         held: (m,) [1], actions of the equilibrium before.
     """
-    n, m = table.n, table.m
+    n, m, k = table.n, table.m, len(table.directions)
     index, weight = np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS)
     near = table.tips, table.rows[:, :m], table.to_action
     count = blend_weights(*near, place, held, index, weight)
     out = np.zeros(table.rows.shape[1])
-    step, way = np.empty(m), np.empty(3)
+    step = np.empty(m)
     for slot in range(count):
         share, row = weight[slot], table.rows[index[slot]]
-        for k in range(len(out)):
-            out[k] += share * row[k]
-        for x in range(3):
-            way[x] = place[x] - table.tips[index[slot], x]
+        for i in range(len(out)):
+            out[i] += share * row[i]
+        point = split(row, n, m, k)
+        way = place - table.tips[index[slot]]
+        along = table.directions @ way
         for j in range(m):
             step[j] = 0.0
             for x in range(3):
-                step[j] += table.to_action[index[slot], j, x] * way[x]
+                step[j] += point.to_action[j, x] * way[x]
             out[j] += share * step[j]
-        point = split(row, n, m)
         for i in range(n):
             bend = 0.0
             for j in range(m):
@@ -193,7 +200,14 @@ def look_up(table: Table, place: np.ndarray, held: np.ndarray) -> Row:
             out[m + i] += share * bend
             for x in range(3):
                 out[m + n + x] += share * point.jacobian[x, i] * bend
-    return split(out, n, m)
+        term = 0
+        for x in range(k):
+            for y in range(x + 1):
+                square = share * along[x] * along[y]
+                for i in range(m + n + 3):
+                    out[i] += square * point.second[i, term]
+                term += 1
+    return split(out, n, m, k)
 
 
 @kernel
