@@ -46,11 +46,15 @@ _BENDING = ((1, 0), (-1, 0))
 _TWISTING = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
-def add_springs(chain: Chain, robot: RobotParams) -> None:
-    """Add what the hinges' own springs lack to a chain that bends in space on hinges."""
+def add_springs(chain: Chain, robot: RobotParams, exact: bool = False) -> None:
+    """Add what the hinges' own springs lack to a chain that bends in space on hinges.
+
+    `exact` tells whether channels pull by how links turn, as guides do, else by hinge angles.
+    """
     if "side" not in chain.kinds:
         return
-    share = 1.0 if all(tendon.guides for tendon in robot.tendons) else _WITH_CHANNELS
+    turning = exact or all(tendon.guides for tendon in robot.tendons)
+    share = 1.0 if turning else _WITH_CHANNELS
     stations, weights = chain.layout.stations, chain.layout.weights
     bends = (robot.backbone.bending(stations) / weights).tolist()
     twists = (robot.backbone.torsion(stations) / weights).tolist()

@@ -383,7 +383,7 @@ def _check(model: mujoco.MjModel, moving: np.ndarray) -> None:
         "hinges and ball joints": np.all(balls | (model.jnt_type == joint.mjJNT_HINGE)),
         "ball joints with linear springs": not np.any(model.jnt_stiffnesspoly[balls]),
         "tendons along joints and sites": np.all(
-            np.isin(model.wrap_type, [wrap.mjWRAP_JOINT, wrap.mjWRAP_SITE])
+            np.isin(model.wrap_type, [wrap.mjWRAP_JOINT, wrap.mjWRAP_SITE, wrap.mjWRAP_PULLEY])
         ),
         "straight tendons without springs": _springs_along_joints(model),
         "actuators of tendons and sites": np.all(
