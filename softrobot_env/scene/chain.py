@@ -82,10 +82,15 @@ class Chain:
         return self.bodies[index], station - origin
 
 
+def is_swapped(index: int) -> bool:
+    """Whether a station has its hinges the other way round: each second one of neighbours has."""
+    return index % 4 in (1, 2)
+
+
 def order_of(kinds: tuple[str, ...], index: int) -> tuple[str, ...]:
     """What a station's joint is made of, from the base outwards; see the module."""
     swapped = ("side", "hinge", *kinds[2:])
-    return swapped if len(kinds) > 1 and index % 4 in (1, 2) else kinds
+    return swapped if len(kinds) > 1 and is_swapped(index) else kinds
 
 
 def joint_kinds(

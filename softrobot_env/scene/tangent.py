@@ -20,8 +20,8 @@ of its upper end,
 
     u . (a_l x v_k) where l moves a_k, else u . (a_k x v_l);    plus (v_k x u) . (v_l x u) / length.
 
-Driven by length or held by a spring, tension follows from length. A ball joint's spring -k theta(q) has the derivative -k J^-1 of
-the rotation vector.
+Driven by length or held by a spring, tension follows from length. A ball joint's spring -k theta(q)
+has the derivative -k J^-1 of the rotation vector.
 
 The derivative is along `mj_integratePos`; out of equilibrium a ball joint makes it unsymmetric.
 """

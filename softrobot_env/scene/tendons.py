@@ -4,14 +4,19 @@ Every actuator has gear -1, so that a positive force shortens its tendon; no oth
 """
 
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
 from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.scene.chain import Chain, seen_from_hinges
+from softrobot_env.scene.chain import Chain, is_swapped, seen_from_hinges
+from softrobot_env.scene.quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
+
+#: p, q and c of the lines with which an exact channel crosses a station.
+_LINES = ((8 / 7, 4 / 3, 0.0), (-1 / 7, 1.0, math.sqrt(7 / 12)))
 
 _UNSEEN = [0.0, 0.0, 0.0, 0.0]
 
@@ -36,7 +41,10 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
     """
     for tendon in robot.tendons:
         if tendon.guides:
-            routed, length = route_through_guides(chain, tendon, tendon.name), tendon.straight_length
+            routed, length = (
+                route_through_guides(chain, tendon, tendon.name),
+                tendon.straight_length,
+            )
         elif exact:
             routed, length = _route_across_hinges(chain, tendon)
         else:
@@ -85,28 +93,36 @@ def _route_across_hinges(chain: Chain, tendon: Tendon) -> tuple[mujoco.MjsTendon
     """Tendon in a continuous channel, right to second order in the strains, and its length [m].
 
     The channel beside a station, which stands for w of beam and turns by theta, is d = w (e_z + r')
-    long in the straight robot, and d + theta x r when it bends and twists. A line from the link
-    below, at m - d / 2 from the hinges, to the link above, at m + d / 2, becomes
+    in the straight robot and d + theta x r when it bends and twists. A line from the link below, at
+    m - b / 2 from the hinges, to the link above, at m + b / 2, becomes
 
-        d + theta x m + theta x (theta x d) / 8,
+        b + theta x m + theta x (theta x b) / 8,
 
-    seen from halfway. With m = r that is the channel, but for |theta x d|^2 / (8 |d|) by which it is
-    too short; a line through m = d / sqrt(2) on the fibre gets as much longer. So each station is
-    crossed by both. What a link carries keeps its length: pulleys leave it out.
+    seen from halfway: with m = r and b = d that is the channel, but for |theta x d|^2 / (8 |d|) by
+    which bends make it too short, and of third order it is too short as well. Two lines together,
+    m = p r + c b and b = q d, have all terms of second order and those of bends of third order if
+
+        sum p = 1,  sum p^2 / q = 1,  sum q (c^2 - 1 / 4) = 0,  sum p (c^2 / 2 + 1 / 24) = 0,
+
+    but for a product of bend and twist that changes its sign with c, as it does from station to
+    station. What a link carries keeps its length: pulleys leave it out.
     """
     spatial, length, above = chain.spec.add_tendon(name=tendon.name), 0.0, 0.0
     spatial.rgba = _UNSEEN
     for index, (place, slope) in enumerate(zip(*_course(chain, tendon), strict=True)):
         hinge = chain.layout.stations[index] - above
         along = chain.layout.weights[index] * np.append(slope, 1.0)
-        for number, middle in enumerate((np.append(place, 0.0), along / math.sqrt(2))):
+        side = -1 if is_swapped(index) else 1
+        for number, (share, stretch, shift) in enumerate(_LINES):
             if index or number:
                 spatial.wrap_pulley(1.0)
+            line = stretch * along
+            middle = share * np.append(place, 0.0) + side * shift * line
             name = f"{tendon.name}_station{index}_{number}"
-            below = middle - along / 2 + [0, 0, hinge]
+            below = middle - line / 2 + [0, 0, hinge]
             _thread(spatial, chain.bodies[index], f"{name}_below", below)
-            _thread(spatial, chain.bodies[index + 1], f"{name}_above", middle + along / 2)
-            length += float(np.linalg.norm(along))
+            _thread(spatial, chain.bodies[index + 1], f"{name}_above", middle + line / 2)
+            length += float(np.linalg.norm(line))
         above = chain.layout.stations[index]
     return spatial, length
 
@@ -119,10 +135,36 @@ def _thread(
 
 
 def _course(chain: Chain, tendon: Tendon) -> tuple[np.ndarray, np.ndarray]:
-    """Places (x, y) [m] of a channel at the stations up to its end, and their slopes, (n, 2) each."""
+    """Places (x, y) [m] of a channel at the stations up to its end, and their slopes, (n, 2) each.
+
+    Of a route with via-points, whose slope jumps, those of the stations' shares of it.
+    """
     _check_end(chain, tendon)
-    stations = chain.layout.stations
-    return tendon.course(stations[: np.searchsorted(stations, tendon.end)])
+    layout = chain.layout
+    stations = layout.stations[: np.searchsorted(layout.stations, tendon.end)]
+    if tendon.is_straight or len(tendon.knots) == 2:
+        return tendon.course(stations)
+    cuts = np.union1d(layout.edges[layout.edges < tendon.end], tendon.knots[:, 0])
+    s, weight = (x.ravel() for x in tendon.fine(cuts))
+    shares = _shares(layout, s)[:, : len(stations)].T * weight
+    route = (
+        shares @ x / layout.weights[: len(stations), None]
+        for x in replace(tendon, turns=0.0).course(s)
+    )
+
+
+def _shares(layout: HingeLayout, s: np.ndarray) -> np.ndarray:
+    """Shares (k, stations) [1] of the stations of its piece in a place at arc lengths (k,) [m].
+
+    A curvature that is a polynomial through its values at them is interpolated by them.
+    """
+    own = layout.piece == np.searchsorted(layout.edges[1:-1], s)[:, None]
+    shares = own.astype(float)
+    for k, station in enumerate(layout.stations):
+        others = np.flatnonzero((layout.piece == layout.piece[k]) & (layout.stations != station))
+        for other in layout.stations[others]:
+            shares[:, k] *= (s - other) / (station - other)
+    return shares
 
 
 def _check_end(chain: Chain, tendon: Tendon) -> None:
