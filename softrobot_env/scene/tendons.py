@@ -147,10 +147,8 @@ def _course(chain: Chain, tendon: Tendon) -> tuple[np.ndarray, np.ndarray]:
     cuts = np.union1d(layout.edges[layout.edges < tendon.end], tendon.knots[:, 0])
     s, weight = (x.ravel() for x in tendon.fine(cuts))
     shares = _shares(layout, s)[:, : len(stations)].T * weight
-    route = (
-        shares @ x / layout.weights[: len(stations), None]
-        for x in replace(tendon, turns=0.0).course(s)
-    )
+    shares /= layout.weights[: len(stations), None]
+    return tendon.wound(stations, *(shares @ x for x in replace(tendon, turns=0.0).course(s)))
 
 
 def _shares(layout: HingeLayout, s: np.ndarray) -> np.ndarray:
