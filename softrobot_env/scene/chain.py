@@ -8,8 +8,8 @@ Each station of the hinge rule gets one joint, which represents a share of the b
   and no springs couple the pieces, else three hinges in one body.
 
 MuJoCo's spring of a ball joint acts along the rotation vector, with one stiffness: bending is the
-same in all directions. Hinges need the springs of `scene.springs` for that. A continuous tendon
-channel sums up hinge angles, which a ball joint has none of: a robot with channels gets hinges. So
+same in all directions. Hinges need the springs of `scene.springs` for that. A linear tendon channel
+sums up hinge angles, which a ball joint has none of: a robot with channels gets hinges. So
 does one that is not alike in all directions; its hinges' axes are turned to the directions of the
 principal stiffnesses.
 
