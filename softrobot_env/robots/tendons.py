@@ -133,6 +133,12 @@ class Tendon:
         low = np.clip(np.searchsorted(knots[:, 0], s, side="right") - 1, 0, len(knots) - 2)
         change = (knots[low + 1, 1:] - knots[low, 1:]) / np.diff(knots[:, 0])[low][..., None]
         place = knots[low, 1:] + change * (s - knots[low, 0])[..., None]
+        return self.wound(s, place, change)
+
+    def wound(
+        self, s: np.ndarray, place: np.ndarray, change: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Places and slopes (..., 2) of the route at arc lengths (...,) [m] with its turns."""
         if not self.turns:
             return place, change
         rate = 2 * pi * self.turns / self.end

@@ -313,8 +313,8 @@ def build_chain(config: SceneConfig) -> Chain:
     spec = empty_spec(robot.name, robot.gravity, rubs=robot.rubs)
     kinds = joint_kinds(robot, config.bending, config.torsion, layout.coupled)
     chain = add_chain(spec, robot, layout, kinds)
-    add_tendons(chain, robot, config.actuation)
-    add_springs(chain, robot)
+    add_tendons(chain, robot, config.actuation, config.exact_channels)
+    add_springs(chain, robot, config.exact_channels)
     if layout.coupled:
         couple_pieces(chain, robot, [load.station for load in config.loads])
     _add_parts(chain, config)

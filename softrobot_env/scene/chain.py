@@ -8,8 +8,8 @@ Each station of the hinge rule gets one joint, which represents a share of the b
   and no springs couple the pieces, else three hinges in one body.
 
 MuJoCo's spring of a ball joint acts along the rotation vector, with one stiffness: bending is the
-same in all directions. Hinges need the springs of `scene.springs` for that. A continuous tendon
-channel sums up hinge angles, which a ball joint has none of: a robot with channels gets hinges. So
+same in all directions. Hinges need the springs of `scene.springs` for that. A linear tendon channel
+sums up hinge angles, which a ball joint has none of: a robot with channels gets hinges. So
 does one that is not alike in all directions; its hinges' axes are turned to the directions of the
 principal stiffnesses.
 
@@ -82,10 +82,15 @@ class Chain:
         return self.bodies[index], station - origin
 
 
+def is_swapped(index: int) -> bool:
+    """Whether a station has its hinges the other way round: each second one of neighbours has."""
+    return index % 4 in (1, 2)
+
+
 def order_of(kinds: tuple[str, ...], index: int) -> tuple[str, ...]:
     """What a station's joint is made of, from the base outwards; see the module."""
     swapped = ("side", "hinge", *kinds[2:])
-    return swapped if len(kinds) > 1 and index % 4 in (1, 2) else kinds
+    return swapped if len(kinds) > 1 and is_swapped(index) else kinds
 
 
 def joint_kinds(

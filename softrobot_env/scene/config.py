@@ -28,6 +28,13 @@ FRONT_CAMERA = "front"
 #: Hinge rules of chains that do not twist and of those that do, unless another is wanted.
 DEFAULT_RULE, TWISTING_RULE = "balanced2", "coupled2"
 
+#: That of chains that twist and have tendons in channels, whose moments the springs of "coupled2"
+#: would spread unevenly: in them tendons press the rod, which takes back what it corrects.
+CHANNEL_RULE = "gauss2"
+
+#: How channels can be routed: by hinge angles, or right to second order in the strains.
+CHANNELS = ("linear", "exact")
+
 #: That of chains whose pieces end at the guides of their tendons: a span between two guides then
 #: shortens, and has lever arms, as an arc does.
 GUIDED_RULE = "chord2"
@@ -125,8 +132,8 @@ class SceneConfig:
             length, one or more a section), or one number per section; the robot's own unless given.
             A section's end is a piece's end, and a channel's end has to be one.
         rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given "chord2"
-            where tendons run through guides, all at ends of pieces, else "coupled2" for a chain
-            that twists, else "balanced2".
+            where tendons run through guides, all at ends of pieces, else for a chain that twists
+            "gauss2" with tendons in channels and "coupled2" without, else "balanced2".
         actuation: "tension" (controls are tensions [N]) or "length" (controls are the lengths
             [m] pulled in; tension = stiffness x stretch, never pushing).
         control_period: [s], the timestep divides it.
@@ -138,6 +145,9 @@ class SceneConfig:
         bending: "planar" (in the x-z plane only) or "spatial".
         torsion: Whether a spatial chain twists about its axis too; else it is rigid in torsion.
         contacts: That and how the robot touches itself and the objects; nothing touches without.
+        channels: "linear" (tendons in channels pull by hinge angles, the cheapest way) or "exact"
+            (their lengths are right to second order in the strains, so that tensions make torsion
+            stiffer); unless given exact where a tendon of a chain that twists winds.
         objects: What it can touch. Free ones have DOFs, after those of the robot.
     """
 
@@ -159,6 +169,7 @@ class SceneConfig:
     accuracy: float | str = DEFAULT_SHARE
     contacts: Contacts | None = None
     objects: tuple[Object, ...] = ()
+    channels: str | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, "scene")
@@ -167,6 +178,8 @@ class SceneConfig:
         chosen = {"actuation": ACTUATIONS, "bending": BENDING}
         if self.integrator is not None:
             chosen["integrator"] = INTEGRATORS
+        if self.channels is not None:
+            chosen["channels"] = CHANNELS
         for name, allowed in chosen.items():
             value = getattr(self, name)
             if value not in allowed:
@@ -221,7 +234,16 @@ class SceneConfig:
             return self.rule
         if self._guided_by_pieces():
             return GUIDED_RULE
-        return TWISTING_RULE if self.torsion else DEFAULT_RULE
+        if not self.torsion:
+            return DEFAULT_RULE
+        return TWISTING_RULE if all(t.guides for t in self.robot.tendons) else CHANNEL_RULE
+
+    @property
+    def exact_channels(self) -> bool:
+        """Whether channels are really exact."""
+        if self.channels is not None:
+            return self.channels == "exact"
+        return self.torsion and any(tendon.twists for tendon in self.robot.tendons)
 
     def _guided_by_pieces(self) -> bool:
         """Whether the robot's tendons run through guides, all of them at ends of pieces."""

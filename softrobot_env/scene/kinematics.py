@@ -4,7 +4,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.chain import TIP_SITE, joint_angles
+from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.tendons import full_length
 
@@ -72,11 +72,19 @@ def velocities(
 
 
 def curvature(model: mujoco.MjModel, layout: HingeLayout, q: np.ndarray) -> np.ndarray:
-    """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece in a posture (nq,)."""
-    angles = joint_angles(model, q)
-    out = np.zeros((layout.pieces, 3))
-    for column, (axis, sign) in enumerate(((1, 1), (0, -1), (2, 1))[: angles.shape[1]]):
-        np.add.at(out[:, axis], layout.piece, sign * angles[:, column])
+    """Mean curvature (pieces, 3) [1/m] about x, y and z of each piece in a posture (nq,).
+
+    Of the rotation vectors by which its stations turn, whatever hinges they have.
+    """
+    data, out = mujoco.MjData(model), np.zeros((layout.pieces, 3))
+    data.qpos[:] = q
+    mujoco.mj_kinematics(model, data)
+    first = model.body("link0").id
+    for station, piece in enumerate(layout.piece):
+        turn = np.empty(3)
+        link = first + station
+        mujoco.mju_subQuat(turn, data.xquat[link], data.xquat[model.body_parentid[link]])
+        out[piece] += turn
     return out / layout.sizes[:, None]
 
 
@@ -86,4 +94,4 @@ def tendon_lengths(model: mujoco.MjModel, robot: RobotParams, q: np.ndarray) -> 
     data.qpos[:] = q
     for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
         compute(model, data)
-    return data.ten_length[: len(robot.tendons)] + full_length(robot)
+    return data.ten_length[: len(robot.tendons)] + full_length(robot, model)

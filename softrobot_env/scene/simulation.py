@@ -100,7 +100,7 @@ class Simulation:
     @property
     def full_length(self) -> np.ndarray:
         """(n_tendons,) [m] inside the straight robot, less those that `ten_length` tells."""
-        return full_length(self.scene.config.robot)
+        return full_length(self.scene.config.robot, self.model)
 
     @property
     def time(self) -> float:

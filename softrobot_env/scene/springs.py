@@ -17,10 +17,10 @@ Without the first term a bent station twists for nothing. A chain without torsio
 between their axes. Fixed tendons along b +- g +- l t with springs of third and fourth order store
 what is missing; nothing changes in a plane through an axis, nor for small angles.
 
-A continuous channel counts hinge angles, which are more than the bend by a share of the same order.
+A linear channel counts hinge angles, which are more than the bend by a share of the same order.
 With all of the term in b^2 g^2 it bends too much between the axes, by a share of up to theta^2 / 8
 for stations that bend by theta; without it, too little by theta^2 / 24, and a load by theta^2 / 6.
-Robots with channels get half of it: theta^2 / 24 and theta^2 / 12.
+Robots with linear channels get half of it: theta^2 / 24 and theta^2 / 12.
 
 The energy grows with the angles of a station up to 2.4 rad together; at a right angle of the second
 hinge its joint is singular anyway.
@@ -38,7 +38,7 @@ from math import sqrt
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.chain import Chain, order_of
 
-#: Of the term in b^2 g^2, for robots with channels.
+#: Of the term in b^2 g^2, for robots with linear channels.
 _WITH_CHANNELS = 0.5
 
 #: Signs (k, 2) of g and t in the tendons of a station without and with torsion.
@@ -46,11 +46,15 @@ _BENDING = ((1, 0), (-1, 0))
 _TWISTING = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 
-def add_springs(chain: Chain, robot: RobotParams) -> None:
-    """Add what the hinges' own springs lack to a chain that bends in space on hinges."""
+def add_springs(chain: Chain, robot: RobotParams, exact: bool = False) -> None:
+    """Add what the hinges' own springs lack to a chain that bends in space on hinges.
+
+    `exact` tells whether channels pull by how links turn, as guides do, else by hinge angles.
+    """
     if "side" not in chain.kinds:
         return
-    share = 1.0 if all(tendon.guides for tendon in robot.tendons) else _WITH_CHANNELS
+    turning = exact or all(tendon.guides for tendon in robot.tendons)
+    share = 1.0 if turning else _WITH_CHANNELS
     stations, weights = chain.layout.stations, chain.layout.weights
     bends = (robot.backbone.bending(stations) / weights).tolist()
     twists = (robot.backbone.torsion(stations) / weights).tolist()

@@ -1,8 +1,8 @@
 """Static forces of a chain in any posture, and their exact derivative.
 
-At rest the generalised force on the joints is that of their springs and of wrenches that act on the
-links: weights, loads, and the pull of tendons on their guides, plus the tendons in channels, whose
-lever arms are constant. Turn k of a joint, about the unit axis a_k through p_k, feels
+At rest the generalised force on the joints is that of their springs, of the tendons (tension times
+the derivative of length, which is constant along joints) and of wrenches that act on the links:
+weights and loads. Turn k of a joint, about the unit axis a_k through p_k, feels
 
     f_k = a_k . N_k,    N_k = sum over the wrenches beyond k of  m + r_k x F,    r_k = x - p_k,
 
@@ -14,9 +14,14 @@ for wrenches of fixed direction is
 
 so that sums from the tip to the base and three products of (nv, 3) matrices give all of it, in
 O(nv^2). The turns of one ball joint all move each other's axes. Follower loads add that their
-vectors turn, tendons that the spans between guides turn and, driven by length or held by a spring,
-that tension follows from length. A ball joint's spring -k theta(q) has the derivative -k J^-1 of
-the rotation vector.
+vectors turn. A tendon's span from one guide to the next, along the unit vector u, has a length that
+depends on the turns between its ends only; its second derivative is, with v_k = a_k x r_k the way
+of its upper end,
+
+    u . (a_l x v_k) where l moves a_k, else u . (a_k x v_l);    plus (v_k x u) . (v_l x u) / length.
+
+Driven by length or held by a spring, tension follows from length. A ball joint's spring -k theta(q)
+has the derivative -k J^-1 of the rotation vector.
 
 The derivative is along `mj_integratePos`; out of equilibrium a ball joint makes it unsymmetric.
 """
@@ -73,7 +78,7 @@ class StaticForces:
         """Derivative (nv, nv) [N m] of the last `force` by small turns (nv,) of the joints."""
         axes, anchors = self._data.cdof[:, :3], self._data.xanchor[self.model.dof_jntid]
         tension, rate = self._tensions()
-        out = self._dead(axes, anchors, tension)
+        out = self._dead(axes, anchors)
         self._add_followers(axes, anchors, out)
         self._add_spans(axes, anchors, tension, out)
         self._add_rates(rate, out)
@@ -105,9 +110,9 @@ class StaticForces:
         mujoco.mj_fullM(self.model, self._data, out)
         return out
 
-    def _dead(self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray) -> np.ndarray:
-        """(nv, nv) of all wrenches as if they kept their directions."""
-        points, forces, moments = self._wrenches(tension)
+    def _dead(self, axes: np.ndarray, anchors: np.ndarray) -> np.ndarray:
+        """(nv, nv) of weights and loads as if they kept their directions."""
+        points, forces, moments = self._wrenches()
         dyads = (points[:, :, None] * forces[:, None, :]).reshape(-1, 9)
         parts = np.concatenate([forces, moments, dyads], axis=1)[self._of.from_tip]
         sums = np.concatenate([np.zeros((1, 15)), np.cumsum(parts, axis=0)])[self._of.beyond]
@@ -121,19 +126,14 @@ class StaticForces:
         out = np.where(self._of.before, by_own @ axes.T, axes @ by_other.T)
         return out + self._of.moves * (_cross(axes, moment) @ axes.T)
 
-    def _wrenches(self, tension: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points, forces and moments (k, 3) on the links: weights, loads, and guides."""
+    def _wrenches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Points, forces and moments (k, 3) on the links: weights and loads."""
         model, data = self.model, self._data
         points = np.concatenate([data.xipos, data.site_xpos[self._of.sites]])
         forces, moments = np.zeros((2, len(points), 3))
         forces[: model.nbody] = model.body_mass[:, None] * model.opt.gravity
-        n, m, k = model.nbody, len(self._of.on_sites), len(self._of.spans.tendon)
-        if m:
-            forces[n : n + m], moments[n : n + m] = self._loads()
-        if k:
-            span = points[-k:] - points[-2 * k : -k]
-            pull = (tension[self._of.spans.tendon] / np.linalg.norm(span, axis=1))[:, None] * span
-            forces[-2 * k : -k], forces[-k:] = pull, -pull
+        if len(self._of.on_sites):
+            forces[model.nbody :], moments[model.nbody :] = self._loads()
         return points, forces, moments
 
     def _loads(self) -> tuple[np.ndarray, np.ndarray]:
@@ -177,25 +177,19 @@ class StaticForces:
     def _add_spans(
         self, axes: np.ndarray, anchors: np.ndarray, tension: np.ndarray, out: np.ndarray
     ) -> None:
-        """The turning of the spans between guides: tension times the curvature of length."""
-        if not len(self._of.spans.tendon):
-            return
-        data, spans = self._data, self._of.spans
-        start, end = data.site_xpos[spans.start], data.site_xpos[spans.end]
-        span = end - start
-        length = np.linalg.norm(span, axis=1)
-        # A turn below both guides turns the span, one between them moves its end.
-        arm = np.where(spans.both[:, :, None], span[:, None], end[:, None] - anchors)
-        moved = _cross(axes, arm) * spans.moved[:, :, None]
-        unit = span / length[:, None]
-        moved -= (moved @ unit[:, :, None]) * unit[:, None]
-        pull = tension[spans.tendon]
-        moved *= np.sqrt(np.abs(pull) / length)[:, None, None]
-        flat = moved.transpose(0, 2, 1).reshape(-1, self.model.nv)
-        if np.all(pull >= 0):
-            out -= flat.T @ flat
-        else:
-            out -= flat.T @ (np.repeat(np.sign(pull), 3)[:, None] * flat)
+        """Tensions times the curvature of the lengths between guides."""
+        places = self._data.site_xpos
+        for spans in self._of.spans:
+            turns, end = spans.turns, places[spans.end]
+            span = end - places[spans.start]
+            length = np.linalg.norm(span, axis=1)[:, None]
+            axis, arm = axes[turns], end[:, None] - anchors[turns]
+            across = _cross(_cross(axis, arm), (span / length)[:, None])
+            later = axis @ across.transpose(0, 2, 1)
+            block = np.where(spans.moves, later.transpose(0, 2, 1), later)
+            block += across @ across.transpose(0, 2, 1) / length[:, None]
+            block *= tension[spans.tendon, None, None]
+            np.subtract.at(out, (turns[:, :, None], turns[:, None, :]), block)
 
     def _add_rates(self, rate: np.ndarray, out: np.ndarray) -> None:
         """Tension that follows from length, by its derivative (ntendon,) [N/m]."""
@@ -245,8 +239,8 @@ class _Structure:
         on_sites, on_tendons: Actuators.
         frames: (loads,) sites in whose axes the loads are given.
         followers: Loads that turn with what they act on.
-        spans: Of the tendons.
-        sites: Of the loads, and the starts and the ends of the spans.
+        spans: Of the tendons, those with equally many turns between their ends together.
+        sites: Of the loads.
         from_tip: Order of bodies and sites from the tip to the base.
         beyond: (nv,) how many of them each turn moves.
     """
@@ -260,7 +254,7 @@ class _Structure:
     on_tendons: np.ndarray
     frames: np.ndarray
     followers: np.ndarray
-    spans: "_Spans"
+    spans: "tuple[_Spans, ...]"
     sites: np.ndarray
     from_tip: np.ndarray
     beyond: np.ndarray
@@ -280,13 +274,11 @@ def _structure(model: mujoco.MjModel) -> _Structure:
     ends = np.maximum(index, model.jnt_dofadr[joint] + 3 * balls[joint])
     kind, (site, reference) = model.actuator_trntype, model.actuator_trnid.T
     on_sites = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_SITE)
-    spans = _spans(model, moving)
-    sites = np.concatenate([site[on_sites], spans.start, spans.end])
-    body = np.concatenate([np.arange(model.nbody), model.site_bodyid[sites]])
-    count = moving[body]
+    moves, sites = index[None, :] < ends[:, None], site[on_sites]
+    count = moving[np.concatenate([np.arange(model.nbody), model.site_bodyid[sites]])]
     return _Structure(
         moving=moving,
-        moves=index[None, :] < ends[:, None],
+        moves=moves,
         before=index[None, :] <= index[:, None],
         hinges=np.flatnonzero(~balls),
         balls=np.flatnonzero(balls),
@@ -294,7 +286,7 @@ def _structure(model: mujoco.MjModel) -> _Structure:
         on_tendons=np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_TENDON),
         frames=np.where(reference >= 0, reference, site)[on_sites],
         followers=np.flatnonzero(reference[on_sites] < 0),
-        spans=spans,
+        spans=_spans(model, moving, moves),
         sites=sites,
         from_tip=np.argsort(-count, kind="stable"),
         beyond=np.searchsorted(np.sort(-count), -index),
@@ -303,31 +295,37 @@ def _structure(model: mujoco.MjModel) -> _Structure:
 
 @dataclass(frozen=True)
 class _Spans:
-    """Straight pieces of the tendons between their guides.
+    """Straight pieces of the tendons between guides on two links.
 
     Attributes:
         tendon: (k,) index.
         start, end: (k,) sites, from base to tip.
-        both: (k, nv) whether a turn moves both ends.
-        moved: (k, nv) whether it moves any.
+        turns: (k, n) those between them.
+        moves: (k, n, n) whether turn l, the column, moves the axis of turn k.
     """
 
     tendon: np.ndarray
     start: np.ndarray
     end: np.ndarray
-    both: np.ndarray
-    moved: np.ndarray
+    turns: np.ndarray
+    moves: np.ndarray
 
 
-def _spans(model: mujoco.MjModel, moving: np.ndarray) -> _Spans:
+def _spans(model: mujoco.MjModel, moving: np.ndarray, moves: np.ndarray) -> tuple[_Spans, ...]:
     sites = model.wrap_type == mujoco.mjtWrap.mjWRAP_SITE
     tendon = np.repeat(np.arange(model.ntendon), model.tendon_num)
     first = np.flatnonzero((tendon[:-1] == tendon[1:]) & sites[:-1] & sites[1:])
     pairs = model.wrap_objid[np.stack([first, first + 1])]
     count = moving[model.site_bodyid[pairs]]
     start, end = np.where(count[0] > count[1], pairs[::-1], pairs)  # from base to tip
-    both, moved = np.arange(model.nv) < np.sort(count, axis=0)[:, :, None]
-    return _Spans(tendon[first], start, end, both, moved)
+    low, size = count.min(axis=0), np.abs(count[1] - count[0])
+    groups = []
+    for n in np.unique(size[size > 0]):
+        chosen = size == n
+        turns = low[chosen, None] + np.arange(n)
+        between = moves[turns[:, :, None], turns[:, None, :]]
+        groups.append(_Spans(tendon[first[chosen]], start[chosen], end[chosen], turns, between))
+    return tuple(groups)
 
 
 def _dofs_below(model: mujoco.MjModel) -> np.ndarray:
@@ -383,7 +381,7 @@ def _check(model: mujoco.MjModel, moving: np.ndarray) -> None:
         "hinges and ball joints": np.all(balls | (model.jnt_type == joint.mjJNT_HINGE)),
         "ball joints with linear springs": not np.any(model.jnt_stiffnesspoly[balls]),
         "tendons along joints and sites": np.all(
-            np.isin(model.wrap_type, [wrap.mjWRAP_JOINT, wrap.mjWRAP_SITE])
+            np.isin(model.wrap_type, [wrap.mjWRAP_JOINT, wrap.mjWRAP_SITE, wrap.mjWRAP_PULLEY])
         ),
         "straight tendons without springs": _springs_along_joints(model),
         "actuators of tendons and sites": np.all(

@@ -4,14 +4,21 @@ Every actuator has gear -1, so that a positive force shortens its tendon; no oth
 """
 
 import math
+from dataclasses import replace
 
 import mujoco
 import numpy as np
 
 from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.scene.chain import Chain, seen_from_hinges
+from softrobot_env.scene.chain import Chain, is_swapped, seen_from_hinges
+from softrobot_env.scene.quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
+
+#: p, q and c of the lines with which an exact channel crosses a station.
+_LINES = ((8 / 7, 4 / 3, 0.0), (-1 / 7, 1.0, math.sqrt(7 / 12)))
+
+_UNSEEN = [0.0, 0.0, 0.0, 0.0]
 
 #: MuJoCo's friction is a soft constraint: with its default impedance a tendon creeps while it
 #: should stick.
@@ -19,8 +26,14 @@ FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
 FRICTION_REFERENCE = (0.004, 1.0)  # time constant [s], damping ratio [1]
 
 
-def add_tendons(chain: Chain, robot: RobotParams, actuation: str) -> None:
+def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = False) -> None:
     """Add all tendons of the robot with one actuator each, named alike.
+
+    Args:
+        chain: The chain.
+        robot: The robot.
+        actuation: "tension" or "length".
+        exact: Whether channels are right to second order in the strains, else to first.
 
     Raises:
         ValueError: A tendon ends inside a piece, or is to be driven by length although its
@@ -28,15 +41,20 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str) -> None:
     """
     for tendon in robot.tendons:
         if tendon.guides:
-            routed = route_through_guides(chain, tendon, tendon.name)
+            routed, length = (
+                route_through_guides(chain, tendon, tendon.name),
+                tendon.straight_length,
+            )
+        elif exact:
+            routed, length = _route_across_hinges(chain, tendon)
         else:
-            routed = _route_through_channel(chain, tendon)
+            routed, length = _route_along_joints(chain, tendon), 0.0
         if tendon.friction:
             _rub(routed, tendon.friction)
         if actuation == "tension":
             _pull_by_tension(chain.spec, tendon)
         else:
-            _pull_by_length(chain.spec, tendon, robot.most_pulled(tendon))
+            _pull_by_length(chain.spec, tendon, robot.most_pulled(tendon), length)
 
 
 def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
@@ -49,7 +67,7 @@ def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
     routed.solref_friction = FRICTION_REFERENCE
 
 
-def _route_through_channel(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
+def _route_along_joints(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
     """Tendon in a continuous channel, whose length changes by joint angles times lever arms.
 
     A channel at r(s) = (x, y) has the tangent e_z + r' + kappa x r. To first order in the strains
@@ -58,26 +76,93 @@ def _route_through_channel(chain: Chain, tendon: Tendon) -> mujoco.MjsTendon:
     that a tension T makes torsion stiffer by T (x^2 + y^2), a share of about (1 + nu) times
     curvature times distance.
     """
-    _check_end(chain, tendon)
+    places, slopes = _course(chain, tendon)
     fixed = chain.spec.add_tendon(name=tendon.name)
-    for index, (*place, twist) in enumerate(_lever_arms(chain, tendon)):
-        along, across = seen_from_hinges(place, chain.azimuth)
+    for index, ((x, y), (dx, dy)) in enumerate(zip(places.tolist(), slopes.tolist(), strict=True)):
+        tangent = math.hypot(1.0, dx, dy)
+        along, across = seen_from_hinges((x / tangent, y / tangent), chain.azimuth)
         fixed.wrap_joint(f"hinge{index}", -along)
         if "side" in chain.kinds:
             fixed.wrap_joint(f"side{index}", -across)
-        if "twist" in chain.kinds and twist:
-            fixed.wrap_joint(f"twist{index}", twist)
+        if "twist" in chain.kinds and (dx or dy):
+            fixed.wrap_joint(f"twist{index}", (x * dy - y * dx) / tangent)
     return fixed
 
 
-def _lever_arms(chain: Chain, tendon: Tendon) -> list[list[float]]:
-    """[m]: x, y and x y' - y x' at the stations, over the length of the tangent."""
-    stations = chain.layout.stations
-    count = int(np.searchsorted(stations, tendon.end))
-    if tendon.is_straight:
-        return [[*tendon.offset, 0.0]] * count
-    (x, y), (dx, dy) = (values.T for values in tendon.course(stations[:count]))
-    return (np.stack([x, y, x * dy - y * dx]) / np.sqrt(1 + dx**2 + dy**2)).T.tolist()
+def _route_across_hinges(chain: Chain, tendon: Tendon) -> tuple[mujoco.MjsTendon, float]:
+    """Tendon in a continuous channel, right to second order in the strains, and its length [m].
+
+    The channel beside a station, which stands for w of beam and turns by theta, is d = w (e_z + r')
+    in the straight robot and d + theta x r when it bends and twists. A line from the link below, at
+    m - b / 2 from the hinges, to the link above, at m + b / 2, becomes
+
+        b + theta x m + theta x (theta x b) / 8,
+
+    seen from halfway: with m = r and b = d that is the channel, but for |theta x d|^2 / (8 |d|) by
+    which bends make it too short, and of third order it is too short as well. Two lines together,
+    m = p r + c b and b = q d, have all terms of second order and those of bends of third order if
+
+        sum p = 1,  sum p^2 / q = 1,  sum q (c^2 - 1 / 4) = 0,  sum p (c^2 / 2 + 1 / 24) = 0,
+
+    but for a product of bend and twist that changes its sign with c, as it does from station to
+    station. What a link carries keeps its length: pulleys leave it out.
+    """
+    spatial, length, above = chain.spec.add_tendon(name=tendon.name), 0.0, 0.0
+    spatial.rgba = _UNSEEN
+    for index, (place, slope) in enumerate(zip(*_course(chain, tendon), strict=True)):
+        hinge = chain.layout.stations[index] - above
+        along = chain.layout.weights[index] * np.append(slope, 1.0)
+        side = -1 if is_swapped(index) else 1
+        for number, (share, stretch, shift) in enumerate(_LINES):
+            if index or number:
+                spatial.wrap_pulley(1.0)
+            line = stretch * along
+            middle = share * np.append(place, 0.0) + side * shift * line
+            name = f"{tendon.name}_station{index}_{number}"
+            below = middle - line / 2 + [0, 0, hinge]
+            _thread(spatial, chain.bodies[index], f"{name}_below", below)
+            _thread(spatial, chain.bodies[index + 1], f"{name}_above", middle + line / 2)
+            length += float(np.linalg.norm(line))
+        above = chain.layout.stations[index]
+    return spatial, length
+
+
+def _thread(
+    spatial: mujoco.MjsTendon, body: mujoco.MjsBody, name: str, place: np.ndarray, group: int = 4
+) -> None:
+    """Let a tendon run on through a site of a body."""
+    spatial.wrap_site(body.add_site(name=name, pos=place, size=[1e-3, 0, 0], group=group).name)
+
+
+def _course(chain: Chain, tendon: Tendon) -> tuple[np.ndarray, np.ndarray]:
+    """Places (x, y) [m] of a channel at the stations up to its end, and their slopes, (n, 2) each.
+
+    Of a route with via-points, whose slope jumps, those of the stations' shares of it.
+    """
+    _check_end(chain, tendon)
+    layout = chain.layout
+    stations = layout.stations[: np.searchsorted(layout.stations, tendon.end)]
+    if tendon.is_straight or len(tendon.knots) == 2:
+        return tendon.course(stations)
+    cuts = np.union1d(layout.edges[layout.edges < tendon.end], tendon.knots[:, 0])
+    s, weight = (x.ravel() for x in tendon.fine(cuts))
+    shares = _shares(layout, s)[:, : len(stations)].T * weight
+    shares /= layout.weights[: len(stations), None]
+    return tendon.wound(stations, *(shares @ x for x in replace(tendon, turns=0.0).course(s)))
+
+
+def _shares(layout: HingeLayout, s: np.ndarray) -> np.ndarray:
+    """Shares (k, stations) [1] of the stations of its piece in a place at arc lengths (k,) [m].
+
+    A curvature that is a polynomial through its values at them is interpolated by them.
+    """
+    own = layout.piece == np.searchsorted(layout.edges[1:-1], s)[:, None]
+    shares = own.astype(float)
+    for k, station in enumerate(layout.stations):
+        others = np.flatnonzero((layout.piece == layout.piece[k]) & (layout.stations != station))
+        for other in layout.stations[others]:
+            shares[:, k] *= (s - other) / (station - other)
+    return shares
 
 
 def _check_end(chain: Chain, tendon: Tendon) -> None:
@@ -98,19 +183,14 @@ def route_through_guides(chain: Chain, tendon: Tendon, name: str) -> mujoco.MjsT
     places = tendon.at(np.array(tendon.stations)).tolist()
     for index, (station, place) in enumerate(zip(tendon.stations, places, strict=True)):
         body, height = chain.locate(station)
-        site = body.add_site(name=f"{name}_guide{index}", pos=[*place, height], size=[1e-3, 0, 0])
-        spatial.wrap_site(site.name)
+        _thread(spatial, body, f"{name}_guide{index}", [*place, height], group=0)
     return spatial
 
 
-def straight_length(tendon: Tendon) -> float:
-    """Length [m] MuJoCo reports in the straight pose (a channel counts from zero)."""
-    return tendon.straight_length if tendon.guides else 0.0
-
-
-def full_length(robot: RobotParams) -> np.ndarray:
+def full_length(robot: RobotParams, model: mujoco.MjModel) -> np.ndarray:
     """(n_tendons,) [m] inside the straight robot, less those that MuJoCo tells."""
-    return np.array([t.straight_length - straight_length(t) for t in robot.tendons])
+    inside = np.array([tendon.straight_length for tendon in robot.tendons])
+    return inside - model.tendon_length0[: len(inside)]
 
 
 def _add_actuator(spec: mujoco.MjSpec, tendon: Tendon) -> mujoco.MjsActuator:
@@ -130,13 +210,13 @@ def _pull_by_tension(spec: mujoco.MjSpec, tendon: Tendon) -> None:
     actuator.ctrlrange = [0.0, tendon.tension_limit]
 
 
-def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, most: float) -> None:
+def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, most: float, straight: float) -> None:
     """Control = pulled-in length s [m]: F = F_pre + c (s - s_geo) between 0 and
     the tension limit, (2.91) to (2.99).
 
     s_geo = straight length - length is the part of the pull that the bending robot follows;
-    under gear -1 MuJoCo's actuator length is minus the tendon length. Controls are at most `most`
-    [m] to either side.
+    under gear -1 MuJoCo's actuator length is minus the tendon length, which it takes for `straight`
+    [m] in the straight pose. Controls are at most `most` [m] to either side.
     """
     if math.isinf(tendon.stiffness):
         raise ValueError(f"tendon {tendon.name!r} needs a finite stiffness to be driven by length")
@@ -145,7 +225,7 @@ def _pull_by_length(spec: mujoco.MjSpec, tendon: Tendon, most: float) -> None:
     actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
     actuator.gainprm[0] = stiffness
     actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-    actuator.biasprm[0] = tendon.pretension - stiffness * straight_length(tendon)
+    actuator.biasprm[0] = tendon.pretension - stiffness * straight
     actuator.biasprm[1] = -stiffness
     actuator.forcelimited = True
     actuator.forcerange = [0.0, tendon.tension_limit]

@@ -5,13 +5,14 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.chain_turns import station_turns
 
 from softrobot_env.beams.exact.analytic import rayleigh_frequency
 from softrobot_env.motion import IntegrationError, State
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.chain import posture
+from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
 
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
@@ -91,18 +92,11 @@ def test_velocities_are_the_rate_of_the_positions(kind):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_curvature_is_about_x_y_and_z(kind):
-    """Pieces of constant curvature towards +x, +y and about the axis."""
+def test_curvature_is_that_of_the_stations_rotations(kind):
     built = scene(kind)
-    n = {"planar": 1, "universal": 2}.get(kind, 3)
-    towards = np.random.default_rng(2).uniform(-1, 1, (built.layout.pieces, 3))[:, :n]
-    angles = towards[built.layout.piece] * built.layout.weights[:, None]
-    truth = np.zeros((built.layout.pieces, 3))
-    for axis, column in zip((1, 0, 2), towards.T, strict=False):
-        truth[:, axis] = column
-    truth[:, 0] *= -1
-    found = built.curvature(posture(built.model, angles))
-    np.testing.assert_allclose(found, truth, atol=1e-12)
+    q, pieces = bent(built), built.layout.pieces
+    turns = station_turns(built.model, q).reshape(pieces, -1, 3).sum(axis=1)
+    np.testing.assert_allclose(built.curvature(q), turns / built.layout.sizes[:, None], atol=1e-12)
 
 
 @pytest.mark.parametrize("guides", [(), (0.2, 0.4)], ids=["channel", "guides"])
@@ -116,7 +110,7 @@ def test_tendon_length_is_what_is_inside(guides):
         spans = np.diff(built.positions(q, stations, offset), axis=0)
         truth = np.linalg.norm(spans, axis=1).sum()
     else:
-        truth = LENGTH - 0.02 * built.curvature(q)[:, 1] @ built.layout.sizes
+        truth = LENGTH - 0.02 * joint_angles(built.model, q)[:, 0].sum()
     assert built.tendon_length(q) == pytest.approx([truth])
 
 

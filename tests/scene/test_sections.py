@@ -2,16 +2,26 @@
 
 from dataclasses import replace
 from itertools import pairwise as pairs
-from math import pi, sqrt
+from math import cos, pi, sin, sqrt
 
 import mujoco
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
-from support.routed_robots import CONVERGING, HELICAL, PULLED, ROD, TAPERED, TWO, VIA, tendon
+from support.routed_robots import (
+    CONVERGING,
+    HELICAL,
+    PULLED,
+    ROD,
+    TAPERED,
+    TWO,
+    VIA,
+    WINDING,
+    tendon,
+)
 
-from softrobot_env.beams.exact.tendon_rod import guided_rod, tendon_helix, tendon_rod
+from softrobot_env.beams.exact.tendon_rod import guided_rod, strains, tendon_helix, tendon_rod
 from softrobot_env.beams.exact.varying_beam import bending_frequencies
 from softrobot_env.robots import Base, Disc, RobotParams, Section
 from softrobot_env.robots.loads import Load
@@ -21,6 +31,7 @@ from softrobot_env.scene.timestep import linearize, slowest
 
 #: A base that shares no axis with the world.
 SLANTED = Base((0.1, -0.2, 0.6), (0.3, -0.5, -0.8), 0.7)
+THREE = tuple((k, 2 * pi * k / 3) for k in range(3))
 GRAVITY = (0.0, 0.0, -9.81)
 ALL = replace(
     TWO,
@@ -61,8 +72,60 @@ def test_a_helical_tendon_bends_and_twists_a_rod_into_a_helix(turns):
     assert np.abs(found - exact.position).max() < 1e-3 * robot.length
     # Most of the strain is bending, so that the twist shows what the tendon's winding does.
     twist = built.curvature(q)[:, 2].mean()
+    exact = strains(robot, np.array([3.0]), 0.0, None)[1][2]
+    assert twist == pytest.approx(exact, rel=1e-3)
     moment = 3.0 * 0.008**2 * 2 * pi * turns / 0.4
-    assert twist == pytest.approx(-moment / robot.torsional_stiffness, rel=0.03)
+    assert exact == pytest.approx(-moment / robot.torsional_stiffness, rel=0.03)  # first order
+    assert twist != pytest.approx(-moment / robot.torsional_stiffness, rel=0.005)
+
+
+def strain_errors(robot, tension, **options):
+    """Of the mean strains of thirds, over the largest of them."""
+    built, fine = spatial(robot, **options), 24
+    found = built.curvature(built.equilibrium(np.array(tension)))
+    middles = (np.arange(3 * fine) + 0.5) * robot.length / (3 * fine)
+    exact = np.array([strains(robot, np.array(tension), s, None)[1] for s in middles])
+    exact = exact.reshape(3, fine, 3).mean(axis=1)
+    return np.abs(found.reshape(3, -1, 3).mean(axis=1) - exact).max() / np.abs(exact).max()
+
+
+@pytest.mark.parametrize("name", WINDING)
+def test_winding_tendons_bend_and_twist_a_rod_by_the_exact_strains(name):
+    robot, tension = WINDING[name]
+    assert spatial(robot).config.exact_channels
+    assert strain_errors(robot, tension) < 2e-3
+    assert strain_errors(robot, tension, channels="linear") > 5e-3
+
+
+def test_straight_tendons_resist_torsion_as_the_exact_rod():
+    # A moment M twists by M / (GJ + T r^2); linear channels leave out the tendons' part.
+    tendons = tuple(tendon(f"t{k}", (0.009 * cos(a), 0.009 * sin(a)), 0.4) for k, a in THREE)
+    robot, load = replace(ROD, tendons=tendons), Load("torque", 0.4, moment=(0, 0, 1e-4))
+    resisting = 3 * 10.0 * 0.009**2
+    for channels, stiffness in (("exact", resisting), (None, 0.0)):
+        built = spatial(robot, loads=(load,), channels=channels)
+        q = built.equilibrium(np.array([10.0, 10.0, 10.0, 1.0]))
+        exact = 1e-4 / (robot.torsional_stiffness + stiffness)
+        assert_allclose(built.curvature(q)[:, 2], exact, rtol=1e-3)
+    assert resisting > 0.1 * robot.torsional_stiffness
+
+
+def test_channels_do_not_couple_pieces():
+    assert spatial(ROD).config.hinge_rule == "coupled2"
+    assert spatial(TWO).config.hinge_rule == "gauss2"
+    assert not spatial(TWO).config.exact_channels
+
+
+def test_a_winding_tendon_driven_by_length_pulls_as_its_stiffness_says():
+    pulled = replace(HELICAL.tendons[0], pretension=2.0)
+    built = spatial(replace(HELICAL, tendons=(pulled,)), actuation="length")
+    data = mujoco.MjData(built.model)
+    for q in (built.model.qpos0, built.equilibrium(np.array([2e-3]))):
+        data.qpos[:], data.ctrl[:] = q, 2e-3
+        mujoco.mj_forward(built.model, data)
+        shorter = pulled.straight_length - built.tendon_length(q)[0]
+        assert data.actuator_force[0] == pytest.approx(2.0 + 2e3 * (2e-3 - shorter), rel=1e-9)
+    assert shorter > 1e-4
 
 
 def test_a_small_moment_of_a_converging_tendon_is_its_tension_times_its_distance():

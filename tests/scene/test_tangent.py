@@ -95,6 +95,24 @@ def test_tangent_is_the_derivative_of_the_force(bending, poisson_ratio, guides):
     assert worst(SceneConfig(params, actuation="length", **options), ctrl) < 1e-9
 
 
+@pytest.mark.parametrize("bending", BENDING)
+def test_tangent_of_exact_channels(bending):
+    params = robot((), bending, poisson_ratio=0.4)
+    if bending == "twisting":
+        tendons = (replace(params.tendons[0], turns=0.8), *params.tendons[1:])
+        params = replace(params, tendons=tendons)
+    options = {"pieces": 4, "channels": "exact", **BENDING[bending]}
+    assert worst(SceneConfig(params, **options), np.array([10.0, 4, 3])) < 1e-9
+    ctrl = np.array([0.05, -0.05, 0.002])
+    assert worst(SceneConfig(params, actuation="length", **options), ctrl) < 1e-9
+
+
+def test_tangent_of_ball_joints_between_guides():
+    config = SceneConfig(robot((0.2, 0.4, 0.7)), pieces=4, rule="gauss2", **BENDING["twisting"])
+    assert build_scene(config).model.nq > build_scene(config).model.nv
+    assert worst(config, np.array([10.0, 4, 3])) < 1e-9
+
+
 @pytest.mark.parametrize("anisotropy", [0.0, 0.3])
 def test_tangent_of_a_precurved_robot(anisotropy):
     params = robot((), anisotropy=anisotropy, stiff_azimuth=0.7, precurvature=(1.0, -0.5))

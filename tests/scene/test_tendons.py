@@ -5,9 +5,12 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.chain_turns import station_turns
+from support.routed_robots import ROD
 
 from softrobot_env.robots import ARM, Tendon
 from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.chain import posture
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium
 
@@ -87,6 +90,35 @@ def test_tension_beyond_the_limit_is_cut():
     data.ctrl[:] = [200.0, 0.0]
     mujoco.mj_forward(model, data)
     np.testing.assert_allclose(data.actuator_force, [80.0, 0.0])
+
+
+def channel_length(robot, layout, turns):
+    """[m] of the one channel, the sum of |w (e_z + r') + turn x r| for turns (n, 3) [rad]."""
+    place, slope = robot.tendons[0].course(layout.stations)
+    r, lead = np.pad(place, ((0, 0), (0, 1))), np.pad(slope, ((0, 0), (0, 1)), constant_values=1.0)
+    way = layout.weights[:, None] * lead + np.cross(turns, r)
+    return np.linalg.norm(way, axis=1).sum()
+
+
+@pytest.mark.parametrize(
+    ("towards", "order"),
+    [((0.4, -0.7, 0.5), 3), ((0.0, 0.0, 1.0), 3), ((0.7, 0.0, 0.0), 4), ((0.0, 0.7, 0.0), 4)],
+)
+@pytest.mark.parametrize("turns", [0.0, 1.5])
+def test_lengths_of_exact_channels_are_those_of_the_bent_and_twisted_channel(turns, towards, order):
+    tendon = Tendon("t", (0.006, 0.004), 0.4, 0, 20.0, turns=turns)
+    robot = replace(ROD, tendons=(tendon,))
+    built = build_scene(SceneConfig(robot, bending="spatial", torsion=True, channels="exact"))
+    errors = []
+    for size in (0.08, 0.04):
+        q = posture(built.model, np.tile(size * np.array(towards), (len(built.layout.stations), 1)))
+        truth = channel_length(robot, built.layout, station_turns(built.model, q))
+        assert abs(truth - tendon.straight_length) > 1e-6
+        errors.append(built.tendon_length(q)[0] - truth)
+    straight = channel_length(robot, built.layout, np.zeros((len(built.layout.stations), 3)))
+    rest = tendon.straight_length - straight  # the quadrature's error
+    near, far = (abs(error - rest) for error in errors[::-1])
+    assert near < far * 0.5**order * 1.3 + 1e-15
 
 
 def test_channel_tendon_loads_every_hinge_up_to_its_end_with_force_times_radius():

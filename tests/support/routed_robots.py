@@ -67,3 +67,36 @@ PULLED = {
     "via-points": (VIA, [4.0]),
     "tapered": (TAPERED, [0.5]),
 }
+
+#: Robot and tensions [N] that bend and twist it: helices of opposite hands, a tightly wound one
+#: beside a straight tendon, a spiral in a cone, and via-points that are no ends of pieces.
+WINDING = {
+    "opposite hands": (
+        replace(
+            ROD,
+            tendons=(
+                tendon("right", (0.009, 0.0), 0.4, turns=1.2),
+                tendon("left", (0.0, 0.008), 0.4, turns=-0.8),
+            ),
+        ),
+        [10.0, 6.0],
+    ),
+    "tight": (
+        replace(
+            ROD,
+            tendons=(
+                tendon("helical", (0.009, 0.0), 0.4, turns=-3.0),
+                tendon("straight", (-0.006, 0.004), 0.4),
+            ),
+        ),
+        [9.0, 5.0],
+    ),
+    "spiral": (
+        replace(
+            TAPERED,
+            tendons=(tendon("s", (0.010, 0.0), 0.4, turns=1.0, route=((0.4, 0.004, 0.0),)),),
+        ),
+        [2.0],
+    ),
+    "via-points": (VIA, [15.0]),
+}

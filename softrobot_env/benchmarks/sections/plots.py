@@ -19,7 +19,7 @@ from softrobot_env.rendering.figures import (
 
 _COLOURS = {"chain": BLUE, "pcc": VERMILLION, "cosserat": GREEN}
 _COLUMNS = 4
-_TIMES, _ERRORS = (1.0, 1000.0), (1e-3, 30.0)  # [ms], [%]
+_TIMES, _ERRORS = (1.0, 1000.0), (1e-4, 30.0)  # [ms], [%]
 
 
 def plot(rows: Sequence[Row], path: Path | str) -> None:

@@ -104,7 +104,7 @@ class BatchSimulation:
         self._worrying = WORRYING * (scene.timestep.accuracy or inf)
         self._periods = 0
         self._rates = rates_of(scene)
-        self.full_length = np.tile(full_length(scene.config.robot), (count, 1))
+        self.full_length = np.tile(full_length(scene.config.robot, scene.model), (count, 1))
         first = scene.model.body("link0").id
         links = slice(first, first + len(scene.layout.stations))
         # What of a field follows the factors: not heads and discs.
@@ -183,7 +183,7 @@ class BatchSimulation:
             laid = vary_scene(scene, {"tendon_radius": factor})
             for name in _ROUTES:
                 self._batch.expand(name)[i] = getattr(laid.model, name)
-            self.full_length[i] = full_length(laid.config.robot)
+            self.full_length[i] = full_length(laid.config.robot, laid.model)
 
     def _rub(self, which: np.ndarray, friction: np.ndarray) -> None:
         """Add friction (k,) [N] to the tendons, as `scene.build` and `scene.tendons` would."""
