@@ -1,7 +1,8 @@
 """Linear models of any robot about equilibria, in the curvatures that are observed.
 
-The chain of MuJoCo, whose static forces have an exact derivative, is restricted to pieces of
-constant curvature, the robot's own: with W from their curvatures q to the angles of the joints,
+The chain of MuJoCo, whose static forces have an exact derivative, is restricted to the shapes that
+it takes at rest with some mean curvatures of the robot's own pieces: with P from the angles of the
+joints to these curvatures q, and W = K_chain^-1 P' (P K_chain^-1 P')^-1 back,
 
     M q'' + D q' + K (q - q_OP) = B (a - a_OP),    tip = tip_OP + C (q - q_OP),
 
@@ -17,7 +18,7 @@ import numpy as np
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.chain import mean_curvature, posture
+from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.tangent import StaticForces
 
@@ -72,7 +73,6 @@ class Linearizer:
         self.scene, self._inputs = scene, robot_inputs(robot)
         self._command = self._inputs.per_action().command
         self.mean = mean_curvature(model, layout, robot.pieces)
-        self._spread = _spread(scene, len(self.mean) // robot.pieces)
         self._forces = StaticForces(model)
         self._damping = _damping(model)
         shift = _SHIFT * np.eye(self._inputs.n_inputs)
@@ -84,32 +84,25 @@ class Linearizer:
 
     def about(self, angles: np.ndarray, inputs: np.ndarray) -> LinearModel:
         """The model about an equilibrium, with the joints at `angles` (nq,) under inputs (m,)."""
-        forces, w = self._forces, self._spread
+        forces = self._forces
         controls = np.zeros(self.scene.model.nu)
         command = self._inputs.command(inputs)
         controls[: len(command)] = command
         springs = forces.force(angles, controls) - forces.applied
+        stiffness = -forces.tangent()
+        w = np.linalg.solve(stiffness, self.mean.T)
+        w = np.linalg.solve((self.mean @ w).T, w.T).T
         action = self.action(inputs)
         above, below = np.split(self._command(action + self._shifts), 2)
         by_action = (above - below).T / (2 * _SHIFT)
         return LinearModel(
             w.T @ forces.mass() @ w,
             w.T @ self._damping @ w,
-            -w.T @ forces.tangent() @ w,
+            w.T @ stiffness @ w,
             w.T @ forces.by_controls()[:, : len(by_action)] @ by_action,
             forces.tip_by_turns()[1] @ w,
             -w.T @ springs,
         )
-
-
-def _spread(scene: Scene, kinds: int) -> np.ndarray:
-    """W (nv, n) [m]: angles of the joints per curvature of pieces that bend evenly."""
-    model, layout, pieces = scene.model, scene.layout, scene.config.robot.pieces
-    together, columns = layout.pieces // pieces, []
-    for column in np.eye(pieces * kinds):
-        curvature = column.reshape(pieces, kinds)[layout.piece // together]
-        columns.append(posture(model, curvature * layout.weights[:, None]) - model.qpos0)
-    return np.array(columns).T
 
 
 def _damping(model: mujoco.MjModel) -> np.ndarray:
