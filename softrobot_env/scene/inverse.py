@@ -15,6 +15,7 @@ resolved, no tendon is slack, and all is smooth. The lengths that servos pull in
 and tension, s = s_geo + (F - F_pre) / c, audit of (5.35); the equilibrium under them is the same.
 """
 
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -154,6 +155,13 @@ class InverseStatics:
         shift = 1e-7 * np.eye(self._tensions.n_inputs)
         self._shifts = np.concatenate([shift, -shift])
 
+    def along(self, directions: np.ndarray) -> "InverseStatics":
+        """The same of the tip's place along other directions (k, 3), unit vectors."""
+        other = copy(self)
+        other.directions = directions
+        other.__dict__.pop("_sample", None)
+        return other
+
     @property
     def freedom(self) -> int:
         """Number of independent tensions: of coordinates that can be asked for at once, at most."""
@@ -199,6 +207,18 @@ class InverseStatics:
             np.array([row.error for row in rows]),
         )
 
+    def place(self, inputs: np.ndarray, posture: np.ndarray | None = None) -> Place:
+        """Where inputs (n_inputs,) lead, or their equilibrium where it is known.
+
+        Raises:
+            EquilibriumError: There is no stable equilibrium.
+        """
+        return self._held(inputs) if posture is None else self._at(inputs, posture)
+
+    def controls(self, inputs: np.ndarray) -> np.ndarray:
+        """Controls (nu,) of the scene that give inputs (n_inputs,)."""
+        return _controls(self.scene, self.inputs.command(np.asarray(inputs, dtype=float)))
+
     def follow(self, point: np.ndarray, near: Place, share: float = _FOLLOWING) -> Place | None:
         """The place of a point (k,) [m], along `directions`, a small step from another.
 
@@ -239,8 +259,7 @@ class InverseStatics:
         Raises:
             EquilibriumError: There is none.
         """
-        commanded = self.inputs.command(np.asarray(inputs, dtype=float))
-        return self.scene.equilibrium(_controls(self.scene, commanded), guess)
+        return self.scene.equilibrium(self.controls(inputs), guess)
 
     def ground(self, largest: float) -> Ground:
         """Where in the plane of `directions` the tip gets everywhere.
@@ -576,11 +595,22 @@ def own_directions(scene: Scene) -> np.ndarray:
 
 
 def least_step(
-    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float
+    jacobian: np.ndarray,
+    gap: np.ndarray,
+    action: np.ndarray,
+    share: float,
+    damping: float = 0.0,
 ) -> tuple[np.ndarray, float]:
     """Change (m,) of actions that closes a gap (k,) within their box, and its part of no effect.
 
     Actions that would leave the box are held at its bounds and the others make up for them.
+
+    Args:
+        jacobian: (k, m) [m].
+        gap: [m].
+        action: Before.
+        share: Of the way to the least norm.
+        damping: [m], singular values well below it are not inverted.
     """
     held = np.full(len(action), np.nan)
     while True:
@@ -589,7 +619,7 @@ def least_step(
         idle = 0.0
         if free.any():
             left = gap - jacobian @ step
-            step[free], idle = _free_step(jacobian[:, free], left, action[free], share)
+            step[free], idle = _free_step(jacobian[:, free], left, action[free], share, damping)
         beyond = free & (np.abs(action + step) > 1.0)
         if not beyond.any():
             return step, idle
@@ -597,7 +627,7 @@ def least_step(
 
 
 def _free_step(
-    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float
+    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float, least: float
 ) -> tuple[np.ndarray, float]:
     """As `least_step`, without the box."""
     left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
@@ -605,7 +635,7 @@ def _free_step(
     left, singular, right = left[:, kept], singular[kept], right[kept]
     if not len(singular):
         return np.zeros(len(action)), 0.0
-    damping = _DAMPING * np.linalg.norm(gap) * singular[0]
+    damping = _DAMPING * np.linalg.norm(gap) * singular[0] + least**2
     to_point = right.T @ (singular / (singular**2 + damping) * (left.T @ gap))
     idle = action - right.T @ (right @ action)
     return to_point - share * idle, float(np.abs(idle).max())
