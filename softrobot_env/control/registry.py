@@ -56,6 +56,7 @@ POLICIES: dict[str, PolicySpec] = {
     "feedforward": PolicySpec("softrobot_env.control.feedforward.law:Feedforward"),
     "feedforward_pi": PolicySpec("softrobot_env.control.feedforward.law:FeedforwardPI"),
     "static": PolicySpec("softrobot_env.control.feedforward.law:Feedforward", {"closed": False}),
+    "chain_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
     "qs_nn": PolicySpec(
         "softrobot_env.control.arm.qs_nn:QuasiStaticNetwork",
         environment={"control_period": 0.01, "preview": (0.2,)},

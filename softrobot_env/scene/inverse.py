@@ -215,6 +215,20 @@ class InverseStatics:
         """
         return self._held(inputs) if posture is None else self._at(inputs, posture)
 
+    def tip(self, posture: np.ndarray) -> np.ndarray:
+        """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
+        return self._forces.tip(posture)
+
+    def turns(self, posture: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Turns (nv,) [rad] of the joints from a posture (nq,) to another."""
+        out = np.empty(self.scene.model.nv)
+        mujoco.mj_differentiatePos(self.scene.model, out, 1.0, posture, other)
+        return out
+
+    def of_motion(self, posture: np.ndarray, rate: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """See `StaticForces.of_motion`."""
+        return self._forces.of_motion(posture, rate, change)
+
     def controls(self, inputs: np.ndarray) -> np.ndarray:
         """Controls (nu,) of the scene that give inputs (n_inputs,)."""
         return _controls(self.scene, self.inputs.command(np.asarray(inputs, dtype=float)))

@@ -161,7 +161,7 @@ class ChainStatics:
 
     def _followed(self, target: np.ndarray, place: Place, spatial: bool) -> Rest | None:
         """A step on, or some: a third coordinate follows once the inputs have the least norm."""
-        solver, rest = self._solver(spatial), None
+        solver, rest = self.solver(spatial), None
         for _ in range(_RELAXATIONS):
             found = solver.follow(self._point(target, spatial), place)
             if found is None:
@@ -173,7 +173,7 @@ class ChainStatics:
 
     def linearised(self, rest: Rest) -> Linear | None:
         """About a rest, along the directions that hold it there."""
-        return self._solver(rest.spatial).linearised(rest.place.action, rest.place.posture)
+        return self.solver(rest.spatial).linearised(rest.place.action, rest.place.posture)
 
     def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
         """See `Statics`. Actions at their bound stay there, and the others make up for them."""
@@ -181,7 +181,7 @@ class ChainStatics:
         linear = None if place is None else self.world.linearised(place.action, place.posture)
         if linear is None:
             return rest.inputs, True
-        jacobian = linear.tip_by_actions[self._axes(len(change))]
+        jacobian = linear.tip_by_actions[self.axes(len(change))]
         step, _ = least_step(jacobian, change, place.action, 0.0, self._damping)
         posture = self.world.moved(place.posture, linear.by_actions @ step)
         inputs = self.world.inputs_for(place.action + step, posture)
@@ -200,15 +200,16 @@ class ChainStatics:
 
     def error(self, posture: np.ndarray, target: np.ndarray) -> float:
         """Distance [m] of the tip in a posture (nq,) from all coordinates of a target (k,)."""
-        return float(np.linalg.norm(self.scene.tip(posture)[self._axes(len(target))] - target))
+        return float(np.linalg.norm(self.inverse.tip(posture)[self.axes(len(target))] - target))
 
-    def _solver(self, spatial: bool) -> InverseStatics:
+    def solver(self, spatial: bool) -> InverseStatics:
+        """Along all three directions, or its own."""
         return self.world if spatial else self.inverse
 
     def _can_lift(self, target: np.ndarray) -> bool:
         return len(target) == 3 and self.inverse.freedom > 2
 
-    def _axes(self, size: int) -> list[int]:
+    def axes(self, size: int) -> list[int]:
         """Which coordinates of the world a reference of two or three is about."""
         if size == 3:
             return [0, 1, 2]
@@ -216,7 +217,7 @@ class ChainStatics:
 
     def _point(self, target: np.ndarray, spatial: bool) -> np.ndarray:
         """The target along the directions of a solver."""
-        return self._solver(spatial).directions[:, self._axes(len(target))] @ target
+        return self.solver(spatial).directions[:, self.axes(len(target))] @ target
 
     def _rest(self, found: Place, target: np.ndarray, spatial: bool) -> Rest:
         error = self.error(found.posture, target) if np.isfinite(found.error) else np.inf
@@ -225,11 +226,11 @@ class ChainStatics:
     def _searched(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
         """Solved from the place before, or from anywhere; that place stays where it is not met."""
         point = np.zeros((1, 3))
-        point[0, self._axes(len(target))] = target
+        point[0, self.axes(len(target))] = target
         start, best = before.place, None
         for spatial in (False, True) if self._can_lift(target) else (False,):
             held = None if start is None else Held(start.inputs[None], start.posture[None], None)
-            found = self._solver(spatial).solve(point, held, first)
+            found = self.solver(spatial).solve(point, held, first)
             place = self.inverse.place(found.inputs[0], found.postures[0])
             place = place._replace(error=found.errors[0])
             rest = self._rest(place, target, spatial)
