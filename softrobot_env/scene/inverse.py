@@ -30,6 +30,7 @@ from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.statics import finite
 from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.scene.tendons import full_length
 
 #: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
 REACHED = 1e-7
@@ -150,6 +151,7 @@ class InverseStatics:
         self._by_tension = _driven_by_tension(scene) if self._pulled else scene
         self._forces = StaticForces(self._by_tension.model)
         self._tensions = TendonMap(robot)
+        self._elastic, self._full = _elastic(robot), full_length(robot)
         self._command = self._tensions.per_action().command
         self._turn = _LARGEST_TURN / len(np.unique(scene.model.dof_bodyid))
         shift = 1e-7 * np.eye(self._tensions.n_inputs)
@@ -295,7 +297,7 @@ class InverseStatics:
                 best, radius = (places[k], found) if found > radius else (best, radius)
         axes = self._axes(best) if planar and radius > 0 else np.eye(2)
         length = self._along(best, axes[0], self._along(best, -axes[0], _FAR * radius))
-        middle = self.scene.tip(best.posture)
+        middle = self.tip(best.posture)
         return Ground(middle, best.inputs, axes @ self.directions, length, radius)
 
     def _axes(self, found: Place) -> np.ndarray:
@@ -319,7 +321,7 @@ class InverseStatics:
 
     def _along(self, start: Place, towards: np.ndarray, length: float) -> float:
         """How far [m], up to a length, the tip gets straight on in a direction (k,)."""
-        origin = self.directions @ self.scene.tip(start.posture)
+        origin = self.directions @ self.tip(start.posture)
         here, distance, step = start, 0.0, length / 12
         while distance < length * (1 - 1e-9) and step > length / 100:
             found = self._near(origin + (distance + step) * towards, here)
@@ -336,7 +338,7 @@ class InverseStatics:
         guess = self._rest.posture
         for one in inputs:
             guess = self.posture(one, guess)
-            tips.append(self.scene.tip(guess))
+            tips.append(self.tip(guess))
         return np.array(tips), inputs
 
     def _room(self, found: Place) -> float:
@@ -379,21 +381,21 @@ class InverseStatics:
         tension = self.inputs.command(inputs)
         if not self._pulled:
             return tension
-        robot = self.scene.config.robot
-        pretension, stiffness, _ = _elastic(robot)
-        limit = [t.tension_limit for t in robot.tendons]
+        pretension, stiffness, _ = self._elastic
+        limit = [t.tension_limit for t in self.scene.config.robot.tendons]
         stretch = tension - self._shortened(posture)
         return np.clip(pretension + stiffness * stretch, 0.0, limit)
 
     def _shortened(self, posture: np.ndarray) -> np.ndarray:
         """How much shorter the tendons (n_tendons,) [m] are than in the straight robot."""
-        return _elastic(self.scene.config.robot)[2] - self.scene.tendon_length(posture)
+        length = self._forces.tendon_length(posture)[: len(self._full)]
+        return self._elastic[2] - (length + self._full)
 
     def inputs_for(self, action: np.ndarray, posture: np.ndarray) -> np.ndarray:
         """Inputs (n_inputs,) for actions of tensions, within their box."""
         if not self._pulled:
             return self._tensions.input_centre + action * self._tensions.input_scale
-        pretension, stiffness, _ = _elastic(self.scene.config.robot)
+        pretension, stiffness, _ = self._elastic
         pulled = self._shortened(posture) + (self._command(action) - pretension) / stiffness
         return np.clip(pulled, -self.inputs.input_scale, self.inputs.input_scale)
 
@@ -457,12 +459,14 @@ class InverseStatics:
             raise EquilibriumError("the stiffness under the action 0 is singular")
         tensions = self._by_action(self._rest.action)
         shorter = self._forces.by_controls()[:, : len(tensions)].T @ linear.by_actions
-        pulled = shorter + tensions / _elastic(self.scene.config.robot)[1][:, None]
-        linear = self.inputs.input_scale / np.linalg.norm(pulled, axis=1)
-        box = min(1.0, float(linear.min()))
-        while box < 1.0 and len(self._spread(_PROBES, _GROWTH * box)) > _WITHIN * _PROBES:
-            box *= _GROWTH
-        return min(1.0, box)
+        pulled = shorter + tensions / self._elastic[1][:, None]
+        box = min(1.0, float((self.inputs.input_scale / np.linalg.norm(pulled, axis=1)).min()))
+        while box < 1.0:
+            larger = min(1.0, _GROWTH * box)
+            if len(self._spread(_PROBES, larger)) <= _WITHIN * _PROBES:
+                break
+            box = larger
+        return box
 
     @cached_property
     def _sample(self) -> tuple[list[Place], np.ndarray]:
@@ -485,7 +489,7 @@ class InverseStatics:
         found = self._near(point, start)
         if found.error <= self.tolerance or halvings == 0:
             return found
-        between = (point + self.directions @ self.scene.tip(start.posture)) / 2
+        between = (point + self.directions @ self.tip(start.posture)) / 2
         half = self._towards(between, start, halvings - 1)
         if half.error > self.tolerance:
             half = half._replace(error=self._distance(half, point))
@@ -496,7 +500,7 @@ class InverseStatics:
         """[m] to a point, perhaps another than was looked for."""
         if not np.isfinite(found.error):
             return np.inf
-        return float(np.linalg.norm(self.directions @ self.scene.tip(found.posture) - point))
+        return float(np.linalg.norm(self.directions @ self.tip(found.posture) - point))
 
     def _near(self, point: np.ndarray, start: Place) -> Place:
         """Iterate from a start."""
@@ -526,7 +530,7 @@ class InverseStatics:
             posture = self.posture(inputs, posture)
         except EquilibriumError:
             return Place(action, inputs, posture, np.inf)
-        error = np.linalg.norm(self.directions @ self.scene.tip(posture) - point)
+        error = np.linalg.norm(self.directions @ self.tip(posture) - point)
         return Place(action, inputs, posture, float(error))
 
     def linearised(self, action: np.ndarray, posture: np.ndarray) -> Linear | None:

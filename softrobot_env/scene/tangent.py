@@ -97,6 +97,13 @@ class StaticForces:
         mujoco.mj_kinematics(self.model, self._data)
         return self._data.site_xpos[self.model.site(TIP_SITE).id].copy()
 
+    def tendon_length(self, qpos: np.ndarray) -> np.ndarray:
+        """Lengths (ntendon,) [m] in a posture (nq,), as MuJoCo counts them."""
+        self._data.qpos[:] = qpos
+        for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
+            compute(self.model, self._data)
+        return self._data.ten_length.copy()
+
     def tip_by_turns(self) -> tuple[np.ndarray, np.ndarray]:
         """Tip (3,) [m] in the posture of the last `force`, and its derivative (3, nv) by turns."""
         site = self.model.site(TIP_SITE).id

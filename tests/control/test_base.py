@@ -34,7 +34,9 @@ def observe(reference, tip=None, action=(0.06, 0.06, 0.06)):
 
 
 def test_unknown_policy_lists_the_known_ones():
-    with pytest.raises(ValueError, match="hold, feedforward, feedforward_pi, static, qs_nn, lqi"):
+    with pytest.raises(
+        ValueError, match="hold, feedforward, feedforward_pi, static, chain_dynamics, qs_nn"
+    ):
         make_policy("pid", ARM, PERIOD)
 
 

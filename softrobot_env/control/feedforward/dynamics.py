@@ -31,8 +31,8 @@ _NEAR = 5e-3
 #: x(t) at the last instants -> its rate and its second derivative, over the period and its square.
 _FIRST, _SECOND = np.array([1.5, -2.0, 0.5, 0.0]), np.array([2.0, -5.0, 4.0, -1.0])
 
-#: The motion of the internal dynamics is small as long as it changes x by less than this share.
-_SMALL = 1.0
+#: Way of the tip, over `_NEAR` of the reach, that a part of the tensions left out must be worth.
+_FELT = 1.0
 
 _SLOW, _FAST = "servo too slow", "reference too fast for the internal dynamics"
 
@@ -81,7 +81,11 @@ class InverseDynamics(Feedforward):
         before, h = state.memory.acceleration, self._period / 2
         jerk = 0.0 if before is None else (ddz - before) / self._period
         square = h * h / 2
-        return z + h * dz + square * (ddz + h / 3 * jerk), dz + h * ddz + square * jerk, ddz + h * jerk
+        return (
+            z + h * dz + square * (ddz + h / 3 * jerk),
+            dz + h * ddz + square * jerk,
+            ddz + h * jerk,
+        )
 
     def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
         return self._ahead(observation, state)[0]
@@ -118,10 +122,12 @@ class InverseDynamics(Feedforward):
             more = solver.of_motion(
                 place.posture, _FIRST @ stack / self._period, _SECOND @ stack / self._period**2
             )
-            step, moved = self._balanced(place.action, linear, force + more)
-            if np.linalg.norm(moved - shift) > _SMALL * np.linalg.norm(shift) + 1e-3:
+            full, moved = self._balanced(place.action, linear, force + more)
+            share = min(1.0, np.linalg.norm(shift) / max(np.linalg.norm(moved - shift), 1e-12))
+            step, shift = step + share * (full - step), shift + share * (moved - shift)
+            felt = linear.tip_by_actions @ (full - step)
+            if share < 1 and np.linalg.norm(felt) > _FELT * self._near:
                 reason = _FAST
-            shift = moved
         posture = solver.moved(place.posture, shift)
         inputs = solver.inputs_for(place.action + step, posture)
         limited = np.abs(place.action + step).max() >= 1.0

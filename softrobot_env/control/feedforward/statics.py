@@ -12,7 +12,7 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import Inputs, robot_inputs
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics, Linear, Place, least_step
-from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.tangent import StaticForces
 
 #: [m/N], singular values of J well below it are not inverted by the closed form's feedback.
@@ -136,7 +136,7 @@ class ChainStatics:
 
     def __init__(self, robot: RobotParams) -> None:
         """Of any robot with tendons; ValueError else."""
-        self.scene = build_scene(scene_of(robot))
+        self.scene = build_scene(model_scene(robot))
         self.inverse = InverseStatics(self.scene)
         self.world = self.inverse.along(np.eye(3))
         self.inputs = self.inverse.inputs
