@@ -1,13 +1,14 @@
 """Inverse statics as feedforward, alone or with PI feedback (the structure of thesis sec. 6.1)."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.feedforward.statics import Rest, statics_of
-from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE
+from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED
 from softrobot_env.fields import NotNegative, Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
@@ -41,15 +42,26 @@ class Feedforward(Controller):
 
     requires = ("reference", "previous_action")
 
-    def __init__(self, robot: RobotParams, control_period: float, closed: bool = True) -> None:
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        closed: bool = True,
+        weights: str | Path | None = None,
+    ) -> None:
         """Find the statics.
 
         Args:
-            robot: With tendons; ValueError for one without.
+            robot: With tendons.
             control_period: Any, [s].
             closed: Whether by the closed form, where the robot has one, or by its MuJoCo chain.
+            weights: File of a network that knows them, see `training.quasi_static`.
+
+        Raises:
+            ValueError: The robot has no tendons, or the network is of another robot.
+            FileNotFoundError: No such file.
         """
-        self._statics = statics_of(robot, closed)
+        self._statics = statics_of(robot, closed, weights)
         self._inputs = self._statics.inputs
         self.sizes = {"previous_action": self._inputs.n_inputs}
         if self._statics.dimension is not None:
@@ -94,7 +106,7 @@ class Feedforward(Controller):
         wanted = (inputs - self._inputs.input_centre) / self._inputs.input_scale
         action = np.clip(wanted, -1.0, 1.0)
         reason = REASONS[SATURATED] if np.any(np.abs(wanted) > 1 + 1e-9) else reason
-        status = reason if rest.reached else REASONS[UNREACHABLE]
+        status = reason if rest.reached else self._statics.missed
         return action, FeedforwardState(target, rest, memory, status)
 
     def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
@@ -129,6 +141,7 @@ class FeedforwardPI(Feedforward):
         control_period: float,
         proportional: float | None = None,
         integral: float | None = None,
+        weights: str | Path | None = None,
     ) -> None:
         """Set the gains.
 
@@ -137,11 +150,12 @@ class FeedforwardPI(Feedforward):
             control_period: [s] between calls.
             proportional: K_P [1]; by default 0.4 of its limit, at most 2.
             integral: K_I [1/s]; by default 0.45 of its limit.
+            weights: As of `Feedforward`.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative | None)
         check_argument("integral", integral, NotNegative | None)
-        super().__init__(robot, control_period)
+        super().__init__(robot, control_period, weights=weights)
         self._period = control_period
         frequency, damping_time = self._statics.first_mode()
         gain = min(2.0, 0.8 * damping_time / control_period)

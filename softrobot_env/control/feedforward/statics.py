@@ -1,5 +1,6 @@
-"""The statics behind the feedforward laws: in closed form, or of the MuJoCo chain of any robot."""
+"""The statics behind the feedforward laws: in closed form, of the MuJoCo chain, or a network."""
 
+from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -7,7 +8,10 @@ from scipy.linalg import eigh
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.arm.statics import least_norm
+from softrobot_env.control.status import REASONS, UNREACHABLE
 from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.learned.inference import CompiledInference
+from softrobot_env.learned.network import check_ends, fingerprint, load_for
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import Inputs, robot_inputs
 from softrobot_env.scene.build import build_scene
@@ -38,6 +42,7 @@ class Rest(NamedTuple):
             in force have no equilibrium.
         spatial: Whether a chain's tip is held in all three coordinates, rather than in two of which
             the third follows.
+        target: Of a network, (k,) [m].
     """
 
     inputs: np.ndarray
@@ -45,6 +50,7 @@ class Rest(NamedTuple):
     reached: bool = True
     place: Place | None = None
     spatial: bool = False
+    target: np.ndarray | None = None
 
 
 class Statics(Protocol):
@@ -53,10 +59,12 @@ class Statics(Protocol):
     Attributes:
         inputs: Of the robot, what `robot_inputs` returns.
         dimension: Coordinates of a reference; None where two or three will do.
+        missed: What is said of a target that is not reached.
     """
 
     inputs: Inputs
     dimension: int | None
+    missed: str
 
     def begin(self, inputs: np.ndarray) -> Rest:
         """Where inputs (n_inputs,) in force lead."""
@@ -74,12 +82,17 @@ class Statics(Protocol):
         """Angular frequency [rad/s] and damping time [s] of the slowest mode."""
 
 
-def statics_of(robot: RobotParams, closed: bool = True) -> Statics:
-    """The closed form where there is one and it is allowed, else the chain.
+def statics_of(
+    robot: RobotParams, closed: bool = True, network: str | Path | None = None
+) -> Statics:
+    """A network, if a file of one is given; the closed form where there is one; else the chain.
 
     Raises:
-        ValueError: The robot has no tendons.
+        ValueError: The robot has no tendons, or the network is of another robot.
+        FileNotFoundError: No such file.
     """
+    if network is not None:
+        return NetworkStatics(robot, Path(network))
     try:
         return ClosedStatics(robot) if closed else ChainStatics(robot)
     except ValueError:
@@ -90,6 +103,7 @@ class ClosedStatics:
     """See `Statics`: constant curvature between the ends of planar pairs, without gravity."""
 
     dimension = 2
+    missed = REASONS[UNREACHABLE]
 
     def __init__(self, robot: RobotParams) -> None:
         """Raise ValueError for robots without constant-curvature statics."""
@@ -119,6 +133,48 @@ class ClosedStatics:
         return 2 * np.pi * self._robot.first_frequency, self._robot.damping_time
 
 
+class NetworkStatics:
+    """See `Statics`: a network from the tip's place to the actions that hold it there.
+
+    Trained with samples of the chain's inverse statics, or of a robot's (`training.quasi_static`).
+    """
+
+    missed = "outside the trained workspace"
+
+    def __init__(self, robot: RobotParams, path: Path) -> None:
+        """Load the network; errors as `statics_of`."""
+        self._robot, self.inputs = robot, robot_inputs(robot)
+        command = f"softrobot train qs_nn --robot {robot.name}"
+        network, about = load_for(path, robot, command, fingerprint)
+        check_ends(network, (network.sizes[0], self.inputs.n_inputs), str(path))
+        self.dimension = network.sizes[0]
+        about.check_shape("tips", (None, self.dimension))
+        about.check_shape("spacing", ())
+        self._network = CompiledInference(network)
+        self._tips, self._spacing = about["tips"], float(about["spacing"])
+
+    def begin(self, inputs: np.ndarray) -> Rest:
+        """See `Statics`; nothing is remembered."""
+        return Rest(inputs)
+
+    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+        """See `Statics`."""
+        action = self._network(np.ascontiguousarray(target))
+        away = float(np.sqrt(((self._tips - target) ** 2).sum(axis=1).min()))
+        inputs = self.inputs.input_centre + action * self.inputs.input_scale
+        return Rest(inputs, away, away <= self._spacing, target=target)
+
+    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+        """See `Statics`: what the network gives for a place shifted by that."""
+        inputs = self.hold(rest.target + change, rest, False).inputs
+        limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
+        return inputs, bool(limited.any())
+
+    def first_mode(self) -> tuple[float, float]:
+        """See `Statics`: of the chain."""
+        return ChainStatics(self._robot).first_mode()
+
+
 class ChainStatics:
     """See `Statics`: inverse statics of the MuJoCo chain, each decision from the one before.
 
@@ -133,6 +189,7 @@ class ChainStatics:
     """
 
     dimension = None
+    missed = REASONS[UNREACHABLE]
 
     def __init__(self, robot: RobotParams) -> None:
         """Of any robot with tendons; ValueError else."""
