@@ -53,9 +53,10 @@ class PolicySpec:
 #: Policies of planar robots.
 POLICIES: dict[str, PolicySpec] = {
     "hold": PolicySpec("softrobot_env.control.base:Hold"),
-    "feedforward": PolicySpec("softrobot_env.control.arm.feedforward:Feedforward"),
-    "feedforward_pi": PolicySpec("softrobot_env.control.arm.feedforward:FeedforwardPI"),
-    "static": PolicySpec("softrobot_env.control.statics:StaticFeedforward"),
+    "feedforward": PolicySpec("softrobot_env.control.feedforward.law:Feedforward"),
+    "feedforward_pi": PolicySpec("softrobot_env.control.feedforward.law:FeedforwardPI"),
+    "static": PolicySpec("softrobot_env.control.feedforward.law:Feedforward", {"closed": False}),
+    "chain_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
     "qs_nn": PolicySpec(
         "softrobot_env.control.arm.qs_nn:QuasiStaticNetwork",
         environment={"control_period": 0.01, "preview": (0.2,)},

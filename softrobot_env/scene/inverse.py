@@ -15,6 +15,7 @@ resolved, no tendon is slack, and all is smooth. The lengths that servos pull in
 and tension, s = s_geo + (F - F_pre) / c, audit of (5.35); the equilibrium under them is the same.
 """
 
+from copy import copy
 from dataclasses import replace
 from functools import cached_property
 from typing import NamedTuple
@@ -29,6 +30,7 @@ from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.statics import finite
 from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.scene.tendons import full_length
 
 #: Largest distance of a tip from its point, as a share of the robot's reach, that counts as on it.
 REACHED = 1e-7
@@ -41,6 +43,9 @@ _DAMPING = 1e-3  # of the gap times the largest singular value
 _RANK = 1e-7  # of the largest singular value
 _LEAST_SHARE = 0.05  # of the way to the least norm in one iteration
 _HALVINGS = 4  # of the way to a point
+_FOLLOWING, _FOLLOWED = 0.5, 5  # of the way to the least norm; iterations of `follow`
+_NEARLY = 2e-3  # rad, sum of the turns of all joints in its last iteration
+_MISSED = 1e-5  # of the reach: what the damping of the inverse may leave
 _NARROW = 1e-3  # of the reach: a tip that moves less to a side moves on a line
 _SAME = 1e-6  # N
 _PROBES, _GROWTH, _WITHIN = 16, 1.5, 0.75  # of the box of samples: 12 of 16 have to stay within
@@ -62,13 +67,33 @@ class Held(NamedTuple):
     errors: np.ndarray
 
 
-class _Found(NamedTuple):
-    """Actions (m,) of tensions, and inputs and posture as of `Held`."""
+class Place(NamedTuple):
+    """Where inputs hold the tip: actions (m,) of tensions, and inputs and posture as of `Held`."""
 
     action: np.ndarray
     inputs: np.ndarray
     posture: np.ndarray
     error: float
+
+
+class Linear(NamedTuple):
+    """The statics near actions a (m,) of tensions and a posture.
+
+    Attributes:
+        balance: (nv,) [rad], turns to the equilibrium.
+        by_actions: (nv, m), derivative of the equilibrium.
+        tip_by_actions: (k, m) [m], of the tip along the directions.
+        tip: (k,) [m], after the turns, along the directions.
+        tip_by_turns: (k, nv) [m].
+        stiffness: (nv, nv) [N m], of the chain under the tensions.
+    """
+
+    balance: np.ndarray
+    by_actions: np.ndarray
+    tip_by_actions: np.ndarray
+    tip: np.ndarray
+    tip_by_turns: np.ndarray
+    stiffness: np.ndarray
 
 
 class Ground(NamedTuple):
@@ -126,10 +151,18 @@ class InverseStatics:
         self._by_tension = _driven_by_tension(scene) if self._pulled else scene
         self._forces = StaticForces(self._by_tension.model)
         self._tensions = TendonMap(robot)
+        self._elastic, self._full = _elastic(robot), full_length(robot)
         self._command = self._tensions.per_action().command
         self._turn = _LARGEST_TURN / len(np.unique(scene.model.dof_bodyid))
         shift = 1e-7 * np.eye(self._tensions.n_inputs)
         self._shifts = np.concatenate([shift, -shift])
+
+    def along(self, directions: np.ndarray) -> "InverseStatics":
+        """The same of the tip's place along other directions (k, 3), unit vectors."""
+        other = copy(self)
+        other.directions = directions
+        other.__dict__.pop("_sample", None)
+        return other
 
     @property
     def freedom(self) -> int:
@@ -176,14 +209,73 @@ class InverseStatics:
             np.array([row.error for row in rows]),
         )
 
+    def place(self, inputs: np.ndarray, posture: np.ndarray | None = None) -> Place:
+        """Where inputs (n_inputs,) lead, or their equilibrium where it is known.
+
+        Raises:
+            EquilibriumError: There is no stable equilibrium.
+        """
+        return self._held(inputs) if posture is None else self._at(inputs, posture)
+
+    def tip(self, posture: np.ndarray) -> np.ndarray:
+        """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
+        return self._forces.tip(posture)
+
+    def turns(self, posture: np.ndarray, other: np.ndarray) -> np.ndarray:
+        """Turns (nv,) [rad] of the joints from a posture (nq,) to another."""
+        out = np.empty(self.scene.model.nv)
+        mujoco.mj_differentiatePos(self.scene.model, out, 1.0, posture, other)
+        return out
+
+    def of_motion(self, posture: np.ndarray, rate: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """See `StaticForces.of_motion`."""
+        return self._forces.of_motion(posture, rate, change)
+
+    def controls(self, inputs: np.ndarray) -> np.ndarray:
+        """Controls (nu,) of the scene that give inputs (n_inputs,)."""
+        return _controls(self.scene, self.inputs.command(np.asarray(inputs, dtype=float)))
+
+    def follow(self, point: np.ndarray, near: Place, share: float = _FOLLOWING) -> Place | None:
+        """The place of a point (k,) [m], along `directions`, a small step from another.
+
+        For laws that decide again and again: a few iterations and no search, and a part of the way
+        to the least norm.
+
+        Args:
+            point: Where the tip should be.
+            near: Where it is.
+            share: Of the way to the least norm.
+
+        Returns:
+            The place; None where it is too far, or no stable equilibrium under these tensions.
+        """
+        action, posture = near.action, near.posture
+        for k in range(_FOLLOWED):
+            linear = self.linearised(action, posture)
+            if linear is None:
+                return None
+            gap = point - linear.tip
+            step, _ = least_step(linear.tip_by_actions, gap, action, share if k == 0 else 0.0)
+            turn = linear.balance + linear.by_actions @ step
+            if np.abs(turn).max() > self._turn or np.abs(step).max() > _LARGEST_STEP:
+                return None
+            action, posture = action + step, self.moved(posture, turn)
+            if np.abs(turn).sum() < _NEARLY:  # what is left is its square
+                break
+        else:
+            return None
+        left = float(np.linalg.norm(gap - linear.tip_by_actions @ step))
+        if left > _MISSED * self.scene.config.robot.reach or not _definite(linear.stiffness):
+            return None
+        return Place(action, self.inputs_for(action, posture), posture, left)
+
     def posture(self, inputs: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
         """Stable equilibrium (nq,) under inputs (n_inputs,).
 
         Raises:
             EquilibriumError: There is none.
         """
-        commanded = self.inputs.command(np.asarray(inputs, dtype=float))
-        return self.scene.equilibrium(_controls(self.scene, commanded), guess)
+        return self.scene.equilibrium(self.controls(inputs), guess)
 
     def ground(self, largest: float) -> Ground:
         """Where in the plane of `directions` the tip gets everywhere.
@@ -205,15 +297,14 @@ class InverseStatics:
                 best, radius = (places[k], found) if found > radius else (best, radius)
         axes = self._axes(best) if planar and radius > 0 else np.eye(2)
         length = self._along(best, axes[0], self._along(best, -axes[0], _FAR * radius))
-        middle = self.scene.tip(best.posture)
+        middle = self.tip(best.posture)
         return Ground(middle, best.inputs, axes @ self.directions, length, radius)
 
-    def _axes(self, found: _Found) -> np.ndarray:
+    def _axes(self, found: Place) -> np.ndarray:
         """Unit vectors (2, 2) along which the tip moves most and least."""
-        jacobian = self.directions @ self._linearised(found.action, found.posture)[2]
-        return np.linalg.svd(jacobian)[0].T
+        return np.linalg.svd(self._tip_by_actions(found))[0].T
 
-    def _radius(self, middle: _Found, least: float) -> float:
+    def _radius(self, middle: Place, least: float) -> float:
         """How far [m] the tip gets on the shortest of some rays; 0 where that is `least` or less.
 
         Across where it moves most comes first, where the rays differ most.
@@ -228,9 +319,9 @@ class InverseStatics:
                 return 0.0
         return radius
 
-    def _along(self, start: _Found, towards: np.ndarray, length: float) -> float:
+    def _along(self, start: Place, towards: np.ndarray, length: float) -> float:
         """How far [m], up to a length, the tip gets straight on in a direction (k,)."""
-        origin = self.directions @ self.scene.tip(start.posture)
+        origin = self.directions @ self.tip(start.posture)
         here, distance, step = start, 0.0, length / 12
         while distance < length * (1 - 1e-9) and step > length / 100:
             found = self._near(origin + (distance + step) * towards, here)
@@ -247,17 +338,23 @@ class InverseStatics:
         guess = self._rest.posture
         for one in inputs:
             guess = self.posture(one, guess)
-            tips.append(self.scene.tip(guess))
+            tips.append(self.tip(guess))
         return np.array(tips), inputs
 
-    def _room(self, found: _Found) -> float:
+    def _room(self, found: Place) -> float:
         """How far [m] the tip moves to its worst side before an action reaches its bound."""
-        jacobian = self.directions @ self._linearised(found.action, found.posture)[2]
-        singular = np.linalg.svd(jacobian, compute_uv=False)
+        singular = np.linalg.svd(self._tip_by_actions(found), compute_uv=False)
         side = singular[-1] if len(singular) == len(self.directions) else 0.0
         return float(side * (1 - np.abs(found.action).max()))
 
-    def _start(self, start: np.ndarray | Held | None) -> _Found:
+    def _tip_by_actions(self, found: Place) -> np.ndarray:
+        """(k, m) [m], in an equilibrium; EquilibriumError where the stiffness is singular."""
+        linear = self.linearised(found.action, found.posture)
+        if linear is None:
+            raise EquilibriumError("the stiffness of an equilibrium is singular")
+        return linear.tip_by_actions
+
+    def _start(self, start: np.ndarray | Held | None) -> Place:
         if start is None:
             return self._rest
         if isinstance(start, Held):
@@ -265,40 +362,40 @@ class InverseStatics:
         return self._held(finite("start", start, (self.inputs.n_inputs,)))
 
     @cached_property
-    def _rest(self) -> _Found:
+    def _rest(self) -> Place:
         return self._held(self.inputs.input_centre)
 
-    def _held(self, inputs: np.ndarray, guess: np.ndarray | None = None) -> _Found:
+    def _held(self, inputs: np.ndarray, guess: np.ndarray | None = None) -> Place:
         """Where inputs lead, and the actions of the tensions that they come to."""
         return self._at(inputs, self.posture(inputs, guess))
 
-    def _at(self, inputs: np.ndarray, posture: np.ndarray) -> _Found:
+    def _at(self, inputs: np.ndarray, posture: np.ndarray) -> Place:
         """Inputs in their equilibrium."""
         tension = self._tension(inputs, posture)
         reduced = self._tensions.reduced(tension)
         action = (reduced - self._tensions.input_centre) / self._tensions.input_scale
-        return _Found(np.clip(action, -1.0, 1.0), inputs, posture, 0.0)
+        return Place(np.clip(action, -1.0, 1.0), inputs, posture, 0.0)
 
     def _tension(self, inputs: np.ndarray, posture: np.ndarray) -> np.ndarray:
         """(n_tendons,) [N] at rest."""
         tension = self.inputs.command(inputs)
         if not self._pulled:
             return tension
-        robot = self.scene.config.robot
-        pretension, stiffness, _ = _elastic(robot)
-        limit = [t.tension_limit for t in robot.tendons]
+        pretension, stiffness, _ = self._elastic
+        limit = [t.tension_limit for t in self.scene.config.robot.tendons]
         stretch = tension - self._shortened(posture)
         return np.clip(pretension + stiffness * stretch, 0.0, limit)
 
     def _shortened(self, posture: np.ndarray) -> np.ndarray:
         """How much shorter the tendons (n_tendons,) [m] are than in the straight robot."""
-        return _elastic(self.scene.config.robot)[2] - self.scene.tendon_length(posture)
+        length = self._forces.tendon_length(posture)[: len(self._full)]
+        return self._elastic[2] - (length + self._full)
 
-    def _inputs(self, action: np.ndarray, posture: np.ndarray) -> np.ndarray:
+    def inputs_for(self, action: np.ndarray, posture: np.ndarray) -> np.ndarray:
         """Inputs (n_inputs,) for actions of tensions, within their box."""
         if not self._pulled:
             return self._tensions.input_centre + action * self._tensions.input_scale
-        pretension, stiffness, _ = _elastic(self.scene.config.robot)
+        pretension, stiffness, _ = self._elastic
         pulled = self._shortened(posture) + (self._command(action) - pretension) / stiffness
         return np.clip(pulled, -self.inputs.input_scale, self.inputs.input_scale)
 
@@ -320,7 +417,7 @@ class InverseStatics:
         inputs, postures = (np.array([getattr(f, n) for f in found]) for n in ("inputs", "posture"))
         return Held(inputs, postures, np.zeros(len(found))), count + 1 - len(found)
 
-    def _spread(self, count: int, box: float) -> list[_Found]:
+    def _spread(self, count: int, box: float) -> list[Place]:
         found, actions = [self._rest], [self._rest.action]
         for action in box * spread(count, self._tensions.n_inputs):
             near = found[int(np.argmin(np.linalg.norm(np.array(actions) - action, axis=1)))]
@@ -330,22 +427,23 @@ class InverseStatics:
                 posture = self._by_tension.equilibrium(commanded, guess)
             except EquilibriumError:
                 continue
-            inputs = self._inputs(action, posture)
+            inputs = self.inputs_for(action, posture)
             if np.all(np.abs(self._tension(inputs, posture) - self._command(action)) < _SAME):
-                found.append(_Found(action, inputs, posture, 0.0))
+                found.append(Place(action, inputs, posture, 0.0))
                 actions.append(action)
         return found
 
-    def _ahead(self, near: _Found, action: np.ndarray) -> np.ndarray:
+    def _ahead(self, near: Place, action: np.ndarray) -> np.ndarray:
         """Posture (nq,) under an action, in steps from a place near it."""
         posture, far = near.posture, float(np.abs(action - near.action).max())
         for part in np.linspace(0, 1, 2 + int(far / _LARGEST_STEP))[1:]:
             here = near.action + part * (action - near.action)
             for _ in range(2):
-                turn = self._linearised(here, posture)[0]
-                if turn is None:
+                linear = self.linearised(here, posture)
+                if linear is None:
                     return near.posture
-                posture = self._moved(posture, turn / max(1.0, np.abs(turn).max() / self._turn))
+                turn = linear.balance
+                posture = self.moved(posture, turn / max(1.0, np.abs(turn).max() / self._turn))
         return posture
 
     @cached_property
@@ -356,27 +454,28 @@ class InverseStatics:
         """
         if not self._pulled:
             return 1.0
-        _, turns, _, _ = self._linearised(self._rest.action, self._rest.posture)
+        linear = self.linearised(self._rest.action, self._rest.posture)
+        if linear is None:
+            raise EquilibriumError("the stiffness under the action 0 is singular")
         tensions = self._by_action(self._rest.action)
-        shorter = self._forces.by_controls()[:, : len(tensions)].T @ turns
-        pulled = shorter + tensions / _elastic(self.scene.config.robot)[1][:, None]
-        linear = self.inputs.input_scale / np.linalg.norm(pulled, axis=1)
-        box = min(1.0, float(linear.min()))
+        shorter = self._forces.by_controls()[:, : len(tensions)].T @ linear.by_actions
+        pulled = shorter + tensions / self._elastic[1][:, None]
+        box = min(1.0, float((self.inputs.input_scale / np.linalg.norm(pulled, axis=1)).min()))
         while box < 1.0:
-            wider = min(1.0, _GROWTH * box)
-            if len(self._spread(_PROBES, wider)) <= _WITHIN * _PROBES:
+            larger = min(1.0, _GROWTH * box)
+            if len(self._spread(_PROBES, larger)) <= _WITHIN * _PROBES:
                 break
-            box = wider
+            box = larger
         return box
 
     @cached_property
-    def _sample(self) -> tuple[list[_Found], np.ndarray]:
+    def _sample(self) -> tuple[list[Place], np.ndarray]:
         """Places to look for points from, and their tips (n, k)."""
         found = self._spread(_PLACES, self._box)
         tips = self.scene.tip(np.array([f.posture for f in found]))
         return found, tips @ self.directions.T
 
-    def _elsewhere(self, point: np.ndarray, found: _Found) -> _Found:
+    def _elsewhere(self, point: np.ndarray, found: Place) -> Place:
         """The point from the nearest places of a sample, if that is better."""
         places, tips = self._sample
         for k in np.argsort(np.linalg.norm(tips - point, axis=1))[:_TRIALS]:
@@ -385,38 +484,38 @@ class InverseStatics:
                 break
         return found
 
-    def _towards(self, point: np.ndarray, start: _Found, halvings: int) -> _Found:
+    def _towards(self, point: np.ndarray, start: Place, halvings: int) -> Place:
         """The point from a start that is reached, by points between where it is too far."""
         found = self._near(point, start)
         if found.error <= self.tolerance or halvings == 0:
             return found
-        between = (point + self.directions @ self.scene.tip(start.posture)) / 2
+        between = (point + self.directions @ self.tip(start.posture)) / 2
         half = self._towards(between, start, halvings - 1)
         if half.error > self.tolerance:
             half = half._replace(error=self._distance(half, point))
             return min(found, half, key=lambda f: f.error)
         return min(found, self._towards(point, half, halvings - 1), key=lambda f: f.error)
 
-    def _distance(self, found: _Found, point: np.ndarray) -> float:
+    def _distance(self, found: Place, point: np.ndarray) -> float:
         """[m] to a point, perhaps another than was looked for."""
         if not np.isfinite(found.error):
             return np.inf
-        return float(np.linalg.norm(self.directions @ self.scene.tip(found.posture) - point))
+        return float(np.linalg.norm(self.directions @ self.tip(found.posture) - point))
 
-    def _near(self, point: np.ndarray, start: _Found) -> _Found:
+    def _near(self, point: np.ndarray, start: Place) -> Place:
         """Iterate from a start."""
         action, posture = start.action, start.posture
         share, before = 1.0, np.inf
         for _ in range(_ITERATIONS):
-            balance, by_actions, tip_by_actions, tip = self._linearised(action, posture)
-            if balance is None:
-                return _Found(action, self._inputs(action, posture), posture, np.inf)
-            gap = point - self.directions @ tip
-            step, idle = _step(self.directions @ tip_by_actions, gap, action, share)
-            turn = balance + by_actions @ step
+            linear = self.linearised(action, posture)
+            if linear is None:
+                return Place(action, self.inputs_for(action, posture), posture, np.inf)
+            gap = point - linear.tip
+            step, idle = least_step(linear.tip_by_actions, gap, action, share)
+            turn = linear.balance + linear.by_actions @ step
             size = max(np.abs(step).max() / _LARGEST_STEP, np.abs(turn).max() / self._turn, 1.0)
             action = np.clip(action + step / size, -1.0, 1.0)
-            posture = self._moved(posture, turn / size)
+            posture = self.moved(posture, turn / size)
             if np.abs(turn).max() < _BALANCED and np.abs(step).max() < _RELAXED:
                 break
             if np.linalg.norm(gap) < 1e-2 * self.scene.config.robot.reach and idle > 0.7 * before:
@@ -424,41 +523,45 @@ class InverseStatics:
             before = idle
         return self._settled(point, action, posture)
 
-    def _settled(self, point: np.ndarray, action: np.ndarray, posture: np.ndarray) -> _Found:
+    def _settled(self, point: np.ndarray, action: np.ndarray, posture: np.ndarray) -> Place:
         """What iterations have led to, in a stable equilibrium under the robot's inputs."""
-        inputs = self._inputs(action, posture)
+        inputs = self.inputs_for(action, posture)
         try:
             posture = self.posture(inputs, posture)
         except EquilibriumError:
-            return _Found(action, inputs, posture, np.inf)
-        error = np.linalg.norm(self.directions @ self.scene.tip(posture) - point)
-        return _Found(action, inputs, posture, float(error))
+            return Place(action, inputs, posture, np.inf)
+        error = np.linalg.norm(self.directions @ self.tip(posture) - point)
+        return Place(action, inputs, posture, float(error))
 
-    def _linearised(self, action: np.ndarray, posture: np.ndarray) -> tuple:
-        """K^-1 f (nv,), Q (nv, m), d tip / d a (3, m), and the tip (3,) [m] after K^-1 f.
+    def linearised(self, action: np.ndarray, posture: np.ndarray) -> Linear | None:
+        """The statics near actions (m,) of tensions and a posture (nq,).
 
-        The first is None where the stiffness is singular or not finite.
+        None where the stiffness is singular or not finite.
         """
         forces = self._forces
         force = forces.force(posture, _controls(self._by_tension, self._command(action)))
         by_action = self._by_action(action)
         right = forces.by_controls()[:, : len(by_action)] @ by_action
+        stiffness = -forces.tangent()
         try:
-            found = np.linalg.solve(-forces.tangent(), np.column_stack([force, right]))
+            found = np.linalg.solve(stiffness, np.column_stack([force, right]))
         except np.linalg.LinAlgError:
-            return None, None, None, None
+            return None
         if not np.isfinite(found).all():
-            return None, None, None, None
+            return None
         tip, by_turns = forces.tip_by_turns()
         balance, by_actions = found[:, 0], found[:, 1:]
-        return balance, by_actions, by_turns @ by_actions, tip + by_turns @ balance
+        by_turns = self.directions @ by_turns
+        tip = self.directions @ tip + by_turns @ balance
+        return Linear(balance, by_actions, by_turns @ by_actions, tip, by_turns, stiffness)
 
     def _by_action(self, action: np.ndarray) -> np.ndarray:
         """Derivative (n_tendons, m) [N] of the tensions by actions, the mean of both at a kink."""
         above, below = np.split(self._command(action + self._shifts), 2)
         return (above - below).T / (2 * self._shifts[0, 0])
 
-    def _moved(self, posture: np.ndarray, turn: np.ndarray) -> np.ndarray:
+    def moved(self, posture: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """The posture (nq,) after small turns (nv,) [rad] of the joints."""
         moved = posture.copy()
         mujoco.mj_integratePos(self.scene.model, moved, turn, 1.0)
         return moved
@@ -509,12 +612,23 @@ def own_directions(scene: Scene) -> np.ndarray:
     return axes.T[[0, 2]] if scene.config.bending == "planar" else axes.T[[0, 1]]
 
 
-def _step(
-    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float
+def least_step(
+    jacobian: np.ndarray,
+    gap: np.ndarray,
+    action: np.ndarray,
+    share: float,
+    damping: float = 0.0,
 ) -> tuple[np.ndarray, float]:
     """Change (m,) of actions that closes a gap (k,) within their box, and its part of no effect.
 
     Actions that would leave the box are held at its bounds and the others make up for them.
+
+    Args:
+        jacobian: (k, m) [m].
+        gap: [m].
+        action: Before.
+        share: Of the way to the least norm.
+        damping: [m], singular values well below it are not inverted.
     """
     held = np.full(len(action), np.nan)
     while True:
@@ -523,7 +637,7 @@ def _step(
         idle = 0.0
         if free.any():
             left = gap - jacobian @ step
-            step[free], idle = _free_step(jacobian[:, free], left, action[free], share)
+            step[free], idle = _free_step(jacobian[:, free], left, action[free], share, damping)
         beyond = free & (np.abs(action + step) > 1.0)
         if not beyond.any():
             return step, idle
@@ -531,15 +645,24 @@ def _step(
 
 
 def _free_step(
-    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float
+    jacobian: np.ndarray, gap: np.ndarray, action: np.ndarray, share: float, least: float
 ) -> tuple[np.ndarray, float]:
-    """As `_step`, without the box."""
+    """As `least_step`, without the box."""
     left, singular, right = np.linalg.svd(jacobian, full_matrices=False)
     kept = singular > _RANK * max(singular[0], 1e-300)
     left, singular, right = left[:, kept], singular[kept], right[kept]
     if not len(singular):
         return np.zeros(len(action)), 0.0
-    damping = _DAMPING * np.linalg.norm(gap) * singular[0]
+    damping = _DAMPING * np.linalg.norm(gap) * singular[0] + least**2
     to_point = right.T @ (singular / (singular**2 + damping) * (left.T @ gap))
     idle = action - right.T @ (right @ action)
     return to_point - share * idle, float(np.abs(idle).max())
+
+
+def _definite(stiffness: np.ndarray) -> bool:
+    """Whether the symmetric part of a stiffness (nv, nv) is positive definite."""
+    try:
+        np.linalg.cholesky(stiffness + stiffness.T)
+    except np.linalg.LinAlgError:
+        return False
+    return True

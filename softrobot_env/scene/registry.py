@@ -1,7 +1,14 @@
 """Scenes by name, as they are exported to assets/, and the scene of any robot."""
 
 from softrobot_env.registries import Registry
-from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, EQUIVALENT_RIG, RobotParams
+from softrobot_env.robots import (
+    ARM,
+    CANTILEVER_STIFF,
+    CANTILEVER_WEAK,
+    EQUIVALENT_RIG,
+    RIG,
+    RobotParams,
+)
 from softrobot_env.scene.config import SceneConfig, TipSensors, visible
 
 #: Pieces the rig is cut into: its first frequency is then within 1 % of the beam's.
@@ -44,3 +51,12 @@ def scene_of(robot: RobotParams) -> SceneConfig:
         bending="planar" if robot.is_planar else "spatial",
         torsion=robot.twists,
     )
+
+
+def model_scene(robot: RobotParams) -> SceneConfig:
+    """The scene by which tasks and laws know a robot: its own.
+
+    The rig's parameters are those of one piece of constant curvature; in several pieces,
+    `EQUIVALENT_RIG` stands as that does, and it is what rig environments simulate.
+    """
+    return scene_of(EQUIVALENT_RIG if robot == RIG else robot)

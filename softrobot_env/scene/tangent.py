@@ -96,6 +96,19 @@ class StaticForces:
         gain = model.actuator_gainprm[:, 0] * self._unlimited(np.arange(model.nu))
         return (gain[:, None] * moment).T
 
+    def tip(self, qpos: np.ndarray) -> np.ndarray:
+        """Tip (3,) [m] in a posture (nq,)."""
+        self._data.qpos[:] = qpos
+        mujoco.mj_kinematics(self.model, self._data)
+        return self._data.site_xpos[self.model.site(TIP_SITE).id].copy()
+
+    def tendon_length(self, qpos: np.ndarray) -> np.ndarray:
+        """Lengths (ntendon,) [m] in a posture (nq,), as MuJoCo counts them."""
+        self._data.qpos[:] = qpos
+        for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
+            compute(self.model, self._data)
+        return self._data.ten_length.copy()
+
     def tip_by_turns(self) -> tuple[np.ndarray, np.ndarray]:
         """Tip (3,) [m] in the posture of the last `force`, and its derivative (3, nv) by turns."""
         site = self.model.site(TIP_SITE).id
@@ -108,6 +121,28 @@ class StaticForces:
         out = np.empty((self.model.nv, self.model.nv))
         mujoco.mj_makeM(self.model, self._data)
         mujoco.mj_fullM(self.model, self._data, out)
+        return out
+
+    def of_motion(self, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> np.ndarray:
+        """Generalised force (nv,) [N m] of inertia and damping: what a motion takes over a rest.
+
+        Args:
+            qpos: (nq,) posture.
+            qvel, qacc: (nv,) [rad/s, rad/s2].
+        """
+        model, data = self.model, self._data
+        data.qpos[:] = qpos
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_tendon(model, data)
+        mujoco.mj_transmission(model, data)
+        out = np.empty(model.nv)
+        mujoco.mj_makeM(model, data)
+        mujoco.mj_mulM(model, data, out, qacc)
+        for sign, velocity in ((1, qvel), (-1, 0.0)):
+            data.qvel[:] = velocity
+            mujoco.mj_fwdVelocity(model, data)
+            out += sign * (data.qfrc_bias - data.qfrc_passive)
         return out
 
     def _dead(self, axes: np.ndarray, anchors: np.ndarray) -> np.ndarray:

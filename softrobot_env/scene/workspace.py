@@ -8,7 +8,7 @@ import numpy as np
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.inverse import Ground, InverseStatics
-from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.registry import model_scene
 
 #: Actions of a sample unless told otherwise.
 SAMPLE = 300
@@ -60,7 +60,7 @@ def workspace_of(robot: RobotParams) -> Workspace:
         ValueError: The robot has no tendons.
         EquilibriumError: It does not stand under the action 0.
     """
-    inverse = InverseStatics(build_scene(scene_of(robot)))
+    inverse = InverseStatics(build_scene(model_scene(robot)))
     return Workspace(inverse, inverse.ground(_BENT))
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.arm.feedforward import Feedforward, FeedforwardPI
 from softrobot_env.control.arm.neural import NeuralPolicy
 from softrobot_env.control.arm.observer import RateObserver
 from softrobot_env.control.base import Controller
+from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI
 from softrobot_env.control.registry import (
     POLICIES,
     RIG_POLICIES,
@@ -34,7 +34,9 @@ def observe(reference, tip=None, action=(0.06, 0.06, 0.06)):
 
 
 def test_unknown_policy_lists_the_known_ones():
-    with pytest.raises(ValueError, match="hold, feedforward, feedforward_pi, static, qs_nn, lqi"):
+    with pytest.raises(
+        ValueError, match="hold, feedforward, feedforward_pi, static, chain_dynamics, qs_nn"
+    ):
         make_policy("pid", ARM, PERIOD)
 
 
@@ -56,7 +58,7 @@ def test_feedforward_says_when_the_reference_is_out_of_reach():
     action, state = Feedforward(ARM, PERIOD).predict(observe((0.4, 0.5)), None)
     # The arm is 0.5 m long and the reference 0.64 m away: at least 140 mm are missing.
     assert "out of reach" in state.status
-    assert state.statics.residual >= np.hypot(0.4, 0.5) - ARM.length
+    assert state.rest.error >= np.hypot(0.4, 0.5) - ARM.length
     assert np.all(np.isfinite(action)) and np.all(np.abs(action) <= 1)
 
 
@@ -65,7 +67,7 @@ def test_feedforward_says_when_tensions_saturate():
     tendons = tuple(replace(t, tension_limit=40.0) for t in ARM.tendons)
     policy = Feedforward(replace(ARM, tendons=tendons), PERIOD)
     action, state = policy.predict(observe((0.24, 0.30)), None)
-    assert state.statics.converged
+    assert state.rest.reached
     assert state.status == "tension limit reached"
     assert np.max(np.abs(action)) == 1.0
 
@@ -78,7 +80,7 @@ def test_integral_rests_while_an_action_is_saturated():
         action, state = policy.predict(observation, state)
     assert np.max(np.abs(action)) == 1.0
     assert state.status == "tension limit reached"
-    np.testing.assert_array_equal(state.integral, 0.0)
+    np.testing.assert_array_equal(state.memory, 0.0)
 
 
 def test_integral_accumulates_the_error_otherwise():
@@ -86,7 +88,7 @@ def test_integral_accumulates_the_error_otherwise():
     state = None
     for _ in range(10):
         _, state = policy.predict(observe((0.2, 0.44), tip=(0.199, 0.442)), state)
-    np.testing.assert_allclose(state.integral, [10 * PERIOD * 1e-3, -10 * PERIOD * 2e-3])
+    np.testing.assert_allclose(state.memory, [10 * PERIOD * 1e-3, -10 * PERIOD * 2e-3])
 
 
 def test_hold_keeps_the_arm_where_it_is():

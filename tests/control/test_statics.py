@@ -10,7 +10,7 @@ from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
 from softrobot_env.robots import ARM, RIG, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.registry import model_scene
 from softrobot_env.tasks import make_task
 
 
@@ -33,7 +33,7 @@ def test_the_tip_comes_to_rest_on_the_reference(name):
     for observation in observations:
         action, state = policy.predict(observation, state)
         assert state.status is None
-    scene, inputs = build_scene(scene_of(robot)), robot_inputs(robot)
+    scene, inputs = build_scene(model_scene(robot)), robot_inputs(robot)
     controls = np.zeros(scene.n_inputs)
     commanded = inputs.command(inputs.input_centre + action * inputs.input_scale)
     controls[: len(robot.tendons)] = commanded

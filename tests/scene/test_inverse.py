@@ -11,7 +11,7 @@ from softrobot_env.control.arm.statics import least_norm
 from softrobot_env.robots import ARM, EXAMPLES, RIG, Base, RobotParams, Tendon, find_robot
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics, spread
-from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.tangent import StaticForces
 from softrobot_env.scene.workspace import sample_of, workspace_of
 
@@ -67,7 +67,7 @@ def test_equilibria_of_the_inverse_have_their_tip_on_the_points(robot):
     """
     inverse, tips = inverse_of(robot), sample_of(robot, 40).tips[1:40:10]
     found = inverse.solve(tips)
-    scene, off = build_scene(scene_of(robot)), []
+    scene, off = build_scene(model_scene(robot)), []
     for point, inputs, guess in zip(tips, found.inputs, found.postures, strict=True):
         controls = np.zeros(scene.n_inputs)
         controls[: len(robot.tendons)] = inverse.inputs.command(inputs)
@@ -177,7 +177,7 @@ def test_a_sample_counts_what_it_leaves_out_and_stays_in_the_box(robot):
 
 
 def test_what_cannot_be_asked_is_refused():
-    bare = build_scene(scene_of(find_robot("cantilever_weak")))
+    bare = build_scene(model_scene(find_robot("cantilever_weak")))
     with pytest.raises(ValueError, match="'cantilever_weak' has no tendons"):
         InverseStatics(bare)
     scene = inverse_of(ARM).scene

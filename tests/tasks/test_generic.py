@@ -10,7 +10,7 @@ from softrobot_env.envs.reference import sample_reference
 from softrobot_env.robots import ARM, RIG, Base, RobotParams, Tendon, find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import build_scene
-from softrobot_env.scene.registry import scene_of
+from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.workspace import workspace_of
 from softrobot_env.tasks import make_task, remake_task, tasks_of
 
@@ -61,7 +61,7 @@ def test_the_tip_can_rest_all_along_a_path(robot, name):
 @pytest.mark.parametrize("name", ["reach", *PATHS])
 def test_the_start_is_held_by_the_start_input(robot, name):
     task, inputs = make_task(name, robot=robot), robot_inputs(robot)
-    scene = build_scene(scene_of(robot))
+    scene = build_scene(model_scene(robot))
     controls = np.zeros(scene.n_inputs)
     controls[: len(robot.tendons)] = inputs.command(np.array(task.start_input))
     tip = scene.tip(scene.equilibrium(controls))

@@ -1,0 +1,183 @@
+"""Inverse dynamics of any robot: servo constraints on its MuJoCo chain, about its statics.
+
+The tip is to move along z(t) (servo constraint, thesis (5.30) to (5.33)). Were the motion slow, the
+chain would go through its equilibria q_s(z). Inertia and damping along them, w = M q_s'' + D q_s' +
+C(q_s, q_s'), move the posture by x and ask for more tension, by the actions a_d:
+
+    K x + M x'' + D x' = B a_d - w,    J x = 0,
+
+with the stiffness K, the tensions' lever arms B and the tip's Jacobian J in that equilibrium. What
+is left besides the tip, the internal dynamics, is not integrated: it need not be stable, as the
+tip of a bending robot is not minimum phase. Instead it is taken as quasi-static first, x_0, then M
+and D act on x_0(t), a series in the square of the reference's frequency over those of the chain
+with its tip held. Of the a_d that do it, those with the least norm are taken, within the limits.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.control.feedforward.law import Feedforward, FeedforwardState
+from softrobot_env.control.feedforward.statics import ChainStatics, Rest
+from softrobot_env.control.status import REASONS, SATURATED
+from softrobot_env.fields import Positive, check_argument
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.inverse import Linear, least_step
+
+#: Share of the reach within which the path of equilibria is taken as a parabola.
+_NEAR = 5e-3
+
+#: x(t) at the last instants -> its rate and its second derivative, over the period and its square.
+_FIRST, _SECOND = np.array([1.5, -2.0, 0.5, 0.0]), np.array([2.0, -5.0, 4.0, -1.0])
+
+#: Way of the tip, over `_NEAR` of the reach, that a part of the tensions left out must be worth.
+_FELT = 1.0
+
+_SLOW, _FAST = "servo too slow", "reference too fast for the internal dynamics"
+
+
+class Moving(NamedTuple):
+    """Memory of the inverse dynamics.
+
+    Attributes:
+        acceleration: (k,) [m/s2], of the last reference; None at the start.
+        inputs: (n_inputs,), the last ones wanted; None at the start.
+        shifts: (up to 3, nv) [rad], x_0 at the last instants, newest first.
+    """
+
+    acceleration: np.ndarray | None = None
+    inputs: np.ndarray | None = None
+    shifts: tuple[np.ndarray, ...] = ()
+
+
+class InverseDynamics(Feedforward):
+    """Inputs that move the tip along the reference, by the dynamics of the robot's chain.
+
+    They hold for a control period, so they are those for the middle of it. The state's `status`
+    says besides what `Feedforward` says where an input is at its limit, a servo is too slow, or the
+    reference is so fast that the internal dynamics cannot be told from the equilibria.
+    """
+
+    requires = ("reference", "reference_velocity", "reference_acceleration", "previous_action")
+
+    def __init__(self, robot: RobotParams, control_period: float, orders: int = 2) -> None:
+        """Of any robot with tendons, at a control period [s]; ValueError for one without."""
+        check_argument("control_period", control_period, Positive)
+        super().__init__(robot, control_period, closed=False)
+        self._statics: ChainStatics
+        self._orders = orders
+        self._period, self._speed = control_period, robot.drive.speed
+        self._near = _NEAR * robot.reach
+
+    def _remembered(self) -> Moving:
+        return Moving()
+
+    def _ahead(
+        self, observation: Observation, state: FeedforwardState
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Reference, velocity and acceleration (k,) in the middle of the period."""
+        z, dz, ddz = (observation[name] for name in self.requires[:3])
+        before, h = state.memory.acceleration, self._period / 2
+        jerk = 0.0 if before is None else (ddz - before) / self._period
+        square = h * h / 2
+        return (
+            z + h * dz + square * (ddz + h / 3 * jerk),
+            dz + h * ddz + square * jerk,
+            ddz + h * jerk,
+        )
+
+    def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
+        return self._ahead(observation, state)[0]
+
+    def _added(
+        self, observation: Observation, rest: Rest, state: FeedforwardState
+    ) -> tuple[np.ndarray, Moving, str | None]:
+        """Inputs of the motion; at rest those of the statics."""
+        _, velocity, acceleration = self._ahead(observation, state)
+        now = observation["reference_acceleration"].copy()
+        linear = self._statics.linearised(rest) if rest.reached else None
+        if linear is None:
+            return rest.inputs, Moving(now), None
+        inputs, shifts, reason = self._moving(rest, linear, velocity, acceleration, state.memory)
+        driven, late = self._driven(inputs, state.memory.inputs)
+        return driven, Moving(now, inputs, shifts), reason or late
+
+    def _moving(
+        self,
+        rest: Rest,
+        linear: Linear,
+        velocity: np.ndarray,
+        acceleration: np.ndarray,
+        memory: Moving,
+    ) -> tuple[np.ndarray, tuple[np.ndarray, ...], str | None]:
+        """Inputs, the next shifts, and what is to be said."""
+        place, solver = rest.place, self._statics.solver(rest.spatial)
+        rate, change = self._through_rests(rest, linear, velocity, acceleration)
+        force = solver.of_motion(place.posture, rate, change)
+        step, shift = self._balanced(place.action, linear, force)
+        shifts, reason = (shift, *memory.shifts)[:4], None
+        if len(shifts) == 4 and self._orders > 1:
+            stack = np.array(shifts)
+            more = solver.of_motion(
+                place.posture, _FIRST @ stack / self._period, _SECOND @ stack / self._period**2
+            )
+            full, moved = self._balanced(place.action, linear, force + more)
+            share = min(1.0, np.linalg.norm(shift) / max(np.linalg.norm(moved - shift), 1e-12))
+            step, shift = step + share * (full - step), shift + share * (moved - shift)
+            felt = linear.tip_by_actions @ (full - step)
+            if share < 1 and np.linalg.norm(felt) > _FELT * self._near:
+                reason = _FAST
+        posture = solver.moved(place.posture, shift)
+        inputs = solver.inputs_for(place.action + step, posture)
+        limited = np.abs(place.action + step).max() >= 1.0
+        return inputs, shifts[:3], REASONS[SATURATED] if limited else reason
+
+    def _through_rests(
+        self, rest: Rest, linear: Linear, velocity: np.ndarray, acceleration: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Rate and second derivative (nv,) of the posture along the equilibria of the reference."""
+        speed, pull = np.linalg.norm(velocity), np.linalg.norm(acceleration)
+        if speed == pull == 0:
+            return np.zeros((2, len(linear.stiffness)))
+        h = min(self._near / max(speed, 1e-12), np.sqrt(self._near / max(pull, 1e-12)))
+        solver = self._statics.solver(rest.spatial)
+        along = solver.directions[:, self._statics.axes(len(velocity))]
+        turns = [
+            self._beside(rest, linear, along @ (sign * h * velocity + h * h / 2 * acceleration))
+            for sign in (1, -1)
+        ]
+        return (turns[0] - turns[1]) / (2 * h), (turns[0] + turns[1]) / h**2
+
+    def _beside(self, rest: Rest, linear: Linear, way: np.ndarray) -> np.ndarray:
+        """Turns (nv,) from a rest to that of a tip a small way (k,) [m] beside it."""
+        place, solver = rest.place, self._statics.solver(rest.spatial)
+        target = linear.tip + way
+        action, posture = place.action, place.posture
+        for near in (linear, None):
+            near = near or solver.linearised(action, posture)
+            if near is None:
+                return solver.turns(place.posture, posture)
+            step, _ = least_step(near.tip_by_actions, target - near.tip, action, 0.0)
+            turn = near.balance + near.by_actions @ step
+            action, posture = action + step, solver.moved(posture, turn)
+        return solver.turns(place.posture, posture)
+
+    def _balanced(
+        self, action: np.ndarray, linear: Linear, force: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Change (m,) of the actions, and shift (nv,), under more force without the tip moving."""
+        bent = np.linalg.solve(linear.stiffness, force)
+        step, _ = least_step(linear.tip_by_actions, linear.tip_by_turns @ bent, action, 0.0)
+        return step, linear.by_actions @ step - bent
+
+    def _driven(
+        self, wanted: np.ndarray, before: np.ndarray | None
+    ) -> tuple[np.ndarray, str | None]:
+        """Commands with which servos are on average where they should be in a period."""
+        if before is None or np.isinf(self._speed):
+            return wanted, None
+        rate = (wanted - before) / self._period
+        # A servo takes a while, |rate| T / speed, for its way in a period.
+        late = np.minimum(np.abs(rate), self._speed) * self._period / (2 * self._speed)
+        return wanted + late * rate, _SLOW if np.abs(rate).max() > self._speed else None

@@ -1,0 +1,178 @@
+"""Inverse statics as feedforward, alone or with PI feedback (the structure of thesis sec. 6.1)."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.feedforward.statics import Rest, statics_of
+from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED
+from softrobot_env.fields import NotNegative, Positive, check_argument
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams
+
+
+@dataclass(frozen=True)
+class FeedforwardState:
+    """What the next call needs.
+
+    Attributes:
+        target: (k,) [m], point that `rest` belongs to.
+        rest: Where the tip rests on it, or comes nearest.
+        memory: Of what is added to the statics; with PI feedback the integrated tip error (k,)
+            [m s].
+        status: Why the action is not the one wanted, or None.
+    """
+
+    target: np.ndarray
+    rest: Rest
+    memory: Any
+    status: str | None
+
+
+class Feedforward(Controller):
+    """The inputs of least norm in whose equilibrium the tip is at the present reference.
+
+    The quasi-static law of any robot: it follows the inverse statics along the reference from one
+    decision to the next. Out of reach, the inputs that come nearest are held and the state's
+    `status` says so.
+    """
+
+    requires = ("reference", "previous_action")
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        closed: bool = True,
+        weights: str | Path | None = None,
+    ) -> None:
+        """Find the statics.
+
+        Args:
+            robot: With tendons.
+            control_period: Any, [s].
+            closed: Whether by the closed form, where the robot has one, or by its MuJoCo chain.
+            weights: File of a network that knows them, see `training.quasi_static`.
+
+        Raises:
+            ValueError: The robot has no tendons, or the network is of another robot.
+            FileNotFoundError: No such file.
+        """
+        self._statics = statics_of(robot, closed, weights)
+        self._inputs = self._statics.inputs
+        self.sizes = {"previous_action": self._inputs.n_inputs}
+        if self._statics.dimension is not None:
+            self.sizes |= dict.fromkeys(self._points(), self._statics.dimension)
+
+    def _points(self) -> list[str]:
+        """Observables with as many entries as the reference."""
+        return [n for n in self.requires if n.startswith(("reference", "tip_position"))]
+
+    def start(self, observation: Observation) -> FeedforwardState:
+        """Begin from the inputs in force.
+
+        Raises:
+            ValueError: The reference has not two or three coordinates, or others have another
+                number.
+        """
+        sizes = {len(observation[name]) for name in self._points()}
+        if len(sizes) > 1 or not sizes <= {2, 3}:
+            raise ValueError(
+                f"{type(self).__name__} needs 2 or 3 entries of {', '.join(self._points())} each, "
+                f"got {', '.join(str(len(observation[name])) for name in self._points())}"
+            )
+        action = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
+        inputs = self._inputs.input_centre + action * self._inputs.input_scale
+        nowhere = np.full(sizes.pop(), np.nan)
+        return FeedforwardState(nowhere, self._statics.begin(inputs), self._remembered(), None)
+
+    def _remembered(self) -> Any:
+        """The memory of a motion that begins."""
+
+    def act(
+        self, observation: Observation, state: FeedforwardState
+    ) -> tuple[np.ndarray, FeedforwardState]:
+        """Statics of the target, and what is added to them."""
+        if not all(np.isfinite(observation[name]).all() for name in self.requires):
+            kept = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
+            return kept, replace(state, status=REASONS[NOT_FINITE])
+        target, rest = self._target(observation, state), state.rest
+        if not np.array_equal(target, state.target):  # it rests most of the time
+            rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
+        inputs, memory, reason = self._added(observation, rest, state)
+        wanted = (inputs - self._inputs.input_centre) / self._inputs.input_scale
+        action = np.clip(wanted, -1.0, 1.0)
+        reason = REASONS[SATURATED] if np.any(np.abs(wanted) > 1 + 1e-9) else reason
+        status = reason if rest.reached else self._statics.missed
+        return action, FeedforwardState(target, rest, memory, status)
+
+    def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
+        """Where the tip should be, (k,) [m]."""
+        return observation["reference"].copy()
+
+    def _added(
+        self, observation: Observation, rest: Rest, state: FeedforwardState
+    ) -> tuple[np.ndarray, Any, str | None]:
+        """Inputs (n_inputs,), the next memory, and why they are not those wanted, or None."""
+        return rest.inputs, state.memory, None
+
+
+class FeedforwardPI(Feedforward):
+    """u = u_ff(z_ref) + J+ (K_P e + K_I int e dt), e = z_ref - z.
+
+    J is the static tip Jacobian at u_ff; J+ is damped, because J loses rank in the straight pose.
+    The error is integrated only while no input is at its limit (no wind-up).
+
+    Quasi-statically the plant from J+ e to e has unit gain, and its first mode (frequency w,
+    damping rate mu w^2) limits both gains: an action held for a period T acts T / 2 late on
+    average, which takes K_P w^2 T / 2 from the damping rate, so K_P < 2 mu / T; pure integral
+    action needs K_I < mu w^2. The default gains are fractions of these limits, and K_P at most 2.
+    They track better than feedforward alone but damp nothing, so that a step swings longer.
+    """
+
+    requires = ("reference", "previous_action", "tip_position")
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        proportional: float | None = None,
+        integral: float | None = None,
+        weights: str | Path | None = None,
+    ) -> None:
+        """Set the gains.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between calls.
+            proportional: K_P [1]; by default 0.4 of its limit, at most 2.
+            integral: K_I [1/s]; by default 0.45 of its limit.
+            weights: As of `Feedforward`.
+        """
+        check_argument("control_period", control_period, Positive)
+        check_argument("proportional", proportional, NotNegative | None)
+        check_argument("integral", integral, NotNegative | None)
+        super().__init__(robot, control_period, weights=weights)
+        self._period = control_period
+        frequency, damping_time = self._statics.first_mode()
+        gain = min(2.0, 0.8 * damping_time / control_period)
+        self._proportional = gain if proportional is None else proportional
+        self._integral = 0.45 * damping_time * frequency**2 if integral is None else integral
+
+    def _remembered(self) -> float:
+        return 0.0
+
+    def _added(
+        self, observation: Observation, rest: Rest, state: FeedforwardState
+    ) -> tuple[np.ndarray, np.ndarray, str | None]:
+        """See `Feedforward`; the integral stays as it is where an input is limited."""
+        error = observation["reference"] - observation["tip_position"]
+        integral = state.memory + self._period * error
+        change = self._proportional * error + self._integral * integral
+        inputs, limited = self._statics.shifted(rest, change)
+        if limited:
+            return inputs, state.memory, REASONS[SATURATED]
+        return inputs, integral, None

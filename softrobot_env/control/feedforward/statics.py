@@ -1,0 +1,297 @@
+"""The statics behind the feedforward laws: in closed form, of the MuJoCo chain, or a network."""
+
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from scipy.linalg import eigh
+
+from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.control.arm.statics import least_norm
+from softrobot_env.control.status import REASONS, UNREACHABLE
+from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.learned.inference import CompiledInference
+from softrobot_env.learned.network import check_ends, fingerprint, load_for
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import Inputs, robot_inputs
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.inverse import Held, InverseStatics, Linear, Place, least_step
+from softrobot_env.scene.registry import model_scene
+from softrobot_env.scene.tangent import StaticForces
+
+#: [m/N], singular values of J well below it are not inverted by the closed form's feedback.
+_DAMPING = 1e-3
+#: The same for a chain, by the whole range of actions over the reach.
+_DAMPING_SHARE = 0.04
+
+#: Distance of the tip at rest from the reference, as a share of the reach, that counts as out of
+#: reach. Paths of tasks are series through solved points, good to a hundredth of it.
+_OFF = 1e-4
+#: Share of it at which a decision is done, and small steps it takes at most.
+_NEAR, _RELAXATIONS = 0.1, 4
+
+
+class Rest(NamedTuple):
+    """Where the tip rests.
+
+    Attributes:
+        inputs: (n_inputs,), which hold it there.
+        error: [m], its distance from the point wanted.
+        reached: Whether it is on it.
+        place: Of a chain, from which the next point is looked for; None at first, where the inputs
+            in force have no equilibrium.
+        spatial: Whether a chain's tip is held in all three coordinates, rather than in two of which
+            the third follows.
+        target: Of a network, (k,) [m].
+    """
+
+    inputs: np.ndarray
+    error: float = 0.0
+    reached: bool = True
+    place: Place | None = None
+    spatial: bool = False
+    target: np.ndarray | None = None
+
+
+class Statics(Protocol):
+    """Inverse statics of a robot, decision by decision.
+
+    Attributes:
+        inputs: Of the robot, what `robot_inputs` returns.
+        dimension: Coordinates of a reference; None where two or three will do.
+        missed: What is said of a target that is not reached.
+    """
+
+    inputs: Inputs
+    dimension: int | None
+    missed: str
+
+    def begin(self, inputs: np.ndarray) -> Rest:
+        """Where inputs (n_inputs,) in force lead."""
+
+    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+        """Inputs of least norm that hold the tip at a target (k,) [m], from those of one before.
+
+        For the first target they may be anywhere.
+        """
+
+    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Inputs (n_inputs,) that move the tip by (k,) [m] to first order; if one is limited."""
+
+    def first_mode(self) -> tuple[float, float]:
+        """Angular frequency [rad/s] and damping time [s] of the slowest mode."""
+
+
+def statics_of(
+    robot: RobotParams, closed: bool = True, network: str | Path | None = None
+) -> Statics:
+    """A network, if a file of one is given; the closed form where there is one; else the chain.
+
+    Raises:
+        ValueError: The robot has no tendons, or the network is of another robot.
+        FileNotFoundError: No such file.
+    """
+    if network is not None:
+        return NetworkStatics(robot, Path(network))
+    try:
+        return ClosedStatics(robot) if closed else ChainStatics(robot)
+    except ValueError:
+        return ChainStatics(robot)
+
+
+class ClosedStatics:
+    """See `Statics`: constant curvature between the ends of planar pairs, without gravity."""
+
+    dimension = 2
+    missed = REASONS[UNREACHABLE]
+
+    def __init__(self, robot: RobotParams) -> None:
+        """Raise ValueError for robots without constant-curvature statics."""
+        self._robot, self._statics = robot, ConstantCurvatureStatics(robot)
+        self.inputs = robot_inputs(robot)
+        if self.inputs.unit != "N":
+            raise ValueError(f"robot {robot.name!r}: constant-curvature statics are of tensions")
+
+    def begin(self, inputs: np.ndarray) -> Rest:
+        """See `Statics`."""
+        return Rest(inputs)
+
+    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+        """See `Statics`. Out of reach, the inputs of the smallest residual."""
+        found = least_norm(self._statics, target, before.inputs)
+        return Rest(found.reduced, found.residual, found.converged)
+
+    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+        """See `Statics`."""
+        jacobian = self._statics.jacobian(rest.inputs)
+        square = jacobian @ jacobian.T + _DAMPING**2 * np.eye(2)
+        inputs = rest.inputs + jacobian.T @ np.linalg.solve(square, change)
+        return inputs, bool(np.any(np.abs(inputs) > self._statics.limit))
+
+    def first_mode(self) -> tuple[float, float]:
+        """See `Statics`."""
+        return 2 * np.pi * self._robot.first_frequency, self._robot.damping_time
+
+
+class NetworkStatics:
+    """See `Statics`: a network from the tip's place to the actions that hold it there.
+
+    Trained with samples of the chain's inverse statics, or of a robot's (`training.quasi_static`).
+    """
+
+    missed = "outside the trained workspace"
+
+    def __init__(self, robot: RobotParams, path: Path) -> None:
+        """Load the network; errors as `statics_of`."""
+        self._robot, self.inputs = robot, robot_inputs(robot)
+        command = f"softrobot train qs_nn --robot {robot.name}"
+        network, about = load_for(path, robot, command, fingerprint)
+        check_ends(network, (network.sizes[0], self.inputs.n_inputs), str(path))
+        self.dimension = network.sizes[0]
+        about.check_shape("tips", (None, self.dimension))
+        about.check_shape("spacing", ())
+        self._network = CompiledInference(network)
+        self._tips, self._spacing = about["tips"], float(about["spacing"])
+
+    def begin(self, inputs: np.ndarray) -> Rest:
+        """See `Statics`; nothing is remembered."""
+        return Rest(inputs)
+
+    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+        """See `Statics`."""
+        action = self._network(np.ascontiguousarray(target))
+        away = float(np.sqrt(((self._tips - target) ** 2).sum(axis=1).min()))
+        inputs = self.inputs.input_centre + action * self.inputs.input_scale
+        return Rest(inputs, away, away <= self._spacing, target=target)
+
+    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+        """See `Statics`: what the network gives for a place shifted by that."""
+        inputs = self.hold(rest.target + change, rest, False).inputs
+        limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
+        return inputs, bool(limited.any())
+
+    def first_mode(self) -> tuple[float, float]:
+        """See `Statics`: of the chain."""
+        return ChainStatics(self._robot).first_mode()
+
+
+class ChainStatics:
+    """See `Statics`: inverse statics of the MuJoCo chain, each decision from the one before.
+
+    References may have two coordinates, x and z of a planar robot and x and y of a spatial one, or
+    three; a third that does not follow from the other two is met as well where the robot has inputs
+    left.
+
+    Attributes:
+        scene: Of the robot.
+        inverse: Along its own directions, of which a third coordinate follows.
+        world: Along x, y and z.
+    """
+
+    dimension = None
+    missed = REASONS[UNREACHABLE]
+
+    def __init__(self, robot: RobotParams) -> None:
+        """Of any robot with tendons; ValueError else."""
+        self.scene = build_scene(model_scene(robot))
+        self.inverse = InverseStatics(self.scene)
+        self.world = self.inverse.along(np.eye(3))
+        self.inputs = self.inverse.inputs
+        self._off, self._damping = _OFF * robot.reach, _DAMPING_SHARE * robot.reach
+
+    def begin(self, inputs: np.ndarray) -> Rest:
+        """See `Statics`."""
+        try:
+            return Rest(inputs, place=self.inverse.place(inputs))
+        except EquilibriumError:  # a motion may begin anywhere
+            return Rest(inputs)
+
+    def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+        """See `Statics`. Out of reach, the inputs that come nearest, within their limits."""
+        if before.place is not None:
+            ways = (True, False) if before.spatial else (False, True)
+            for spatial in ways if self._can_lift(target) else (False,):
+                rest = self._followed(target, before.place, spatial)
+                if rest is not None and rest.reached:
+                    return rest
+        return self._searched(target, before, first)
+
+    def _followed(self, target: np.ndarray, place: Place, spatial: bool) -> Rest | None:
+        """A step on, or some: a third coordinate follows once the inputs have the least norm."""
+        solver, rest = self.solver(spatial), None
+        for _ in range(_RELAXATIONS):
+            found = solver.follow(self._point(target, spatial), place)
+            if found is None:
+                return None
+            rest, place = self._rest(found, target, spatial), found
+            if rest.error <= _NEAR * self._off:
+                break
+        return rest
+
+    def linearised(self, rest: Rest) -> Linear | None:
+        """About a rest, along the directions that hold it there."""
+        return self.solver(rest.spatial).linearised(rest.place.action, rest.place.posture)
+
+    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+        """See `Statics`. Actions at their bound stay there, and the others make up for them."""
+        place = rest.place
+        linear = None if place is None else self.world.linearised(place.action, place.posture)
+        if linear is None:
+            return rest.inputs, True
+        jacobian = linear.tip_by_actions[self.axes(len(change))]
+        step, _ = least_step(jacobian, change, place.action, 0.0, self._damping)
+        posture = self.world.moved(place.posture, linear.by_actions @ step)
+        inputs = self.world.inputs_for(place.action + step, posture)
+        limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
+        return inputs, bool(limited.any() or np.any(np.abs(place.action + step) >= 1.0))
+
+    def first_mode(self) -> tuple[float, float]:
+        """See `Statics`: of the chain linearised under the action 0, its drives at rest."""
+        rest = self.inverse.place(self.inputs.input_centre)
+        forces, model = StaticForces(self.scene.model), self.scene.model
+        forces.force(rest.posture, self.inverse.controls(rest.inputs))
+        stiffness = -forces.tangent()
+        squares, modes = eigh((stiffness + stiffness.T) / 2, forces.mass(), subset_by_index=[0, 0])
+        rate = float(modes[:, 0] ** 2 @ model.dof_damping)
+        return float(np.sqrt(squares[0])), rate / float(squares[0])
+
+    def error(self, posture: np.ndarray, target: np.ndarray) -> float:
+        """Distance [m] of the tip in a posture (nq,) from all coordinates of a target (k,)."""
+        return float(np.linalg.norm(self.inverse.tip(posture)[self.axes(len(target))] - target))
+
+    def solver(self, spatial: bool) -> InverseStatics:
+        """Along all three directions, or its own."""
+        return self.world if spatial else self.inverse
+
+    def _can_lift(self, target: np.ndarray) -> bool:
+        return len(target) == 3 and self.inverse.freedom > 2
+
+    def axes(self, size: int) -> list[int]:
+        """Which coordinates of the world a reference of two or three is about."""
+        if size == 3:
+            return [0, 1, 2]
+        return [0, 2] if self.scene.config.bending == "planar" else [0, 1]
+
+    def _point(self, target: np.ndarray, spatial: bool) -> np.ndarray:
+        """The target along the directions of a solver."""
+        return self.solver(spatial).directions[:, self.axes(len(target))] @ target
+
+    def _rest(self, found: Place, target: np.ndarray, spatial: bool) -> Rest:
+        error = self.error(found.posture, target) if np.isfinite(found.error) else np.inf
+        return Rest(found.inputs, error, error <= self._off, found, spatial)
+
+    def _searched(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
+        """Solved from the place before, or from anywhere; that place stays where it is not met."""
+        point = np.zeros((1, 3))
+        point[0, self.axes(len(target))] = target
+        start, best = before.place, None
+        for spatial in (False, True) if self._can_lift(target) else (False,):
+            held = None if start is None else Held(start.inputs[None], start.posture[None], None)
+            found = self.solver(spatial).solve(point, held, first)
+            place = self.inverse.place(found.inputs[0], found.postures[0])
+            place = place._replace(error=found.errors[0])
+            rest = self._rest(place, target, spatial)
+            best = rest if best is None or rest.error < best.error else best
+            if best.reached:
+                return best
+        return best._replace(place=start)

@@ -1,0 +1,145 @@
+"""Network of a robot's inverse statics: the tip's place -> the actions that hold it there.
+
+The quasi-static controller of the thesis (sec. 5.1) for any robot, trained with samples of the
+inverse statics of its MuJoCo chain.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softrobot_env.fields import Count, check_fields
+from softrobot_env.interfaces import Show
+from softrobot_env.learned import bayesian
+from softrobot_env.learned.network import Dataset, Network, fingerprint
+from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.inverse import Held, InverseStatics
+from softrobot_env.scene.registry import model_scene
+
+#: Share of the samples that the training does not see.
+_KEPT = 0.15
+
+
+@dataclass(frozen=True)
+class Learning:
+    """How a network is trained.
+
+    Attributes:
+        samples: Number of places; some are left out, where no inputs hold the tip.
+        hidden: Neurons of each hidden layer.
+        iterations: Most steps of the training.
+    """
+
+    samples: Count = 1200
+    hidden: tuple[Count, ...] = (20, 20)
+    iterations: Count = 150
+
+    def __post_init__(self) -> None:
+        check_fields(self, "learning")
+
+
+@dataclass(frozen=True)
+class Trained:
+    """A network, and how well it knows places that it has not seen.
+
+    Attributes:
+        network: Tip (k,) [m] in the world's x and z, x and y, or x, y and z -> actions.
+        about: For its file: of which robot it is, the places it has seen and how near to one of
+            them a place has to be.
+        errors: (n,) [m], how far from places it has not seen it brings the tip to rest.
+        left_out: Number of samples without inputs that hold the tip.
+    """
+
+    network: Network
+    about: dict[str, object]
+    errors: np.ndarray
+    left_out: int
+
+
+def train(
+    robot: RobotParams, seed: int = 0, show: Show | None = None, how: Learning | None = None
+) -> Trained:
+    """Train the network of a robot.
+
+    Raises:
+        ValueError: The robot has no tendons, or its tip only moves on a line.
+        EquilibriumError: It does not stand under the action 0.
+    """
+    how = how or Learning()
+    rng = np.random.default_rng(seed)
+    inverse = inverse_of(robot)
+    tips, held = hold_sample(inverse, how.samples, show)
+    scale, centre = inverse.inputs.input_scale, inverse.inputs.input_centre
+    data = Dataset(tips, (held.inputs - centre) / scale)
+    order = rng.permutation(len(tips))
+    kept = max(1, int(_KEPT * len(tips)))
+    seen, unseen = data.take(order[kept:]), order[:kept]
+
+    def report(done: int, total: int, error: float) -> None:
+        if show is not None:
+            show(f"squared error {error:.4g}", done, total)
+
+    fit = bayesian.train(seen.new_network(how.hidden, rng), seen, how.iterations, report)
+    errors = _errors(inverse, fit.network, tips[unseen], held.postures[unseen])
+    about = fingerprint(robot) | {
+        "tips": seen.inputs,
+        "spacing": _spacing(seen.inputs),
+        "error": float(np.median(errors)),
+        "seed": seed,
+    }
+    return Trained(fit.network, about, errors, how.samples + 1 - len(tips))
+
+
+def inverse_of(robot: RobotParams) -> InverseStatics:
+    """Inverse statics in all coordinates that a robot's inputs move freely."""
+    inverse = InverseStatics(build_scene(model_scene(robot)))
+    if inverse.freedom < 2:
+        raise ValueError(
+            f"robot {robot.name!r} has {inverse.freedom} independent input: its tip moves on a "
+            "line, and a network of places needs two"
+        )
+    planar = inverse.scene.config.bending == "planar"
+    axes = [0, 2] if planar else [0, 1, 2][: min(3, inverse.freedom)]
+    return inverse.along(np.eye(3)[axes])
+
+
+def hold_sample(
+    inverse: InverseStatics, count: int, show: Show | None = None
+) -> tuple[np.ndarray, Held]:
+    """Places (n, k) [m] all over the workspace, and the inputs of least norm that hold them.
+
+    Each is looked for from the nearest that is known, so that neighbours have like inputs.
+    """
+    sample, _ = inverse.sample(count)
+    points = np.array([inverse.tip(posture) for posture in sample.postures])
+    tips = points @ inverse.directions.T
+    known = inverse.solve(points[:1])
+    rows, found = [known], [0]
+    for k in range(1, len(tips)):
+        if show is not None and k % 20 == 0:
+            show("inverse statics", k, len(tips))
+        near = rows[int(np.argmin(np.linalg.norm(tips[found] - tips[k], axis=1)))]
+        held = inverse.solve(points[k : k + 1], near, anywhere=False)
+        if held.errors[0] <= inverse.tolerance:
+            rows.append(held)
+            found.append(k)
+    return tips[found], Held(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+
+
+def _errors(
+    inverse: InverseStatics, network: Network, tips: np.ndarray, postures: np.ndarray
+) -> np.ndarray:
+    """Distances (n,) [m] of tips (n, k) from where the network's inputs let them rest."""
+    actions = np.clip(network(tips), -1.0, 1.0)
+    wanted = inverse.inputs.input_centre + actions * inverse.inputs.input_scale
+    rests = [inverse.posture(u, q) for u, q in zip(wanted, postures, strict=True)]
+    reached = np.array([inverse.directions @ inverse.tip(rest) for rest in rests])
+    return np.linalg.norm(reached - tips, axis=1)
+
+
+def _spacing(tips: np.ndarray) -> float:
+    """[m], within which nearly every place has another."""
+    apart = np.linalg.norm(tips[:, None] - tips[None], axis=2)
+    np.fill_diagonal(apart, np.inf)
+    return float(np.quantile(apart.min(axis=1), 0.98))
