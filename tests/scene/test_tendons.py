@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.postures import posed
 
 from softrobot_env.robots import ARM, Tendon
 from softrobot_env.scene.build import build_scene
@@ -33,13 +34,6 @@ def evenly(spans):
 
 def elastic(guides=()):
     return pair(guides, stiffness=STIFFNESS, pretension=PRETENSION)
-
-
-def posed(model, q):
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
-    return data
 
 
 def guide_path(layout, q, offset, stations):
