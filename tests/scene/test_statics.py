@@ -34,7 +34,7 @@ def solve(robot, n, rule, ctrl=(), **options):
 
 def tip(robot, n, rule, ctrl=(), **options):
     model, posture = solve(robot, n, rule, ctrl, **options)
-    return tips(model, posture[None])[0, [0, 2]]
+    return tips(model, posture)[[0, 2]]
 
 
 def moment_error(n, rule, moment=1.0):
@@ -151,7 +151,7 @@ def test_weight_in_any_direction_matches_the_elastica(slope):
     for share in (0.2, 0.4, 0.6, 0.8, 1.0):
         model.opt.gravity[:] = 9.81 * share * direction
         posture = equilibrium(model, np.zeros(0), posture)
-    assert np.linalg.norm(tips(model, posture[None])[0, [0, 2]] - truth) < 0.6e-3
+    assert np.linalg.norm(tips(model, posture)[[0, 2]] - truth) < 0.6e-3
 
 
 def test_equilibrium_is_at_rest_in_the_simulation():
