@@ -145,3 +145,12 @@ def hold_action():
         return (np.array(env.task.start_input) / env.input_scale).astype(np.float32)
 
     return action
+
+
+@pytest.fixture
+def patience():
+    """Patience with robots of a busy machine, for `pytest.mark.usefixtures("patience")`."""
+    from support.patience import patient_drivers  # needs the robot extra
+
+    with patient_drivers():
+        yield

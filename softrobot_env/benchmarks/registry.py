@@ -36,11 +36,15 @@ class Benchmark:
     options: tuple[str, ...] = ()
 
 
-def _found_at(
-    run: str, tables: str, plot: str | None = None, options: tuple[str, ...] = ()
+def _in_folder(
+    name: str,
+    run: str = "run:run",
+    plot: str | None = "plots:plot",
+    options: tuple[str, ...] = (),
 ) -> Callable[[], Benchmark]:
-    """What loads a benchmark whose functions are at these paths."""
-    paths = (run, tables) if plot is None else (run, tables, plot)
+    """What loads the benchmark in a folder; its functions are at these places in it."""
+    places = (run, "tables:tables") if plot is None else (run, "tables:tables", plot)
+    paths = [f"{__package__}.{name}.{place}" for place in places]
     return lambda: Benchmark(*map(load, paths), options=options)
 
 
@@ -48,65 +52,17 @@ def _found_at(
 BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
     "benchmark",
     {
-        "accuracy": _found_at(
-            "softrobot_env.benchmarks.accuracy.run:run",
-            "softrobot_env.benchmarks.accuracy.tables:tables",
-            "softrobot_env.benchmarks.accuracy.plots:plot",
-        ),
-        "contacts": _found_at(
-            "softrobot_env.benchmarks.contacts.run:run",
-            "softrobot_env.benchmarks.contacts.tables:tables",
-            "softrobot_env.benchmarks.contacts.plots:plot",
-        ),
-        "controllers": _found_at(
-            "softrobot_env.benchmarks.controllers.run:run",
-            "softrobot_env.benchmarks.controllers.tables:tables",
-            "softrobot_env.benchmarks.controllers.plots:plot",
-        ),
-        "generalization": _found_at(
-            "softrobot_env.benchmarks.generalization.run:run",
-            "softrobot_env.benchmarks.generalization.tables:tables",
-            "softrobot_env.benchmarks.generalization.plots:plot",
-        ),
-        "learning": _found_at(
-            "softrobot_env.benchmarks.learning.run:run",
-            "softrobot_env.benchmarks.learning.tables:tables",
-            "softrobot_env.benchmarks.learning.plots:plot",
-        ),
-        "rig": _found_at(
-            "softrobot_env.benchmarks.rig.run:run",
-            "softrobot_env.benchmarks.rig.tables:tables",
-            "softrobot_env.benchmarks.rig.plots:plot",
-        ),
-        "rig_networks": _found_at(
-            "softrobot_env.benchmarks.rig_networks.run:run_on_twin",
-            "softrobot_env.benchmarks.rig_networks.tables:tables",
-            "softrobot_env.benchmarks.rig_networks.plots:plot",
-        ),
-        "scenes": _found_at(
-            "softrobot_env.benchmarks.scenes.run:run",
-            "softrobot_env.benchmarks.scenes.tables:tables",
-            "softrobot_env.benchmarks.scenes.plots:plot",
-            options=("count", "seed"),
-        ),
-        "sections": _found_at(
-            "softrobot_env.benchmarks.sections.run:run",
-            "softrobot_env.benchmarks.sections.tables:tables",
-            "softrobot_env.benchmarks.sections.plots:plot",
-        ),
-        "speed": _found_at(
-            "softrobot_env.benchmarks.speed.run:run",
-            "softrobot_env.benchmarks.speed.tables:tables",
-        ),
-        "stability": _found_at(
-            "softrobot_env.benchmarks.stability.run:run",
-            "softrobot_env.benchmarks.stability.tables:tables",
-            "softrobot_env.benchmarks.stability.plots:plot",
-        ),
-        "thesis": _found_at(
-            "softrobot_env.benchmarks.thesis.run:run",
-            "softrobot_env.benchmarks.thesis.tables:tables",
-            "softrobot_env.benchmarks.thesis.figures:plot",
-        ),
+        "accuracy": _in_folder("accuracy"),
+        "contacts": _in_folder("contacts"),
+        "controllers": _in_folder("controllers"),
+        "generalization": _in_folder("generalization"),
+        "learning": _in_folder("learning"),
+        "rig": _in_folder("rig"),
+        "rig_networks": _in_folder("rig_networks", run="run:run_on_twin"),
+        "scenes": _in_folder("scenes", options=("count", "seed")),
+        "sections": _in_folder("sections"),
+        "speed": _in_folder("speed", plot=None),
+        "stability": _in_folder("stability"),
+        "thesis": _in_folder("thesis", plot="figures:plot"),
     },
 )

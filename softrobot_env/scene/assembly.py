@@ -5,10 +5,9 @@ Every robot, a member, is built as in a scene of its own and attached with its n
 as in their own scenes; positions and motion are those of the one model of all.
 """
 
-import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -20,26 +19,25 @@ from softrobot_env.robots import Base
 from softrobot_env.scene import contacts, extras, kinematics
 from softrobot_env.scene.appearance import add_surroundings
 from softrobot_env.scene.build import (
+    CompiledModel,
     Inputs,
     Scene,
-    apply_choice,
     build_chain,
     build_scene,
+    choose_for,
+    compile_spec,
     empty_spec,
     is_extrapolated,
-    softened,
+    spec_xml,
 )
 from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
 from softrobot_env.scene.config import FRONT_CAMERA, Appearance, Camera, SceneConfig
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from softrobot_env.scene.objects import Contacts, Object
-from softrobot_env.scene.statics import checked_controls, finite
+from softrobot_env.scene.statics import finite
 from softrobot_env.scene.timestep import (
-    EXTRAPOLATION,
     LinearChain,
     TimestepChoice,
-    TimestepWarning,
-    choose_timestep,
     linearize,
 )
 
@@ -237,15 +235,11 @@ class Part:
         return kinematics.places(scene.config.robot, scene.layout, stations, offsets)
 
     def _positions(self, q: np.ndarray, body: np.ndarray, points: np.ndarray) -> np.ndarray:
-        series = np.atleast_2d(np.asarray(q, dtype=float))
-        if series.shape[1:] != (self.model.nq,):
-            raise ValueError(f"need postures of {self.model.nq} numbers each, got {np.shape(q)}")
-        out = kinematics.positions(self.model, series, self.bodies[body], points)
-        return out if np.ndim(q) == 2 else out[0]
+        return kinematics.positions(self.model, q, self.bodies[body], points)
 
 
 @dataclass(frozen=True)
-class AssembledScene:
+class AssembledScene(CompiledModel):
     """A compiled scene of several robots.
 
     Attributes:
@@ -272,18 +266,9 @@ class AssembledScene:
         return self.config.name
 
     @property
-    def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs, such as "finger1/upper_front"; motions of mounts are none."""
-        return tuple(self.model.actuator(k).name for k in range(self.n_inputs))
-
-    @property
     def n_inputs(self) -> int:
         """Number of inputs."""
         return sum(part.scene.n_inputs for part in self.parts.values())
-
-    def start(self) -> State:
-        """The straight poses at rest."""
-        return State(self.model.qpos0.copy(), np.zeros(self.model.nv))
 
     def inputs(self, **members: np.ndarray) -> np.ndarray:
         """Inputs (n_inputs,) of all from those of members by name; zero of those left out."""
@@ -324,18 +309,6 @@ class AssembledScene:
             )
         return out
 
-    def contacts(
-        self, state: State | None = None, u: np.ndarray | None = None
-    ) -> tuple[contacts.Touch, ...]:
-        """What touches in a state under inputs u (n_inputs,), as `Scene.contacts`."""
-        q, v = self.start() if state is None else state
-        data = mujoco.MjData(self.model)
-        data.qpos[:] = finite("state.q", q, (self.model.nq,))
-        data.qvel[:] = finite("state.v", v, (self.model.nv,))
-        data.ctrl[:] = 0 if u is None else checked_controls(self.model, u)
-        mujoco.mj_forward(self.model, data)
-        return contacts.touches(self.model, data)
-
     def simulate(
         self,
         duration: float,
@@ -367,7 +340,7 @@ class AssembledScene:
             for part in self.parts.values():
                 part.scene.checked_gravity(gravity)
         splines = self._splines(duration, mounts or {})
-        u, start = self._mounted(duration, u, self.start() if start is None else start, splines)
+        u, start = self._mounted(u, self.start() if start is None else start, splines)
         return simulate(self, duration, u, start, samples=samples, gravity=gravity)
 
     def _splines(
@@ -387,13 +360,13 @@ class AssembledScene:
         }
 
     def _mounted(
-        self, duration: float, u: Inputs, start: State, splines: dict[str, "CubicSpline"]
+        self, u: Inputs, start: State, splines: dict[str, "CubicSpline"]
     ) -> tuple[Inputs, State]:
         """Inputs with the mounts' accelerations, and the start with their motion."""
         own = self.model.nu - self.n_inputs
         if not own:
             return u, start
-        drives = _of_time(u, self.n_inputs, duration, self.config.control_period)
+        drives = _of_time(u, self.n_inputs)
         q, v = start[0].copy(), start[1].copy()
         places = {}
         for name, spline in splines.items():
@@ -413,9 +386,7 @@ class AssembledScene:
         return controls, State(q, v)
 
 
-def _of_time(
-    u: Inputs, count: int, duration: float, period: float
-) -> Callable[[float], np.ndarray]:
+def _of_time(u: Inputs, count: int) -> Callable[[float], np.ndarray]:
     """Inputs (count,) as a function of the time [s].
 
     Raises:
@@ -440,26 +411,17 @@ def build_assembly(assembly: Assembly) -> AssembledScene:
     """
     alone = [build_scene(config) for config in assembly.placed]
     spec, pairs = _attached(assembly)
-    model = spec.compile()
-    parts = _parts(assembly, alone, model)
-    choice = _mujocos(assembly, model, pairs, parts.values())
-    apply_choice(choice, model.opt)
-    softest = contacts.tune(model, pairs, choice.timestep)
-    choice = replace(choice, reason=choice.reason + softened(softest))
+    model, choice = compile_spec(spec, pairs, partial(_mujocos, assembly, alone, pairs))
     if assembly.is_extrapolated:
         choice = _strictest([scene.timestep for scene in alone])
-    return AssembledScene(assembly, choice, model, parts)
+    return AssembledScene(assembly, choice, model, _parts(assembly, alone, model))
 
 
 def assembly_xml(assembly: Assembly) -> str:
     """The scene as MJCF, ready for any MuJoCo viewer."""
+    alone = [build_scene(config) for config in assembly.placed]
     spec, pairs = _attached(assembly)
-    model = spec.compile()
-    choice = build_assembly(assembly).model.opt
-    spec.option.timestep, spec.option.integrator = choice.timestep, choice.integrator
-    contacts.tune(model, pairs, choice.timestep)
-    contacts.write(spec, model, pairs)
-    return spec.to_xml()
+    return spec_xml(spec, pairs, partial(_mujocos, assembly, alone, pairs))
 
 
 def visible_assembly(assembly: Assembly, aspect: float = 4 / 3) -> Assembly:
@@ -541,29 +503,15 @@ def _parts(assembly: Assembly, alone: list[Scene], model: mujoco.MjModel) -> dic
 
 
 def _mujocos(
-    assembly: Assembly,
-    model: mujoco.MjModel,
-    pairs: list[contacts.Pair],
-    parts: Iterable[Part],
+    assembly: Assembly, alone: list[Scene], pairs: list[contacts.Pair], model: mujoco.MjModel
 ) -> TimestepChoice:
     """What MuJoCo's own steps of the model take, as `build_scene` has it."""
-    chain = linearize(model)
+    chain, parts = linearize(model), _parts(assembly, alone, model).values()
     dofs = np.concatenate([np.arange(model.nv)[part.v] for part in parts])  # not the mounts'
     own = np.ix_(dofs, dofs)
     chain = LinearChain(chain.mass[own], chain.stiffness[own], chain.damping[own], chain.driven)
-    asked = assembly.integrator
-    with warnings.catch_warnings():
-        if assembly.is_extrapolated:
-            warnings.simplefilter("ignore", TimestepWarning)
-        return choose_timestep(
-            chain,
-            assembly.control_period,
-            assembly.placed[0].timestep,
-            None if asked == EXTRAPOLATION else asked,
-            friction=any(config.robot.rubs for config in assembly.placed),
-            contacts=None if assembly.contacts is None else contacts.longest_step(model, pairs),
-            pieces=max(config.n_pieces for config in assembly.placed),
-        )
+    longest = None if assembly.contacts is None else contacts.longest_step(model, pairs)
+    return choose_for(assembly.placed, chain, longest, assembly.is_extrapolated)
 
 
 def _strictest(choices: list[TimestepChoice]) -> TimestepChoice:

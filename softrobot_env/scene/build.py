@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import mujoco
@@ -26,6 +27,7 @@ from softrobot_env.scene.timestep import (
     EXTRAPOLATION,
     RATE,
     SAFETY,
+    LinearChain,
     TimestepChoice,
     TimestepWarning,
     bent_beam,
@@ -41,8 +43,53 @@ if TYPE_CHECKING:
 Inputs = np.ndarray | Callable[[float], np.ndarray] | None
 
 
+class CompiledModel:
+    """What scenes of one robot and of several have in common.
+
+    Attributes:
+        model: The compiled model.
+    """
+
+    model: mujoco.MjModel
+
+    @property
+    def n_inputs(self) -> int:
+        """Number of inputs."""
+        return self.model.nu
+
+    @property
+    def input_names(self) -> tuple[str, ...]:
+        """Names of the inputs: tensions [N] (or lengths pulled in [m]), then loads' amplitudes.
+
+        Of several robots with their prefixes, such as "finger1/upper_front"; motions of mounts are
+        none.
+        """
+        return tuple(self.model.actuator(k).name for k in range(self.n_inputs))
+
+    def start(self) -> State:
+        """The straight pose at rest."""
+        return State(self.model.qpos0.copy(), np.zeros(self.model.nv))
+
+    def contacts(
+        self, state: State | None = None, u: np.ndarray | None = None
+    ) -> tuple[contacts.Touch, ...]:
+        """What touches in a state under inputs u (n_inputs,), with its forces.
+
+        Args:
+            state: Positions and velocities; the straight pose at rest unless given.
+            u: Zero unless given.
+        """
+        q, v = self.start() if state is None else state
+        data = mujoco.MjData(self.model)
+        data.qpos[:] = finite("state.q", q, (self.model.nq,))
+        data.qvel[:] = finite("state.v", v, (self.model.nv,))
+        data.ctrl[:] = 0 if u is None else checked_controls(self.model, u)
+        mujoco.mj_forward(self.model, data)
+        return contacts.touches(self.model, data)
+
+
 @dataclass(frozen=True)
-class Scene:
+class Scene(CompiledModel):
     """A compiled scene.
 
     Attributes:
@@ -63,20 +110,6 @@ class Scene:
     def name(self) -> str:
         """The robot's."""
         return self.config.robot.name
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """Names of the inputs: tensions [N] (or lengths pulled in [m]), then loads' amplitudes."""
-        return tuple(self.model.actuator(k).name for k in range(self.model.nu))
-
-    @property
-    def n_inputs(self) -> int:
-        """Number of inputs."""
-        return self.model.nu
-
-    def start(self) -> State:
-        """The straight pose at rest."""
-        return State(self.model.qpos0.copy(), np.zeros(self.model.nv))
 
     def equilibrium(
         self,
@@ -123,23 +156,6 @@ class Scene:
         controls, period = checked_controls(model, u), self.timestep.first_period
         return settle(model, self.config.robot, period, controls, start)
 
-    def contacts(
-        self, state: State | None = None, u: np.ndarray | None = None
-    ) -> tuple[contacts.Touch, ...]:
-        """What touches in a state under inputs u (n_inputs,), with its forces.
-
-        Args:
-            state: Positions and velocities; the straight pose at rest unless given.
-            u: Zero unless given.
-        """
-        q, v = self.start() if state is None else state
-        data = mujoco.MjData(self.model)
-        data.qpos[:] = finite("state.q", q, (self.model.nq,))
-        data.qvel[:] = finite("state.v", v, (self.model.nv,))
-        data.ctrl[:] = 0 if u is None else checked_controls(self.model, u)
-        mujoco.mj_forward(self.model, data)
-        return contacts.touches(self.model, data)
-
     def simulate(
         self,
         duration: float,
@@ -166,13 +182,11 @@ class Scene:
         As `scene.kinematics.places`, which tells of the stations, offsets and errors.
         """
         where = kinematics.places(self.config.robot, self.layout, stations, offsets)
-        out = kinematics.positions(self.model, self._series(q), *where)
-        return out if np.ndim(q) == 2 else out[0]
+        return kinematics.positions(self.model, q, *where)
 
     def tip(self, q: np.ndarray) -> np.ndarray:
         """Tip (3,) or (T, 3) [m] for q (nq,) or (T, nq); with a head, its output point."""
-        out = kinematics.tips(self.model, self._series(q))
-        return out if np.ndim(q) == 2 else out[0]
+        return kinematics.tips(self.model, q)
 
     def velocities(self, q: np.ndarray, v: np.ndarray, stations: np.ndarray) -> np.ndarray:
         """Velocity (k, 3) [m/s] of the centreline at arc lengths (k,) [m] in state q, v."""
@@ -199,13 +213,6 @@ class Scene:
         _refuse_what_is_not_felt(self.config, gravity)
         return gravity
 
-    def _series(self, q: np.ndarray) -> np.ndarray:
-        """Postures (T, nq)."""
-        series = np.atleast_2d(np.asarray(q, dtype=float))
-        if series.shape[1:] != (self.model.nq,):
-            raise ValueError(f"need postures of {self.model.nq} numbers each, got {np.shape(q)}")
-        return series
-
 
 def build_scene(config: SceneConfig) -> Scene:
     """Build and compile a scene.
@@ -217,11 +224,7 @@ def build_scene(config: SceneConfig) -> Scene:
         TimestepWarning: See `scene.timestep.choose_timestep`.
     """
     spec, layout, pairs = _assemble(config)
-    model = spec.compile()
-    choice = _mujocos(config, model, pairs)
-    apply_choice(choice, model.opt)
-    softest = contacts.tune(model, pairs, choice.timestep)
-    choice = replace(choice, reason=choice.reason + softened(softest))
+    model, choice = compile_spec(spec, pairs, partial(_mujocos, config, pairs))
     if is_extrapolated(config):
         choice = _extrapolated(config, config.robot)
     return Scene(config, layout, choice, model, tuple(pairs))
@@ -288,10 +291,36 @@ def _near_its_limit(scene: Scene, choice: TimestepChoice) -> bool:
 def scene_xml(config: SceneConfig) -> str:
     """The scene as MJCF, ready for any MuJoCo viewer."""
     spec, _, pairs = _assemble(config)
+    return spec_xml(spec, pairs, partial(_mujocos, config, pairs))
+
+
+def compile_spec(
+    spec: mujoco.MjSpec,
+    pairs: Sequence[contacts.Pair],
+    choose: Callable[[mujoco.MjModel], TimestepChoice],
+) -> tuple[mujoco.MjModel, TimestepChoice]:
+    """The model of a spec, with the integrator and timestep that a function chooses for it.
+
+    What can touch is as stiff as the timestep allows.
+    """
     model = spec.compile()
-    choice = _mujocos(config, model, pairs)
+    choice = choose(model)
+    apply_choice(choice, model.opt)
+    softest = contacts.tune(model, pairs, choice.timestep)
+    if softest != 1:
+        remark = f"; contacts down to {softest:.2g} times the material's stiffness"
+        choice = replace(choice, reason=choice.reason + remark)
+    return model, choice
+
+
+def spec_xml(
+    spec: mujoco.MjSpec,
+    pairs: Sequence[contacts.Pair],
+    choose: Callable[[mujoco.MjModel], TimestepChoice],
+) -> str:
+    """The model of `compile_spec` as MJCF."""
+    model, choice = compile_spec(spec, pairs, choose)
     apply_choice(choice, spec.option)
-    contacts.tune(model, pairs, choice.timestep)
     contacts.write(spec, model, pairs)
     return spec.to_xml()
 
@@ -331,28 +360,37 @@ def _add_contacts(chain: Chain, config: SceneConfig) -> list[contacts.Pair]:
     return contacts.pair_surfaces(chain.spec, surfaces, config.contacts)
 
 
-def softened(softest: float) -> str:
-    """Remark of how much stiffness a timestep takes from contacts, see `scene.contacts.tune`."""
-    return (
-        "" if softest == 1 else f"; contacts down to {softest:.2g} times the material's stiffness"
-    )
-
-
 def _mujocos(
-    config: SceneConfig, model: mujoco.MjModel, pairs: Sequence[contacts.Pair]
+    config: SceneConfig, pairs: Sequence[contacts.Pair], model: mujoco.MjModel
 ) -> TimestepChoice:
     """What MuJoCo's own steps of the model take: those of viewers, and of whoever steps it."""
+    longest = None if config.contacts is None else contacts.longest_step(model, pairs)
+    return choose_for([config], linearize(model), longest, is_extrapolated(config))
+
+
+def choose_for(
+    configs: Sequence[SceneConfig], chain: LinearChain, longest: float | None, extrapolated: bool
+) -> TimestepChoice:
+    """What MuJoCo's own steps of the robots of some scenes take together.
+
+    Args:
+        configs: Scenes of the same control period, timestep and integrator.
+        chain: All of them in one model, linearised.
+        longest: [s], timestep that resolves the contacts; None without any.
+        extrapolated: Whether our own integrator advances them, so that nobody need be warned.
+    """
+    first = configs[0]
     with warnings.catch_warnings():
-        if is_extrapolated(config):
+        if extrapolated:
             warnings.simplefilter("ignore", TimestepWarning)
         return choose_timestep(
-            linearize(model),
-            config.control_period,
-            config.timestep,
-            None if config.integrator == EXTRAPOLATION else config.integrator,
-            friction=config.robot.rubs,
-            contacts=None if config.contacts is None else contacts.longest_step(model, pairs),
-            pieces=config.n_pieces,
+            chain,
+            first.control_period,
+            first.timestep,
+            None if first.integrator == EXTRAPOLATION else first.integrator,
+            friction=any(config.robot.rubs for config in configs),
+            contacts=longest,
+            pieces=max(config.n_pieces for config in configs),
         )
 
 

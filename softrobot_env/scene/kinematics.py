@@ -39,20 +39,27 @@ def places(
 def positions(
     model: mujoco.MjModel, q: np.ndarray, body: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
-    """Positions (T, k, 3) [m] of points (k, 3) of bodies (k,) in postures (T, nq)."""
-    data, out = mujoco.MjData(model), np.empty((len(q), len(body), 3))
-    for posture, row in zip(q, out, strict=True):
+    """Positions (k, 3) or (T, k, 3) [m] of points (k, 3) of bodies (k,) at q (nq,) or (T, nq).
+
+    Raises:
+        ValueError: The postures are not of that shape.
+    """
+    series = np.atleast_2d(np.asarray(q, dtype=float))
+    if series.shape[1:] != (model.nq,):
+        raise ValueError(f"need postures of {model.nq} numbers each, got {np.shape(q)}")
+    data, out = mujoco.MjData(model), np.empty((len(series), len(body), 3))
+    for posture, row in zip(series, out, strict=True):
         data.qpos[:] = posture
         mujoco.mj_kinematics(model, data)
         axes = data.xmat[body].reshape(-1, 3, 3)
         row[:] = data.xpos[body] + (axes @ points[:, :, None])[:, :, 0]
-    return out
+    return out if np.ndim(q) == 2 else out[0]
 
 
 def tips(model: mujoco.MjModel, q: np.ndarray) -> np.ndarray:
-    """Positions (T, 3) [m] of the tip in postures (T, nq): of a head, its output point."""
+    """Tip (3,) or (T, 3) [m] in postures (nq,) or (T, nq): of a head, its output point."""
     site = model.site(TIP_SITE)
-    return positions(model, q, site.bodyid, site.pos[None])[:, 0]
+    return positions(model, q, site.bodyid, site.pos[None])[..., 0, :]
 
 
 def velocities(

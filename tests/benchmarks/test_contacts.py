@@ -9,16 +9,8 @@ from softrobot_env.benchmarks.contacts.cases import CASES
 from softrobot_env.benchmarks.contacts.exact import check
 from softrobot_env.benchmarks.contacts.judge import Run, judged
 from softrobot_env.benchmarks.contacts.plots import plot
-from softrobot_env.benchmarks.contacts.rows import (
-    ACCURATE,
-    INACCURATE,
-    REPORTED,
-    UNJUDGED,
-    VERDICTS,
-    WARNED,
-    WRONG,
-)
 from softrobot_env.benchmarks.contacts.tables import tables
+from softrobot_env.benchmarks.verdicts import Verdict
 from softrobot_env.scene.build import build_scene
 
 HERE = Run(1e-3, np.zeros((3, 1, 3)))
@@ -27,28 +19,28 @@ HERE = Run(1e-3, np.zeros((3, 1, 3)))
 @pytest.mark.parametrize(
     ("own", "error", "known", "verdict"),
     [
-        (HERE, 0.005, 1e-5, ACCURATE),
-        (HERE, 0.03, 1e-5, INACCURATE),
-        (HERE, 0.3, 1e-5, WRONG),
-        (HERE, float("nan"), 1e-5, WRONG),
-        (Run(1e-3, HERE.places, warning="long"), 0.3, 1e-5, WARNED),
-        (Run(1e-3, why="diverged"), None, 1e-5, REPORTED),
-        (HERE, 0.005, 0.004, UNJUDGED),
-        (HERE, None, None, UNJUDGED),
+        (HERE, 0.005, 1e-5, Verdict.ACCURATE),
+        (HERE, 0.03, 1e-5, Verdict.INACCURATE),
+        (HERE, 0.3, 1e-5, Verdict.WRONG),
+        (HERE, float("nan"), 1e-5, Verdict.WRONG),
+        (Run(1e-3, HERE.places, warning="long"), 0.3, 1e-5, Verdict.WARNED),
+        (Run(1e-3, why="diverged"), None, 1e-5, Verdict.REPORTED),
+        (HERE, 0.005, 0.004, Verdict.UNJUDGED),
+        (HERE, None, None, Verdict.UNJUDGED),
     ],
 )
 def test_verdicts_say_how_a_run_ended(own, error, known, verdict):
     assert judging._verdict(own, error, known, 1.0) == verdict
-    assert verdict in VERDICTS
+    assert verdict in Verdict
 
 
 def test_a_rule_that_is_not_kept_is_found_out(monkeypatch):
     """Sixteen times the rule's timestep is far off, and not warned of it would be wrong."""
     monkeypatch.setattr(judging, "_REFINED", (2, 4))
     (cell,) = judged("arm sweeps into post", 1.0, 0.0, (16,))
-    assert cell.verdict == WARNED and cell.error_share > 0.05
+    assert cell.verdict == Verdict.WARNED and cell.error_share > 0.05
     silent = Run(cell.timestep, HERE.places)
-    assert judging._verdict(silent, cell.error, cell.uncertainty, 0.5) == WRONG
+    assert judging._verdict(silent, cell.error, cell.uncertainty, 0.5) == Verdict.WRONG
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -12,21 +12,13 @@ from softrobot_env.beams import signals
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.benchmarks.scenes import judge as judging
 from softrobot_env.benchmarks.scenes.draw import EXCITATIONS, G, RandomScene, draw_scene
-from softrobot_env.benchmarks.scenes.judge import OwnRun, judge
+from softrobot_env.benchmarks.scenes.judge import judge
 from softrobot_env.benchmarks.scenes.plots import plot
 from softrobot_env.benchmarks.scenes.refined import Refined, refine, refined_run
-from softrobot_env.benchmarks.scenes.rows import (
-    ACCURATE,
-    INACCURATE,
-    REPORTED,
-    UNJUDGED,
-    VERDICTS,
-    WARNED,
-    WRONG,
-)
 from softrobot_env.benchmarks.scenes.run import judged, run
 from softrobot_env.benchmarks.scenes.tables import tables
 from softrobot_env.benchmarks.stability.runs import neutral_scene
+from softrobot_env.benchmarks.verdicts import Verdict, verdict_of
 from softrobot_env.cli import main
 from softrobot_env.robots import ARM
 from softrobot_env.scene.config import SceneConfig
@@ -106,20 +98,20 @@ def test_a_refined_run_is_that_of_another_model():
 
 def test_the_arm_is_accurate():
     row = judge(of_arm())
-    assert row.verdict == ACCURATE and row.error_share <= row.asked_share
+    assert row.verdict == Verdict.ACCURATE and row.error_share <= row.asked_share
     assert row.uncertainty <= 0.25 * row.asked_share * row.length
 
 
 def test_a_coarse_step_is_wrong_and_the_judge_says_so():
     lively = ARM.vary(damping_time=0.1, youngs_modulus=0.5)
     row = judge(of_arm(lively, periods=100), integrator="discrete", timestep=0.01)
-    assert row.verdict == WRONG and row.error_share > 0.05
+    assert row.verdict == Verdict.WRONG and row.error_share > 0.05
 
 
 def test_a_failure_is_reported_beside_a_refined_run_that_is_fine():
     stiff = ARM.vary(damping_time=0.01, youngs_modulus=100.0)
     row = judge(of_arm(stiff), integrator="Euler", timestep=0.01)
-    assert row.verdict == REPORTED and "diverged" in row.why
+    assert row.verdict == Verdict.REPORTED and "diverged" in row.why
     assert row.refined_fine is True and row.error is None
 
 
@@ -127,32 +119,32 @@ def test_a_scene_that_cannot_be_built_is_reported():
     robot = replace(ARM, outer_radius=1e-6, inner_radius=0.0, tendons=())
     drawn = RandomScene(0, 0, SceneConfig(robot), np.zeros(3), np.zeros((5, 0)), "let_go")
     row = judge(drawn)
-    assert row.verdict == REPORTED and row.why and row.joints is None
+    assert row.verdict == Verdict.REPORTED and row.why and row.joints is None
     assert row.refined_fine is None
 
 
-def verdict(error, warning=None, tips=None):
-    """The verdict of an own run whose tips are `error` [m] off those of a refined run."""
-    drawn = of_arm()
-    truth = Refined(np.zeros((1, 3)), 1e-9, 8, "RK4") if tips is None else tips
-    own = OwnRun(neutral_scene(drawn.config), warning, np.zeros((1, 3)))
-    return judging._verdict(drawn, own, truth, error)
+def verdict(error, warning=None):
+    """The verdict of a run of the arm that is `error` [m] off."""
+    asked = SceneConfig(ARM).wanted_accuracy
+    return verdict_of(error, asked, ARM.length, failure=None, warning=warning)
 
 
 def test_a_warning_excuses_what_silence_does_not():
-    assert verdict(0.0) == ACCURATE
-    assert verdict(0.01) == INACCURATE  # 2 % of the length
-    assert verdict(0.1) == WRONG
-    assert verdict(0.1, "expect divergence") == WARNED
-    assert verdict(0.0, "expect divergence") == ACCURATE
-    assert verdict(None) == UNJUDGED
-    assert verdict(float("nan")) == WRONG
+    assert verdict(0.0) == Verdict.ACCURATE
+    assert verdict(0.01) == Verdict.INACCURATE  # 2 % of the length
+    assert verdict(0.1) == Verdict.WRONG
+    assert verdict(0.1, "expect divergence") == Verdict.WARNED
+    assert verdict(0.0, "expect divergence") == Verdict.ACCURATE
+    assert verdict(None) == Verdict.UNJUDGED
+    assert verdict(float("nan")) == Verdict.WRONG
 
 
 def test_what_refined_runs_do_not_agree_on_is_not_judged(monkeypatch):
     monkeypatch.setattr(judging, "refine", lambda *_: Refined(np.zeros((41, 3)), 0.3, 8, "RK4"))
     row = judge(of_arm())
-    assert row.verdict == UNJUDGED and row.why == "refined runs differ by 60 % of the length"
+    assert (
+        row.verdict == Verdict.UNJUDGED and row.why == "refined runs differ by 60 % of the length"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -162,7 +154,7 @@ def rows():
 
 @pytest.mark.slow
 def test_rows_become_tables_pictures_and_numbers(rows, tmp_path):
-    assert all(row.verdict in VERDICTS for row in rows)
+    assert all(row.verdict in Verdict for row in rows)
     json.dumps([row.row() for row in rows], allow_nan=False)
     page = Console(width=110, file=StringIO())
     page.print(tables(rows))
@@ -204,4 +196,4 @@ def test_an_estimate_without_bound_is_none(monkeypatch):
 @pytest.mark.parametrize(("seed", "index"), [(1, 43), (1, 48), (1, 158)])
 def test_tendons_that_slacken_or_stick_within_a_step_are_accurate(seed, index):
     """Overdamped robots, whose smooth motion lets steps be as long as control periods."""
-    assert judged(seed, index).verdict == ACCURATE
+    assert judged(seed, index).verdict == Verdict.ACCURATE

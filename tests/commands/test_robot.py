@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 from support.hardware_boards import PASS, Board, FullDisk
-from support.patience import patient_drivers
 
 from softrobot_env.cli import main
 from softrobot_env.commands.robot.command import ROBOT_COMMANDS
@@ -20,13 +19,7 @@ from softrobot_env.hardware.protocol.messages import Capability, DeviceState
 from softrobot_env.hardware.robot_file.model import rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
 
-pytestmark = pytest.mark.realtime(late=0.9)
-
-
-@pytest.fixture(autouse=True)
-def patience():
-    with patient_drivers():
-        yield
+pytestmark = [pytest.mark.realtime(late=0.9), pytest.mark.usefixtures("patience")]
 
 
 class Terminal:

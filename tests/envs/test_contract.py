@@ -15,6 +15,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 from gymnasium.wrappers import FlattenObservation, RecordEpisodeStatistics
+from support.rig_episodes import flatten
 
 from softrobot_env.envs.observations.table import OBSERVABLES
 from softrobot_env.envs.tracking import TrackingEnv
@@ -56,15 +57,6 @@ def steps(env, policy, limit=None, seed=0):
         yield result
         if result[2] or result[3]:
             return
-
-
-def flatten(result):
-    """Every number of a result of `reset` or `step`, for bitwise comparison."""
-    if isinstance(result, dict):
-        return [part for key in sorted(result) for part in (key, *flatten(result[key]))]
-    if isinstance(result, tuple):
-        return [part for item in result for part in flatten(item)]
-    return [result.tobytes() if isinstance(result, np.ndarray) else result]
 
 
 # ---------------------------------------------------------------- the two checkers, spaces

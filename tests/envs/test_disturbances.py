@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.postures import posed
 
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
@@ -48,10 +49,7 @@ def start(env):
 
 
 def tip(model, posture):
-    data = mujoco.MjData(model)
-    data.qpos[:] = posture
-    mujoco.mj_forward(model, data)
-    return data.site("tip").xpos[[0, 2]].copy()
+    return posed(model, posture).site("tip").xpos[[0, 2]].copy()
 
 
 @pytest.mark.parametrize("friction", [0.5, 1.0, 3.0])

@@ -12,6 +12,7 @@ import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
+from support.rig_episodes import flatten
 
 from softrobot_env.beams.exact.continuum_arc import continuum_arc
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
@@ -42,15 +43,6 @@ def environment(name, task="swing", **options):
 
 def start_action(env):
     return (np.array(env.task.start_input) / env.input_scale).astype(np.float32)
-
-
-def flatten(result):
-    """Every number of a result of `reset` or `step`, for bitwise comparison."""
-    if isinstance(result, dict):
-        return [part for key in sorted(result) for part in (key, *flatten(result[key]))]
-    if isinstance(result, tuple):
-        return [part for item in result for part in flatten(item)]
-    return [result.tobytes() if isinstance(result, np.ndarray) else result]
 
 
 def episode(env, seed, count):

@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 
-import mujoco
 import numpy as np
 import pytest
+from support.postures import posed
 
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.robots import EQUIVALENT, EQUIVALENT_RIG, RIG
@@ -133,10 +133,7 @@ def reached(robot, pulled):
     """(2,) [m], where the tip of a fine chain stands at pulled-in lengths."""
     config = SceneConfig(robot, pieces=8, actuation="length", bending="spatial")
     model = build_scene(config).model
-    data = mujoco.MjData(model)
-    data.qpos[:] = equilibrium(model, pulled)
-    mujoco.mj_forward(model, data)
-    return data.site("tip").xpos[:2]
+    return posed(model, equilibrium(model, pulled)).site("tip").xpos[:2]
 
 
 @pytest.mark.parametrize("distance", [0.03, 0.06, 0.09, 0.12])

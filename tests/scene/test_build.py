@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.postures import posed
 
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
@@ -33,13 +34,6 @@ SIMPLE_RULES = [rule for rule in RULES if rule != "coupled2"]
 
 def scene(robot=ARM, rule="balanced2", **options):
     return build_scene(SceneConfig(robot, pieces=FITTING[rule], rule=rule, **options))
-
-
-def posed(model, q):
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
-    return data
 
 
 @pytest.mark.parametrize("rule", SIMPLE_RULES)

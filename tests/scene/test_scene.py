@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from support.chain_turns import station_turns
+from support.postures import posed
 
 from softrobot_env.beams.exact.analytic import rayleigh_frequency
 from softrobot_env.motion import IntegrationError, State
@@ -47,9 +48,7 @@ def test_positions_are_those_of_sites_at_the_stations(kind):
     loads = tuple(Load(f"l{k}", s) for k, s in enumerate((0.0, 0.21, 0.5, LENGTH)))
     built = scene(kind, loads=loads)
     q = bent(built)
-    data = mujoco.MjData(built.model)
-    data.qpos[:] = q
-    mujoco.mj_forward(built.model, data)
+    data = posed(built.model, q)
     truth = [data.site(f"{load.name}_point").xpos for load in loads]
     stations = np.array([load.station for load in loads])
     np.testing.assert_allclose(built.positions(q, stations), truth, atol=1e-14)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.postures import posed
 
 from softrobot_env.beams.exact.analytic import arc_tip, rayleigh_frequency
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, Tendon
@@ -44,13 +45,6 @@ def turned(vector, azimuth):
     """(3,) rotated about +z."""
     c, s = np.cos(azimuth), np.sin(azimuth)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ vector
-
-
-def posed(model, q):
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
-    return data
 
 
 def joint_angles_of(built):

@@ -5,6 +5,7 @@ from dataclasses import replace
 import mujoco
 import numpy as np
 import pytest
+from support.postures import posed
 
 from softrobot_env.robots import CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
@@ -170,8 +171,6 @@ def test_mass_is_that_of_a_motion_from_the_posture():
     model = forces.model
     q = moved(model, model.qpos0, np.linspace(-0.2, 0.3, model.nv))
     forces.force(q, np.zeros(3))
-    data, truth = mujoco.MjData(model), np.empty((model.nv, model.nv))
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
+    data, truth = posed(model, q), np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, truth)
     np.testing.assert_allclose(forces.mass(), truth, rtol=1e-12)

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 import pytest
 from support.chain_turns import station_turns
+from support.postures import posed
 from support.routed_robots import ROD
 
 from softrobot_env.robots import ARM, Tendon
@@ -36,13 +37,6 @@ def evenly(spans):
 
 def elastic(guides=()):
     return pair(guides, stiffness=STIFFNESS, pretension=PRETENSION)
-
-
-def posed(model, q):
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
-    return data
 
 
 def guide_path(layout, q, offset, stations):

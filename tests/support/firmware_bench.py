@@ -5,18 +5,8 @@ from zlib import crc32
 
 import pytest
 
+from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import Decoder, encode
-from softrobot_env.hardware.protocol.messages import (
-    Arm,
-    Config,
-    DeviceState,
-    FaultReport,
-    Hello,
-    Nack,
-    Setpoint,
-    State,
-    pack,
-)
 from softrobot_env.hardware.virtual.core import CompilerMissingError, Core, Measured, library
 
 try:
@@ -28,7 +18,7 @@ N, SESSION = 3, 77
 REST = 50
 AWAY = (250, 150, 50)
 
-CONFIG = Config(
+CONFIG = m.Config(
     n=N,
     watchdog_ms=100,
     state_delay_us=2000,
@@ -53,7 +43,7 @@ CONFIG = Config(
 
 
 def fields_crc(config):
-    return crc32(pack(config, 0)[4:])
+    return crc32(m.pack(config, 0)[4:])
 
 
 class Bench:
@@ -95,7 +85,7 @@ class Bench:
         return replies
 
     def setpoint(self, *target, **changes):
-        wanted = Setpoint(SESSION, (self.now + self.host_clock) % 2**32, 50, 0, N, target)
+        wanted = m.Setpoint(SESSION, (self.now + self.host_clock) % 2**32, 50, 0, N, target)
         return replace(wanted, **changes)
 
     def hold(self, ms, *target, every=10):
@@ -107,12 +97,12 @@ class Bench:
         return replies
 
     def configure(self, config=CONFIG):
-        self.run(Hello(1, 1, 1))
+        self.run(m.Hello(1, 1, 1))
         return self.run(config)
 
     def arm(self, config=CONFIG, session=SESSION):
         self.configure(config)
-        return self.run(Arm(session, fields_crc(config)))
+        return self.run(m.Arm(session, fields_crc(config)))
 
     def start(self, config=CONFIG):
         """Running, at rest."""
@@ -143,18 +133,18 @@ def of(kind, replies):
 
 
 def refusals(replies):
-    return [nack.reason for nack in of(Nack, replies)]
+    return [nack.reason for nack in of(m.Nack, replies)]
 
 
 def faults(replies):
-    return [(report.code, report.channel) for report in of(FaultReport, replies)]
+    return [(report.code, report.channel) for report in of(m.FaultReport, replies)]
 
 
 def states(replies):
-    return of(State, replies)
+    return of(m.State, replies)
 
 
 def is_off(bench, state):
     """Whether no servo gets a pulse, in this state."""
     out = bench.out
-    return not out.powered and out.pulse_us == (0,) * N and out.state == DeviceState(state)
+    return not out.powered and out.pulse_us == (0,) * N and out.state == m.DeviceState(state)

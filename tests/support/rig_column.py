@@ -1,7 +1,7 @@
 """The test rig as an exact upright column with a heavy head, and as a chain to compare with it."""
 
-import mujoco
 import numpy as np
+from support.postures import posed
 
 from softrobot_env.robots import RIG
 from softrobot_env.scene.build import build_scene
@@ -17,13 +17,6 @@ def scene(robot=RIG, *, pieces=4, actuation="length", **options):
         robot, pieces=pieces, actuation=actuation, bending="spatial", control_period=0.02, **options
     )
     return build_scene(config)
-
-
-def posed(model, q):
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
-    return data
 
 
 def tip_at(built, controls, **options):

@@ -34,15 +34,15 @@ def _spirals(found: list[Row]) -> Iterator[Row]:
             best = _fastest(good)
             if best is not None:
                 case = f"3 s spiral, error in time <= {1e3 * error:g} mm: time [s]"
-                yield _goal(case, best, best.wall_time, most=bound)
+                yield goal(case, best, best.wall_time, most=bound)
 
 
 def _right_hand_side(quick: bool) -> Iterator[Row]:
     times = {n: right_hand_side_time(n, 3 if quick else 20) for n in (5, 20)}
     few, many = (Row("goal", "", LUMPED.name, n) for n in times)
-    yield _goal("right-hand side in 3-D: time [s]", few, times[5], most=10e-6)
+    yield goal("right-hand side in 3-D: time [s]", few, times[5], most=10e-6)
     growth = times[20] / times[5]
-    yield _goal("its growth from 5 to 20 pieces: factor", many, growth, most=(20 / 5) ** 2)
+    yield goal("its growth from 5 to 20 pieces: factor", many, growth, most=(20 / 5) ** 2)
 
 
 def right_hand_side_time(pieces: int, repeats: int) -> float:
@@ -64,7 +64,7 @@ def _chain(found: list[Row]) -> Iterator[Row]:
     best = _fastest(row for row in chains if row.e_mean < 1e-4)
     if best is not None:
         speed = spiral.DURATION / best.wall_time
-        yield _goal("spiral, mean error < 0.1 mm: times real time", best, speed, least=300.0)
+        yield goal("spiral, mean error < 0.1 mm: times real time", best, speed, least=300.0)
 
 
 def _speed_up(found: list[Row]) -> Iterator[Row]:
@@ -79,7 +79,7 @@ def _speed_up(found: list[Row]) -> Iterator[Row]:
             if best is not None:
                 ratio = theirs.wall_time / best.wall_time
                 case = f"undamped spiral, error of PyElastica {theirs.n} or less: times faster"
-                row = _goal(case, best, ratio, least=30.0)
+                row = goal(case, best, ratio, least=30.0)
                 checked = model == pyelastica_rod.CHAIN
                 yield row if checked else replace(row, limit=None, met=None)
 
@@ -88,7 +88,7 @@ def _fastest(found: Iterable[Row]) -> Row | None:
     return min(found, key=lambda row: row.wall_time, default=None)
 
 
-def _goal(
+def goal(
     case: str, best: Row, value: float, *, most: float | None = None, least: float | None = None
 ) -> Row:
     """What the best row has to do with a goal, which has one of two bounds."""

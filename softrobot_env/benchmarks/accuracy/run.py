@@ -11,7 +11,6 @@ from dataclasses import replace
 from itertools import compress, product
 from typing import Any
 
-import mujoco
 import numpy as np
 
 from softrobot_env.beams.model import IntegrationError
@@ -44,7 +43,6 @@ from softrobot_env.benchmarks.records import groups
 from softrobot_env.benchmarks.timing import best_of, step_cost
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.scene.statics import equilibrium
 
 #: Numbers of hinges, coarse to fine; a quick run stops after the second.
 HINGES = (6, 12, 24, 48)
@@ -167,8 +165,8 @@ def chain_static_row(
         The row, and the tip (2,) [m].
     """
     scene = chain_scene(case.robot, rule, n, loads=case.loads)
-    wall_time, posture = best_of(lambda: equilibrium(scene.model, case.ctrl), repeats)
-    tip = tip_at(scene.model, posture)
+    wall_time, posture = best_of(lambda: scene.equilibrium(case.ctrl), repeats)
+    tip = scene.tip(posture)[[0, 2]]
     row = static_row(
         case.name,
         f"mujoco_chain/{rule}",
@@ -182,14 +180,6 @@ def chain_static_row(
         step_time=step_cost(scene.model, posture, case.ctrl, repeats),
     )
     return row, tip
-
-
-def tip_at(model: mujoco.MjModel, posture: np.ndarray) -> np.ndarray:
-    """Tip (2,) [m] in (x, z) of the chain in a posture (nq,) [rad]."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = posture
-    mujoco.mj_kinematics(model, data)
-    return data.site("tip").xpos[[0, 2]].copy()
 
 
 # ---------------------------------------------------------------- frequencies and torsion

@@ -8,17 +8,8 @@ from time import perf_counter
 import numpy as np
 
 from softrobot_env.benchmarks.contacts.cases import CASES, Case
-from softrobot_env.benchmarks.contacts.rows import (
-    ACCURATE,
-    ACCURATE_SHARE,
-    INACCURATE,
-    REPORTED,
-    UNJUDGED,
-    WARNED,
-    WRONG,
-    WRONG_SHARE,
-    Cell,
-)
+from softrobot_env.benchmarks.contacts.rows import ACCURATE_SHARE, Cell
+from softrobot_env.benchmarks.verdicts import Verdict, verdict_of, with_warning
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
@@ -97,15 +88,16 @@ def _softest(robot: RobotParams) -> float:
 
 def _own_run(case: Case, config: SceneConfig, timestep: float | None) -> Run:
     """As a user would run it."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", TimestepWarning)
+
+    def build_and_run() -> Run:
         try:
             scene = build_scene(replace(config, timestep=timestep))
         except ValueError as error:
             return Run(timestep or 0.0, why=str(error))
-        ran = _run(case, scene)
-    said = [str(w.message) for w in caught if issubclass(w.category, TimestepWarning)]
-    return replace(ran, warning=said[0] if said else None)
+        return _run(case, scene)
+
+    ran, warning = with_warning(build_and_run)
+    return replace(ran, warning=warning)
 
 
 def _refined(case: Case, config: SceneConfig, timestep: float) -> np.ndarray | None:
@@ -139,13 +131,8 @@ def _distance(one: np.ndarray | None, other: np.ndarray | None) -> float | None:
     return float(np.linalg.norm(one - other, axis=-1).max())
 
 
-def _verdict(own: Run, error: float | None, known: float | None, length: float) -> str:
-    if own.why is not None:
-        return REPORTED
-    if error is None or known is None or known > _CLEAR * max(ACCURATE_SHARE * length, error):
-        return UNJUDGED
-    if error <= ACCURATE_SHARE * length:
-        return ACCURATE
-    if own.warning is not None:
-        return WARNED
-    return INACCURATE if error <= WRONG_SHARE * length else WRONG
+def _verdict(own: Run, error: float | None, known: float | None, length: float) -> Verdict:
+    asked = ACCURATE_SHARE * length
+    if error is not None and (known is None or known > _CLEAR * max(asked, error)):
+        error = None
+    return verdict_of(error, asked, length, failure=own.why, warning=own.warning)

@@ -2,10 +2,10 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from softrobot_env.benchmarks.contacts.rows import ACCURATE_SHARE, WRONG_SHARE, Cell, Check
+from softrobot_env.benchmarks.contacts.rows import ACCURATE_SHARE, Cell, Check
 from softrobot_env.benchmarks.records import Record, groups, of_kind, select
+from softrobot_env.benchmarks.verdicts import WRONG_SHARE
 from softrobot_env.rendering.figures import (
     BLACK,
     BLUE,
@@ -13,14 +13,12 @@ from softrobot_env.rendering.figures import (
     ORANGE,
     PURPLE,
     VERMILLION,
+    Axes,
     add_legend,
     entry,
     new_figure,
     save,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _COLOURS = (BLUE, GREEN, ORANGE, PURPLE, BLACK)
 _MARKERS = {1: "o", 2: "s", 4: "^", 8: "v", 16: "D"}
@@ -40,7 +38,7 @@ def plot(rows: Sequence[Record], path: Path | str) -> None:
     save(figure, path)
 
 
-def _grid(axis: "Axes", cells: Sequence[Cell]) -> list:
+def _grid(axis: Axes, cells: Sequence[Cell]) -> list:
     """Every cell that ended; colours tell the scene, markers the timestep."""
     entries = []
     for ((scene,), mine), colour in zip(groups(cells, "scene").items(), _COLOURS, strict=False):
@@ -62,7 +60,7 @@ def _grid(axis: "Axes", cells: Sequence[Cell]) -> list:
     return entries
 
 
-def _rods(axis: "Axes", checks: Sequence[Check]) -> list:
+def _rods(axis: Axes, checks: Sequence[Check]) -> list:
     """Errors of forces and tips over the time to come to rest, a line each."""
     entries = []
     for ((case,), mine), colour in zip(groups(checks, "case").items(), _COLOURS, strict=False):

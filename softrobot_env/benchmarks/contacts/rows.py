@@ -3,21 +3,10 @@
 from dataclasses import dataclass
 
 from softrobot_env.benchmarks.records import Record
+from softrobot_env.benchmarks.verdicts import Verdict
 
-#: What becomes of a cell. Accurate: everything stays within `ACCURATE_SHARE` of the length of where
-#: a refined run has it. Reported: refused or diverged, and said so. Warned: less accurate, with a
-#: `TimestepWarning`. Inaccurate: less accurate without a word. Wrong: beyond `WRONG_SHARE` of the
-#: length without a word. Unjudged: refined runs do not agree.
-ACCURATE, REPORTED, WARNED, INACCURATE, WRONG, UNJUDGED = VERDICTS = (
-    "accurate",
-    "reported",
-    "warned",
-    "inaccurate",
-    "wrong",
-    "unjudged",
-)
-
-ACCURATE_SHARE, WRONG_SHARE = 0.01, 0.05
+#: Share of the length within which all that moves is accurate.
+ACCURATE_SHARE = 0.01
 
 
 @dataclass(frozen=True)
@@ -31,7 +20,7 @@ class Cell(Record):
         friction: Coefficient [1].
         steps_ratio: Timestep over the rule's [1].
         timestep: [s].
-        verdict: One of `VERDICTS`.
+        verdict: What became of it.
         why: What was refused or failed; None otherwise.
         warning: What a `TimestepWarning` said.
         error: [m], largest distance of the tip or a free object from the refined run.
@@ -48,7 +37,7 @@ class Cell(Record):
     friction: float
     steps_ratio: int
     timestep: float
-    verdict: str
+    verdict: Verdict
     why: str | None
     warning: str | None
     error: float | None

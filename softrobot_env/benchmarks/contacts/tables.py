@@ -5,22 +5,16 @@ from collections.abc import Sequence
 from rich.console import Group
 from rich.table import Table
 
-from softrobot_env.benchmarks.contacts.rows import (
-    ACCURATE,
-    ACCURATE_SHARE,
-    VERDICTS,
-    WRONG_SHARE,
-    Cell,
-    Check,
-)
+from softrobot_env.benchmarks.contacts.rows import ACCURATE_SHARE, Cell, Check
 from softrobot_env.benchmarks.records import Record, groups, of_kind, select
-from softrobot_env.rendering.tables import Column, make_table, number, pivot_table
+from softrobot_env.benchmarks.verdicts import WRONG_SHARE, Verdict
+from softrobot_env.rendering.tables import Column, make_table, pivot_table
 
 
 def tables(rows: Sequence[Record]) -> Group:
     """Verdicts by timestep, errors and cost at the rule's, all cells that warn or worse, checks."""
     cells, checks = of_kind(rows, Cell), of_kind(rows, Check)
-    others = [c for c in cells if c.verdict != ACCURATE]
+    others = [c for c in cells if c.verdict != Verdict.ACCURATE]
     return Group(
         _verdicts(cells),
         _errors(cells),
@@ -41,7 +35,7 @@ def _verdicts(cells: Sequence[Cell]) -> Table:
         f"wrong beyond {100 * WRONG_SHARE:g} % of the length",
         "timestep",
         lines,
-        VERDICTS,
+        Verdict,
         lambda n, verdict: len(select(cells, steps_ratio=n, verdict=verdict)),
     )
 
@@ -73,28 +67,24 @@ def _errors(cells: Sequence[Cell]) -> Table:
     )
 
 
-def _share(value: float | None) -> str | None:
-    return None if value is None else number(value, ".2g", "%")
-
-
 _CELL = (
     Column("scene", "scene"),
     Column("stiffness", "stiffness_ratio", "g"),
     Column("friction", "friction", "g"),
     Column("steps", "steps_ratio", "d"),
-    Column("dt ms", lambda r: f"{1e3 * r.timestep:.3g}", ">"),
+    Column("dt ms", "timestep", ".3g", "ms"),
     Column("verdict", "verdict"),
-    Column("error %", lambda r: _share(r.error_share), ">"),
-    Column("run ms", lambda r: None if r.wall_time is None else f"{1e3 * r.wall_time:.0f}", ">"),
+    Column("error %", "error_share", ".2g", "%"),
+    Column("run ms", "wall_time", ".0f", "ms"),
 )
 
 _CHECK = (
     Column("case", "case"),
     Column("pieces", "pieces", "d"),
     Column("force N", "force", ".4g"),
-    Column("force %", lambda r: _share(r.force_error), ">"),
-    Column("pressed %", lambda r: _share(r.pressed_error), ">"),
-    Column("tip %", lambda r: _share(r.tip_error), ">"),
-    Column("dt ms", lambda r: f"{1e3 * r.timestep:.3g}", ">"),
-    Column("run ms", lambda r: f"{1e3 * r.wall_time:.0f}", ">"),
+    Column("force %", "force_error", ".2g", "%"),
+    Column("pressed %", "pressed_error", ".2g", "%"),
+    Column("tip %", "tip_error", ".2g", "%"),
+    Column("dt ms", "timestep", ".3g", "ms"),
+    Column("run ms", "wall_time", ".0f", "ms"),
 )

@@ -1,6 +1,5 @@
 """A random scene as an environment would step it, and how far it is from its refined runs."""
 
-import warnings
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any
@@ -10,21 +9,11 @@ import numpy as np
 from softrobot_env.benchmarks.accuracy.rows import distance
 from softrobot_env.benchmarks.scenes.draw import RandomScene
 from softrobot_env.benchmarks.scenes.refined import Refined, refine, start_posture, step_cost
-from softrobot_env.benchmarks.scenes.rows import (
-    ACCURATE,
-    INACCURATE,
-    REPORTED,
-    UNJUDGED,
-    WARNED,
-    WRONG,
-    WRONG_SHARE,
-    Row,
-    row_of,
-)
+from softrobot_env.benchmarks.scenes.rows import Row, row_of
 from softrobot_env.benchmarks.stability.runs import neutral_scene, silent_warnings
+from softrobot_env.benchmarks.verdicts import verdict_of, with_warning
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.simulation import Simulation
-from softrobot_env.scene.timestep import TimestepWarning
 
 #: A truth is good enough if it is known to this share of the accuracy asked for, or of the error.
 _CLEAR, _CLEARLY_WRONG = 0.25, 0.1
@@ -62,16 +51,14 @@ def judge(drawn: RandomScene, **forced: Any) -> Row:
         **forced: Fields of its `SceneConfig` to set, such as a timestep.
     """
     drawn = replace(drawn, config=replace(drawn.config, **forced))
-    with silent_warnings(), warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", TimestepWarning)
-        own = _own_run(drawn)
-    said = [str(w.message) for w in caught if issubclass(w.category, TimestepWarning)]
-    own = replace(own, warning=said[0] if said else None)
     with silent_warnings():
+        own, warning = with_warning(lambda: _own_run(drawn))
+        own = replace(own, warning=warning)
         truth = _truth(drawn, own)
     error = None if own.tips is None or truth.tips is None else distance(own.tips, truth.tips)
-    verdict = _verdict(drawn, own, truth, error)
-    return row_of(drawn, own, truth, verdict, error, drawn.config.wanted_accuracy)
+    asked, length = drawn.config.wanted_accuracy, drawn.config.robot.length
+    verdict = verdict_of(error, asked, length, failure=own.failure, warning=warning)
+    return row_of(drawn, own, truth, verdict, error, asked)
 
 
 def _own_run(drawn: RandomScene) -> OwnRun:
@@ -118,16 +105,3 @@ def _truth(drawn: RandomScene, own: OwnRun) -> Refined:
     truth = refine(neutral_scene(drawn.config), drawn, enough)
     clear = truth.tips is not None and enough(truth.tips, truth.uncertainty)
     return truth if clear else replace(truth, tips=None)
-
-
-def _verdict(drawn: RandomScene, own: OwnRun, truth: Refined, error: float | None) -> str:
-    if own.failure is not None:
-        return REPORTED
-    if error is None:
-        return UNJUDGED
-    if error <= drawn.config.wanted_accuracy:
-        return ACCURATE
-    if own.warning is not None:
-        return WARNED
-    # Not: beyond it, as a tip that is not a number is wrong too.
-    return INACCURATE if error <= WRONG_SHARE * drawn.config.robot.length else WRONG

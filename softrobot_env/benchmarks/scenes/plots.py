@@ -2,22 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from softrobot_env.benchmarks.records import select
-from softrobot_env.benchmarks.scenes.rows import (
-    ACCURATE,
-    GOOD_FACTOR,
-    INACCURATE,
-    REPORTED,
-    UNJUDGED,
-    WARNED,
-    WRONG,
-    WRONG_SHARE,
-    Row,
-)
+from softrobot_env.benchmarks.scenes.rows import GOOD_FACTOR, Row
+from softrobot_env.benchmarks.verdicts import WRONG_SHARE, Verdict
 from softrobot_env.rendering.figures import (
     BLACK,
     BLUE,
@@ -26,23 +16,21 @@ from softrobot_env.rendering.figures import (
     ORANGE,
     PURPLE,
     VERMILLION,
+    Axes,
     add_legend,
     entry,
     new_figure,
     save,
 )
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 #: Verdict -> colour and marker, the worst last, on top.
 _STYLES = {
-    UNJUDGED: (GREY, "x"),
-    ACCURATE: (GREEN, "o"),
-    REPORTED: (PURPLE, "s"),
-    WARNED: (BLUE, "v"),
-    INACCURATE: (ORANGE, "^"),
-    WRONG: (VERMILLION, "D"),
+    Verdict.UNJUDGED: (GREY, "x"),
+    Verdict.ACCURATE: (GREEN, "o"),
+    Verdict.REPORTED: (PURPLE, "s"),
+    Verdict.WARNED: (BLUE, "v"),
+    Verdict.INACCURATE: (ORANGE, "^"),
+    Verdict.WRONG: (VERMILLION, "D"),
 }
 
 #: Errors [share of the length] at the lower end of the axes; smaller ones stand there.
@@ -92,7 +80,7 @@ def _estimate(row: Row) -> float:
     return min(max(row.estimate_share, _LEAST_ERROR), _MOST_ERROR)
 
 
-def _scatter(axis: "Axes", rows: Sequence[Row], x: Value, y: Value) -> None:
+def _scatter(axis: Axes, rows: Sequence[Row], x: Value, y: Value) -> None:
     """Points by verdict on logarithmic axes; rows without a value are left out."""
     for verdict, (colour, marker) in _STYLES.items():
         points = [(x(row), y(row)) for row in select(rows, verdict=verdict)]
@@ -101,20 +89,20 @@ def _scatter(axis: "Axes", rows: Sequence[Row], x: Value, y: Value) -> None:
     axis.set(xscale="log", yscale="log")
 
 
-def _bounds(axis: "Axes", rows: Sequence[Row]) -> None:
+def _bounds(axis: Axes, rows: Sequence[Row]) -> None:
     """Lines of the accuracy asked for and of what is wrong."""
     axis.axhline(rows[0].asked_share, color=BLACK, linewidth=0.9, linestyle="--")
     axis.axhline(WRONG_SHARE, color=VERMILLION, linewidth=0.9, linestyle="--")
     axis.set_ylabel("tip error / length (dashed: asked for; wrong)")
 
 
-def _against(axis: "Axes", rows: Sequence[Row], x: Value, label: str) -> None:
+def _against(axis: Axes, rows: Sequence[Row], x: Value, label: str) -> None:
     _scatter(axis, rows, x, _error)
     _bounds(axis, rows)
     axis.set_xlabel(label)
 
 
-def _against_estimate(axis: "Axes", rows: Sequence[Row]) -> None:
+def _against_estimate(axis: Axes, rows: Sequence[Row]) -> None:
     """Error found over the package's estimate; over what was asked for where it gives none."""
     _scatter(axis, rows, _estimate, _error)
     _bounds(axis, rows)
@@ -124,6 +112,6 @@ def _against_estimate(axis: "Axes", rows: Sequence[Row]) -> None:
     axis.set_xlabel("the package's estimate / length (asked for, where it gives none)")
 
 
-def _map(axis: "Axes", rows: Sequence[Row]) -> None:
+def _map(axis: Axes, rows: Sequence[Row]) -> None:
     _scatter(axis, rows, lambda r: max(r.weight_load, _WEIGHTLESS), lambda r: r.damping_ratio)
     axis.set(xlabel="rho A g L^3 / EI", ylabel="damping ratio of the first elastic mode")

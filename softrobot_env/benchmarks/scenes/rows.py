@@ -9,25 +9,10 @@ import numpy as np
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.benchmarks.scenes.draw import G, RandomScene, weight_load
 from softrobot_env.benchmarks.scenes.refined import Refined
+from softrobot_env.benchmarks.verdicts import Verdict
 
 if TYPE_CHECKING:
     from softrobot_env.benchmarks.scenes.judge import OwnRun
-
-#: What becomes of a scene. Accurate: within the accuracy asked for. Reported: refused or failed,
-#: and said so. Warned: less accurate, with a `TimestepWarning`. Inaccurate: less accurate without
-#: a word, but within `WRONG_SHARE` of the length. Wrong: farther off without a word. Unjudged:
-#: refined runs do not agree, or cost too much.
-ACCURATE, REPORTED, WARNED, INACCURATE, WRONG, UNJUDGED = VERDICTS = (
-    "accurate",
-    "reported",
-    "warned",
-    "inaccurate",
-    "wrong",
-    "unjudged",
-)
-
-#: Share of the length beyond which a tip is wrong.
-WRONG_SHARE = 0.05
 
 #: An estimate is good if the error is within this factor of it.
 GOOD_FACTOR = 3.0
@@ -55,7 +40,7 @@ class Row(Record):
         loaded: Whether a load acts on it.
         excitation: One of `benchmarks.scenes.draw.EXCITATIONS`.
         control_period, duration: [s].
-        verdict: One of `VERDICTS`.
+        verdict: What became of it.
         why: What failed, or why it was not judged; None otherwise.
         refined_fine: Of a failure, whether refined runs end and agree.
         error: [m], largest distance of the tip from the truth.
@@ -93,7 +78,7 @@ class Row(Record):
     excitation: str
     control_period: float
     duration: float
-    verdict: str
+    verdict: Verdict
     why: str | None
     refined_fine: bool | None
     error: float | None
@@ -121,7 +106,7 @@ def row_of(
     drawn: RandomScene,
     own: "OwnRun",
     truth: Refined,
-    verdict: str,
+    verdict: Verdict,
     error: float | None,
     asked: float,
 ) -> Row:

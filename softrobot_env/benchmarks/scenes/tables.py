@@ -6,19 +6,9 @@ from rich.console import Group
 from rich.table import Table
 
 from softrobot_env.benchmarks.records import select
-from softrobot_env.benchmarks.scenes.rows import (
-    ACCURATE,
-    GOOD_FACTOR,
-    INACCURATE,
-    REPORTED,
-    UNJUDGED,
-    VERDICTS,
-    WARNED,
-    WRONG,
-    WRONG_SHARE,
-    Row,
-)
-from softrobot_env.rendering.tables import Column, make_table, new_table, number, pivot_table
+from softrobot_env.benchmarks.scenes.rows import GOOD_FACTOR, Row
+from softrobot_env.benchmarks.verdicts import WRONG_SHARE, Verdict
+from softrobot_env.rendering.tables import Column, make_table, new_table, pivot_table
 
 #: Groups of scenes that are compared.
 _GROUPS: dict[str, Callable[[Row], bool]] = {
@@ -77,7 +67,7 @@ def _summary(rows: Sequence[Row]) -> Table:
         ("verdict", "of these"),
         ("scenes", "%"),
     )
-    for verdict in VERDICTS:
+    for verdict in Verdict:
         mine = select(rows, verdict=verdict)
         out.add_row(
             verdict, _remark(verdict, mine), len(mine), f"{100 * len(mine) / len(rows):.1f}"
@@ -86,18 +76,18 @@ def _summary(rows: Sequence[Row]) -> Table:
 
 
 def _remark(verdict: str, rows: list[Row]) -> str:
-    if verdict == REPORTED:
+    if verdict == Verdict.REPORTED:
         fine = sum(row.refined_fine is True for row in rows)
         return f"a refined run is fine: {fine}" if rows else ""
-    if verdict == WARNED:
+    if verdict == Verdict.WARNED:
         good = sum(row.estimate_is_good is True for row in rows)
         return f"estimate within a factor of {GOOD_FACTOR:g}: {good}" if rows else ""
-    if verdict == ACCURATE:
+    if verdict == Verdict.ACCURATE:
         return f"warned all the same: {sum(row.warning is not None for row in rows)}"
     return {
-        INACCURATE: f"no warning, up to {100 * WRONG_SHARE:g} % of the length",
-        WRONG: f"no warning, beyond {100 * WRONG_SHARE:g} % of the length",
-        UNJUDGED: "refined runs disagree or cost too much",
+        Verdict.INACCURATE: f"no warning, up to {100 * WRONG_SHARE:g} % of the length",
+        Verdict.WRONG: f"no warning, beyond {100 * WRONG_SHARE:g} % of the length",
+        Verdict.UNJUDGED: "refined runs disagree or cost too much",
     }[verdict]
 
 
@@ -105,7 +95,7 @@ def _groups(rows: Sequence[Row]) -> Table:
     def cell(test: Callable[[Row], bool], verdict: str) -> int:
         return sum(test(row) for row in select(rows, verdict=verdict))
 
-    return pivot_table("Verdicts by what the scenes have", "scenes", _GROUPS, VERDICTS, cell)
+    return pivot_table("Verdicts by what the scenes have", "scenes", _GROUPS, Verdict, cell)
 
 
 def _kind(row: Row) -> str:
@@ -121,25 +111,20 @@ def _short(why: str | None) -> str | None:
     return (before + after.split(": not finite")[0]).removeprefix("simulation ")
 
 
-def _error(row: Row) -> str | None:
-    return None if row.error_share is None else number(row.error_share, ".2g", "%")
-
-
-def _estimate(row: Row) -> str | None:
-    return None if row.estimate_share is None else number(row.estimate_share, ".2g", "%")
-
-
-_ERROR = (Column("error %", _error, ">"), Column("estimate %", _estimate, ">"))
+_ERROR = (
+    Column("error %", "error_share", ".2g", "%"),
+    Column("estimate %", "estimate_share", ".2g", "%"),
+)
 _WHY = (Column("why", lambda r: _short(r.why)),)
 _FINE = (Column("refined run", lambda r: _fine(r)), *_WHY)
 
 #: Verdict, title and what is shown beside the scene.
 _LISTS = (
-    (WRONG, "Wrong without a word", _ERROR),
-    (INACCURATE, "Less accurate than asked for, without a word", _ERROR),
-    (WARNED, "Less accurate than asked for, with a warning", _ERROR),
-    (REPORTED, "Refused or failed", _FINE),
-    (UNJUDGED, "Unjudged", _WHY),
+    (Verdict.WRONG, "Wrong without a word", _ERROR),
+    (Verdict.INACCURATE, "Less accurate than asked for, without a word", _ERROR),
+    (Verdict.WARNED, "Less accurate than asked for, with a warning", _ERROR),
+    (Verdict.REPORTED, "Refused or failed", _FINE),
+    (Verdict.UNJUDGED, "Unjudged", _WHY),
 )
 
 

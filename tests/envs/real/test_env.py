@@ -10,7 +10,6 @@ from itertools import pairwise
 import gymnasium
 import numpy as np
 import pytest
-from support.patience import patient_drivers
 from support.processes import python
 
 from softrobot_env.commands.robot.soak import unsafe_outputs
@@ -27,7 +26,7 @@ from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 pytest.importorskip("serial", reason="needs the robot extra")
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.realtime(late=0.8)
+pytestmark = [pytest.mark.realtime(late=0.8), pytest.mark.usefixtures("patience")]
 
 TWIN = 1
 
@@ -41,12 +40,6 @@ PROMPT = 5e-3
 #: A lap of 5 s and the way to it, quicker than that of the registered task.
 RUN = RoundedTriangle(b1=0.05, period=3.0, laps=0, approach=2.0)
 TASK = Task("triangle", RIG, RUN, 6.0, (0.0, 0.0, 0.0), axes="xy")
-
-
-@pytest.fixture(autouse=True)
-def patience():
-    with patient_drivers():
-        yield
 
 
 @pytest.fixture(scope="module")

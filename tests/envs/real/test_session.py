@@ -10,7 +10,6 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 from support.hardware_boards import Board, LiveBoard
-from support.patience import patient_drivers
 
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultError
@@ -21,7 +20,7 @@ from softrobot_env.hardware.virtual.core import Core
 
 pytest.importorskip("cobs", reason="needs the robot extra")
 
-pytestmark = pytest.mark.realtime(late=0.4)
+pytestmark = [pytest.mark.realtime(late=0.4), pytest.mark.usefixtures("patience")]
 
 #: Other programs may load the machine: only what a test breaks may make a robot stop.
 FILE = replace(rig_file(), watchdog=0.9, ttl=0.4)
@@ -74,12 +73,6 @@ class Line:
     def _check(self):
         if not self.plugged:
             raise LinkError("unplugged")
-
-
-@pytest.fixture(autouse=True)
-def patience():
-    with patient_drivers():
-        yield
 
 
 @pytest.fixture

@@ -7,7 +7,6 @@ from time import sleep
 import pytest
 from support.hardware_boards import Board, LiveBoard
 from support.output_witness import WatchedCore
-from support.patience import patient_drivers
 from support.real_episodes import (
     FILE,
     PERIOD,
@@ -29,13 +28,8 @@ pytest.importorskip("cobs", reason="needs the robot extra")
 pytestmark = [
     pytest.mark.timeout(60),
     pytest.mark.realtime(late=0.4),
+    pytest.mark.usefixtures("patience"),
 ]
-
-
-@pytest.fixture(autouse=True)
-def patience():
-    with patient_drivers():
-        yield
 
 
 @pytest.fixture

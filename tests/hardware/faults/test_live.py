@@ -7,7 +7,6 @@ from time import monotonic, sleep
 import numpy as np
 import pytest
 from support.output_witness import WatchedCore
-from support.patience import patient_drivers
 from support.real_episodes import (
     FILE,
     PERIOD,
@@ -31,15 +30,10 @@ pytest.importorskip("cobs", reason="needs the robot extra")
 pytestmark = [
     pytest.mark.timeout(60),
     pytest.mark.realtime(late=0.4),
+    pytest.mark.usefixtures("patience"),
 ]
 
 THERE = np.array([4e-3, -2e-3, 0.0])
-
-
-@pytest.fixture(autouse=True)
-def patience():
-    with patient_drivers():
-        yield
 
 
 class Servos:

@@ -14,24 +14,16 @@ from support.firmware_bench import (
     running,
 )
 
-from softrobot_env.hardware.protocol.messages import (
-    Capability,
-    Clear,
-    DeviceState,
-    Disarm,
-    EStop,
-    Fault,
-    Reason,
-)
+from softrobot_env.hardware.protocol import messages as m
 
 
 def with_servos_that_nobody_measures():
     """Switched off away from rest."""
-    bench = Bench(capabilities=Capability(0)).start()
+    bench = Bench(capabilities=m.Capability(0)).start()
     bench.hold(50, *AWAY)
     assert bench.out.pulse_us == (1525, 1385, 1603)
-    bench.run(EStop())
-    bench.run(Clear(Fault.ESTOP))
+    bench.run(m.EStop())
+    bench.run(m.Clear(m.Fault.ESTOP))
     return bench
 
 
@@ -49,7 +41,7 @@ def test_a_new_calibration_leaves_unmeasured_servos_where_they_are(changes, pres
     before = np.array((1525, 1385, 1602.5))
     bench.arm(replace(CONFIG, **changes))
     assert bench.out.applied == present
-    assert refusals(bench.run(bench.setpoint(present[0] + 101, *present[1:]))) == [Reason.FAR]
+    assert refusals(bench.run(bench.setpoint(present[0] + 101, *present[1:]))) == [m.Reason.FAR]
     assert refusals(bench.run(bench.setpoint(*present))) == []
     assert bench.out.powered
     assert np.all(abs(bench.out.pulse_us - before) <= 0.51)
@@ -66,14 +58,14 @@ def test_servos_out_of_reach_of_a_new_calibration_stay_off():
     bench = with_servos_that_nobody_measures()
     bench.arm(replace(CONFIG, center_us=(2000, 1400, 1000), gain=(1, -1000, 1)))
     assert bench.out.applied == (-32768, 150, 32767)
-    assert refusals(bench.run(bench.setpoint(-3000, 150, 2500))) == [Reason.FAR]
-    assert is_off(bench, DeviceState.ARMED)
+    assert refusals(bench.run(bench.setpoint(-3000, 150, 2500))) == [m.Reason.FAR]
+    assert is_off(bench, m.DeviceState.ARMED)
 
 
 def test_measured_servos_are_where_a_new_calibration_measures_them():
     bench = running()
-    bench.run(Disarm(SESSION))
-    bench.wait(5, state=DeviceState.DISARMED)
+    bench.run(m.Disarm(SESSION))
+    bench.wait(5, state=m.DeviceState.DISARMED)
     bench.length = (400, -400, 300)
     bench.arm(replace(CONFIG, center_us=(1510, 1410, 1610)))
     assert refusals(bench.run(bench.setpoint(*bench.length))) == []

@@ -21,18 +21,7 @@ from support.firmware_bench import (
     states,
 )
 
-from softrobot_env.hardware.protocol.messages import (
-    Arm,
-    Capability,
-    Clear,
-    DeviceState,
-    EStop,
-    Fault,
-    FaultReport,
-    Reason,
-    Stop,
-    Warning,
-)
+from softrobot_env.hardware.protocol import messages as m
 
 
 def test_the_watchdog_freezes_ramps_to_rest_and_switches_off():
@@ -41,65 +30,65 @@ def test_the_watchdog_freezes_ramps_to_rest_and_switches_off():
     bench.wait(99)
     assert bench.out.applied == (REST + 990, REST + 990, REST)
     replies = bench.run()
-    assert faults(replies) == [(Fault.WATCHDOG, 0)]
+    assert faults(replies) == [(m.Fault.WATCHDOG, 0)]
     assert bench.out.applied == (REST + 988, REST + 988, REST)
     bench.wait(492)
     assert bench.out.applied == (REST + 4, REST + 4, REST)
     assert bench.out.powered
     bench.wait(3)
-    assert is_off(bench, DeviceState.LATCHED)
+    assert is_off(bench, m.DeviceState.LATCHED)
 
 
 @pytest.mark.parametrize("watchdog", [20, 1000])
 def test_the_watchdog_waits_as_long_as_configured(watchdog):
     bench = running(replace(CONFIG, watchdog_ms=watchdog))
     bench.wait(watchdog - 1)
-    assert bench.out.state == DeviceState.RUNNING
+    assert bench.out.state == m.DeviceState.RUNNING
     bench.run()
-    assert is_off(bench, DeviceState.LATCHED)  # it was at rest: no way to ramp
+    assert is_off(bench, m.DeviceState.LATCHED)  # it was at rest: no way to ramp
 
 
 def test_a_setpoint_after_its_time_saves_no_watchdog():
     bench = away()
     replies = bench.run(bench.setpoint(*AWAY), ms=200)
-    assert refusals(replies) == [Reason.STATE]
-    bench.wait(200, state=DeviceState.LATCHED)
+    assert refusals(replies) == [m.Reason.STATE]
+    bench.wait(200, state=m.DeviceState.LATCHED)
 
 
 @pytest.mark.parametrize("cause", ["message", "switch"])
 def test_an_emergency_stop_cuts_at_once(cause):
     bench = away()
     spoil(bench, estop=cause == "switch")
-    replies = bench.run(*[EStop()] * (cause == "message"))
-    assert is_off(bench, DeviceState.LATCHED)
-    assert faults(replies) == [(Fault.ESTOP, 0)]
+    replies = bench.run(*[m.EStop()] * (cause == "message"))
+    assert is_off(bench, m.DeviceState.LATCHED)
+    assert faults(replies) == [(m.Fault.ESTOP, 0)]
     bench.hold(100, *AWAY)
-    assert is_off(bench, DeviceState.LATCHED)
+    assert is_off(bench, m.DeviceState.LATCHED)
 
 
 def test_an_emergency_stop_cuts_a_ramp_too():
     bench = away()
-    bench.run(Stop(SESSION, 0))
+    bench.run(m.Stop(SESSION, 0))
     bench.wait(10)
-    bench.run(EStop())
-    assert is_off(bench, DeviceState.LATCHED)
+    bench.run(m.EStop())
+    assert is_off(bench, m.DeviceState.LATCHED)
 
 
 def test_an_emergency_stop_needs_no_hello():
     bench = Bench()
-    assert faults(bench.run(EStop())) == [(Fault.ESTOP, 0)]
-    assert is_off(bench, DeviceState.LATCHED)
+    assert faults(bench.run(m.EStop())) == [(m.Fault.ESTOP, 0)]
+    assert is_off(bench, m.DeviceState.LATCHED)
     assert refusals(bench.configure()) == []
-    assert refusals(bench.run(Arm(SESSION, fields_crc(CONFIG)))) == [Reason.STATE]
-    bench.run(Clear(Fault.ESTOP))
-    assert refusals(bench.run(Arm(SESSION, fields_crc(CONFIG)))) == []
+    assert refusals(bench.run(m.Arm(SESSION, fields_crc(CONFIG)))) == [m.Reason.STATE]
+    bench.run(m.Clear(m.Fault.ESTOP))
+    assert refusals(bench.run(m.Arm(SESSION, fields_crc(CONFIG)))) == []
 
 
 def test_low_voltage_cuts_at_once():
     bench = away()
     spoil(bench, vbus=4999)
-    assert faults(bench.run()) == [(Fault.BROWN_OUT, 0)]
-    assert is_off(bench, DeviceState.LATCHED)
+    assert faults(bench.run()) == [(m.Fault.BROWN_OUT, 0)]
+    assert is_off(bench, m.DeviceState.LATCHED)
 
 
 def test_voltage_does_not_matter_while_the_outputs_are_off():
@@ -107,15 +96,15 @@ def test_voltage_does_not_matter_while_the_outputs_are_off():
     spoil(bench, vbus=0)
     bench.configure()
     bench.wait(300)
-    assert is_off(bench, DeviceState.DISARMED)
+    assert is_off(bench, m.DeviceState.DISARMED)
 
 
 SLOW_FAULTS = [
-    (Fault.FORCE, 1, {"force": (100, 2001, 100)}, 2001),
-    (Fault.SLACK, 2, {"force": (100, 100, 19)}, 19),
-    (Fault.STALL, 0, {"length": (250 - 301, 150, 50)}, -301),
-    (Fault.ADC, 1, {"adc": (2000, 4086, 2000, 2000)}, 4086),
-    (Fault.ADC, 0, {"adc": (9, 2000, 2000, 2000)}, 9),
+    (m.Fault.FORCE, 1, {"force": (100, 2001, 100)}, 2001),
+    (m.Fault.SLACK, 2, {"force": (100, 100, 19)}, 19),
+    (m.Fault.STALL, 0, {"length": (250 - 301, 150, 50)}, -301),
+    (m.Fault.ADC, 1, {"adc": (2000, 4086, 2000, 2000)}, 4086),
+    (m.Fault.ADC, 0, {"adc": (9, 2000, 2000, 2000)}, 9),
 ]
 
 
@@ -124,20 +113,20 @@ def test_what_lasts_ramps_down_and_latches(fault, channel, bad, value):
     bench = away()
     spoil(bench, **bad)
     assert faults(bench.hold(40, *AWAY)) == []
-    assert bench.out.state == DeviceState.RUNNING
-    (report,) = of(FaultReport, bench.run())
+    assert bench.out.state == m.DeviceState.RUNNING
+    (report,) = of(m.FaultReport, bench.run())
     assert (report.code, report.channel, report.value) == (fault, channel, value)
     assert report.t_dev == bench.now
     bench.wait(10)
     moved = [b - a for a, b in zip(AWAY, bench.out.applied, strict=True)]
-    frozen = fault in (Fault.FORCE, Fault.STALL)
+    frozen = fault in (m.Fault.FORCE, m.Fault.STALL)
     expected = [-20, -20, 0]
     if frozen:
         expected[channel] = 0
     assert moved == expected
     assert bench.out.powered
-    bench.wait(200, state=DeviceState.LATCHED)
-    assert is_off(bench, DeviceState.LATCHED)
+    bench.wait(200, state=m.DeviceState.LATCHED)
+    assert is_off(bench, m.DeviceState.LATCHED)
 
 
 @pytest.mark.parametrize(("fault", "channel", "bad", "value"), SLOW_FAULTS)
@@ -149,7 +138,7 @@ def test_what_passes_is_no_fault(fault, channel, bad, value):
         bench.hold(30, *AWAY)
         spoil(bench, **good)
         bench.hold(10, *AWAY)
-    assert bench.out.state == DeviceState.RUNNING
+    assert bench.out.state == m.DeviceState.RUNNING
     assert bench.out.applied == AWAY
 
 
@@ -166,7 +155,7 @@ def test_limits_themselves_are_allowed(edge):
     bench = away()
     spoil(bench, **edge)
     bench.hold(200, *AWAY)
-    assert bench.out.state == DeviceState.RUNNING
+    assert bench.out.state == m.DeviceState.RUNNING
 
 
 BAD_EVERYWHERE = {"force": (-5, 9999, 1), "adc": (0,) * 4, "vbus": 0}
@@ -177,21 +166,21 @@ def test_zeros_switch_checks_off():
     bench = away(replace(CONFIG, adc_mask=0, **none))
     spoil(bench, length=(3000, -3000, 0), **BAD_EVERYWHERE)
     bench.hold(200, *AWAY)
-    assert bench.out.state == DeviceState.RUNNING
+    assert bench.out.state == m.DeviceState.RUNNING
 
 
 def test_what_the_board_cannot_measure_is_not_checked():
-    bench = away(capabilities=Capability(0))
+    bench = away(capabilities=m.Capability(0))
     spoil(bench, length=(3000, -3000, 0), **BAD_EVERYWHERE)
     bench.hold(200, *AWAY)
-    assert bench.out.state == DeviceState.RUNNING
+    assert bench.out.state == m.DeviceState.RUNNING
 
 
 def test_a_rail_of_the_converter_is_told_at_once():
     bench = away()
     spoil(bench, adc=(2000, 4095, 2000, 2000))
     warnings = [state.warnings for state in states(bench.hold(20, *AWAY))]
-    assert warnings[-1] == Warning.ADC_RAIL
+    assert warnings[-1] == m.Warning.ADC_RAIL
     spoil(bench, adc=(2000, 2000, 4095, 2000))  # that one is not supervised
     assert states(bench.hold(20, *AWAY))[-1].warnings == 0
 
@@ -208,5 +197,5 @@ def test_lasting_faults_and_the_watchdog_survive_the_wrap_of_the_clock(start):
     spoil(bench, force=(100, 100, 2001))
     assert faults(bench.hold(40, *AWAY)) == []
     bench.run()
-    assert bench.out.state == DeviceState.RAMPING
-    assert faults(bench.wait(650)) == [(Fault.FORCE, 2)] * 3
+    assert bench.out.state == m.DeviceState.RAMPING
+    assert faults(bench.wait(650)) == [(m.Fault.FORCE, 2)] * 3

@@ -10,16 +10,8 @@ import support.firmware_bench  # noqa: F401  (skips without a compiler)
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
+from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import LONGEST, Decoder, encode
-from softrobot_env.hardware.protocol.messages import (
-    ADC_CHANNELS,
-    MOST_TENDONS,
-    PROTOCOL,
-    TYPES,
-    Hello,
-    Setpoint,
-    pack,
-)
 from softrobot_env.hardware.virtual.core import library
 
 #: Range of each field type, by the name of its annotation's struct code.
@@ -76,7 +68,7 @@ def decode_both(data, cuts=()):
     mine = bodies, cpp.crc_errors, cpp.frame_errors
     cpp.close()
     return mine, (
-        [pack(message, seq) for message, seq in messages],
+        [m.pack(message, seq) for message, seq in messages],
         python.crc_errors,
         python.frame_errors,
     )
@@ -88,13 +80,13 @@ def values(draw, code, count):
 
 
 @st.composite
-def messages(draw, numbers=tuple(TYPES)):
-    kind = TYPES[draw(st.sampled_from(numbers))]
-    n = draw(st.integers(1, MOST_TENDONS))
+def messages(draw, numbers=tuple(m.TYPES)):
+    kind = m.TYPES[draw(st.sampled_from(numbers))]
+    n = draw(st.integers(1, m.MOST_TENDONS))
     given_values = {}
     for field in fields(kind):
         code = field.type.__metadata__[0]
-        count = {1: n, 2: ADC_CHANNELS}[len(field.type.__metadata__)]
+        count = {1: n, 2: m.ADC_CHANNELS}[len(field.type.__metadata__)]
         is_array = field.type.__origin__ is not int
         drawn = values(draw, code, count if is_array else 1)
         given_values[field.name] = drawn if is_array else drawn[0]
@@ -111,21 +103,21 @@ cut_places = st.lists(st.integers(0, 10**6), max_size=8)
 def test_whole_messages_of_every_type_arrive(sent, cuts):
     stream = b"".join(encode(message, seq) for message, seq in sent)
     cpp, python = decode_both(stream, cuts)
-    assert cpp == python == ([pack(message, seq) for message, seq in sent], 0, 0)
+    assert cpp == python == ([m.pack(message, seq) for message, seq in sent], 0, 0)
 
 
-@pytest.mark.parametrize("number", TYPES)
+@pytest.mark.parametrize("number", m.TYPES)
 @settings(max_examples=20)
 @given(data=st.data())
 def test_every_type_arrives(number, data):
     message, seq = data.draw(messages((number,))), data.draw(seqs)
     cpp, python = decode_both(encode(message, seq))
-    assert cpp == python == ([pack(message, seq)], 0, 0)
+    assert cpp == python == ([m.pack(message, seq)], 0, 0)
 
 
-@given(messages(tuple(number for number in TYPES if number > 64)), seqs)
+@given(messages(tuple(number for number in m.TYPES if number > 64)), seqs)
 def test_frames_of_the_device_are_those_of_python(message, seq):
-    assert cpp_frame(pack(message, seq)) == encode(message, seq)
+    assert cpp_frame(m.pack(message, seq)) == encode(message, seq)
 
 
 @given(st.lists(messages(), min_size=1, max_size=3), st.data(), cut_places)
@@ -141,10 +133,10 @@ def test_flipped_bits_give_the_same_errors(sent, data, cuts):
 def test_a_cut_frame_does_not_take_the_next_with_it(message, data):
     frame = encode(message, 1)
     kept = frame[: data.draw(st.integers(0, len(frame) - 1))]
-    whole = encode(Setpoint(1, 2, 3, 0, 3, (4, 5, 6)), 8)
+    whole = encode(m.Setpoint(1, 2, 3, 0, 3, (4, 5, 6)), 8)
     cpp, python = decode_both(kept + whole)
     assert cpp == python
-    assert cpp[0][-1:] == [pack(Setpoint(1, 2, 3, 0, 3, (4, 5, 6)), 8)]
+    assert cpp[0][-1:] == [m.pack(m.Setpoint(1, 2, 3, 0, 3, (4, 5, 6)), 8)]
 
 
 @given(st.binary(max_size=600), cut_places)
@@ -159,12 +151,12 @@ def test_garbage_of_zeros_and_codes_gives_the_same_errors(garbage):
     assert cpp == python
 
 
-numbers = st.sampled_from([*TYPES]) | st.integers(0, 255)
-protocols = st.just(PROTOCOL) | st.integers(0, 255)
+numbers = st.sampled_from([*m.TYPES]) | st.integers(0, 255)
+protocols = st.just(m.PROTOCOL) | st.integers(0, 255)
 
 
 @given(protocols, numbers, st.integers(0, 70), st.randoms())
-@example(PROTOCOL - 1, Hello.number, 8, Random(0))
+@example(m.PROTOCOL - 1, m.Hello.number, 8, Random(0))
 def test_right_checksums_around_wrong_bodies_give_the_same_errors(protocol, number, size, random):
     cpp, python = decode_both(cpp_frame(bytes([protocol, number]) + random.randbytes(size)))
     # A hello may be of another protocol, which `pack` does not repeat.
@@ -175,7 +167,7 @@ def test_right_checksums_around_wrong_bodies_give_the_same_errors(protocol, numb
 
 @pytest.mark.parametrize("size", [LONGEST - 1, LONGEST, LONGEST + 1, 10 * LONGEST, 70_000])
 def test_long_frames_are_dropped(size):
-    cpp, python = decode_both(b"\1" * size + encode(Setpoint(1, 2, 3, 0, 1, (4,)), 8))
+    cpp, python = decode_both(b"\1" * size + encode(m.Setpoint(1, 2, 3, 0, 1, (4,)), 8))
     assert cpp == python
     assert len(cpp[0]) == 1
     assert cpp[1:] == ((1, 0) if size <= LONGEST else (0, 1))

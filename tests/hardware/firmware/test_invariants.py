@@ -10,20 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, invariant, rule
 from support.firmware_bench import CONFIG, Bench, N, fields_crc, of, refusals
 
+from softrobot_env.hardware.protocol import messages as m
 from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.protocol.messages import (
-    Arm,
-    Capability,
-    Clear,
-    ConfigAck,
-    DeviceState,
-    Disarm,
-    EStop,
-    Fault,
-    Hello,
-    Ping,
-    Stop,
-)
 
 #: Narrow limits, so that they are met often.
 TIGHT = replace(CONFIG, watchdog_ms=200, minimum=(-300,) * N, maximum=(300, 250, 300))
@@ -43,7 +31,7 @@ little_ways = st.tuples(*[st.integers(-90, 90)] * N)
 class Link(RuleBasedStateMachine):
     """A host that does anything in any order, over a line that loses, repeats and adds."""
 
-    capabilities = Capability.LENGTH | Capability.FORCE | Capability.ADC | Capability.SUPPLY
+    capabilities = m.Capability.LENGTH | m.Capability.FORCE | m.Capability.ADC | m.Capability.SUPPLY
 
     def __init__(self):
         super().__init__()
@@ -59,7 +47,7 @@ class Link(RuleBasedStateMachine):
         bench.run(*messages, ms=ms)
         after, accepted = bench.out, fresh is not None and not refusals(bench.replies)
         self.check_limits(after)
-        if acks := of(ConfigAck, bench.replies):
+        if acks := of(m.ConfigAck, bench.replies):
             self.check_calibration(before, after, acks[0].crc)
         elif before.powered:
             moved = np.subtract(after.applied, before.applied)
@@ -73,7 +61,7 @@ class Link(RuleBasedStateMachine):
     @property
     def measured(self):
         """Lengths, or None for those of servos that are where their pulses told them."""
-        return self.bench.length if Capability.LENGTH in self.capabilities else None
+        return self.bench.length if m.Capability.LENGTH in self.capabilities else None
 
     def check_start(self, before, after, fresh):
         """At the present position, or at the limit beside it if that is not far."""
@@ -105,7 +93,7 @@ class Link(RuleBasedStateMachine):
     def check_motion(self, before, moved, seconds):
         """Towards the last fresh set-point if it is recent enough, otherwise only by the ramp."""
         silence = (self.bench.now - self.fed) / 1000
-        follows = before.state == DeviceState.RUNNING and silence < TIGHT.watchdog_ms
+        follows = before.state == m.DeviceState.RUNNING and silence < TIGHT.watchdog_ms
         way = (self.target if follows else REST) - before.applied
         most = (SLEW if follows else TIGHT.ramp) * min(seconds, LONGEST_STEP) + 1
         assert np.all(moved * way >= 0)
@@ -117,16 +105,16 @@ class Link(RuleBasedStateMachine):
 
     @rule(ms=steps, low=st.integers(0, 2), high=st.integers(0, 2))
     def hello(self, ms, low, high):
-        self.step(ms, Hello(1, low, high))
+        self.step(ms, m.Hello(1, low, high))
 
     @rule(ms=steps, config=configs)
     def configure(self, ms, config):
-        self.step(ms, Hello(1, 1, 1), config)
+        self.step(ms, m.Hello(1, 1, 1), config)
 
     @rule(ms=steps, config=configs)
     def arm(self, ms, config):
         self.session += 1
-        self.step(ms, Arm(self.session, fields_crc(config)))
+        self.step(ms, m.Arm(self.session, fields_crc(config)))
 
     @rule(
         ms=steps,
@@ -139,8 +127,8 @@ class Link(RuleBasedStateMachine):
         self.all_well(1)
         self.bench.length = length
         self.session += 1
-        clears = [Clear(fault) for fault in Fault]
-        ready = (Hello(1, 1, 1), config, Arm(self.session, fields_crc(config)))
+        clears = [m.Clear(fault) for fault in m.Fault]
+        ready = (m.Hello(1, 1, 1), config, m.Arm(self.session, fields_crc(config)))
         self.step(ms, *clears, *ready)
         present = self.bench.out.applied if self.measured is None else length
         self.send(1, np.clip(np.add(present, scale * np.array(way)), LOW, HIGH), self.session)
@@ -167,7 +155,7 @@ class Link(RuleBasedStateMachine):
 
     @rule(ms=st.floats(0.1, 15), way=little_ways, back=st.integers(1, 5))
     def repeated_setpoint(self, ms, way, back):
-        if self.bench.out.state != DeviceState.RUNNING:
+        if self.bench.out.state != m.DeviceState.RUNNING:
             self.start(1.0, TIGHT, None, way, 1)
         self.near_setpoints(ms, way, 2)
         for frame in self.accepted[-back:][:1]:
@@ -180,10 +168,20 @@ class Link(RuleBasedStateMachine):
         self.bench.core.receive(garbage)
         self.step(ms)
 
-    @rule(ms=steps, end=st.sampled_from((Stop, Disarm, EStop, Ping, Clear)), own=st.booleans())
+    @rule(
+        ms=steps,
+        end=st.sampled_from((m.Stop, m.Disarm, m.EStop, m.Ping, m.Clear)),
+        own=st.booleans(),
+    )
     def other_orders(self, ms, end, own):
         session = self.session if own else self.session + 1
-        fields = {Stop: (session, 0), Disarm: (session,), EStop: (), Ping: (1,), Clear: (1,)}
+        fields = {
+            m.Stop: (session, 0),
+            m.Disarm: (session,),
+            m.EStop: (),
+            m.Ping: (1,),
+            m.Clear: (1,),
+        }
         self.step(ms, end(*fields[end]))
 
     @rule(
@@ -210,13 +208,13 @@ class Link(RuleBasedStateMachine):
     @invariant()
     def powered_states_are_running_and_ramping(self):
         out = self.bench.out
-        assert out.powered == (out.state in (DeviceState.RUNNING, DeviceState.RAMPING))
+        assert out.powered == (out.state in (m.DeviceState.RUNNING, m.DeviceState.RAMPING))
 
 
 class BlindLink(Link):
     """On a board that does not measure lengths."""
 
-    capabilities = Capability.FORCE | Capability.ADC | Capability.SUPPLY
+    capabilities = m.Capability.FORCE | m.Capability.ADC | m.Capability.SUPPLY
 
 
 TestLink, TestBlindLink = Link.TestCase, BlindLink.TestCase

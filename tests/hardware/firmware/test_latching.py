@@ -20,16 +20,7 @@ from support.firmware_bench import (
     states,
 )
 
-from softrobot_env.hardware.protocol.messages import (
-    Arm,
-    Clear,
-    DeviceState,
-    EStop,
-    Fault,
-    FaultReport,
-    Reason,
-    Stop,
-)
+from softrobot_env.hardware.protocol import messages as m
 
 
 def test_the_first_cause_is_kept_and_repeated():
@@ -37,14 +28,14 @@ def test_the_first_cause_is_kept_and_repeated():
     spoil(bench, force=(2500, 100, 100))
     bench.hold(40, *AWAY)
     bench.run()
-    assert bench.out.state == DeviceState.RAMPING
-    first = of(FaultReport, bench.replies)[0]
-    bench.run(EStop())
-    reports = of(FaultReport, bench.wait(1000))
+    assert bench.out.state == m.DeviceState.RAMPING
+    first = of(m.FaultReport, bench.replies)[0]
+    bench.run(m.EStop())
+    reports = of(m.FaultReport, bench.wait(1000))
     assert reports == [first] * 5
     state = states(bench.wait(60))[0]
-    assert state.faults == 1 << Fault.FORCE | 1 << Fault.ESTOP
-    assert state.state == DeviceState.LATCHED
+    assert state.faults == 1 << m.Fault.FORCE | 1 << m.Fault.ESTOP
+    assert state.state == m.DeviceState.LATCHED
 
 
 def test_a_second_stalled_tendon_stops_where_it_is():
@@ -56,28 +47,28 @@ def test_a_second_stalled_tendon_stops_where_it_is():
     held = bench.out.applied
     assert held[0] == 250
     assert REST < held[1] < 150
-    assert is_off(bench, DeviceState.LATCHED)
+    assert is_off(bench, m.DeviceState.LATCHED)
 
 
 def test_a_fault_during_a_stop_latches():
     bench = away()
-    bench.run(Stop(SESSION, 500))
+    bench.run(m.Stop(SESSION, 500))
     spoil(bench, force=(100, 100, 2001))
-    assert faults(bench.wait(400, state=DeviceState.LATCHED)) == [
-        (Fault.FORCE, 2),
-        (Fault.FORCE, 2),
+    assert faults(bench.wait(400, state=m.DeviceState.LATCHED)) == [
+        (m.Fault.FORCE, 2),
+        (m.Fault.FORCE, 2),
     ]
 
 
 def test_clearing_needs_the_first_cause_by_name():
     bench = away()
-    assert refusals(bench.run(Clear(Fault.NONE))) == [Reason.STATE]
-    bench.run(EStop())
-    for other in (Fault.NONE, Fault.WATCHDOG, 200):
-        assert refusals(bench.run(Clear(other))) == [Reason.FAULT]
-    assert is_off(bench, DeviceState.LATCHED)
-    assert refusals(bench.run(Clear(Fault.ESTOP))) == []
-    assert is_off(bench, DeviceState.DISARMED)
+    assert refusals(bench.run(m.Clear(m.Fault.NONE))) == [m.Reason.STATE]
+    bench.run(m.EStop())
+    for other in (m.Fault.NONE, m.Fault.WATCHDOG, 200):
+        assert refusals(bench.run(m.Clear(other))) == [m.Reason.FAULT]
+    assert is_off(bench, m.DeviceState.LATCHED)
+    assert refusals(bench.run(m.Clear(m.Fault.ESTOP))) == []
+    assert is_off(bench, m.DeviceState.DISARMED)
     state = states(bench.wait(60))[0]
     assert state.faults == 0
     assert faults(bench.wait(400)) == []
@@ -86,10 +77,10 @@ def test_clearing_needs_the_first_cause_by_name():
 @pytest.mark.parametrize(
     ("fault", "bad", "good"),
     [
-        (Fault.ESTOP, {"estop": True}, {"estop": False}),
-        (Fault.BROWN_OUT, {"vbus": 4999}, {"vbus": 5000}),
-        (Fault.FORCE, {"force": (100, 100, 2001)}, {"force": (100, 100, 0)}),
-        (Fault.ADC, {"adc": (4086, 99, 99, 99)}, {"adc": (99, 99, 99, 99)}),
+        (m.Fault.ESTOP, {"estop": True}, {"estop": False}),
+        (m.Fault.BROWN_OUT, {"vbus": 4999}, {"vbus": 5000}),
+        (m.Fault.FORCE, {"force": (100, 100, 2001)}, {"force": (100, 100, 0)}),
+        (m.Fault.ADC, {"adc": (4086, 99, 99, 99)}, {"adc": (99, 99, 99, 99)}),
     ],
 )
 def test_clearing_needs_the_cause_to_be_gone(fault, bad, good):
@@ -97,12 +88,12 @@ def test_clearing_needs_the_cause_to_be_gone(fault, bad, good):
     spoil(bench, **bad)
     bench.hold(40, *AWAY)
     bench.wait(200)
-    assert refusals(bench.run(Clear(fault))) == [Reason.FAULT]
-    assert is_off(bench, DeviceState.LATCHED)
+    assert refusals(bench.run(m.Clear(fault))) == [m.Reason.FAULT]
+    assert is_off(bench, m.DeviceState.LATCHED)
     spoil(bench, **good)
     bench.run()
-    assert refusals(bench.run(Clear(fault))) == []
-    assert is_off(bench, DeviceState.DISARMED)
+    assert refusals(bench.run(m.Clear(fault))) == []
+    assert is_off(bench, m.DeviceState.DISARMED)
 
 
 def test_a_later_cause_must_be_gone_too():
@@ -110,28 +101,31 @@ def test_a_later_cause_must_be_gone_too():
     bench.wait(300)
     spoil(bench, estop=True)
     bench.run()
-    assert refusals(bench.run(Clear(Fault.WATCHDOG))) == [Reason.FAULT]
+    assert refusals(bench.run(m.Clear(m.Fault.WATCHDOG))) == [m.Reason.FAULT]
     spoil(bench, estop=False)
     bench.run()
-    assert refusals(bench.run(Clear(Fault.WATCHDOG))) == []
+    assert refusals(bench.run(m.Clear(m.Fault.WATCHDOG))) == []
 
 
 def test_a_slack_or_stalled_robot_can_be_cleared_with_the_outputs_off():
-    for fault, bad in ((Fault.SLACK, {"force": (0,) * N}), (Fault.STALL, {"length": (2000,) * N})):
+    for fault, bad in (
+        (m.Fault.SLACK, {"force": (0,) * N}),
+        (m.Fault.STALL, {"length": (2000,) * N}),
+    ):
         bench = away()
         spoil(bench, **bad)
         bench.hold(40, *AWAY)
         bench.wait(200)
-        assert refusals(bench.run(Clear(fault))) == []
+        assert refusals(bench.run(m.Clear(fault))) == []
 
 
 def test_running_goes_on_after_a_fault_only_with_a_new_session():
     bench = away()
     bench.wait(300)
-    bench.run(Clear(Fault.WATCHDOG))
+    bench.run(m.Clear(m.Fault.WATCHDOG))
     bench.hold(50, REST, REST, REST)
-    assert is_off(bench, DeviceState.DISARMED)
-    bench.run(Arm(SESSION, fields_crc(CONFIG)))
+    assert is_off(bench, m.DeviceState.DISARMED)
+    bench.run(m.Arm(SESSION, fields_crc(CONFIG)))
     bench.hold(50, REST + 60, REST, REST)
     assert bench.out.applied == (REST + 60, REST, REST)
 
@@ -141,4 +135,4 @@ def test_the_switch_latches_while_disarmed():
     bench.configure()
     spoil(bench, estop=True)
     bench.run()
-    assert is_off(bench, DeviceState.LATCHED)
+    assert is_off(bench, m.DeviceState.LATCHED)

@@ -18,129 +18,114 @@ from support.firmware_bench import (
     states,
 )
 
-from softrobot_env.hardware.protocol.messages import (
-    SCHEMA,
-    Arm,
-    Capability,
-    ConfigAck,
-    DeviceState,
-    Disarm,
-    EStop,
-    Hello,
-    HelloAck,
-    Ping,
-    Pong,
-    Reason,
-    Reset,
-    Stop,
-)
+from softrobot_env.hardware.protocol import messages as m
 
 
 def test_power_on_is_off():
     bench = Bench()
     bench.run()
-    assert is_off(bench, DeviceState.DISARMED)
+    assert is_off(bench, m.DeviceState.DISARMED)
     bench.hold(200, 0, 0, 0)
-    assert is_off(bench, DeviceState.DISARMED)
+    assert is_off(bench, m.DeviceState.DISARMED)
 
 
 def test_hello_is_answered_with_what_the_board_is():
-    bench = Bench(boot_id=2**32 - 2, reset_cause=Reset.BROWN_OUT, capabilities=Capability.ADC)
-    (ack,) = bench.run(Hello(2**32 - 1, 1, 9))
-    assert ack == HelloAck(
+    bench = Bench(boot_id=2**32 - 2, reset_cause=m.Reset.BROWN_OUT, capabilities=m.Capability.ADC)
+    (ack,) = bench.run(m.Hello(2**32 - 1, 1, 9))
+    assert ack == m.HelloAck(
         nonce=2**32 - 1,
         boot_id=2**32 - 2,
         firmware=0x100,
         min_protocol=1,
         max_protocol=1,
-        schema=SCHEMA,
+        schema=m.SCHEMA,
         n=N,
-        capabilities=Capability.ADC,
-        reset_cause=Reset.BROWN_OUT,
+        capabilities=m.Capability.ADC,
+        reset_cause=m.Reset.BROWN_OUT,
     )
 
 
 def test_nothing_goes_without_a_fitting_hello():
     bench = Bench()
-    arm = Arm(SESSION, fields_crc(CONFIG))
-    assert refusals(bench.run(CONFIG, arm, Ping(1))) == [Reason.PROTOCOL] * 3
+    arm = m.Arm(SESSION, fields_crc(CONFIG))
+    assert refusals(bench.run(CONFIG, arm, m.Ping(1))) == [m.Reason.PROTOCOL] * 3
     for low, high in ((2, 9), (0, 0)):
-        replies = bench.run(Hello(5, low, high), CONFIG)
-        assert of(HelloAck, replies)[0].nonce == 5
-        assert refusals(replies) == [Reason.PROTOCOL]
-    assert of(ConfigAck, bench.run(Hello(6, 0, 3), CONFIG)) == [ConfigAck(fields_crc(CONFIG))]
+        replies = bench.run(m.Hello(5, low, high), CONFIG)
+        assert of(m.HelloAck, replies)[0].nonce == 5
+        assert refusals(replies) == [m.Reason.PROTOCOL]
+    assert of(m.ConfigAck, bench.run(m.Hello(6, 0, 3), CONFIG)) == [m.ConfigAck(fields_crc(CONFIG))]
 
 
 def test_hello_ends_a_session_with_a_ramp_and_forgets_the_configuration():
     bench = running()
     bench.hold(50, 250, 250, 250)
-    bench.run(Hello(9, 1, 1))
-    assert bench.out.state == DeviceState.RAMPING
-    assert refusals(bench.run(bench.setpoint(300, 300, 300))) == [Reason.STATE]
-    bench.wait(200, state=DeviceState.DISARMED)
+    bench.run(m.Hello(9, 1, 1))
+    assert bench.out.state == m.DeviceState.RAMPING
+    assert refusals(bench.run(bench.setpoint(300, 300, 300))) == [m.Reason.STATE]
+    bench.wait(200, state=m.DeviceState.DISARMED)
     assert bench.out.applied == (REST,) * N
-    assert refusals(bench.run(Arm(SESSION, fields_crc(CONFIG)))) == [Reason.CONFIG]
+    assert refusals(bench.run(m.Arm(SESSION, fields_crc(CONFIG)))) == [m.Reason.CONFIG]
 
 
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"minimum": (60, -3000, -3000)}, Reason.CONFIG),
-        ({"rest": (REST, REST, 2501)}, Reason.CONFIG),
-        ({"gain": (1000, 0, 500)}, Reason.CONFIG),
-        ({"slew": (10000, 10000, 0)}, Reason.CONFIG),
-        ({"ramp": 0}, Reason.CONFIG),
-        ({"free_run_ms": 0}, Reason.CONFIG),
-        ({"watchdog_ms": 19}, Reason.RANGE),
-        ({"watchdog_ms": 1001}, Reason.RANGE),
-        ({"center_us": (699, 1400, 1600)}, Reason.RANGE),
-        ({"center_us": (1500, 2301, 1600)}, Reason.RANGE),
-        ({"gain": (1000, -32768, 500)}, Reason.RANGE),
+        ({"minimum": (60, -3000, -3000)}, m.Reason.CONFIG),
+        ({"rest": (REST, REST, 2501)}, m.Reason.CONFIG),
+        ({"gain": (1000, 0, 500)}, m.Reason.CONFIG),
+        ({"slew": (10000, 10000, 0)}, m.Reason.CONFIG),
+        ({"ramp": 0}, m.Reason.CONFIG),
+        ({"free_run_ms": 0}, m.Reason.CONFIG),
+        ({"watchdog_ms": 19}, m.Reason.RANGE),
+        ({"watchdog_ms": 1001}, m.Reason.RANGE),
+        ({"center_us": (699, 1400, 1600)}, m.Reason.RANGE),
+        ({"center_us": (1500, 2301, 1600)}, m.Reason.RANGE),
+        ({"gain": (1000, -32768, 500)}, m.Reason.RANGE),
     ],
 )
 def test_a_wrong_configuration_is_refused(changes, reason):
     bench = Bench()
     config = replace(CONFIG, **changes)
     assert refusals(bench.configure(config)) == [reason]
-    assert refusals(bench.run(Arm(SESSION, fields_crc(config)))) == [Reason.CONFIG]
+    assert refusals(bench.run(m.Arm(SESSION, fields_crc(config)))) == [m.Reason.CONFIG]
 
 
 def test_extreme_but_possible_configurations_are_accepted():
     for changes in ({"watchdog_ms": 20}, {"watchdog_ms": 1000}, {"center_us": (700, 2300, 1600)}):
         config = replace(CONFIG, **changes)
-        assert of(ConfigAck, Bench().configure(config)) == [ConfigAck(fields_crc(config))]
+        assert of(m.ConfigAck, Bench().configure(config)) == [m.ConfigAck(fields_crc(config))]
 
 
 def test_a_configuration_for_another_number_of_tendons_is_refused():
     arrays = ("center_us", "gain", "minimum", "maximum", "slew", "rest", "max_force", "min_force")
     two = replace(CONFIG, n=2, **{name: getattr(CONFIG, name)[:2] for name in arrays})
-    assert refusals(Bench().configure(two)) == [Reason.COUNT]
+    assert refusals(Bench().configure(two)) == [m.Reason.COUNT]
 
 
 def test_a_configuration_is_refused_while_armed_running_and_ramping():
     bench = Bench()
     bench.arm()
-    assert refusals(bench.run(CONFIG)) == [Reason.STATE]
+    assert refusals(bench.run(CONFIG)) == [m.Reason.STATE]
     bench.run(bench.setpoint(REST, REST, REST))
     bench.hold(20, 200, 200, 200)
     other = replace(CONFIG, center_us=(1700, 1700, 1700))
     before = bench.out.pulse_us
-    assert refusals(bench.run(other)) == [Reason.STATE]
+    assert refusals(bench.run(other)) == [m.Reason.STATE]
     assert max(abs(a - b) for a, b in zip(bench.out.pulse_us, before, strict=True)) <= 1
-    bench.run(Stop(SESSION, 0))
-    assert refusals(bench.run(other)) == [Reason.STATE]
+    bench.run(m.Stop(SESSION, 0))
+    assert refusals(bench.run(other)) == [m.Reason.STATE]
 
 
 def test_arming_needs_the_configuration_and_a_session():
     bench = Bench()
     bench.configure()
     crc = fields_crc(CONFIG)
-    assert refusals(bench.run(Arm(SESSION, crc ^ 1))) == [Reason.CONFIG]
-    assert refusals(bench.run(Arm(0, crc))) == [Reason.SESSION]
-    assert is_off(bench, DeviceState.DISARMED)
-    assert refusals(bench.run(Arm(SESSION, crc))) == []
-    assert is_off(bench, DeviceState.ARMED)
-    assert refusals(bench.run(Arm(SESSION, crc))) == [Reason.STATE]
+    assert refusals(bench.run(m.Arm(SESSION, crc ^ 1))) == [m.Reason.CONFIG]
+    assert refusals(bench.run(m.Arm(0, crc))) == [m.Reason.SESSION]
+    assert is_off(bench, m.DeviceState.DISARMED)
+    assert refusals(bench.run(m.Arm(SESSION, crc))) == []
+    assert is_off(bench, m.DeviceState.ARMED)
+    assert refusals(bench.run(m.Arm(SESSION, crc))) == [m.Reason.STATE]
 
 
 @pytest.mark.parametrize(
@@ -150,26 +135,26 @@ def test_arming_is_refused_while_something_is_wrong(present):
     bench = Bench()
     bench.configure()
     vars(bench).update(present)
-    assert refusals(bench.run(Arm(SESSION, fields_crc(CONFIG)))) == [Reason.FAULT]
-    assert is_off(bench, DeviceState.DISARMED)
+    assert refusals(bench.run(m.Arm(SESSION, fields_crc(CONFIG)))) == [m.Reason.FAULT]
+    assert is_off(bench, m.DeviceState.DISARMED)
 
 
 def test_armed_ends_after_a_second():
     bench = Bench()
     bench.arm()
     bench.wait(999)
-    assert is_off(bench, DeviceState.ARMED)
+    assert is_off(bench, m.DeviceState.ARMED)
     bench.run()
-    assert is_off(bench, DeviceState.DISARMED)
-    assert refusals(bench.run(bench.setpoint(REST, REST, REST))) == [Reason.STATE]
+    assert is_off(bench, m.DeviceState.DISARMED)
+    assert refusals(bench.run(bench.setpoint(REST, REST, REST))) == [m.Reason.STATE]
 
 
 def test_the_first_setpoint_must_be_near_where_the_servos_are():
     bench = Bench()
     bench.arm()
     bench.length = (500, -500, REST)
-    assert refusals(bench.run(bench.setpoint(500, -399, REST))) == [Reason.FAR]
-    assert is_off(bench, DeviceState.ARMED)
+    assert refusals(bench.run(bench.setpoint(500, -399, REST))) == [m.Reason.FAR]
+    assert is_off(bench, m.DeviceState.ARMED)
     assert refusals(bench.run(bench.setpoint(600, -400, REST))) == []
     assert bench.out.powered
     assert bench.out.applied == bench.length
@@ -177,14 +162,14 @@ def test_the_first_setpoint_must_be_near_where_the_servos_are():
 
 
 def test_without_measured_lengths_it_must_be_near_the_last_position():
-    bench = Bench(capabilities=Capability(0))
+    bench = Bench(capabilities=m.Capability(0))
     bench.length = (2000,) * N  # counts for nothing
     bench.arm()
-    assert refusals(bench.run(bench.setpoint(REST + 101, REST, REST))) == [Reason.FAR]
+    assert refusals(bench.run(bench.setpoint(REST + 101, REST, REST))) == [m.Reason.FAR]
     assert refusals(bench.run(bench.setpoint(REST + 100, REST, REST))) == []
     assert bench.out.applied == (REST,) * N
     bench.hold(100, 400, REST, REST)
-    bench.run(EStop())
+    bench.run(m.EStop())
     assert states(bench.wait(60))[0].length == bench.out.applied == (400, REST, REST)
 
 
@@ -196,7 +181,7 @@ def test_servos_beyond_a_limit_start_at_the_limit():
     assert bench.out.applied == (3000, REST, -3000)
 
 
-@pytest.mark.parametrize("end", [Stop(SESSION, 0), Disarm(SESSION)])
+@pytest.mark.parametrize("end", [m.Stop(SESSION, 0), m.Disarm(SESSION)])
 def test_stop_and_disarm_ramp_to_rest_and_switch_off(end):
     bench = running()
     bench.hold(50, 250, REST, REST)
@@ -205,7 +190,7 @@ def test_stop_and_disarm_ramp_to_rest_and_switch_off(end):
     assert bench.out.applied[0] == 250 - 2 * 50
     assert bench.out.powered
     bench.wait(50)
-    assert is_off(bench, DeviceState.DISARMED)
+    assert is_off(bench, m.DeviceState.DISARMED)
     assert bench.out.applied == (REST,) * N
 
 
@@ -213,7 +198,7 @@ def test_stop_and_disarm_ramp_to_rest_and_switch_off(end):
 def test_a_stop_may_name_its_ramp_but_not_exceed_the_slew(ramp, speed):
     bench = running()
     bench.hold(50, 250, REST, REST)
-    bench.run(Stop(SESSION, ramp))
+    bench.run(m.Stop(SESSION, ramp))
     bench.wait(10)
     assert bench.out.applied[0] == 250 - speed * 10
 
@@ -222,44 +207,44 @@ def test_a_stop_may_name_its_ramp_but_not_exceed_the_slew(ramp, speed):
 def test_a_ramp_ends_after_ten_seconds_however_slow_it_is(start):
     bench = Bench(now=start).start()
     bench.hold(50, *AWAY)
-    bench.run(Stop(SESSION, 1))
+    bench.run(m.Stop(SESSION, 1))
     bench.wait(9999)
     assert bench.out.powered
     assert bench.out.applied == (241, 141, REST)
     bench.run()
-    assert is_off(bench, DeviceState.DISARMED)
+    assert is_off(bench, m.DeviceState.DISARMED)
 
 
 def test_a_configured_ramp_after_a_fault_ends_after_ten_seconds_too():
     bench = Bench().start(replace(CONFIG, ramp=1))
     bench.hold(50, *AWAY)
-    bench.wait(100, state=DeviceState.RAMPING)
+    bench.wait(100, state=m.DeviceState.RAMPING)
     bench.wait(9999)
     assert bench.out.powered
     bench.run()
-    assert is_off(bench, DeviceState.LATCHED)
+    assert is_off(bench, m.DeviceState.LATCHED)
 
 
-@pytest.mark.parametrize("end", [Stop(SESSION + 1, 0), Disarm(SESSION + 1), Disarm(0)])
+@pytest.mark.parametrize("end", [m.Stop(SESSION + 1, 0), m.Disarm(SESSION + 1), m.Disarm(0)])
 def test_only_its_own_session_can_be_stopped(end):
     bench = running()
-    assert refusals(bench.run(end)) == [Reason.SESSION]
-    assert bench.out.state == DeviceState.RUNNING
+    assert refusals(bench.run(end)) == [m.Reason.SESSION]
+    assert bench.out.state == m.DeviceState.RUNNING
 
 
 def test_disarm_while_armed():
     bench = Bench()
     bench.arm()
-    bench.run(Disarm(SESSION))
-    assert is_off(bench, DeviceState.DISARMED)
+    bench.run(m.Disarm(SESSION))
+    assert is_off(bench, m.DeviceState.DISARMED)
 
 
 def test_sessions_follow_each_other():
     bench = running()
-    bench.run(Disarm(SESSION))
-    bench.wait(5, state=DeviceState.DISARMED)
-    bench.run(Arm(SESSION + 1, fields_crc(CONFIG)))
-    assert refusals(bench.run(bench.setpoint(60, REST, REST))) == [Reason.SESSION]
+    bench.run(m.Disarm(SESSION))
+    bench.wait(5, state=m.DeviceState.DISARMED)
+    bench.run(m.Arm(SESSION + 1, fields_crc(CONFIG)))
+    assert refusals(bench.run(bench.setpoint(60, REST, REST))) == [m.Reason.SESSION]
     new = bench.setpoint(60, REST, REST, session=SESSION + 1)
     assert refusals(bench.run(new, seq=0)) == []
     bench.run()
@@ -269,15 +254,15 @@ def test_sessions_follow_each_other():
 def test_ping_is_answered_and_feeds_nothing():
     bench = running()
     for _ in range(9):
-        (pong,) = of(Pong, bench.run(Ping(12345), ms=11))
-        assert pong == Pong(12345, bench.now)
-    bench.run(Ping(0), ms=2)
-    assert is_off(bench, DeviceState.LATCHED)
+        (pong,) = of(m.Pong, bench.run(m.Ping(12345), ms=11))
+        assert pong == m.Pong(12345, bench.now)
+    bench.run(m.Ping(0), ms=2)
+    assert is_off(bench, m.DeviceState.LATCHED)
 
 
 def test_messages_of_a_device_are_no_orders():
     bench = running()
     state = states(bench.wait(60))[0]
-    assert refusals(bench.run(bench.setpoint(REST, REST, REST), state, Pong(1, 2))) == []
-    assert bench.out.state == DeviceState.RUNNING
-    assert bench.run(HelloAck(0, 0, 0, 1, 1, SCHEMA, N, 0, 0)) == []
+    assert refusals(bench.run(bench.setpoint(REST, REST, REST), state, m.Pong(1, 2))) == []
+    assert bench.out.state == m.DeviceState.RUNNING
+    assert bench.run(m.HelloAck(0, 0, 0, 1, 1, m.SCHEMA, N, 0, 0)) == []

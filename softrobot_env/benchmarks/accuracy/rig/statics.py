@@ -8,7 +8,6 @@ end, and a moment that is found together with the posture.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
-import mujoco
 import numpy as np
 from scipy.optimize import root
 
@@ -40,7 +39,6 @@ from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.quadrature import RULES
-from softrobot_env.scene.statics import equilibrium
 
 PIECE = "rig_piece"
 
@@ -170,13 +168,10 @@ def end_axis(model: BeamModel, q: np.ndarray) -> np.ndarray:
 
 def chain_statics(rule: str, n: int, robot: RobotParams = ROBOT) -> Solve:
     """The MuJoCo chain on n joints."""
-    model = chain_scene(robot, rule, n, **CHAIN).model
+    scene = chain_scene(robot, rule, n, **CHAIN)
 
     def solve(pulled: np.ndarray) -> np.ndarray:
-        data = mujoco.MjData(model)
-        data.qpos[:] = equilibrium(model, pulled, load_steps=_LOAD_STEPS)
-        mujoco.mj_kinematics(model, data)
-        return data.site("tip").xpos.copy()
+        return scene.tip(scene.equilibrium(pulled, load_steps=_LOAD_STEPS))
 
     return solve
 

@@ -6,13 +6,13 @@ truth does not either; a row of its own tells how far the tips of a rod that doe
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from time import perf_counter
 
-import mujoco
 import numpy as np
 
+from softrobot_env.beams.model import BeamModel
 from softrobot_env.benchmarks.accuracy.cases.beam_models import CONTESTANTS, Contestant
+from softrobot_env.benchmarks.accuracy.goals import goal
 from softrobot_env.benchmarks.accuracy.rows import BENDING, CONTINUUM, SHEAR, Physics, Row
 from softrobot_env.benchmarks.accuracy.space.cases import (
     HEADINGS,
@@ -25,9 +25,8 @@ from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.records import select
 from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import TWISTING_RULE, SceneConfig
-from softrobot_env.scene.statics import equilibrium
 
 ROBOTS = (TPU, STEEL)
 
@@ -101,21 +100,15 @@ def chain_tip(case: SpatialCase, rule: str, n: int) -> tuple[np.ndarray, float]:
     config = SceneConfig(
         case.robot, pieces=n // 2, rule=rule, loads=case.loads, bending="spatial", torsion=True
     )
-    model = build_scene(config).model
-    begin = perf_counter()
-    posture = equilibrium(
-        model, np.ones(len(case.loads)), load_steps=_LOAD_STEPS, check_stability=False
-    )
-    took = perf_counter() - begin
-    data = mujoco.MjData(model)
-    data.qpos[:] = posture
-    mujoco.mj_kinematics(model, data)
-    return data.site("tip").xpos.copy(), took
+    return _solved(build_scene(config), case)
 
 
 def beam_tip(case: SpatialCase, contestant: Contestant, n: int) -> tuple[np.ndarray, float]:
     """Tip (3,) [m] of a beam model with n pieces, and the time [s] of its equilibrium."""
-    model = contestant.build(case.robot, n, case.loads, "torsion")
+    return _solved(contestant.build(case.robot, n, case.loads, "torsion"), case)
+
+
+def _solved(model: Scene | BeamModel, case: SpatialCase) -> tuple[np.ndarray, float]:
     begin = perf_counter()
     q = model.equilibrium(np.ones(len(case.loads)), load_steps=_LOAD_STEPS, check_stability=False)
     return model.tip(q), perf_counter() - begin
@@ -159,12 +152,7 @@ def goal_rows(rows: Sequence[Row]) -> Iterator[Row]:
         wrench, along, across = (mine[name] for name in names)
         bound = _GOALS[robot.name]
         case = f"random wrenches, {robot.name}, 12 stations: mean error [m]"
-        yield _goal(wrench, case, wrench.e_mean, bound)
+        yield goal(case, wrench, wrench.e_mean, most=bound)
         case = f"sag at 45 degrees, {robot.name}, 12 stations: times that along an axis"
         ratio = across.e_mean / along.e_mean
-        yield _goal(across, case, max(ratio, 1 / ratio), _DIRECTION)
-
-
-def _goal(row: Row, case: str, value: float, limit: float) -> Row:
-    met = value <= limit
-    return replace(row, kind="goal", case=case, value=value, limit=limit, met=met, reference=None)
+        yield goal(case, across, max(ratio, 1 / ratio), most=_DIRECTION)
