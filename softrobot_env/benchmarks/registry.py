@@ -68,6 +68,11 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
             "softrobot_env.benchmarks.generalization.tables:tables",
             "softrobot_env.benchmarks.generalization.plots:plot",
         ),
+        "laws": _found_at(
+            "softrobot_env.benchmarks.laws.run:run",
+            "softrobot_env.benchmarks.laws.tables:tables",
+            "softrobot_env.benchmarks.laws.plots:plot",
+        ),
         "learning": _found_at(
             "softrobot_env.benchmarks.learning.run:run",
             "softrobot_env.benchmarks.learning.tables:tables",

@@ -13,7 +13,7 @@ import numpy as np
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.tasks import Task
-from softrobot_env.tasks.generic import generic_tasks, site_of
+from softrobot_env.tasks.generic import Site, generic_tasks, site_of
 
 #: Instants of a lap.
 _COUNT = 96
@@ -56,8 +56,8 @@ def demand(task: Task) -> Demand:
     )
 
 
-def _added(site, rate: float, path: np.ndarray) -> np.ndarray:
-    """Amplitudes (k, n_inputs) that dynamics adds, of a path's (k, 3) [m] at multiples of a rate."""
+def _added(site: Site, rate: float, path: np.ndarray) -> np.ndarray:
+    """What dynamics adds to inputs (k, n_inputs), of a path (k, 3) [m], at multiples of a rate."""
     chain, directions = linearised(site.inverse, site.ground.inputs), site.inverse.directions
     still = np.linalg.pinv(directions @ chain.response(0.0))
     inverses = (np.linalg.pinv(directions @ chain.response(k * rate)) for k in range(len(path)))
