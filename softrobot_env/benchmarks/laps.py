@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Any, TypeVar
 
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
 from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.evaluation import runner
-from softrobot_env.evaluation.labels import rig_label, variation_label
+from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.paths import models_dir
@@ -20,6 +21,8 @@ ROBOTS = (ARM.name, RIG.name, *EXAMPLES)
 
 #: The policy that does nothing: to be compared with.
 HOLD = "hold"
+
+Kind = TypeVar("Kind", bound="LapsRow")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,8 +74,11 @@ def refusal(robot: str, policy: str, what: str, reason: str) -> RefusedRow:
     return RefusedRow(robot, policy, what, reason.replace(f"{models_dir().parent}/", ""))
 
 
-def run_laps(case: Case) -> LapsRow | RefusedRow:
-    """Run an episode of a task at a frequency."""
+def run_laps(case: Case, kind: type[Kind] = LapsRow, **own: Any) -> Kind | RefusedRow:
+    """Run an episode of a task at a frequency; `own` are the fields that another kind of row adds.
+
+    Policies and plants that cannot serve the robot are rows too.
+    """
     robot, told = case.task.robot, difference(case)
     try:
         outcome = runner.run(case)
@@ -81,7 +87,7 @@ def run_laps(case: Case) -> LapsRow | RefusedRow:
     mean, most = _lap_errors(outcome.rollout, case)
     return record_of(
         outcome,
-        LapsRow,
+        kind,
         frequency=case.task.option("frequency"),
         radius=case.task.option("radius"),
         feedback=case.feedback or "state",
@@ -90,6 +96,7 @@ def run_laps(case: Case) -> LapsRow | RefusedRow:
         lap_max=most,
         share_mean=None if mean is None else mean / robot.length,
         share_max=None if most is None else most / robot.length,
+        **own,
     )
 
 
@@ -100,11 +107,13 @@ def run_all(cases: list[Case], progress: Progress | None) -> list[LapsRow | Refu
 
 def difference(case: Case) -> str:
     """What differs from the nominal robot, its chain and its full state, for people."""
-    row = {"task": case.task.name, "robot": case.task.robot.name, "variation": case.variation}
-    twin = "" if case.twin is None else rig_label(row | {"plant": case.plant, "twin": case.twin})
+    twin = case.scene.get("twin")
+    seed = case.twin if twin is None else twin.seed
     feedback = "observer" if case.feedback == "output" else ""
-    plant = "" if case.plant == MUJOCO else case.plant
-    return ", ".join(filter(None, (plant, twin, variation_label(row), feedback)))
+    parts = ("" if case.plant == MUJOCO else case.plant, "" if seed is None else f"twin {seed}")
+    return ", ".join(
+        filter(None, (*parts, variation_label({"variation": case.variation}), feedback))
+    )
 
 
 def _lap_errors(rollout: Rollout, case: Case) -> tuple[float | None, float | None]:

@@ -113,5 +113,10 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
             "softrobot_env.benchmarks.thesis.tables:tables",
             "softrobot_env.benchmarks.thesis.figures:plot",
         ),
+        "transfer": _found_at(
+            "softrobot_env.benchmarks.transfer.run:run",
+            "softrobot_env.benchmarks.transfer.tables:tables",
+            "softrobot_env.benchmarks.transfer.plots:plot",
+        ),
     },
 )
