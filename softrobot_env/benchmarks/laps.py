@@ -13,11 +13,12 @@ from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.paths import models_dir
-from softrobot_env.robots import ARM, RIG
+from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams
 from softrobot_env.robots.registry import EXAMPLES
 
-#: Names of the robots of the studies.
-ROBOTS = (ARM.name, RIG.name, *EXAMPLES)
+#: Names of the robots of the studies. The rig is the twin whose parameters come with the package.
+ROBOTS = (ARM.name, RIG.name, EQUIVALENT_RIG.name, *EXAMPLES)
+RIG_TWIN = 0
 
 #: The policy that does nothing: to be compared with.
 HOLD = "hold"
@@ -103,6 +104,11 @@ def run_laps(case: Case, kind: type[Kind] = LapsRow, **own: Any) -> Kind | Refus
 def run_all(cases: list[Case], progress: Progress | None) -> list[LapsRow | RefusedRow]:
     """Rows of episodes, run in processes."""
     return run_in_processes([(case.label, partial(run_laps, case)) for case in cases], progress)
+
+
+def nominal(robot: RobotParams) -> dict[str, int]:
+    """Keywords of a `Case` of a robot as its policies know it."""
+    return {"twin": RIG_TWIN} if robot == RIG else {}
 
 
 def difference(case: Case) -> str:

@@ -37,7 +37,18 @@ class Demand(NamedTuple):
 
 
 def demand(task: Task) -> Demand:
-    """What the laps of a generic task at a frequency ask for.
+    """What the laps of a generic task at a frequency ask for; errors as of `inputs_of_lap`."""
+    lap, needed = inputs_of_lap(task)
+    inputs, rates = site_of(task.robot).inverse.inputs, 2 * np.pi / lap * np.arange(_COUNT // 2 + 1)
+    speed = np.fft.irfft(1j * rates[:, None] * np.fft.rfft(needed, axis=0), _COUNT, axis=0)
+    return Demand(
+        float((np.abs(needed - inputs.input_centre) / inputs.input_scale).max()),
+        float(np.abs(speed).max() / task.robot.drive.speed),
+    )
+
+
+def inputs_of_lap(task: Task) -> tuple[float, np.ndarray]:
+    """Duration [s] of a lap at full rate, and inputs (k, n_inputs) at equal instants of it.
 
     Raises:
         ValueError: The robot cannot hold its tip somewhere on the path.
@@ -45,15 +56,8 @@ def demand(task: Task) -> Demand:
     site, run = site_of(task.robot), task.trajectory
     points = run.curve.derivative(2 * np.pi * np.arange(_COUNT) / _COUNT, 0)
     held = site.held_along(points, f"task {task.name!r}")[1]
-    inputs, scale = site.inverse.inputs, site.inverse.inputs.input_scale
-    change = np.fft.rfft(held, axis=0) + _added(site, run.rate, np.fft.rfft(points, axis=0))
-    needed = np.fft.irfft(change, _COUNT, axis=0)
-    rates = run.rate * np.arange(len(change))[:, None]
-    speed = np.fft.irfft(1j * rates * change, _COUNT, axis=0)
-    return Demand(
-        float((np.abs(needed - inputs.input_centre) / scale).max()),
-        float(np.abs(speed).max() / task.robot.drive.speed),
-    )
+    added = _added(site, run.rate, np.fft.rfft(points, axis=0))
+    return 2 * np.pi / run.rate, held + np.fft.irfft(added, _COUNT, axis=0)
 
 
 def _added(site: Site, rate: float, path: np.ndarray) -> np.ndarray:

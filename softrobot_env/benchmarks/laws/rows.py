@@ -1,12 +1,12 @@
 """Paths of the study of laws, what they ask for, and which laws serve a robot."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from softrobot_env.benchmarks.laps import RefusedRow, refusal
 from softrobot_env.benchmarks.laws.demand import feasible_task
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.control.registry import fitting_policies
-from softrobot_env.robots import find_robot
+from softrobot_env.robots import RIG, find_robot
 from softrobot_env.tasks import Task
 from softrobot_env.tasks.generic import site_of
 
@@ -61,7 +61,8 @@ def prepare(name: str, tasks: tuple[str, ...], frequencies: tuple[float, ...]) -
             except ValueError as error:
                 rows.append(refusal(name, "", f"{task}, {frequency:g} f1", str(error)))
                 continue
-            made.append(path)
+            # The rig's camera, and with it the rig's policies, know x and y alone.
+            made.append(replace(path, axes="xy") if robot == RIG else path)
             first, radius = site_of(robot).frequency, path.option("radius")
             rows.append(PathRow(name, task, frequency, first, radius, *asked))
     fits = fitting_policies(robot)

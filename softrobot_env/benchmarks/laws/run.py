@@ -3,7 +3,7 @@
 from functools import partial
 
 from softrobot_env.benchmarks.jobs import Progress, run_in_processes
-from softrobot_env.benchmarks.laps import ROBOTS, LapsRow, RefusedRow, run_all
+from softrobot_env.benchmarks.laps import ROBOTS, LapsRow, RefusedRow, nominal, run_all
 from softrobot_env.benchmarks.laws.goals import GoalRow, best_laws, goal_rows
 from softrobot_env.benchmarks.laws.rows import FREQUENCIES, TASKS, PathRow, Prepared, prepare
 from softrobot_env.benchmarks.records import of_kind
@@ -41,11 +41,17 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
 
 
 def _nominal(prepared: Prepared) -> list[Case]:
-    return [Case(task, law) for law in prepared.policies for task in prepared.tasks]
+    return [
+        Case(task, law, **nominal(task.robot))
+        for law in prepared.policies
+        for task in prepared.tasks
+    ]
 
 
 def _varied(prepared: Prepared, law: str) -> list[Case]:
     """A law on other robots, and with an observer."""
     ways = [{"variation": {"youngs_modulus": factor}} for factor in MODULI]
     ways.append({"feedback": "output"})
-    return [Case(task, law, **way) for way in ways for task in prepared.tasks]
+    return [
+        Case(task, law, **way, **nominal(task.robot)) for way in ways for task in prepared.tasks
+    ]
