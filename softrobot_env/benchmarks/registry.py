@@ -56,6 +56,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "contacts": _in_folder("contacts"),
         "controllers": _in_folder("controllers"),
         "generalization": _in_folder("generalization"),
+        "laws": _in_folder("laws"),
         "learning": _in_folder("learning"),
         "rig": _in_folder("rig"),
         "rig_networks": _in_folder("rig_networks", run="run:run_on_twin"),
@@ -64,5 +65,6 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "speed": _in_folder("speed", plot=None),
         "stability": _in_folder("stability"),
         "thesis": _in_folder("thesis", plot="figures:plot"),
+        "transfer": _in_folder("transfer"),
     },
 )

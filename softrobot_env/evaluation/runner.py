@@ -58,6 +58,7 @@ class Case:
         scene: Keyword arguments of the environment beyond those that the policy needs.
         identified: Identified parameters of a rig, for policies that act on them; those of twin 0,
             which come with the package, unless given.
+        given: Keyword arguments of the policy beyond those of its name, such as a file of its own.
     """
 
     task: Task
@@ -69,6 +70,7 @@ class Case:
     duration: float | None = None
     scene: Mapping[str, Any] = field(default_factory=dict)
     identified: "IdentifiedParameters | None" = None
+    given: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def label(self) -> str:
@@ -101,7 +103,7 @@ class Case:
     def make_policy(self, control_period: float) -> Policy:
         """The policy, which decides every `control_period` [s]."""
         known = self.identified if acts_on_identified(self.policy) else None
-        options = {} if known is None else {"learnt": known}
+        options = dict(self.given) | ({} if known is None else {"learnt": known})
         feedback = self.feedback or FEEDBACKS[0]
         return make_policy(self.policy, self.task.robot, control_period, feedback, **options)
 

@@ -1,4 +1,4 @@
-"""Digital twins of the spatial test rig: the robot with errors that no controller is told.
+"""Digital twins of the spatial test rig, and of others: robots with errors no controller is told.
 
 A twin stands for one built rig. What it is drawn from:
 
@@ -26,7 +26,7 @@ import numpy as np
 
 from softrobot_env.fields import NotNegative, Range, check_fields
 from softrobot_env.robots.parameters import RobotParams, Tendon
-from softrobot_env.robots.registry import EQUIVALENT, EQUIVALENT_RIG, RIG, SERVO_SPEED
+from softrobot_env.robots.registry import EQUIVALENT, EQUIVALENT_RIG, RIG
 
 #: Largest standard deviation [m] of a camera's noise, and largest error [m] of a servo: offset plus
 #: half of the backlash. Observation spaces leave room for them.
@@ -104,15 +104,32 @@ def rig3d_twin(seed: int) -> Twin:
     Raises:
         ValueError: The seed is no whole number of zero or more.
     """
+    return _drawn(RIG, seed, EQUIVALENT)
+
+
+def drawn_twin(robot: RobotParams, seed: int) -> Twin:
+    """Any robot driven by length with the errors of `rig3d_twin`, which it is of the rig.
+
+    Raises:
+        ValueError: The robot is driven by tension, or as `rig3d_twin`.
+    """
+    if robot.drive.kind != "length":
+        raise ValueError(f"a twin has servos; robot {robot.name!r} is driven by tension")
+    return _drawn(robot, seed, EQUIVALENT if robot == RIG else 1.0)
+
+
+def _drawn(robot: RobotParams, seed: int, equivalent: float) -> Twin:
+    """A robot with errors around `equivalent` times its Young's modulus."""
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise ValueError(f"the seed of a twin must be a whole number >= 0, got {seed!r}")
-    rng = np.random.default_rng(np.random.SeedSequence(int(seed)))
-    robot, offset, backlash = _built(rng), _three(rng, -OFFSET, OFFSET), _three(rng, *BACKLASH)
-    damping = EQUIVALENT * RIG.youngs_modulus / robot.youngs_modulus * RIG.damping_time
-    damping *= 1 + rng.uniform(-DAMPING_SPREAD, DAMPING_SPREAD)
+    rng, count = np.random.default_rng(np.random.SeedSequence(int(seed))), len(robot.tendons)
+    modulus = equivalent * MODULUS * float(np.exp(MODULUS_SPREAD * rng.standard_normal()))
+    built = _built(rng, robot.vary(youngs_modulus=modulus))
+    offset, backlash = _each(rng, count, -OFFSET, OFFSET), _each(rng, count, *BACKLASH)
+    damping = equivalent / modulus * float(1 + rng.uniform(-DAMPING_SPREAD, DAMPING_SPREAD))
     return Twin(
-        robot=replace(robot, damping_time=float(damping)),
-        servo_speed=SERVO_SPEED,
+        robot=replace(built.vary(damping_time=damping), name=f"{robot.name}_twin"),
+        servo_speed=robot.drive.speed,
         servo_offset=offset,
         backlash=backlash,
         camera_noise=CAMERA_NOISE,
@@ -126,33 +143,30 @@ def twin_or_ideal(seed: int | None) -> Twin:
     return nominal_twin(EQUIVALENT_RIG) if seed is None else rig3d_twin(seed)
 
 
-def _built(rng: np.random.Generator) -> RobotParams:
-    """The rig with its errors of manufacturing."""
-    modulus = EQUIVALENT * MODULUS * float(np.exp(MODULUS_SPREAD * rng.standard_normal()))
+def _built(rng: np.random.Generator, robot: RobotParams) -> RobotParams:
+    """A robot of some material with the other errors of manufacturing."""
     bend = PRECURVATURE * np.sqrt(rng.uniform()) * np.exp(2j * pi * rng.uniform())
     return replace(
-        RIG,
-        name="rig_twin",
-        youngs_modulus=modulus * RIG.youngs_modulus,
+        robot,
         anisotropy=float(rng.uniform(0, ANISOTROPY)),
         stiff_azimuth=float(rng.uniform(0, pi)),
         precurvature=(float(bend.real), float(bend.imag)),
-        tendons=_laid(rng),
+        tendons=_laid(rng, robot.tendons),
     )
 
 
-def _laid(rng: np.random.Generator) -> tuple[Tendon, ...]:
-    """The rig's tendons where they really are, with friction."""
-    common = TURN + rng.uniform(-TURN_SPREAD, TURN_SPREAD)
-    turn = common + np.array(_three(rng, -AZIMUTH_SPREAD, AZIMUTH_SPREAD))
-    scale = _three(rng, 1 - RADIUS_SPREAD, 1 + RADIUS_SPREAD)
-    friction = _three(rng, FRICTION * (1 - FRICTION_SPREAD), FRICTION * (1 + FRICTION_SPREAD))
+def _laid(rng: np.random.Generator, tendons: tuple[Tendon, ...]) -> tuple[Tendon, ...]:
+    """Tendons where they really are, with friction."""
+    common, count = TURN + rng.uniform(-TURN_SPREAD, TURN_SPREAD), len(tendons)
+    turn = common + np.array(_each(rng, count, -AZIMUTH_SPREAD, AZIMUTH_SPREAD))
+    scale = _each(rng, count, 1 - RADIUS_SPREAD, 1 + RADIUS_SPREAD)
+    low, high = FRICTION * (1 - FRICTION_SPREAD), FRICTION * (1 + FRICTION_SPREAD)
     return tuple(
         replace(tendon.turned(float(a), r), friction=f)
-        for tendon, a, r, f in zip(RIG.tendons, turn, scale, friction, strict=True)
+        for tendon, a, r, f in zip(tendons, turn, scale, _each(rng, count, low, high), strict=True)
     )
 
 
-def _three(rng: np.random.Generator, low: float, high: float) -> tuple[float, ...]:
+def _each(rng: np.random.Generator, count: int, low: float, high: float) -> tuple[float, ...]:
     """One number for each tendon."""
-    return tuple(rng.uniform(low, high, len(RIG.tendons)).tolist())
+    return tuple(rng.uniform(low, high, count).tolist())

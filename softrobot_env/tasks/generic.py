@@ -35,6 +35,10 @@ _HOLD, _SHORTEST_HOLD = 5.0, 1.0
 _POINTS = 10
 _LAPS, _REST = 2, 1.0
 
+#: Laps at a frequency: one more is lost to the ramps, each a lap long, so that two are at full
+#: rate.
+_LAPS_AT_FREQUENCY = 3
+
 #: A height is solved at so many points, and at so many per harmonic of the flat path; it is fitted
 #: by a share of as many harmonics.
 _SOLVED, _PER_HARMONIC, _FITTED = 48, 16, 0.4
@@ -54,12 +58,14 @@ class Site(NamedTuple):
     Attributes:
         inverse: Its inverse statics.
         ground: Where its tip gets everywhere, in the plane of the paths.
-        period: [s] of the first mode.
+        period: [s], about that of the first mode, which default speeds go by.
+        frequency: [Hz] of the first mode about the middle of the ground, tensions or lengths held.
     """
 
     inverse: "InverseStatics"
     ground: "Ground"
     period: float
+    frequency: float
 
     def held_along(self, points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
         """Tips (n, 3) [m] and inputs (n, n_inputs) that hold points (n, 3), one after the other.
@@ -90,6 +96,7 @@ class Site(NamedTuple):
 @lru_cache(maxsize=32)
 def site_of(robot: RobotParams) -> Site:
     """The site of a robot's tasks, in its workspace; errors as `scene.workspace.workspace_of`."""
+    from softrobot_env.scene.linearised import linearised
     from softrobot_env.scene.workspace import workspace_of
 
     try:
@@ -99,38 +106,51 @@ def site_of(robot: RobotParams) -> Site:
             f"robot {robot.name!r} does not rest under the action 0, from which its tasks are laid "
             f"out: {error}"
         ) from None
-    return Site(space.inverse, space.ground, space.scene.timestep.first_period)
+    first = float(linearised(space.inverse, space.ground.inputs).frequencies[0])
+    return Site(space.inverse, space.ground, space.scene.timestep.first_period, first)
 
 
-def _circle(robot: RobotParams, radius: float | None = None, speed: float | None = None) -> Task:
-    """Two laps of a circle of `radius` [m] at `speed` [m/s], from rest to rest."""
+def _circle(
+    robot: RobotParams,
+    radius: float | None = None,
+    speed: float | None = None,
+    frequency: float | None = None,
+) -> Task:
+    """Laps of a circle of `radius` [m], paced as `laps` says, from rest to rest."""
     ground, (radius, _) = _wide_ground(robot, "circle", radius, long=False)
     e1, e2 = radius * ground.axes
     flat = FourierPath(_point(ground.middle + e1), (_point(e1),), (_point(e2),))
-    return laps("circle", robot, flat, speed, radius=radius)
+    return laps("circle", robot, flat, speed, frequency, radius=radius)
 
 
 def _figure_eight(
-    robot: RobotParams, radius: float | None = None, speed: float | None = None
+    robot: RobotParams,
+    radius: float | None = None,
+    speed: float | None = None,
+    frequency: float | None = None,
 ) -> Task:
-    """Two laps of a figure eight, 2 `radius` [m] from end to end; as wide as the robot reaches, at
+    """Laps of a figure eight, 2 `radius` [m] from end to end; as wide as the robot reaches, at
     most half as wide as long."""
     ground, (radius, width) = _wide_ground(robot, "figure_eight", radius)
     along, across = radius * ground.axes[0], min(width, radius / 2) * ground.axes[1]
     flat = figure_eight(_point(ground.middle), _point(along), _point(across))
-    return laps("figure_eight", robot, flat, speed, radius=radius)
+    return laps("figure_eight", robot, flat, speed, frequency, radius=radius)
 
 
 def _random(
-    robot: RobotParams, radius: float | None = None, speed: float | None = None, seed: int = 0
+    robot: RobotParams,
+    radius: float | None = None,
+    speed: float | None = None,
+    seed: int = 0,
+    frequency: float | None = None,
 ) -> Task:
-    """Two laps of a smooth random path that just fills an ellipse, 2 `radius` [m] long and as wide
+    """Laps of a smooth random path that just fills an ellipse, 2 `radius` [m] long and as wide
     as the robot reaches."""
     ground, (radius, width) = _wide_ground(robot, "random", radius)
     along, across = radius * ground.axes[0], width * ground.axes[1]
     path = random_path(whole(seed), _point(ground.middle), _point(along), _point(across))
     sheet = _sheet(robot, radius, width, "task 'random'")
-    return laps("random", robot, path, speed, sheet, radius=radius, seed=seed)
+    return laps("random", robot, path, speed, frequency, sheet, radius=radius, seed=seed)
 
 
 def _reach(
@@ -212,10 +232,11 @@ def laps(
     robot: RobotParams,
     flat: FourierPath,
     speed: float | None = None,
+    frequency: float | None = None,
     sheet: "_Sheet | None" = None,
     **options: float,
 ) -> Task:
-    """Two laps of a closed path of the tip, from rest to rest.
+    """Laps of a closed path of the tip, from rest to rest; two of them at least at full rate.
 
     Args:
         name: Of the task.
@@ -223,6 +244,8 @@ def laps(
         flat: The path, in the plane of `site_of(robot).ground`: the height of a spatial robot's tip
             follows from its statics.
         speed: [m/s], largest of the reference; slow for the robot unless given.
+        frequency: Laps per second in place of the speed, over the frequency of the robot's first
+            mode (`Site.frequency`) [1]. The ramps at both ends then are a lap long.
         sheet: Where the tip rests over this plane, if that is known already.
         **options: What the path was made with, for labels and reports.
 
@@ -237,12 +260,27 @@ def laps(
         tips = sheet.over(flat.derivative(phase, 0))
         inputs = site.held_along(tips[:1], what)[1]
     curve, start = _raised(site, flat, tips), inputs[0]
+    run, pace = _paced(site, curve, speed, frequency, what)
+    return _task(name, robot, run, run.end_time + _REST, start, (*options.items(), pace))
+
+
+def _paced(
+    site: Site, curve: FourierPath, speed: float | None, frequency: float | None, what: str
+) -> tuple[SmoothRun, tuple[str, float]]:
+    """A run along a curve, and the option that says how fast it is; arguments as of `laps`."""
+    if speed is not None and frequency is not None:
+        raise ValueError(f"{what}: give its speed or its frequency, not both")
+    if frequency is not None:
+        if not frequency > 0:
+            raise ValueError(f"frequency must be positive, got {frequency!r}")
+        rate = frequency * site.frequency
+        run = SmoothRun(curve, 2 * np.pi * rate * curve.top_rate, _LAPS_AT_FREQUENCY, 1 / rate)
+        return run, ("frequency", float(frequency))
     lap = max(_LAP * site.period, _SHORTEST_LAP)
-    fastest = min(_FASTEST * robot.reach, 2 * np.pi * curve.top_rate / lap)
+    reach = site.inverse.scene.config.robot.reach
+    fastest = min(_FASTEST * reach, 2 * np.pi * curve.top_rate / lap)
     speed = _rounded(fastest) if speed is None else float(speed)
-    run = SmoothRun(curve, speed, _LAPS)
-    made = (*options.items(), ("speed", speed))
-    return _task(name, robot, run, run.end_time + _REST, start, made)
+    return SmoothRun(curve, speed, _LAPS), ("speed", speed)
 
 
 def _phases(flat: FourierPath) -> np.ndarray:

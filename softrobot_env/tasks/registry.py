@@ -119,8 +119,9 @@ def make_task(
         robot: The robot, the name of one, or a file that describes it.
         among: The tasks to choose from without a robot.
         **options: Of the step `step_width` [m]; of other tasks `speed` [m/s] where the reference
-            is fastest, `seed` of a random path or of set points, `period` [s] of a lap,
-            `radius` [m], and `hold` [s] at each set point. None is as not given.
+            is fastest, or `frequency` of its laps over that of the robot's first mode, `seed` of a
+            random path or of set points, `period` [s] of a lap, `radius` [m], and `hold` [s] at
+            each set point. None is as not given.
 
     Raises:
         ValueError: Unknown name, an option of another task, or one out of range; or the robot

@@ -42,6 +42,7 @@ OPTIONS: dict[str, Option] = {
     "step_width": Option("step_width", 1e3, "mm"),
     "radius": Option("radius", 1e3, "mm"),
     "speed": Option("speed", 1.0, "m/s"),
+    "frequency": Option("frequency", 1.0, "f1"),
     "period": Option("period", 1.0, "s"),
     "hold": Option("hold", 1.0, "s"),
 }

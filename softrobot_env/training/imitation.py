@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
+from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.arm import neural
 from softrobot_env.control.mpc.controller import MPC
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
@@ -53,6 +54,7 @@ class ImitationConfig:
         rate: Largest learning rate.
         processes: That collect data; 0 collects in this one.
         threads: Of torch; small layers gain nothing from more than one.
+        plant: That is moved, one of `beams.registry.PLANTS`.
     """
 
     hidden: tuple[Count, ...] = (128, 128)
@@ -70,6 +72,7 @@ class ImitationConfig:
     rate: Positive = 2e-3
     processes: Whole = 2
     threads: Count = 1
+    plant: str = MUJOCO
 
     def __post_init__(self) -> None:
         check_fields(self, "imitation")
@@ -153,7 +156,9 @@ def _episode(
     """Observations of the network, and the teacher's actions."""
     duration = config.duration * rng.uniform(0.3, 1.0)
     task = draw_task(rng, duration)
-    env = TrackingEnv(task, control_period=neural.PERIOD, preview=(*neural.PREVIEW, *TEACHER.times))
+    plant = None if config.plant == MUJOCO else BeamPlant(config.plant)
+    preview = (*neural.PREVIEW, *TEACHER.times)
+    env = TrackingEnv(task, control_period=neural.PERIOD, preview=preview, plant=plant)
     actor = None if network is None else neural.NeuralPolicy(ARM, neural.PERIOD, network)
     observation, _ = env.reset(options=_start(config, task.start_input, rng))
     state, over = None, False

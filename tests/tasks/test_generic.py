@@ -13,6 +13,7 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.workspace import workspace_of
 from softrobot_env.tasks import make_task, remake_task, tasks_of
+from softrobot_env.tasks.generic import site_of
 
 #: As the silicone rod, sideways.
 SIDEWAYS = replace(
@@ -109,6 +110,22 @@ def test_options_and_seeds():
     assert len(points) == 10 and np.linalg.norm(points[:, :2], axis=1).max() <= 0.04
 
 
+def test_a_frequency_is_that_of_the_laps_between_ramps():
+    task = make_task("figure_eight", robot="hanging_trunk", frequency=0.3)
+    run, site = task.trajectory, site_of(task.robot)
+    lap = 1 / (0.3 * site.frequency)
+    assert run.end_time == pytest.approx(4 * lap) and dict(task.options).keys() == {
+        "radius",
+        "frequency",
+    }
+    times = lap * np.array([1.0, 1.3, 1.9])  # from the end of the first ramp on
+    for order in ("position", "velocity"):
+        here, next_lap = (getattr(run, order)(t) for t in (times, times + lap))
+        np.testing.assert_allclose(here, next_lap, atol=1e-9)
+    assert np.abs(run.position(times) - run.position(times + lap / 2)).max() > 0.01
+    assert remake_task(task, frequency=0.1).trajectory.end_time == pytest.approx(12 * lap)
+
+
 def test_remaking_keeps_the_robot_and_what_was_changed_by_hand():
     task = make_task("circle", robot="planar_finger")
     slower = remake_task(task, speed=0.002)
@@ -147,6 +164,8 @@ def test_a_tip_that_moves_on_a_line_is_told_so():
     [
         ("circle", {"radius": 0.3}, "cannot hold its tip at"),
         ("circle", {"radius": -0.1}, "radius must be positive"),
+        ("circle", {"frequency": 0.0}, "frequency must be positive"),
+        ("circle", {"frequency": 0.1, "speed": 0.1}, "its speed or its frequency, not both"),
         ("circle", {"period": 1.0}, "no option 'period'; it has radius, speed"),
         ("random", {"seed": 0.5}, "seed must be a whole number"),
         ("triangle", {}, "unknown task 'triangle'; choose from reach, circle"),

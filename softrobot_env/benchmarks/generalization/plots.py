@@ -9,6 +9,7 @@ from softrobot_env.benchmarks.generalization.run import SPEEDS, TASKS, Row, vari
 from softrobot_env.benchmarks.records import names, one, select
 from softrobot_env.rendering.curves import finish
 from softrobot_env.rendering.figures import Axes, Figure, new_figure, save, style_of
+from softrobot_env.rendering.heatmap import heatmap
 
 _TITLES = {
     "circle": "circle, radius 40 mm",
@@ -23,9 +24,6 @@ _PANELS = {
     "lshape": ("e_max", "L-shape, largest error [mm]", 1e3, (0.3, 300.0)),
     "step": ("overshoot", "step of 50 mm, overshoot [%]", 1e2, (1.0, 100.0)),
 }
-
-#: Colour of cells without a number.
-_EMPTY = "0.85"
 
 
 def plot(rows: list[Row], path: Path | str) -> None:
@@ -117,25 +115,16 @@ def _variations(rows: list[Row]) -> list[dict[str, float]]:
 
 
 def _draw_panel(axis: Axes, rows: list[Row], task: str) -> None:
-    from matplotlib.colors import LogNorm
-
     metric, title, factor, colours = _PANELS[task]
     policies, variations = names(rows), _variations(rows)
     found = [[one(rows, policy=p, variation=v) for v in variations] for p in policies]
     values = np.array([[_number(row, metric, factor) for row in line] for line in found])
-    # Numbers below the scale have the colour of its end, and the true number in the cell.
-    shown, norm = np.ma.masked_invalid(np.clip(values, *colours)), LogNorm(*colours)
-    axis.grid(False)
-    axis.set_facecolor(_EMPTY)
-    axis.pcolormesh(shown, cmap="RdYlGn_r", norm=norm, edgecolors="white", lw=1)
-    dark = np.abs(norm(shown) - 0.5) > 0.4
-    for i, j in np.ndindex(values.shape):
-        _write(axis, (j, i), found[i][j], values[i, j], bool(dark[i, j]))
-    axis.set_yticks(np.arange(len(policies)) + 0.5, policies)
+    texts = [
+        [_text(row, value) for row, value in zip(*pair, strict=True)]
+        for pair in zip(found, values, strict=True)
+    ]
     labels = [variation_name(v).replace(" ", "\n", 1) for v in variations]
-    axis.set_xticks(np.arange(len(variations)) + 0.5, labels, fontsize=7.5)
-    axis.tick_params(length=0)
-    axis.invert_yaxis()
+    heatmap(axis, values, texts, policies, labels, colours)
     axis.set_title(title, fontsize=10, loc="left")
 
 
@@ -144,12 +133,9 @@ def _number(row: Row | None, metric: str, factor: float) -> float:
     return np.nan if value is None else factor * value
 
 
-def _write(axis: Axes, place: tuple[int, int], row: Row | None, value: float, dark: bool) -> None:
+def _text(row: Row | None, value: float) -> str:
     """The number in a cell, or what there is in its place."""
     if np.isnan(value):
-        text = "-" if row is None or row.failure is None else "failed"
-        style = {"color": "black" if text == "-" else "#A50026"}
-    else:
-        digits = sum(value < size for size in (1.0, 10.0))
-        text, style = f"{value:.{digits}f}", {"color": "white" if dark else "black"}
-    axis.text(place[0] + 0.5, place[1] + 0.5, text, ha="center", va="center", size=7.5, **style)
+        return "-" if row is None or row.failure is None else "failed"
+    digits = sum(value < size for size in (1.0, 10.0))
+    return f"{value:.{digits}f}"

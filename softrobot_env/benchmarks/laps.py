@@ -1,0 +1,131 @@
+"""Episodes on generic paths at shares of the first frequency, for studies of all robots."""
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, TypeVar
+
+from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
+from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.benchmarks.records import Record
+from softrobot_env.evaluation import runner
+from softrobot_env.evaluation.labels import variation_label
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.runner import Case
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams
+from softrobot_env.robots.registry import EXAMPLES
+
+#: Names of the robots of the studies. The rig is the twin whose parameters come with the package.
+ROBOTS = (ARM.name, RIG.name, EQUIVALENT_RIG.name, *EXAMPLES)
+RIG_TWIN = 0
+
+#: The policy that does nothing: to be compared with.
+HOLD = "hold"
+
+Kind = TypeVar("Kind", bound="LapsRow")
+
+
+@dataclass(frozen=True, kw_only=True)
+class LapsRow(EpisodeRecord):
+    """An episode; errors are None after a failure.
+
+    Attributes:
+        frequency: Laps per second over the frequency of the robot's first mode [1].
+        radius: [m] of the path.
+        feedback: What the policy measured.
+        what: What differs from the nominal robot and its chain, for people; "" if nothing.
+        lap_mean, lap_max: [m], error at full rate: two laps, without the ramps at both ends.
+        share_mean, share_max: The same over the length of the robot [1].
+    """
+
+    frequency: float
+    radius: float
+    feedback: str
+    what: str
+    lap_mean: float | None
+    lap_max: float | None
+    share_mean: float | None
+    share_max: float | None
+
+    @property
+    def limited(self) -> float:
+        """Share of the decisions that could not be the ones wanted [1]."""
+        return sum(self.remarks.values())
+
+
+@dataclass(frozen=True)
+class RefusedRow(Record):
+    """A policy, or a plant, that cannot serve a robot.
+
+    Attributes:
+        robot, policy: Names.
+        what: As of `LapsRow`, or which task.
+        reason: Why not.
+    """
+
+    robot: str
+    policy: str
+    what: str
+    reason: str
+
+
+def refusal(robot: str, policy: str, what: str, reason: str) -> RefusedRow:
+    """A refusal, without the place of this checkout in its reason."""
+    return RefusedRow(robot, policy, what, reason.replace(f"{models_dir().parent}/", ""))
+
+
+def run_laps(case: Case, kind: type[Kind] = LapsRow, **own: Any) -> Kind | RefusedRow:
+    """Run an episode of a task at a frequency; `own` are the fields that another kind of row adds.
+
+    Policies and plants that cannot serve the robot are rows too.
+    """
+    robot, told = case.task.robot, difference(case)
+    try:
+        outcome = runner.run(case)
+    except ValueError as error:
+        return refusal(robot.name, case.policy, told, str(error))
+    mean, most = _lap_errors(outcome.rollout, case)
+    return record_of(
+        outcome,
+        kind,
+        frequency=case.task.option("frequency"),
+        radius=case.task.option("radius"),
+        feedback=case.feedback or "state",
+        what=told,
+        lap_mean=mean,
+        lap_max=most,
+        share_mean=None if mean is None else mean / robot.length,
+        share_max=None if most is None else most / robot.length,
+        **own,
+    )
+
+
+def run_all(cases: list[Case], progress: Progress | None) -> list[LapsRow | RefusedRow]:
+    """Rows of episodes, run in processes."""
+    return run_in_processes([(case.label, partial(run_laps, case)) for case in cases], progress)
+
+
+def nominal(robot: RobotParams) -> dict[str, int]:
+    """Keywords of a `Case` of a robot as its policies know it."""
+    return {"twin": RIG_TWIN} if robot == RIG else {}
+
+
+def difference(case: Case) -> str:
+    """What differs from the nominal robot, its chain and its full state, for people."""
+    twin = case.scene.get("twin")
+    seed = case.twin if twin is None else twin.seed
+    feedback = "observer" if case.feedback == "output" else ""
+    parts = ("" if case.plant == MUJOCO else case.plant, "" if seed is None else f"twin {seed}")
+    return ", ".join(
+        filter(None, (*parts, variation_label({"variation": case.variation}), feedback))
+    )
+
+
+def _lap_errors(rollout: Rollout, case: Case) -> tuple[float | None, float | None]:
+    """Mean and largest error [m] at full rate."""
+    run, time = case.task.trajectory, rollout.time
+    error = rollout.error[(time >= run.ramp) & (time <= run.end_time - run.ramp)]
+    if rollout.failure is not None or not len(error):
+        return None, None
+    return float(error.mean()), float(error.max())

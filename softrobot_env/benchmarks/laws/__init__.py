@@ -1,0 +1,1 @@
+"""Every law on every robot, on generic paths at shares of the robot's first frequency."""

@@ -1,0 +1,70 @@
+"""Paths of the study of laws, what they ask for, and which laws serve a robot."""
+
+from dataclasses import dataclass, replace
+
+from softrobot_env.benchmarks.laps import RefusedRow, refusal
+from softrobot_env.benchmarks.laws.demand import feasible_task
+from softrobot_env.benchmarks.records import Record
+from softrobot_env.control.registry import fitting_policies
+from softrobot_env.robots import RIG, find_robot
+from softrobot_env.tasks import Task
+from softrobot_env.tasks.generic import site_of
+
+#: Generic tasks, and laps per second over the first frequency.
+TASKS = ("circle", "figure_eight", "random")
+FREQUENCIES = (0.1, 0.3, 0.5)
+
+
+@dataclass(frozen=True)
+class PathRow(Record):
+    """A path of a robot.
+
+    Attributes:
+        robot, task: Names.
+        frequency: Laps per second over the first frequency [1].
+        first_frequency: [Hz].
+        radius: [m].
+        inputs, speed: Largest shares of the drives' limits that a lap asks for [1], see `demand`.
+    """
+
+    robot: str
+    task: str
+    frequency: float
+    first_frequency: float
+    radius: float
+    inputs: float
+    speed: float
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What is known of a robot before any episode.
+
+    Attributes:
+        tasks: Its tasks.
+        policies: Names of those that can drive it.
+        rows: Its paths, and what is refused and why.
+    """
+
+    tasks: list[Task]
+    policies: list[str]
+    rows: list[PathRow | RefusedRow]
+
+
+def prepare(name: str, tasks: tuple[str, ...], frequencies: tuple[float, ...]) -> Prepared:
+    """Lay out the paths of a robot, and ask all policies whether they can drive it."""
+    robot, made, rows = find_robot(name), [], []
+    for task in tasks:
+        for frequency in frequencies:
+            try:
+                path, asked = feasible_task(robot, task, frequency)
+            except ValueError as error:
+                rows.append(refusal(name, "", f"{task}, {frequency:g} f1", str(error)))
+                continue
+            # The rig's camera, and with it the rig's policies, know x and y alone.
+            made.append(replace(path, axes="xy") if robot == RIG else path)
+            first, radius = site_of(robot).frequency, path.option("radius")
+            rows.append(PathRow(name, task, frequency, first, radius, *asked))
+    fits = fitting_policies(robot)
+    rows += [refusal(name, policy, "", why) for policy, why in fits.items() if why]
+    return Prepared(made, [policy for policy, why in fits.items() if not why], rows)

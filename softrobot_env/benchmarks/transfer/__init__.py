@@ -1,0 +1,1 @@
+"""Every policy on plants, robots and twins that it was not tuned on."""

@@ -1,0 +1,117 @@
+"""Every policy on plants, robots and twins that it was not tuned on."""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.benchmarks.jobs import Job, Progress, run_in_processes
+from softrobot_env.benchmarks.laps import HOLD, ROBOTS, LapsRow, RefusedRow, run_laps
+from softrobot_env.benchmarks.laws.rows import Prepared, prepare
+from softrobot_env.benchmarks.records import of_kind, one
+from softrobot_env.benchmarks.transfer.trainings import TRAININGS
+from softrobot_env.benchmarks.transfer.worlds import PLANT, World, worlds
+from softrobot_env.evaluation.runner import Case
+from softrobot_env.robots import ARM, find_robot
+
+#: The path, and its laps per second over the first frequency.
+TASK, FREQUENCY = "figure_eight", 0.3
+
+_QUICK_ROBOTS, _QUICK_WORLDS = ("planar_finger",), ("mujoco", "pcc", "E x 0.75")
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransferRow(LapsRow):
+    """An episode in some world.
+
+    Attributes:
+        tuned_on: The plant of the policy's tuning or training.
+        trained_here: Whether that was done for this study, with less data than what is shipped.
+        world, group: See `World`.
+        ratio: Mean error over that on the plant it was tuned on [1]; None where there is none.
+    """
+
+    tuned_on: str
+    trained_here: bool
+    world: str
+    group: str
+    ratio: float | None = None
+
+    @property
+    def label(self) -> str:
+        """The policy for people, with what it was trained on for this study."""
+        return f"{self.policy} of {self.tuned_on}" if self.trained_here else self.policy
+
+
+Row = TransferRow | RefusedRow
+
+
+def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
+    """Run all policies in all worlds.
+
+    Args:
+        quick: One robot in few worlds, no training.
+        progress: Called with (description, done, total), or None.
+
+    Returns:
+        What is refused, and the episodes.
+    """
+    robots = _QUICK_ROBOTS if quick else ROBOTS
+    jobs = [(f"path of {name}", partial(prepare, name, (TASK,), (FREQUENCY,))) for name in robots]
+    known = dict(zip(robots, run_in_processes(jobs, progress), strict=True))
+    with TemporaryDirectory() as folder:
+        files = {} if quick else _trained(Path(folder), progress)
+        jobs = [
+            job
+            for name, prepared in known.items()
+            for world in worlds(find_robot(name))
+            if not quick or world.name in _QUICK_WORLDS
+            for job in _jobs(prepared, world, files if name == ARM.name else {})
+        ]
+        rows = run_in_processes(jobs, progress)
+    found = of_kind(rows, TransferRow)
+    refused = [row for p in known.values() for row in of_kind(p.rows, RefusedRow)]
+    return [*refused, *of_kind(rows, RefusedRow), *(_with_ratio(row, found) for row in found)]
+
+
+def _trained(folder: Path, progress: Progress | None) -> dict[tuple[str, str], Path]:
+    """Files of the policies that are trained for this study, by policy and plant."""
+    wanted = {
+        (policy, plant): (train, folder / f"{policy}_{plant}.npz")
+        for policy, (train, plants) in TRAININGS.items()
+        for plant in plants
+    }
+    jobs = [
+        (f"training {policy} on {plant}", partial(train, plant, path))
+        for (policy, plant), (train, path) in wanted.items()
+    ]
+    run_in_processes(jobs, progress)
+    return {key: path for key, (_, path) in wanted.items()}
+
+
+def _jobs(prepared: Prepared, world: World, files: dict[tuple[str, str], Path]) -> list[Job]:
+    """Episodes of all policies in a world."""
+    told, out = {"world": world.name, "group": world.group}, []
+    for task in prepared.tasks:
+        for policy in prepared.policies:
+            if policy != HOLD:
+                own = told | {"tuned_on": MUJOCO, "trained_here": False}
+                out.append(_job(Case(task, policy, **world.case), own))
+        for (policy, plant), path in files.items():
+            own = told | {"tuned_on": plant, "trained_here": True}
+            out.append(_job(Case(task, policy, given={"weights": path}, **world.case), own))
+    return out
+
+
+def _job(case: Case, own: dict[str, object]) -> Job:
+    return f"{own['world']}, {case.label}", partial(run_laps, case, TransferRow, **own)
+
+
+def _with_ratio(row: TransferRow, rows: list[TransferRow]) -> TransferRow:
+    """A row with its error over that of the same policy on its own plant."""
+    same = {"robot": row.robot, "label": row.label, "task": row.task}
+    own = one(rows, **same, group=PLANT, world=row.tuned_on)
+    if own is None or not own.lap_mean or row.lap_mean is None:
+        return row
+    return replace(row, ratio=row.lap_mean / own.lap_mean)

@@ -1,0 +1,132 @@
+"""The study of laws: what paths ask for, which law is the best, goals and tables; small runs."""
+
+from dataclasses import replace
+from io import StringIO
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from softrobot_env.benchmarks.laps import LapsRow, RefusedRow, refusal, run_laps
+from softrobot_env.benchmarks.laws.demand import demand, feasible_task, inputs_of_lap
+from softrobot_env.benchmarks.laws.goals import LIMITS, ROOM, best_laws, goal_rows
+from softrobot_env.benchmarks.laws.plots import plot
+from softrobot_env.benchmarks.laws.rows import TASKS, prepare
+from softrobot_env.benchmarks.laws.tables import tables
+from softrobot_env.evaluation.runner import Case, run
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import find_robot
+from softrobot_env.tasks.generic import generic_tasks
+
+FINGER = find_robot("planar_finger")
+
+
+@pytest.fixture(scope="module")
+def row():
+    task = generic_tasks(FINGER)["circle"](frequency=0.5)
+    return run_laps(Case(task, "hold"))
+
+
+def made_up(row, shares, what=""):
+    """Rows of laws by their mean errors over the length at the three frequencies."""
+    return [
+        replace(row, policy=law, task=task, frequency=f, what=what, share_mean=share, failure=None)
+        for law, errors in shares.items()
+        for f, share in zip(LIMITS, errors, strict=True)
+        for task in TASKS
+    ]
+
+
+def test_an_episode_that_stands_still_errs_by_what_the_path_says(row):
+    """Held at the start of a circle: 4 r / pi in the mean and 2 r at most, at full rate."""
+    assert row.failure is None and row.what == "" and row.feedback == "state"
+    np.testing.assert_allclose(row.lap_mean, 4 * row.radius / np.pi, rtol=0.02)
+    np.testing.assert_allclose(row.lap_max, 2 * row.radius, rtol=0.02)
+    assert row.share_max == row.lap_max / FINGER.length
+
+
+def test_inputs_that_a_path_asks_for_keep_the_tip_on_it():
+    """A small circle of the hanging trunk at half of the first frequency, without any feedback."""
+    task = generic_tasks(find_robot("hanging_trunk"))["circle"](radius=0.01, frequency=0.5)
+    lap, needed = inputs_of_lap(task)
+
+    class Played:
+        requires = ("previous_action",)
+
+        def predict(self, observation, state=None, episode_start=None, deterministic=True):
+            k = 0 if state is None else state + 1
+            phase = (k + 0.5) * 0.01 / lap % 1 * len(needed)
+            low, share = int(phase), phase % 1
+            value = (1 - share) * needed[low] + share * needed[(low + 1) % len(needed)]
+            return value / scale, k
+
+    case = Case(task, "hold", duration=12 * lap)
+    with case.environment() as env:
+        scale = env.unwrapped.input_scale
+        rollout = run(case, env, Played()).rollout
+    late = rollout.time > 11 * lap
+    ends = task.trajectory.curve.derivative(2 * np.pi * rollout.time[late] / lap, 0)
+    error = np.linalg.norm((rollout.tip[late] - ends)[:, :2], axis=1)
+    assert error.max() < 0.1 * 0.01
+
+
+def test_paths_that_servos_cannot_follow_become_smaller(monkeypatch):
+    rod = find_robot("silicone_rod")
+    task, asked = feasible_task(rod, "circle", 0.5)
+    full = generic_tasks(rod)["circle"](frequency=0.5)
+    assert demand(full).speed > 1 > max(asked)
+    assert task.option("radius") < full.option("radius")
+    monkeypatch.setattr("softrobot_env.benchmarks.laws.demand._LEAST", 0.9)
+    with pytest.raises(ValueError, match="times what its drives can do"):
+        feasible_task(rod, "circle", 0.5)
+
+
+def test_the_best_law_is_that_of_the_worst_path(row):
+    rows = made_up(row, {"hold": (0, 0, 0), "a": (0.001, 0.009, 0.05), "b": (0.002, 0.012, 0.01)})
+    assert best_laws(rows) == {FINGER.name: "b"}
+    lost = [replace(r, share_mean=None, failure="folded") if r.policy == "b" else r for r in rows]
+    assert best_laws(lost) == {FINGER.name: "a"}
+
+
+def test_goals_compare_the_worst_path_with_limits(row):
+    rows = made_up(row, {"a": (0.002, 0.02, 0.02)}) + made_up(
+        row, {"a": (0.005, 0.005, 0.05)}, "E x 0.75"
+    )
+    rows[0] = replace(rows[0], share_mean=0.0029)
+    goals = {(g.what, g.frequency): g for g in goal_rows(rows)}
+    assert len(goals) == len(ROOM) * len(LIMITS)
+    assert [goals["", f].met for f in LIMITS] == [True, False, True]
+    assert [goals["E x 0.75", f].met for f in LIMITS] == [True, True, False]
+    assert goals["E x 0.75", 0.3].ratio == pytest.approx(0.25)
+    assert goals["", 0.1].share == 0.0029
+    assert goals["observer", 0.1].share is None and not goals["observer", 0.1].met
+
+
+def test_what_cannot_serve_is_a_row_with_the_reason():
+    task = generic_tasks(FINGER)["circle"](frequency=0.3)
+    found = run_laps(Case(task, "static", plant="ancf"))
+    assert isinstance(found, RefusedRow) and "ANCF needs a backbone of one" in found.reason
+    told = refusal("finger", "ppo", "", f"{models_dir()}/ppo.npz is of another")
+    assert told.reason == "models/ppo.npz is of another"
+    known = prepare(FINGER.name, ("circle",), (0.3,))
+    assert [task.name for task in known.tasks] == ["circle"] and "hold" in known.policies
+    assert {r.policy for r in known.rows if isinstance(r, RefusedRow)}.isdisjoint(known.policies)
+
+
+def test_tables_and_picture_of_what_there_is(row, tmp_path):
+    laps = made_up(row, {"hold": (0.1, 0.2, 0.3), "static": (0.001, 0.009, 0.05)})
+    laps[3] = replace(laps[3], share_mean=None, lap_mean=None, failure="folded")
+    known = prepare(FINGER.name, ("circle",), (0.3,))
+    rows = [*known.rows, *laps, *goal_rows(laps)]
+    page = Console(width=110, file=StringIO())
+    page.print(tables(rows))
+    text = page.file.getvalue()
+    assert all(len(line) <= 110 for line in text.splitlines()) and "\u2026" not in text
+    assert "folded" in text and "Goals" in text and "Refused" in text
+    plot(rows, tmp_path / "laws.png")
+    assert (tmp_path / "laws.png").stat().st_size > 1000
+
+
+def test_rows_are_those_of_a_report(row):
+    assert isinstance(row, LapsRow)
+    assert {"frequency", "radius", "share_mean", "policy_time_median"} <= row.row().keys()
