@@ -151,7 +151,7 @@ class InverseStatics:
         self._by_tension = _driven_by_tension(scene) if self._pulled else scene
         self._forces = StaticForces(self._by_tension.model)
         self._tensions = TendonMap(robot)
-        self._elastic, self._full = _elastic(robot), full_length(robot)
+        self._elastic, self._full = _elastic(robot), full_length(robot, scene.model)
         self._command = self._tensions.per_action().command
         self._turn = _LARGEST_TURN / len(np.unique(scene.model.dof_bodyid))
         shift = 1e-7 * np.eye(self._tensions.n_inputs)
