@@ -50,7 +50,7 @@ class PolicySpec:
         return callable(made) and option in signature(made).parameters
 
 
-#: Policies of planar robots.
+#: Policies of the arm; the first ones are those of any robot.
 POLICIES: dict[str, PolicySpec] = {
     "hold": PolicySpec("softrobot_env.control.base:Hold"),
     "feedforward": PolicySpec("softrobot_env.control.feedforward.law:Feedforward"),
@@ -58,7 +58,7 @@ POLICIES: dict[str, PolicySpec] = {
     "static": PolicySpec("softrobot_env.control.feedforward.law:Feedforward", {"closed": False}),
     "chain_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
     "qs_nn": PolicySpec(
-        "softrobot_env.control.arm.qs_nn:QuasiStaticNetwork",
+        "softrobot_env.control.feedforward.policies:make_network",
         environment={"control_period": 0.01, "preview": (0.2,)},
     ),
     "lqi": PolicySpec("softrobot_env.control.arm.lqi:LQI", environment={"control_period": 0.001}),
@@ -91,11 +91,12 @@ POLICIES: dict[str, PolicySpec] = {
     },
 }
 
-#: Policies of the spatial test rig, whose environments have other observations and actions. All
-#: but the inverse dynamics take as option `learnt` the identified parameters of one rig; without
-#: it, they take those that are shipped, of twin 0.
+#: Policies of the spatial test rig, whose environments have other observations and actions; the
+#: inverse dynamics and the hybrid are of any robot. All but the inverse dynamics take as option
+#: `learnt` the identified parameters of one rig; without it, they take those that are shipped, of
+#: twin 0. For another robot it is the file of its network.
 RIG_POLICIES: dict[str, PolicySpec] = {
-    name: PolicySpec(f"softrobot_env.control.rig.feedforward:{make}", options)
+    name: PolicySpec(f"softrobot_env.control.feedforward.policies:{make}", options)
     for name, make, options in (
         ("rig_nn", "make_hybrid", {"model": "none"}),
         ("inverse_dynamics", "make_inverse", {}),

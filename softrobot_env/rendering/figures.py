@@ -74,6 +74,7 @@ STYLES = {
     "static": Style("#004D40", marker="*"),
     "feedforward": Style(SKY, marker="o"),
     "feedforward_pi": Style("#6A3D9A", marker="s"),
+    "chain_dynamics": Style("#44AA99", marker="h"),
     "qs_nn": Style(VERMILLION, marker="D"),
     "lqi": Style(BLUE, marker="^"),
     "lq_preview": Style(ORANGE, marker="v"),

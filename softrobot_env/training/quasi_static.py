@@ -17,6 +17,9 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics
 from softrobot_env.scene.registry import model_scene
 
+#: Of the places that are known, those that another is looked for from.
+_NEIGHBOURS = 3
+
 #: Share of the samples that the training does not see.
 _KEPT = 0.15
 
@@ -109,7 +112,7 @@ def hold_sample(
 ) -> tuple[np.ndarray, Held]:
     """Places (n, k) [m] all over the workspace, and the inputs of least norm that hold them.
 
-    Each is looked for from the nearest that is known, so that neighbours have like inputs.
+    Each is looked for from the nearest that are known, so that neighbours have like inputs.
     """
     sample, _ = inverse.sample(count)
     points = np.array([inverse.tip(posture) for posture in sample.postures])
@@ -119,10 +122,11 @@ def hold_sample(
     for k in range(1, len(tips)):
         if show is not None and k % 20 == 0:
             show("inverse statics", k, len(tips))
-        near = rows[int(np.argmin(np.linalg.norm(tips[found] - tips[k], axis=1)))]
-        held = inverse.solve(points[k : k + 1], near, anywhere=False)
-        if held.errors[0] <= inverse.tolerance:
-            rows.append(held)
+        near = np.argsort(np.linalg.norm(tips[found] - tips[k], axis=1))[:_NEIGHBOURS]
+        tried = [inverse.solve(points[k : k + 1], rows[i], anywhere=False) for i in near]
+        reached = [held for held in tried if held.errors[0] <= inverse.tolerance]
+        if reached:
+            rows.append(min(reached, key=lambda held: np.linalg.norm(held.inputs[0])))
             found.append(k)
     return tips[found], Held(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
 

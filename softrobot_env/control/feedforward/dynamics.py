@@ -13,12 +13,13 @@ and D act on x_0(t), a series in the square of the reference's frequency over th
 with its tip held. Of the a_d that do it, those with the least norm are taken, within the limits.
 """
 
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardState
-from softrobot_env.control.feedforward.statics import ChainStatics, Rest
+from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
 from softrobot_env.control.status import REASONS, SATURATED
 from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
@@ -61,12 +62,27 @@ class InverseDynamics(Feedforward):
 
     requires = ("reference", "reference_velocity", "reference_acceleration", "previous_action")
 
-    def __init__(self, robot: RobotParams, control_period: float, orders: int = 2) -> None:
-        """Of any robot with tendons, at a control period [s]; ValueError for one without."""
+    def __init__(
+        self, robot: RobotParams, control_period: float, weights: str | Path | None = None
+    ) -> None:
+        """Find the statics.
+
+        Args:
+            robot: With tendons.
+            control_period: [s] between calls.
+            weights: File of a network, whose statics count in place of the chain's (the hybrid law
+                of thesis sec. 5.3): s = network(z) + s_dyn, (5.36) to (5.39).
+
+        Raises:
+            ValueError: The robot has no tendons, or the network is of another robot.
+            FileNotFoundError: No such file.
+        """
         check_argument("control_period", control_period, Positive)
         super().__init__(robot, control_period, closed=False)
         self._statics: ChainStatics
-        self._orders = orders
+        self._network = None if weights is None else NetworkStatics(robot, Path(weights))
+        if self._network is not None and self._network.dimension is not None:
+            self.sizes |= dict.fromkeys(self._points(), self._network.dimension)
         self._period, self._speed = control_period, robot.drive.speed
         self._near = _NEAR * robot.reach
 
@@ -94,12 +110,16 @@ class InverseDynamics(Feedforward):
         self, observation: Observation, rest: Rest, state: FeedforwardState
     ) -> tuple[np.ndarray, Moving, str | None]:
         """Inputs of the motion; at rest those of the statics."""
-        _, velocity, acceleration = self._ahead(observation, state)
+        place, velocity, acceleration = self._ahead(observation, state)
         now = observation["reference_acceleration"].copy()
         linear = self._statics.linearised(rest) if rest.reached else None
         if linear is None:
             return rest.inputs, Moving(now), None
         inputs, shifts, reason = self._moving(rest, linear, velocity, acceleration, state.memory)
+        if self._network is not None:
+            known = self._network.hold(place, rest, False)
+            inputs = known.inputs + (inputs - rest.inputs)
+            reason = reason if known.reached else self._network.missed
         driven, late = self._driven(inputs, state.memory.inputs)
         return driven, Moving(now, inputs, shifts), reason or late
 
@@ -117,7 +137,7 @@ class InverseDynamics(Feedforward):
         force = solver.of_motion(place.posture, rate, change)
         step, shift = self._balanced(place.action, linear, force)
         shifts, reason = (shift, *memory.shifts)[:4], None
-        if len(shifts) == 4 and self._orders > 1:
+        if len(shifts) == 4:
             stack = np.array(shifts)
             more = solver.of_motion(
                 place.posture, _FIRST @ stack / self._period, _SECOND @ stack / self._period**2

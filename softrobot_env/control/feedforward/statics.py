@@ -99,6 +99,11 @@ def statics_of(
         return ChainStatics(robot)
 
 
+def train_command(robot: RobotParams) -> str:
+    """What makes the network of a robot."""
+    return f"softrobot train qs_nn --robot {robot.name} --out DIR"
+
+
 class ClosedStatics:
     """See `Statics`: constant curvature between the ends of planar pairs, without gravity."""
 
@@ -144,11 +149,12 @@ class NetworkStatics:
     def __init__(self, robot: RobotParams, path: Path) -> None:
         """Load the network; errors as `statics_of`."""
         self._robot, self.inputs = robot, robot_inputs(robot)
-        command = f"softrobot train qs_nn --robot {robot.name}"
-        network, about = load_for(path, robot, command, fingerprint)
-        check_ends(network, (network.sizes[0], self.inputs.n_inputs), str(path))
-        self.dimension = network.sizes[0]
-        about.check_shape("tips", (None, self.dimension))
+        network, about = load_for(path, robot, train_command(robot), fingerprint)
+        self._size = 2 if robot.moves_in_xz else network.sizes[0]
+        check_ends(network, (self._size, self.inputs.n_inputs), str(path))
+        # The height of a tip that moves freely in two coordinates alone follows from them.
+        self.dimension = None if self._size == 2 and not robot.moves_in_xz else self._size
+        about.check_shape("tips", (None, self._size))
         about.check_shape("spacing", ())
         self._network = CompiledInference(network)
         self._tips, self._spacing = about["tips"], float(about["spacing"])
@@ -159,14 +165,15 @@ class NetworkStatics:
 
     def hold(self, target: np.ndarray, before: Rest, first: bool) -> Rest:
         """See `Statics`."""
-        action = self._network(np.ascontiguousarray(target))
+        target = target[: self._size].copy()
+        action = self._network(target)
         away = float(np.sqrt(((self._tips - target) ** 2).sum(axis=1).min()))
         inputs = self.inputs.input_centre + action * self.inputs.input_scale
         return Rest(inputs, away, away <= self._spacing, target=target)
 
     def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
         """See `Statics`: what the network gives for a place shifted by that."""
-        inputs = self.hold(rest.target + change, rest, False).inputs
+        inputs = self.hold(rest.target + change[: self._size], rest, False).inputs
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
         return inputs, bool(limited.any())
 

@@ -1,0 +1,103 @@
+"""Which law stands behind the names of policies that the thesis has for its arm and rig alone."""
+
+from pathlib import Path
+
+from softrobot_env.control.arm.qs_nn import QuasiStaticNetwork
+from softrobot_env.control.feedforward.dynamics import InverseDynamics
+from softrobot_env.control.feedforward.law import Feedforward
+from softrobot_env.control.feedforward.statics import train_command
+from softrobot_env.control.rig import feedforward as rig
+from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.interfaces import Policy
+from softrobot_env.learned.network import Network
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots.three_tendons import elastic_tendons
+
+
+def make_network(
+    robot: RobotParams, control_period: float, weights: str | Path | None = None
+) -> Policy:
+    """The quasi-static network: the thesis' local inverse of the arm, or one of places.
+
+    Args:
+        robot: Nominal robot.
+        control_period: [s] between calls.
+        weights: File of either kind; unless given, the arm's that is shipped.
+
+    Raises:
+        ValueError: No network of this robot, or a control period that the arm's cannot have.
+        FileNotFoundError: No such file.
+    """
+    if weights is None and robot.name != ARM.name:
+        raise _without_network(robot)
+    if weights is None or not Path(weights).is_file():
+        return QuasiStaticNetwork(robot, control_period, weights)
+    _, about = Network.load(weights)
+    if "fingerprint" not in about:
+        return QuasiStaticNetwork(robot, control_period, weights)
+    return Feedforward(robot, control_period, weights=weights)
+
+
+def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False) -> Policy:
+    """Inverse dynamics: of a rig in one piece, in closed form, of other robots by their chain.
+
+    Args:
+        robot: Nominal robot.
+        control_period: [s] between calls.
+        ahead: Of a rig, see `RigFeedforward`; a chain's law always looks ahead.
+
+    Raises:
+        ValueError: The robot has no tendons.
+    """
+    if is_rig(robot):
+        return rig.make_inverse(robot, control_period, ahead)
+    return InverseDynamics(robot, control_period)
+
+
+def make_hybrid(
+    robot: RobotParams,
+    control_period: float,
+    learnt: IdentifiedParameters | str | Path | None = None,
+    model: str = "one piece",
+    ahead: bool = False,
+    backlash: bool = False,
+) -> Policy:
+    """Statics of a network and the dynamic part of a model.
+
+    Args:
+        robot: Nominal robot.
+        control_period: [s] between calls.
+        learnt: Of a rig as for `rig.feedforward.make_hybrid`; of another robot the file of its
+            network.
+        model, ahead, backlash: Of a rig.
+
+    Raises:
+        ValueError: No network of this robot, or a model that only a rig has.
+        FileNotFoundError: No such file.
+    """
+    if is_rig(robot):
+        return rig.make_hybrid(robot, control_period, learnt, model, ahead, backlash)
+    if model != "one piece" or backlash:
+        raise ValueError(
+            f"robot {robot.name!r} has no identified model in pieces: it needs a head and three "
+            "elastic tendons round it, as the rig has; take 'hybrid'"
+        )
+    if learnt is None or isinstance(learnt, IdentifiedParameters):
+        raise _without_network(robot)
+    return InverseDynamics(robot, control_period, weights=learnt)
+
+
+def is_rig(robot: RobotParams) -> bool:
+    """Whether the thesis' closed form of one piece knows a robot: a head, three tendons."""
+    try:
+        elastic_tendons(robot)
+    except ValueError:
+        return False
+    return robot.head is not None and robot.is_symmetric
+
+
+def _without_network(robot: RobotParams) -> ValueError:
+    return ValueError(
+        f"robot {robot.name!r} needs a network of its statics: make it with "
+        f"`{train_command(robot)}` and give its file"
+    )
