@@ -6,10 +6,14 @@ by name before anything is computed from it.
 
 import json
 from collections.abc import Collection
+from hashlib import sha256
 from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
+
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import RobotParams
 
 
 class Arrays(dict[str, np.ndarray]):
@@ -72,6 +76,52 @@ def read_arrays(path: str | Path) -> Arrays:
             return Arrays(path, dict(np.load(file, allow_pickle=False)))
         except Exception as error:  # whatever zip, zlib and NumPy raise on damage
             raise ValueError(f"{path} is no npz file of arrays, or damaged") from error
+
+
+def artifact_name(robot: RobotParams, policy: str) -> str:
+    """Name of the file of what a policy has learned of a robot."""
+    return f"{robot.name if robot.file is None else robot.file.stem}.{policy}.npz"
+
+
+def find_artifact(robot: RobotParams, policy: str) -> Path:
+    """What a policy has learned of a robot: beside the robot's file, or in the folder of models.
+
+    Raises:
+        ValueError: There is none; the message tells the command that makes it.
+    """
+    folders = [models_dir()] if robot.file is None else [robot.file.parent, models_dir()]
+    for folder in folders:
+        path = folder / artifact_name(robot, policy)
+        if path.is_file():
+            return path
+    raise ValueError(
+        f"{policy} has not been trained for robot {robot.name!r}: make "
+        f"{artifact_name(robot, policy)} with `{train_command(robot, policy)}`"
+    )
+
+
+def train_command(robot: RobotParams, policy: str) -> str:
+    """The command that trains a policy for a robot, where it will be looked for."""
+    return f"softrobot train {policy} --robot {robot.name if robot.file is None else robot.file}"
+
+
+def check_robot(data: Arrays, robot: RobotParams, policy: str) -> None:
+    """Refuse what was learned of another robot.
+
+    Raises:
+        ValueError: The fingerprint is another; the message tells the command that trains anew.
+    """
+    if str(data["fingerprint"]) != str(fingerprint(robot)["fingerprint"]):
+        raise ValueError(
+            f"{data.path} was made for another robot than {robot.name!r} is now, "
+            f"{str(data['robot'])!r}: make it anew with `{train_command(robot, policy)}`"
+        )
+
+
+def fingerprint(robot: RobotParams) -> dict[str, np.ndarray]:
+    """All parameters of a robot, as one number, in what a file tells; the first is its name."""
+    digest = sha256(repr(robot).encode()).hexdigest()
+    return {"robot": np.array(robot.name), "fingerprint": np.array(digest)}
 
 
 def read_facts(path: str | Path) -> Any:

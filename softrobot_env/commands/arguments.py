@@ -9,7 +9,7 @@ from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
 from softrobot_env.registries import is_path
-from softrobot_env.robots import ROBOTS
+from softrobot_env.robots import ROBOTS, RobotParams
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 
@@ -68,21 +68,21 @@ def add_plant(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def plant_options(args: argparse.Namespace, policy: str) -> dict[str, object]:
-    """Keyword arguments of an environment for a policy, from `add_plant`.
+def plant_options(args: argparse.Namespace, policy: str, robot: RobotParams) -> dict[str, object]:
+    """Keyword arguments of an environment for a policy of a robot, from `add_plant`.
 
     Raises:
         ValueError: An option of the MuJoCo chain together with a beam model.
     """
     if args.plant == MUJOCO:
-        return policy_environment(policy) | scene_options(args)
+        return policy_environment(policy, robot) | scene_options(args)
     given = {name: getattr(args, name) for name in ("rule", "timestep", "integrator", "accuracy")}
     foreign = [f"--{name}" for name, value in given.items() if value]
     if foreign:
         raise ValueError(f"{', '.join(foreign)}: only with --plant {MUJOCO}")
     period = {} if args.control_period is None else {"control_period": args.control_period}
     plant = BeamPlant(args.plant, args.pieces)
-    return policy_environment(policy) | {"plant": plant, **period}
+    return policy_environment(policy, robot) | {"plant": plant, **period}
 
 
 def add_feedback(parser: argparse.ArgumentParser) -> None:

@@ -104,7 +104,7 @@ class Setup:
             plant=self._args.plant,
             feedback=self._args.feedback if tension else None,
             duration=getattr(self._args, "duration", None) or step,
-            scene=plant_options(self._args, case.policy),
+            scene=plant_options(self._args, case.policy, case.task.robot),
             identified=self._identified if acts_on_identified(case.policy) else None,
         )
 

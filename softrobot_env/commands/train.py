@@ -6,18 +6,20 @@ from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
+from statistics import median
 from time import perf_counter
 
 from rich.console import Console
 from rich.progress import Progress
 
+from softrobot_env.artifacts import artifact_name
 from softrobot_env.commands import train_rl
-from softrobot_env.commands.arguments import add_out, add_robot, seed
+from softrobot_env.commands.arguments import add_robot, seed
 from softrobot_env.interfaces import Show
 from softrobot_env.paths import models_dir
 from softrobot_env.registries import load
 from softrobot_env.rendering.tables import named_values
-from softrobot_env.robots import ARM, RIG, find_robot
+from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
 
 EXAMPLE = """softrobot train --algo ppo --randomize
   softrobot train rig_nn --twin 3 --out out"""
@@ -31,15 +33,34 @@ class Trainer:
     """How to make an artifact.
 
     Attributes:
-        run: Train by seed (where anything is random), write the file and return the figures.
+        run: Train for a robot by seed (where anything is random), write the file and return the
+            figures.
         packages: That it needs beyond the package's own, of the extras `rl` and `mpc`.
+        robot: The only robot it is of, None of any.
     """
 
-    run: Callable[[int, Path, Show], Figures]
+    run: Callable[[RobotParams, int, Path, Show], Figures]
     packages: tuple[str, ...] = ()
+    robot: RobotParams | None = None
 
 
-def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
+def _train_qs_nn(robot: RobotParams, seed: int, path: Path, show: Show) -> Figures:
+    """Network of the statics: the thesis' of the arm (sec. 6.3), of other robots one of places."""
+    if robot == ARM:
+        return _train_thesis_network(seed, path, show)
+    from softrobot_env.training.quasi_static import train
+
+    trained = train(robot, seed, show)
+    trained.network.save(path, trained.about)
+    off = trained.errors
+    return [
+        ("median error of the tip at rest, unseen places", f"{1e3 * float(median(off)):.3f} mm"),
+        ("largest", f"{1e3 * max(off):.3f} mm"),
+        ("parameters", str(len(trained.network.parameters))),
+    ]
+
+
+def _train_thesis_network(seed: int, path: Path, show: Show) -> Figures:
     """Network of the quasi-static controller for the arm (thesis sec. 6.3)."""
     import numpy as np
 
@@ -71,8 +92,37 @@ def _train_qs_nn(seed: int, path: Path, show: Show) -> Figures:
     ]
 
 
-def _train_gains(design: str, seed: int, path: Path, show: Show) -> Figures:
-    """Gain table of a law for the arm (thesis sec. 6.4), by its design; nothing in it is random."""
+def _train_gains(
+    closed: str, design: str, robot: RobotParams, seed: int, path: Path, show: Show
+) -> Figures:
+    """Gain table of a law, by its design; nothing in it is random.
+
+    That of the arm is of the closed form (thesis sec. 6.4), those of other robots of their chain.
+    """
+    from softrobot_env.control.arm.operating_points import is_arm
+
+    if is_arm(robot):
+        return _train_closed_gains(closed, path, show)
+    from softrobot_env.control.scheduled.law import build_table
+    from softrobot_env.control.scheduled.operating_points import find_points
+    from softrobot_env.control.scheduled.policies import save_table
+
+    def report(done: int, total: int) -> None:
+        show("equilibria", done, total)
+
+    points = find_points(robot, progress=report)
+    table = build_table(robot, load(design)(robot), points, lambda n, m: show("gains", n, m))
+    save_table(path, table, robot, points.errors)
+    off = points.errors[-1] / robot.reach
+    return [
+        ("operating points", f"{len(points.points)} of {points.candidates} equilibria"),
+        ("error of the tip between them", f"{100 * off:.3g} % of the reach"),
+        ("gains per point", str(table.rows.shape[1])),
+    ]
+
+
+def _train_closed_gains(design: str, path: Path, show: Show) -> Figures:
+    """Gain table of a law for the arm, by its design."""
     from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
     from softrobot_env.control.arm.operating_points import build_gains, save_gains
 
@@ -88,7 +138,7 @@ def _train_gains(design: str, seed: int, path: Path, show: Show) -> Figures:
     ]
 
 
-def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
+def _train_imitation(robot: RobotParams, seed: int, path: Path, show: Show) -> Figures:
     """Network that imitates the model predictive controller with preview, for the arm."""
     from softrobot_env.training.artifacts import figures, save
     from softrobot_env.training.imitation import ImitationConfig, imitate
@@ -98,7 +148,7 @@ def _train_imitation(seed: int, path: Path, show: Show) -> Figures:
     return figures(network)
 
 
-def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
+def _train_rig_nn(robot: RobotParams, seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
     """Identified parameters of a twin, for the rig's controllers (thesis sec. 5.1)."""
     from math import degrees
 
@@ -121,12 +171,22 @@ def _train_rig_nn(seed: int, path: Path, show: Show, twin: int = 0) -> Figures:
 #: Artifact (the name of its policy and its file) -> how to make it.
 TRAINERS = {
     "qs_nn": Trainer(_train_qs_nn),
-    "lqi": Trainer(partial(_train_gains, "softrobot_env.control.arm.lqi:design")),
-    "lq_preview": Trainer(
-        partial(_train_gains, "softrobot_env.control.arm.lq_preview:preview_design"),
+    "lqi": Trainer(
+        partial(
+            _train_gains,
+            "softrobot_env.control.arm.lqi:design",
+            "softrobot_env.control.scheduled.lqi:Integral",
+        )
     ),
-    "rig_nn": Trainer(_train_rig_nn),
-    "imitation": Trainer(_train_imitation, ("torch", "daqp")),
+    "lq_preview": Trainer(
+        partial(
+            _train_gains,
+            "softrobot_env.control.arm.lq_preview:preview_design",
+            "softrobot_env.control.scheduled.lq_preview:Preview",
+        )
+    ),
+    "rig_nn": Trainer(_train_rig_nn, robot=RIG),
+    "imitation": Trainer(_train_imitation, ("torch", "daqp"), ARM),
 }
 
 #: The artifact that is of one twin.
@@ -146,8 +206,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"of the twin that {_OF_A_TWIN} is of; default: 0. Others than 0 go to a file with "
         "the seed in its name, for `softrobot evaluate --learnt`",
     )
-    add_out(parser, str(models_dir()), ", where policies look")
-    add_robot(parser, "that of the artifact, no other; default: it")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        metavar="DIR",
+        help="default: beside the robot's file, else the folder of models: where policies look",
+    )
+    add_robot(parser, "a name or a file; default: the thesis' of the artifact")
     train_rl.add_arguments(parser)
 
 
@@ -169,11 +234,13 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"{', '.join(foreign)}: only with --algo")
     if args.twin is not None and args.what != _OF_A_TWIN:
         raise ValueError(f"--twin: only with {_OF_A_TWIN}")
-    _check_robot(args)
+    robot = _robot_of(args)
+    if args.out is None:
+        args.out = models_dir() if robot.file is None else robot.file.parent
     console = Console()
     _check_packages(args)
     args.out.mkdir(parents=True, exist_ok=True)
-    name, path, train = _job(args)
+    name, path, train = _job(args, robot)
     began = perf_counter()
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(name, total=None)
@@ -188,17 +255,19 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _check_robot(args: argparse.Namespace) -> None:
-    """Raise ValueError for a robot that the artifact is not of."""
+def _robot_of(args: argparse.Namespace) -> RobotParams:
+    """The robot to train for; ValueError for one that the artifact is not of."""
+    only = ARM if args.algo is not None else TRAINERS[args.what].robot
     if args.robot is None:
-        return
-    robot, own = find_robot(args.robot), RIG if args.what == _OF_A_TWIN else ARM
-    if robot != own:
+        return only or ARM
+    robot = find_robot(args.robot)
+    if only is not None and robot != only:
         raise ValueError(
-            f"{args.algo or args.what} is trained for the robot {own.name!r} alone, not for "
+            f"{args.algo or args.what} is trained for the robot {only.name!r} alone, not for "
             f"{robot.name!r}: train on gymnasium.make('SoftRobot/Track-v0', robot=...) with a "
             "learning library"
         )
+    return robot
 
 
 def _check_packages(args: argparse.Namespace) -> None:
@@ -212,14 +281,18 @@ def _check_packages(args: argparse.Namespace) -> None:
         )
 
 
-def _job(args: argparse.Namespace) -> tuple[str, Path, Callable[[Show], Figures]]:
+def _job(
+    args: argparse.Namespace, robot: RobotParams
+) -> tuple[str, Path, Callable[[Show], Figures]]:
     """Name, file and training."""
     if args.algo is not None:
         name = train_rl.name_of(args)
         path = args.out / f"{name}.npz"
         return name, path, lambda show: train_rl.run(args, path, show)
-    trainer, name, path, own = TRAINERS[args.what], args.what, args.out / f"{args.what}.npz", {}
+    trainer, name, own = TRAINERS[args.what], args.what, {}
+    shipped = robot in (ARM, RIG)
+    path = args.out / (f"{name}.npz" if shipped else artifact_name(robot, name))
     if args.twin:
         name, own = f"{args.what} of twin {args.twin}", {"twin": args.twin}
         path = path.with_stem(f"{path.stem}_{args.twin}")
-    return name, path, lambda show: trainer.run(args.seed, path, show, **own)
+    return name, path, lambda show: trainer.run(robot, args.seed, path, show, **own)

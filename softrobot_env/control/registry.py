@@ -12,7 +12,7 @@ from softrobot_env.control.outside import as_policy, is_policy, no_policy
 from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Policy
 from softrobot_env.registries import Registry, is_path, load, load_given
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import ARM, RobotParams, find_robot
 
 #: What policies may measure: the full state, or tip and curvatures alone, with an observer.
 FEEDBACKS = ("state", "output")
@@ -27,8 +27,8 @@ class PolicySpec:
             policy that is made already.
         options: Keyword arguments of the factory.
         environment: Keyword arguments of the environment (`control_period`, `preview`) where the
-            policy needs others than the defaults; or their path. None asks the attribute
-            `environment` of what makes it.
+            policy needs others than the defaults; or their path, or that of a function of the
+            robot. None asks the attribute `environment` of what makes it.
         package: Package of the extra `mpc` that it needs, or None.
         robots: Says what a robot lacks that the policy cannot drive, None of any other. What our
             own policies need of a robot, their factories say.
@@ -63,13 +63,13 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     "lqi": PolicySpec("softrobot_env.control.arm.lqi:LQI", environment={"control_period": 0.001}),
     "lq_preview": PolicySpec(
-        "softrobot_env.control.arm.lq_preview:LQPreview",
-        environment="softrobot_env.control.arm.lq_preview:ENVIRONMENT",
+        "softrobot_env.control.scheduled.policies:make_lq_preview",
+        environment="softrobot_env.control.scheduled.policies:lq_environment",
     ),
     "lq_adaptive": PolicySpec(
-        "softrobot_env.control.arm.lq_preview:LQPreview",
+        "softrobot_env.control.scheduled.policies:make_lq_preview",
         {"adaptive": True},
-        environment="softrobot_env.control.arm.lq_preview:ENVIRONMENT",
+        environment="softrobot_env.control.scheduled.policies:lq_environment",
     ),
     "mpc": PolicySpec(
         "softrobot_env.control.mpc.controller:MPC",
@@ -199,7 +199,7 @@ def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str 
     Raises:
         ValueError: As `find_policy`.
     """
-    period = policy_environment(which).get("control_period", control_period)
+    period = policy_environment(which, robot).get("control_period", control_period)
     try:
         make_policy(which, robot, period)
     except ValueError as error:
@@ -268,10 +268,14 @@ def _made(
     return as_policy(made, name)
 
 
-def policy_environment(name: str) -> dict[str, Any]:
+def policy_environment(name: str, robot: RobotParams | str = ARM) -> dict[str, Any]:
     """Keyword arguments that an environment for this policy needs; none if any will do.
 
     `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("lqi"))` suits the policy.
+
+    Args:
+        name: One of `EVERY_POLICY`, or one's own as `package.module:name` or `file.py:name`.
+        robot: The robot that it drives, whose own time some policies go by; or its name or file.
 
     Raises:
         ValueError: Unknown name; the message lists the known ones.
@@ -280,4 +284,9 @@ def policy_environment(name: str) -> dict[str, Any]:
     needed = spec.environment
     if needed is None:
         needed = getattr(spec.loaded(), "environment", {})
-    return dict(load(needed) if isinstance(needed, str) else needed)
+    needed = load(needed) if isinstance(needed, str) else needed
+    return dict(
+        needed(find_robot(robot) if isinstance(robot, str) else robot)
+        if callable(needed)
+        else needed
+    )

@@ -93,7 +93,7 @@ class Case:
 
     def environment(self, **drawing: Any) -> gymnasium.Env:
         """The simulation of this case with all observables; `drawing` is how to render."""
-        options = policy_environment(self.policy) | dict(self.scene) | drawing
+        options = policy_environment(self.policy, self.task.robot) | dict(self.scene) | drawing
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
         if self.task.robot == RIG:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from itertools import pairwise
 from pathlib import Path
 
@@ -245,12 +244,6 @@ def describe(robot: RobotParams) -> dict[str, np.ndarray]:
         "tendon_offset": np.array([t.offset for t in robot.tendons]),
         "tendon_end": np.array([t.end for t in robot.tendons]),
     }
-
-
-def fingerprint(robot: RobotParams) -> dict[str, np.ndarray]:
-    """All parameters of a robot, as one number; the first is its name."""
-    digest = sha256(repr(robot).encode()).hexdigest()
-    return {"robot": np.array(robot.name), "fingerprint": np.array(digest)}
 
 
 def suits(about: dict[str, np.ndarray], robot: RobotParams, described: Describe = describe) -> bool:

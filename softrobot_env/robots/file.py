@@ -91,7 +91,7 @@ def read_robot(path: Path | str) -> RobotParams:
         OSError: The file cannot be read.
     """
     with _told_of(f"{path}: "):
-        return _robot(read_table(Path(path)))
+        return replace(_robot(read_table(Path(path))), file=Path(path).resolve())
 
 
 def write_robot(robot: RobotParams, path: Path | str) -> None:

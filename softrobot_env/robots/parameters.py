@@ -5,10 +5,11 @@ A planar robot bends in the x-z plane only and positive curvature bends it towar
 A robot with a `base` has this frame turned and moved; gravity stays in the world's.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import cos, hypot, inf, pi, sin, sqrt
 from numbers import Real
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -222,6 +223,8 @@ class RobotParams:
         discs: Rigid discs on the backbone.
         base: Where the robot is clamped; at the world's origin along +z unless given.
         drive: How its tendons are driven.
+        file: That describes it, None of others; beside it lie its trained artifacts. Robots of
+            different files may be equal.
     """
 
     name: str
@@ -243,6 +246,7 @@ class RobotParams:
     discs: tuple[Disc, ...] = ()
     base: Base | None = None
     drive: Drive = Drive()
+    file: Path | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
         check_argument(f"robot {self.name!r}: sections", self.sections, tuple[Section, ...])

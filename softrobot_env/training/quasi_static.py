@@ -8,10 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from softrobot_env.artifacts import fingerprint
 from softrobot_env.fields import Count, check_fields
 from softrobot_env.interfaces import Show
 from softrobot_env.learned import bayesian
-from softrobot_env.learned.network import Dataset, Network, fingerprint
+from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics

@@ -29,7 +29,7 @@ from softrobot_env.control.status import (
 )
 from softrobot_env.interfaces import Observation
 from softrobot_env.paths import models_dir
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
 #: [s] between decisions of a law.
@@ -137,6 +137,14 @@ def build_gains(
         gains.append(design(curvature))
         progress(len(gains), int(np.prod(shape)))
     return np.reshape(gains, (*shape, -1))
+
+
+def is_arm(robot: RobotParams) -> bool:
+    """Whether a robot is the arm that `GRID` is laid out for, by what a gain table depends on."""
+    if robot.sections or robot.pieces != ARM.pieces or not robot.moves_in_xz:
+        return False
+    own, wanted = identity(robot), identity(ARM)
+    return own.shape == wanted.shape and np.allclose(own, wanted, rtol=1e-9)
 
 
 def identity(robot: RobotParams) -> np.ndarray:

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from softrobot_env.artifacts import find_artifact
 from softrobot_env.control.arm.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.feedforward.dynamics import InverseDynamics
 from softrobot_env.control.feedforward.law import Feedforward
-from softrobot_env.control.feedforward.statics import train_command
 from softrobot_env.control.rig import feedforward as rig
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.interfaces import Policy
@@ -22,14 +22,14 @@ def make_network(
     Args:
         robot: Nominal robot.
         control_period: [s] between calls.
-        weights: File of either kind; unless given, the arm's that is shipped.
+        weights: File of either kind; found unless given, see `artifacts.find_artifact`.
 
     Raises:
         ValueError: No network of this robot, or a control period that the arm's cannot have.
         FileNotFoundError: No such file.
     """
-    if weights is None and robot.name != ARM.name:
-        raise _without_network(robot)
+    if weights is None and robot != ARM:
+        weights = find_artifact(robot, "qs_nn")
     if weights is None or not Path(weights).is_file():
         return QuasiStaticNetwork(robot, control_period, weights)
     _, about = Network.load(weights)
@@ -68,7 +68,7 @@ def make_hybrid(
         robot: Nominal robot.
         control_period: [s] between calls.
         learnt: Of a rig as for `rig.feedforward.make_hybrid`; of another robot the file of its
-            network.
+            network, found unless given.
         model, ahead, backlash: Of a rig.
 
     Raises:
@@ -82,9 +82,10 @@ def make_hybrid(
             f"robot {robot.name!r} has no identified model in pieces: it needs a head and three "
             "elastic tendons round it, as the rig has; take 'hybrid'"
         )
-    if learnt is None or isinstance(learnt, IdentifiedParameters):
-        raise _without_network(robot)
-    return InverseDynamics(robot, control_period, weights=learnt)
+    if isinstance(learnt, IdentifiedParameters):
+        raise ValueError(f"robot {robot.name!r} takes a network of its statics, not of a rig")
+    weights = find_artifact(robot, "qs_nn") if learnt is None else learnt
+    return InverseDynamics(robot, control_period, weights=weights)
 
 
 def is_rig(robot: RobotParams) -> bool:
@@ -94,10 +95,3 @@ def is_rig(robot: RobotParams) -> bool:
     except ValueError:
         return False
     return robot.head is not None and robot.is_symmetric
-
-
-def _without_network(robot: RobotParams) -> ValueError:
-    return ValueError(
-        f"robot {robot.name!r} needs a network of its statics: make it with "
-        f"`{train_command(robot)}` and give its file"
-    )

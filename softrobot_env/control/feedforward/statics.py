@@ -6,12 +6,13 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.linalg import eigh
 
+from softrobot_env.artifacts import fingerprint, train_command
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.arm.statics import least_norm
 from softrobot_env.control.status import REASONS, UNREACHABLE
 from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.learned.inference import CompiledInference
-from softrobot_env.learned.network import check_ends, fingerprint, load_for
+from softrobot_env.learned.network import check_ends, load_for
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import Inputs, robot_inputs
 from softrobot_env.scene.build import build_scene
@@ -99,11 +100,6 @@ def statics_of(
         return ChainStatics(robot)
 
 
-def train_command(robot: RobotParams) -> str:
-    """What makes the network of a robot."""
-    return f"softrobot train qs_nn --robot {robot.name} --out DIR"
-
-
 class ClosedStatics:
     """See `Statics`: constant curvature between the ends of planar pairs, without gravity."""
 
@@ -149,7 +145,7 @@ class NetworkStatics:
     def __init__(self, robot: RobotParams, path: Path) -> None:
         """Load the network; errors as `statics_of`."""
         self._robot, self.inputs = robot, robot_inputs(robot)
-        network, about = load_for(path, robot, train_command(robot), fingerprint)
+        network, about = load_for(path, robot, train_command(robot, "qs_nn"), fingerprint)
         self._size = 2 if robot.moves_in_xz else network.sizes[0]
         check_ends(network, (self._size, self.inputs.n_inputs), str(path))
         # The height of a tip that moves freely in two coordinates alone follows from them.

@@ -290,6 +290,11 @@ class Preview:
             robot_inputs(robot).input_scale,
         )
 
+    @staticmethod
+    def count(n: int, m: int, knots: int) -> int:
+        """Number of gains at a point, for n curvatures and m actions."""
+        return m * (2 * n + m) + m * knots * 3
+
     def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:
         """Gains [K (m, 2 n + m), G (m, knots, 3)], flattened.
 
