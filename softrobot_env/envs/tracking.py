@@ -30,7 +30,7 @@ from softrobot_env.envs.setting import (
 )
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.fields import check_argument
-from softrobot_env.interfaces import Observation, PlantFactory
+from softrobot_env.interfaces import PlantFactory, Seen
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.simulation import Simulation
@@ -41,7 +41,7 @@ DEFAULT_PERIOD = 0.01
 
 
 # Learning libraries tell environments by their direct bases: `gymnasium.Env` is one of them.
-class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
+class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     """Move the tip of a tendon-driven robot along a reference.
 
     The action is a vector in [-1, 1], held for one `control_period`, and stands for the inputs of
@@ -111,6 +111,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
             at; None of another.
         control_period: [s].
         input_scale: (n_inputs,) [N] or [m], input of a full-scale action.
+        vector_layout: Slices of an observation by name, where it is one vector; else None.
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
@@ -123,7 +124,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
         control_period: float = DEFAULT_PERIOD,
         observe: tuple[str, ...] | str | None = None,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
-        reward: TrackingReward | None = None,
+        observe_as: str = "dict",
+        act_as: str | None = None,
+        reward: TrackingReward | str | None = None,
         randomization: Randomization | None = None,
         pieces: int | tuple[int, ...] | None = None,
         rule: str | None = None,
@@ -149,7 +152,11 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
                 tensions, lengths and reference_acceleration of a robot driven by tension, and all
                 but curvatures and tensions of one driven by length, as a lab can measure them.
             preview: Times [s] ahead of now of `reference_preview`.
-            reward: Weights and scales of the reward.
+            observe_as: "dict", or "vector": one float32 vector of order 1, see below.
+            act_as: What actions stand for: "input", or "change" of the inputs in force. Unless
+                given, inputs, and with vectors changes.
+            reward: Weights and scales of the reward, or the name of one: "tracking" or "log".
+                Unless given "tracking", and with vectors "log".
             randomization: Ranges of what varies, drawn by `np_random` for every episode that is
                 reset without `vary`, and told in `info["variation_density"]` and so on.
             pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`; in
@@ -177,6 +184,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
             control_period=control_period,
             observe=observe,
             preview=preview,
+            observe_as=observe_as,
+            act_as=act_as,
+            reward=reward,
             plant=plant,
             pieces=pieces,
             rule=rule,
@@ -190,7 +200,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
         self.input_scale = setting.inputs.input_scale
         self._command = setting.inputs.per_action().command
         self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
-        super().__init__(setting, reward, render_mode, (width, height))
+        super().__init__(setting, render_mode, (width, height))
 
     def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
         self._target = simulation.ctrl
