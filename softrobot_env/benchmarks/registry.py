@@ -73,6 +73,11 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
             "softrobot_env.benchmarks.learning.tables:tables",
             "softrobot_env.benchmarks.learning.plots:plot",
         ),
+        "ppo_defaults": _found_at(
+            "softrobot_env.benchmarks.ppo_defaults.run:run",
+            "softrobot_env.benchmarks.ppo_defaults.tables:tables",
+            "softrobot_env.benchmarks.ppo_defaults.plots:plot",
+        ),
         "rig": _found_at(
             "softrobot_env.benchmarks.rig.run:run",
             "softrobot_env.benchmarks.rig.tables:tables",

@@ -56,8 +56,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     Observations are a dict of float64 vectors in SI units; d is the number of the coordinates that
     the task names: (x, z), (x, y) or (x, y, z). The bounds of the space are those of the workspace,
     plus room for the largest noise that the sensors can be given, and for any twin's errors. Those
-    of velocities and rates are some thirty times what the robot can do: scale by experience
-    (`gymnasium.wrappers.NormalizeObservation`), not by them:
+    of velocities and rates are some thirty times what the robot can do:
 
     | key | size | what | unit |
     |---|---|---|---|
@@ -67,10 +66,11 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
     | reference, reference_velocity, reference_acceleration | d | reference now | m, m/s, m/s2 |
     | reference_preview | d x preview | reference after each of the `preview` times | m |
-    | previous_action | inputs | action of the step before | 1 |
+    | previous_action | inputs | inputs in force, over full scale | 1 |
 
     The reward is the sum of these terms, also in `info` as `reward_tracking` and so on (e is the
-    distance of tip and reference, a the action; weights and scales are those of `TrackingReward`):
+    distance of tip and reference, a the inputs over full scale; weights and scales are those of
+    `TrackingReward`):
 
     | term | what | range |
     |---|---|---|
@@ -79,6 +79,19 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     | effort | -0.01 mean(a^2) | [-0.01, 0] |
     | smoothness | -0.05 mean((a - previous a)^2) | [-0.2, 0] |
     | failure | -10 if the step failed, the other terms are then 0 | {-10, 0} |
+
+    For learning libraries there is `observe_as="vector"`: the same observables as one float32
+    vector of order 1, scaled by the robot's own length, first frequency and full scale
+    (`observations.vector.VectorView`), so that no running statistics need to be kept with a policy.
+    `vector_layout` says which entries are what. The reference is then its distance to the tip, on a
+    coarse and on a fine scale, and the preview what lies ahead of it. Unless told otherwise, such
+    an environment also has what helps an agent that begins with nothing:
+
+    * `act_as="change"`: an action is the change of the inputs in force, by at most as much as the
+      first mode turns in a control period (full scale per radian). Random actions then move the
+      robot gently, and an agent that knows only the sign of an error can remove it.
+    * `reward="log"`: the term tracking is 1 - log(1 + e / s) / log(1 + 2 R / s), with the reach R
+      and s = R / 500; precision, effort and smoothness are zero (`rewards.LogReward`).
 
     An episode ends with `truncated` when the task's duration is over, and with `terminated` when
     the simulation diverged, a piece bent sharper than 1 / outer radius, where its inner side would

@@ -27,10 +27,17 @@ def make_vec_env(
         **options: Of the environment, as of `gymnasium.make`.
 
     Raises:
-        ValueError: An argument out of range, or an environment that cannot be many.
+        ValueError: An argument out of range, or the real rig, of which there is one.
     """
-    mode = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    made = gymnasium.make_vec(env_id, n_envs, "vector_entry_point", vector_kwargs=mode, **options)
+    if gymnasium.spec(env_id).vector_entry_point is None:
+        raise ValueError(
+            f"there is one robot behind {env_id}: give stable-baselines3 gymnasium.make({env_id!r})"
+        )
+    options |= {
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "vectorization_mode": "vector_entry_point",
+    }
+    made = gymnasium.make_vec(env_id, n_envs, **options)
     env = TrackingVecEnv([made.unwrapped])
     env.seed(seed)
     return env
