@@ -7,7 +7,14 @@ import numpy as np
 
 from softrobot_env.benchmarks.ppo_defaults.run import Row
 from softrobot_env.benchmarks.records import groups
-from softrobot_env.rendering.figures import COLOURS, REFERENCE, add_legend, new_figure, save
+from softrobot_env.rendering.figures import (
+    COLOURS,
+    REFERENCE,
+    add_legend,
+    new_figure,
+    plain_ticks,
+    save,
+)
 
 
 def plot(rows: Sequence[Row], path: Path) -> None:
@@ -21,6 +28,7 @@ def plot(rows: Sequence[Row], path: Path) -> None:
             axis.plot(np.array(steps) / 1e3, values, ".-", color=colour, label=f"seed {row.seed}")
         axis.axhline(1e3 * mine[0].goal, **{**REFERENCE, "label": "goal"})
         axis.set(title=name, yscale="log", xlabel="thousand steps")
+        plain_ticks(axis, "y")
     axes[0].set_ylabel("mean error [mm]")
     add_legend(figure, axes[0])
     save(figure, path)
