@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 from gymnasium.vector import AutoresetMode
+from support.example_robots import EVERY_ROBOT
 from support.hardware_boards import LiveBoard
 from support.patience import patient_drivers
 from support.real_episodes import FILE, Still
@@ -18,17 +19,8 @@ from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.rewards import LogReward, TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
-from softrobot_env.registration import ENVIRONMENTS, RIG_ENVIRONMENTS
 from softrobot_env.robots import ARM
-from softrobot_env.robots.registry import EXAMPLES
 from softrobot_env.scene.timestep import slowest
-
-IDS = [*ENVIRONMENTS, *RIG_ENVIRONMENTS]
-MADE = [*((i, {}) for i in IDS), *(("SoftRobot/Track-v0", {"robot": r}) for r in EXAMPLES)]
-every_robot = pytest.mark.parametrize(
-    ("env_id", "options"),
-    [pytest.param(i, o | ({"task": "reach"} if o else {}), id=o.get("robot", i)) for i, o in MADE],
-)
 
 
 def make(env_id, **options):
@@ -38,7 +30,7 @@ def make(env_id, **options):
 # ---------------------------------------------------------------- the contract
 
 
-@every_robot
+@EVERY_ROBOT
 def test_both_checkers_are_silent(env_id, options):
     sb3 = pytest.importorskip("stable_baselines3.common.env_checker", reason="needs the rl extra")
 
@@ -49,7 +41,7 @@ def test_both_checkers_are_silent(env_id, options):
         sb3.check_env(env, warn=True, skip_render_check=True)
 
 
-@every_robot
+@EVERY_ROBOT
 def test_entries_are_of_order_1_and_inside_the_space(env_id, options):
     env = make(env_id, observe="all", **options)
     space, rng = env.observation_space, np.random.default_rng(0)
@@ -68,7 +60,7 @@ def test_entries_are_of_order_1_and_inside_the_space(env_id, options):
     assert np.abs(np.array(seen)[:, near]).max() < asinh(2 / NEAR)
 
 
-@every_robot
+@EVERY_ROBOT
 def test_many_are_as_one(env_id, options):
     """`reset`, and steps with the same actions, seed for seed."""
     single = make(env_id, **options)

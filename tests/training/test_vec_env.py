@@ -10,16 +10,10 @@ pytest.importorskip("stable_baselines3")
 
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
+from support.example_robots import EVERY_ROBOT
 
-from softrobot_env.registration import ENVIRONMENTS, RIG_ENVIRONMENTS
-from softrobot_env.robots.registry import EXAMPLES
 from softrobot_env.training.vec_env import make_vec_env
 
-MADE = [(i, {}) for i in (*ENVIRONMENTS, *RIG_ENVIRONMENTS)]
-MADE += [("SoftRobot/Track-v0", {"robot": robot, "task": "reach"}) for robot in EXAMPLES]
-every_robot = pytest.mark.parametrize(
-    ("env_id", "options"), [pytest.param(i, o, id=o.get("robot", i)) for i, o in MADE]
-)
 both_ways = pytest.mark.parametrize("observe_as", ["dict", "vector"])
 
 
@@ -29,7 +23,7 @@ def each(seen):
 
 
 @both_ways
-@every_robot
+@EVERY_ROBOT
 def test_it_steps_as_the_single_environment(env_id, options, observe_as):
     env = make_vec_env(env_id, 2, seed=5, observe_as=observe_as, **options)
     single = gymnasium.make(env_id, observe_as=observe_as, **options)
