@@ -88,6 +88,7 @@ class Setting:
     Attributes:
         task: The task.
         control_period: [s].
+        observe_as, act_as: How agents see and act, see `TrackingEnv`.
         observation_space, action_space: Spaces of one robot.
         observed: Space of the observables, which `observation_space` is unless they are shown as a
             vector.
@@ -117,8 +118,7 @@ class Setting:
         check_argument("observe_as", observe_as, Literal[OBSERVE_AS])
         check_argument("act_as", act_as, Literal[ACT_AS] | None)
         learns = observe_as == "vector"
-        self._as_vector = learns
-        self._as_change = learns if act_as is None else act_as == "change"
+        self.observe_as, self.act_as = observe_as, act_as or ("change" if learns else "input")
         self.reward = reward_of(reward, task.robot, learns)
         self.task, self.control_period, self.axes = task, control_period, AXES[task.axes]
         self.inputs: Inputs = robot_inputs(task.robot)
@@ -131,10 +131,10 @@ class Setting:
             without = _ASKED_FOR[self.task.robot.drive.kind]
             observe = tuple(name for name in OBSERVABLES if not name.startswith(without))
         self.observed = self.observation_space = observation_space(observe, known, sizes)
-        if self._as_vector:
+        if self.observe_as == "vector":
             self.view = VectorView(self.observed, sizes)
             self.observation_space = self.view.space
-        if self._as_change:
+        if self.act_as == "change":
             self.change = min(1.0, CHANGE * sizes.frequency * self.control_period)
         self.action_space = spaces.Box(-1.0, 1.0, (sizes.n_inputs,), dtype=np.float32)
         self.reference = self.reference_of(self.task)

@@ -209,6 +209,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         self.single_observation_space = setting.observation_space
         self.single_action_space = setting.action_space
         self.vector_layout = setting.vector_layout
+        self.observe_as, self.act_as = setting.observe_as, setting.act_as
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.max_episode_steps = min(setting.reference.last_index, max_episode_steps or maxsize)

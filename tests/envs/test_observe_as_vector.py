@@ -14,11 +14,13 @@ from support.hardware_boards import LiveBoard
 from support.patience import patient_drivers
 from support.real_episodes import FILE, Still
 
+from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.observations.vector import FAR, NEAR
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.envs.rewards import LogReward, TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM
 from softrobot_env.scene.timestep import slowest
 
@@ -212,3 +214,12 @@ def test_other_words_are_refused(name, value):
     for kind in (TrackingEnv, VectorTrackingEnv):
         with pytest.raises(ValueError, match=name):
             kind(task="swing", **{name: value})
+
+
+def test_policies_by_name_refuse_what_they_do_not_know():
+    for options in ({"observe_as": "vector"}, {"act_as": "change"}):
+        env = TrackingEnv("swing", **options)
+        with pytest.raises(ValueError, match="policy 'hold' reads dicts and chooses inputs"):
+            make_policy("hold", env)
+    with pytest.raises(ValueError, match="recording needs a dict"):
+        run_episode(make("SoftRobot/ArmSwing-v0"), make_policy("hold", ARM, 0.01))

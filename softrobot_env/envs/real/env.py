@@ -136,6 +136,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         self.observation_space = setting.observation_space
         self.action_space = setting.action_space
         self.vector_layout = setting.vector_layout
+        self.observe_as, self.act_as = setting.observe_as, setting.act_as
         self.max_episode_steps = setting.reference.last_index
         self._max_missed, self._oldest = max_missed, oldest
         self._reward = setting.reward
