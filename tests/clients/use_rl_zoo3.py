@@ -43,7 +43,6 @@ def train_and_enjoy(env_id: str) -> None:
 def use_example(env_id: str) -> None:
     with TemporaryDirectory() as folder:
         own = ["--algo", "ppo", "--env", env_id, "--gym-packages", "softrobot_env", "-f", folder]
-        own += ["--env-kwargs", "observe_as:'vector'"]
         short = ["-n", "64", "-params", "n_steps:16", "batch_size:16", "n_epochs:1"]
         settings = ["--conf-file", str(EXAMPLE), "--eval-freq", "-1"]
         command("rl_zoo3.train", *own, *settings, *short)
