@@ -20,8 +20,8 @@ _NOTES = (
     "mode, in % of the length, and after a stroke over that on the plant of the tuning: the chain, "
     "unless the name says on which plant it was trained for this study, with less data than what "
     "is shipped. Drawn robots vary in E, density and damping at once; twins have errors of "
-    "manufacturing, servos and camera; the rig is twin 0 wherever no other is named. A dash: refused, "
-    "see below."
+    "manufacturing, servos and camera; the rig is twin 0 wherever no other is named. A dash: "
+    "refused, see below."
 )
 
 

@@ -52,7 +52,7 @@ def worlds(robot: RobotParams) -> list[World]:
     own = nominal(robot)
     found = [World(plant, PLANT, own | {"plant": plant}) for plant in PLANTS]
     found += [
-        World(variation_label({"variation": v}), VARIED, {"variation": v}) for v in VARIATIONS
+        World(variation_label({"variation": v}), VARIED, own | {"variation": v}) for v in VARIATIONS
     ]
     draws = (DRAWN.draw(np.random.default_rng(seed)) for seed in SEEDS)
     found += [World(f"drawn {k}", VARIED, own | {"variation": v}) for k, v in enumerate(draws)]
