@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks.laps import LapsRow, RefusedRow, refusal, run_laps
+from softrobot_env.benchmarks.laps import LapsRow, RefusedRow, laps_case, refusal, run_laps
 from softrobot_env.benchmarks.laws.demand import demand, feasible_task, inputs_of_lap
 from softrobot_env.benchmarks.laws.goals import LIMITS, ROOM, best_laws, goal_rows
 from softrobot_env.benchmarks.laws.plots import plot
@@ -24,7 +24,7 @@ FINGER = find_robot("planar_finger")
 @pytest.fixture(scope="module")
 def row():
     task = generic_tasks(FINGER)["circle"](frequency=0.5)
-    return run_laps(Case(task, "hold"))
+    return run_laps(laps_case(task, "hold"))
 
 
 def made_up(row, shares, what=""):
@@ -104,7 +104,7 @@ def test_goals_compare_the_worst_path_with_limits(row):
 
 def test_what_cannot_serve_is_a_row_with_the_reason():
     task = generic_tasks(FINGER)["circle"](frequency=0.3)
-    found = run_laps(Case(task, "static", plant="ancf"))
+    found = run_laps(laps_case(task, "static", plant="ancf"))
     assert isinstance(found, RefusedRow) and "ANCF needs a backbone of one" in found.reason
     told = refusal("finger", "ppo", "", f"{models_dir()}/ppo.npz is of another")
     assert told.reason == "models/ppo.npz is of another"

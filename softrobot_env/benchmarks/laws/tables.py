@@ -33,7 +33,7 @@ _GOALS = (
     Column("met", lambda row: verdict(row.met)),
 )
 _NOTES = (
-    "Errors are those of two laps at full rate, without the ramps at both ends, each a lap long. "
+    "Errors are those of two laps at full rate, after a ramp of one lap. "
     "Decision times are medians of cores that are all busy. Limited: share of the decisions whose "
     "status says that the action, or the motion that it gives, is not the one wanted. What a lap "
     "asks of drives is by exact statics and the chain linearised in the middle of its ground; a "
