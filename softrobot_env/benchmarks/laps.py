@@ -121,11 +121,11 @@ def difference(case: Case) -> str:
     """What differs from the nominal robot, its chain and its full state, for people."""
     twin = case.scene.get("twin")
     seed = case.twin if twin is None else twin.seed
+    own = twin is None and seed in (None, RIG_TWIN)
+    plant = "" if case.plant == MUJOCO else case.plant
+    varied = variation_label({"variation": case.variation})
     feedback = OBSERVER if case.feedback == "output" else ""
-    parts = ("" if case.plant == MUJOCO else case.plant, "" if seed is None else f"twin {seed}")
-    return ", ".join(
-        filter(None, (*parts, variation_label({"variation": case.variation}), feedback))
-    )
+    return ", ".join(filter(None, (plant, "" if own else f"twin {seed}", varied, feedback)))
 
 
 def _lap_errors(rollout: Rollout, case: Case) -> tuple[float | None, float | None]:
