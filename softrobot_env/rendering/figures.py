@@ -75,6 +75,7 @@ STYLES = {
     "feedforward": Style(SKY, marker="o"),
     "feedforward_pi": Style("#6A3D9A", marker="s"),
     "chain_dynamics": Style("#44AA99", marker="H"),
+    "chain_dynamics_pi": Style("#999933", marker="x"),
     "qs_nn": Style(VERMILLION, marker="D"),
     "lqi": Style(BLUE, marker="^"),
     "lq_preview": Style(ORANGE, marker="v"),
