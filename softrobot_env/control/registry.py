@@ -57,6 +57,7 @@ POLICIES: dict[str, PolicySpec] = {
     "feedforward_pi": PolicySpec("softrobot_env.control.feedforward.law:FeedforwardPI"),
     "static": PolicySpec("softrobot_env.control.feedforward.law:Feedforward", {"closed": False}),
     "chain_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
+    "chain_dynamics_pi": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamicsPI"),
     "qs_nn": PolicySpec(
         "softrobot_env.control.feedforward.policies:make_network",
         environment={"control_period": 0.01, "preview": (0.2,)},

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.control.feedforward.law import Feedforward, FeedforwardState
+from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI, FeedforwardState
 from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
 from softrobot_env.control.status import REASONS, SATURATED
 from softrobot_env.fields import Positive, check_argument
@@ -201,3 +201,9 @@ class InverseDynamics(Feedforward):
         # A servo takes a while, |rate| T / speed, for its way in a period.
         late = np.minimum(np.abs(rate), self._speed) * self._period / (2 * self._speed)
         return wanted + late * rate, _SLOW if np.abs(rate).max() > self._speed else None
+
+
+class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
+    """The inverse dynamics with the feedback of `FeedforwardPI` about it."""
+
+    requires = (*InverseDynamics.requires, "tip_position")
