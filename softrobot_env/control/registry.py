@@ -62,7 +62,10 @@ POLICIES: dict[str, PolicySpec] = {
         "softrobot_env.control.feedforward.policies:make_network",
         environment={"control_period": 0.01, "preview": (0.2,)},
     ),
-    "lqi": PolicySpec("softrobot_env.control.arm.lqi:LQI", environment={"control_period": 0.001}),
+    "lqi": PolicySpec(
+        "softrobot_env.control.scheduled.policies:make_lqi",
+        environment="softrobot_env.control.scheduled.policies:lqi_environment",
+    ),
     "lq_preview": PolicySpec(
         "softrobot_env.control.scheduled.policies:make_lq_preview",
         environment="softrobot_env.control.scheduled.policies:lq_environment",
