@@ -42,6 +42,7 @@ class Feedforward(Controller):
     """
 
     requires = ("reference", "previous_action")
+    _learnt = 0  # numbers that the feedback integrates besides the error
 
     def __init__(
         self,
@@ -89,7 +90,8 @@ class Feedforward(Controller):
         inputs = self._inputs.input_centre + action * self._inputs.input_scale
         size = sizes.pop()
         rest, memory = self._statics.begin(inputs), self._remembered()
-        return FeedforwardState(np.full(size, np.nan), rest, memory, np.zeros(size), None)
+        integral = np.zeros(size + self._learnt)
+        return FeedforwardState(np.full(size, np.nan), rest, memory, integral, None)
 
     def _remembered(self) -> Any:
         """The memory of a motion that begins."""
