@@ -110,6 +110,8 @@ class Feedforward(Controller):
         inputs, integral, limited = self._corrected(observation, rest, inputs, state.integral)
         wanted = (inputs - self._inputs.input_centre) / self._inputs.input_scale
         action = np.clip(wanted, -1.0, 1.0)
+        if reason is not None:  # what is missed for that reason is not for feedback to make up
+            integral = state.integral
         limited = limited or np.any(np.abs(wanted) > 1 + 1e-9)
         reason = REASONS[SATURATED] if limited else reason
         status = reason if rest.reached else self._statics.missed
