@@ -42,6 +42,7 @@ class Feedforward(Controller):
     """
 
     requires = ("reference", "previous_action")
+    _learnt = 0  # numbers that the feedback integrates besides the error
 
     def __init__(
         self,
@@ -89,7 +90,8 @@ class Feedforward(Controller):
         inputs = self._inputs.input_centre + action * self._inputs.input_scale
         size = sizes.pop()
         rest, memory = self._statics.begin(inputs), self._remembered()
-        return FeedforwardState(np.full(size, np.nan), rest, memory, np.zeros(size), None)
+        integral = np.zeros(size + self._learnt)
+        return FeedforwardState(np.full(size, np.nan), rest, memory, integral, None)
 
     def _remembered(self) -> Any:
         """The memory of a motion that begins."""
@@ -108,6 +110,8 @@ class Feedforward(Controller):
         inputs, integral, limited = self._corrected(observation, rest, inputs, state.integral)
         wanted = (inputs - self._inputs.input_centre) / self._inputs.input_scale
         action = np.clip(wanted, -1.0, 1.0)
+        if reason is not None:  # what is missed for that reason is not for feedback to make up
+            integral = state.integral
         limited = limited or np.any(np.abs(wanted) > 1 + 1e-9)
         reason = REASONS[SATURATED] if limited else reason
         status = reason if rest.reached else self._statics.missed

@@ -70,6 +70,19 @@ def test_it_moves_spatial_robots_and_those_wound_up_by_servos(name):
     assert dynamic < 0.1 * static
 
 
+@pytest.mark.parametrize("stiffness", [0.75, 1.25])
+def test_feedback_learns_another_stiffness(stiffness):
+    """A hundredth of the error is left in the second lap."""
+    task, options = lap("planar_finger", 0.1), {"vary": {"youngs_modulus": stiffness}}
+    env = TrackingEnv(task, observe="all", control_period=PERIOD)
+    wrong, learnt = (
+        run_episode(env, make_policy(name, task.robot, PERIOD), seed=0, options=options)
+        for name in ("chain_dynamics", "chain_dynamics_pi")
+    )
+    half = len(wrong.error) // 2
+    assert learnt.error[half:].mean() < 0.01 * wrong.error[half:].mean()
+
+
 def observed(point, velocity, acceleration, robot):
     """An observation of a reference."""
     return {
@@ -114,7 +127,9 @@ def test_it_says_where_servos_are_too_slow_or_the_reference_too_fast():
     assert said & {"reference too fast for the internal dynamics", "tension limit reached"}
 
 
-@pytest.mark.parametrize("name", ["static", "feedforward_pi", "chain_dynamics", "inverse_dynamics"])
+@pytest.mark.parametrize(
+    "name", ["static", "feedforward_pi", "chain_dynamics", "chain_dynamics_pi", "inverse_dynamics"]
+)
 def test_a_robot_without_tendons_is_refused_by_name(name):
     with pytest.raises(ValueError, match=r"'cantilever_weak' has no tendons"):
         make_policy(name, CANTILEVER_WEAK, PERIOD)
