@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from uses import SIMULATED, tried
+from uses import SIMULATED, SOME, tried
 
 #: Our settings, which are for vectors; a training of few steps needs no more than a small rollout.
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "rl_zoo3_ppo.yml"
@@ -50,4 +50,4 @@ def use_example(env_id: str) -> None:
 
 
 tried("train and enjoy", SIMULATED, train_and_enjoy)
-tried("examples/rl_zoo3_ppo.yml", SIMULATED, use_example)
+tried("examples/rl_zoo3_ppo.yml", SOME, use_example)
