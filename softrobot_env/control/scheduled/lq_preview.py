@@ -99,6 +99,11 @@ class LQPreview(ScheduledLaw):
         begin_smoothing(here, values[2 * n + m + 5 :])
         return Memory(values, FINE)
 
+    def stiffness(self, state: Memory) -> float:
+        """Factor [1] on the nominal stiffness that is estimated; 1 unless the law is adaptive."""
+        table = self._law.table
+        return 1.0 + float(_split(state.values, table.n, table.m)[4][0])
+
     def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
         """The control law."""
         seen = self._seen(observation)
