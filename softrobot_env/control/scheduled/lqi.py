@@ -1,4 +1,4 @@
-"""LQI control with gain scheduling (thesis sec. 6.4, with the audit's corrections), for any robot."""
+"""LQI control with gain scheduling (thesis sec. 6.4, as the audit corrects it), for any robot."""
 
 from typing import Any
 
