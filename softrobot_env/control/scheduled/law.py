@@ -57,9 +57,10 @@ class Law(NamedTuple):
     Attributes:
         table: Its operating points.
         times: (1 + k,) [s]: 0 and the times at which the reference is seen.
+        nodes: (c,) [s], see `Timing`.
         period: [s] between decisions.
         first: [s], period of the first mode.
-        force, offset: [1], shares of their estimates that a decision renews.
+        force, offset: [1], shares of their estimates that a decision renews; 0 without them.
         speed: (m,) [1], largest change of an action in a period.
         taut: What keeps tendons that are driven by length taut.
         reach: [m], of the robot.
@@ -67,6 +68,7 @@ class Law(NamedTuple):
 
     table: Table
     times: np.ndarray
+    nodes: np.ndarray
     period: float
     first: float
     force: float
@@ -90,6 +92,8 @@ class ScheduledLaw(Controller):
         name: str,
         table: Any,
         observables: tuple[str, ...],
+        timing: Timing | None = None,
+        estimate: bool = True,
     ) -> None:
         """Put together what the kernel needs.
 
@@ -99,11 +103,13 @@ class ScheduledLaw(Controller):
             name: Of the policy.
             table: Reference to its `Table`.
             observables: That it reads, besides the actions in force.
+            timing: Of the law; that of the robot unless given.
+            estimate: Whether to estimate what the model leaves unexplained.
 
         Raises:
-            ValueError: The robot's control period is no multiple of this one.
+            ValueError: The law's period is no multiple of the control period.
         """
-        timing = timing_of(robot)
+        timing = timing_of(robot) if timing is None else timing
         self.hold = hold_for(timing.period, control_period, name)
         inputs = robot_inputs(robot)
         self._pulled = robot.drive.kind == "length"
@@ -124,10 +130,11 @@ class ScheduledLaw(Controller):
             Law(
                 table=table,
                 times=np.array((0.0, *timing.knots)),
+                nodes=np.array(timing.nodes),
                 period=timing.period,
                 first=timing.first,
-                force=min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
-                offset=min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
+                force=estimate * min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
+                offset=estimate * min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
                 speed=speed,
                 taut=_taut(robot),
                 reach=robot.reach,
