@@ -39,6 +39,8 @@ class Aim(NamedTuple):
         away: (2 n + m,), curvatures [1/m], their rates and actions, less those of the equilibrium
             that moves.
         ways: (3 k,) [m], references ahead, less what the present velocity makes of the present one.
+        velocity: (3,) [m/s], of the reference.
+        bending: (n, 3) [1/m2], how the curvatures at rest move with the reference.
         gap: [m], from the operating point's tip to the reference.
         gains: Of the law.
     """
@@ -47,6 +49,8 @@ class Aim(NamedTuple):
     rising: np.ndarray
     away: np.ndarray
     ways: np.ndarray
+    velocity: np.ndarray
+    bending: np.ndarray
     gap: float
     gains: np.ndarray
 
@@ -198,7 +202,8 @@ def aimed(
         for x in range(3):
             way = points[i + 1, x] - points[0, x] - law.times[i + 1] * velocity[x]
             ways[3 * i + x] = way
-    return Aim(action, rising, away, ways, np.sqrt(np.sum(gap**2)), now.gains)
+    bending, distance = now.by_action @ to_action, np.sqrt(np.sum(gap**2))
+    return Aim(action, rising, away, ways, velocity, bending, distance, now.gains)
 
 
 @kernel
@@ -257,6 +262,8 @@ def conclude(
         law: Whose speeds hold.
         wanted: (m,) [1].
         previous: (m,) [1], in force.
+        velocity: (3,) [m/s], of the reference.
+        bending: (n, 3) [1/m2], how the curvatures at rest move with the reference.
         gap: [m], from the operating point's tip to the reference.
         memory: Of this decision.
     """

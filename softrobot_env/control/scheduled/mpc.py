@@ -14,6 +14,7 @@ import numpy as np
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.mpc.optimisation import BoundedSolver
 from softrobot_env.control.scheduled.aiming import (
+    Aim,
     AimingLaw,
     aimed,
     conclude,
@@ -21,7 +22,7 @@ from softrobot_env.control.scheduled.aiming import (
     planned,
     seen_well,
 )
-from softrobot_env.control.scheduled.law import Law
+from softrobot_env.control.scheduled.law import Law, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.plan_gains import RegulatorCost, deviation_cost, plan_gains
 from softrobot_env.control.scheduled.timing import Timing, knots_until, timing_of
@@ -201,6 +202,8 @@ def _program(
     aim = aimed(law, False, memory, curvature, rate, tip, target, preview, previous)
     plan = planned(law, aim)
     count, m = plan.shape
+    for c in range(count):
+        tighten(law, curvature + _bent_by(law, aim, law.nodes[c] - law.period), plan[c])
     size = count * m
     lower, upper = -np.ones(size), np.ones(size)
     _bound_first(law, curvature, previous, lower, upper)
@@ -232,3 +235,16 @@ def _bound_first(
         if law.taut.stiffness[j] > 0:
             taut = loose[j] / law.taut.stiffness[j]
             lower[j] = min(max(lower[j], taut), upper[j])
+
+
+@kernel
+def _bent_by(law: Law, aim: Aim, time: float) -> np.ndarray:
+    """(n,) [1/m], how much the curvatures change with the reference until a time [s]."""
+    way = time * aim.velocity
+    for k in range(1, len(law.times)):
+        before, after = law.times[k - 1], law.times[k]
+        share = min(max((time - before) / (after - before), 0.0), 1.0)
+        for x in range(3):
+            last = aim.ways[3 * k - 6 + x] if k > 1 else 0.0
+            way[x] += share * (aim.ways[3 * k - 3 + x] - last)
+    return aim.bending @ way
