@@ -12,7 +12,7 @@ from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import usable
 from softrobot_env.control.reference_smoothing import begin_smoothing, memory_size, smoothed
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar
-from softrobot_env.control.scheduled.table import Row, inverse_of, look_up
+from softrobot_env.control.scheduled.table import Row, inverse_of, look_up, look_up_action
 from softrobot_env.control.status import FINE, SATURATED, UNREACHABLE, Memory, finite
 from softrobot_env.interfaces import Observation
 
@@ -194,14 +194,19 @@ def aimed(
     braking = now.damping @ moving
     correction += to_action @ (now.jacobian @ braking)
     action = now.action + correction
-    away, ways = np.empty(2 * n + m), np.empty(3 * knots)
+    away, ways, ahead = np.empty(2 * n + m), np.empty(3 * knots), np.empty(m)
+    moved, before = now.jacobian @ now.by_action, now.action
     away[:n] = curvature - (now.curvature + shift - braking + now.by_action @ correction)
     away[n : 2 * n] = rate - moving
     away[2 * n :] = previous + law.period * rising - action
     for i in range(knots):
-        for x in range(3):
-            way = points[i + 1, x] - points[0, x] - law.times[i + 1] * velocity[x]
-            ways[3 * i + x] = way
+        if law.curved:
+            look_up_action(table, points[i + 1], before, ahead)
+            way = moved @ (ahead - now.action)
+            before = ahead.copy()
+        else:
+            way = points[i + 1] - points[0]
+        ways[3 * i : 3 * i + 3] = way - law.times[i + 1] * velocity
     bending, distance = now.by_action @ to_action, np.sqrt(np.sum(gap**2))
     return Aim(action, rising, away, ways, velocity, bending, distance, now.gains)
 

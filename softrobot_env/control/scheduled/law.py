@@ -64,6 +64,8 @@ class Law(NamedTuple):
         speed: (m,) [1], largest change of an action in a period.
         taut: What keeps tendons that are driven by length taut.
         reach: [m], of the robot.
+        curved: Whether the actions at rest ahead are looked up, as far previews need, or taken to
+            be linear in the way of the tip.
     """
 
     table: Table
@@ -76,6 +78,7 @@ class Law(NamedTuple):
     speed: np.ndarray
     taut: Taut
     reach: float
+    curved: bool
 
 
 class ScheduledLaw(Controller):
@@ -94,6 +97,7 @@ class ScheduledLaw(Controller):
         observables: tuple[str, ...],
         timing: Timing | None = None,
         estimate: bool = True,
+        curved: bool = False,
     ) -> None:
         """Put together what the kernel needs.
 
@@ -105,6 +109,7 @@ class ScheduledLaw(Controller):
             observables: That it reads, besides the actions in force.
             timing: Of the law; that of the robot unless given.
             estimate: Whether to estimate what the model leaves unexplained.
+            curved: See `Law`.
 
         Raises:
             ValueError: The law's period is no multiple of the control period.
@@ -138,6 +143,7 @@ class ScheduledLaw(Controller):
                 speed=speed,
                 taut=_taut(robot),
                 reach=robot.reach,
+                curved=curved,
             )
         )
 

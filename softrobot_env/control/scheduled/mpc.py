@@ -134,7 +134,8 @@ class ScheduledMPC(AimingLaw):
         seen = ("curvature", "curvature_rate", "tip_position", "reference")
         timing, name = settings.timing(robot), "model predictive control"
         seen = seen if settings.preview is None else (*seen, "reference_preview")
-        super().__init__(robot, control_period, name, table, seen, timing, settings.estimate)
+        options = timing, settings.estimate, True
+        super().__init__(robot, control_period, name, table, seen, *options)
         self._solve = BoundedSolver()
         self._rows, self._most = _speed_rows(self._law)
         self._warm_up()
