@@ -200,7 +200,7 @@ def aimed(
     away[n : 2 * n] = rate - moving
     away[2 * n :] = previous + law.period * rising - action
     for i in range(knots):
-        if law.curved:
+        if law.times[i + 1] > law.curved * law.first:
             look_up_action(table, points[i + 1], before, ahead)
             way = moved @ (ahead - now.action)
             before = ahead.copy()

@@ -64,8 +64,8 @@ class Law(NamedTuple):
         speed: (m,) [1], largest change of an action in a period.
         taut: What keeps tendons that are driven by length taut.
         reach: [m], of the robot.
-        curved: Whether the actions at rest ahead are looked up, as far previews need, or taken to
-            be linear in the way of the tip.
+        curved: Share of the first mode's period. What is farther ahead is looked up; before that,
+            the actions at rest are taken to be linear in the way of the tip.
     """
 
     table: Table
@@ -78,7 +78,7 @@ class Law(NamedTuple):
     speed: np.ndarray
     taut: Taut
     reach: float
-    curved: bool
+    curved: float
 
 
 class ScheduledLaw(Controller):
@@ -97,7 +97,7 @@ class ScheduledLaw(Controller):
         observables: tuple[str, ...],
         timing: Timing | None = None,
         estimate: bool = True,
-        curved: bool = False,
+        curved: float = np.inf,
     ) -> None:
         """Put together what the kernel needs.
 

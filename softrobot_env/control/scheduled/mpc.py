@@ -30,6 +30,9 @@ from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, SATURATED, Me
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
+#: Share of the first mode's period, ahead of which actions at rest are looked up.
+_CURVED = 0.05
+
 #: [1], how far an action may be from a bound that it is said to be at.
 _AT_BOUND = 1e-9
 
@@ -67,7 +70,7 @@ class PlanSettings:
 THESIS = PlanSettings(1 / 12, (2 / 12, 5 / 12), None, False)
 
 #: With preview and estimates.
-PREVIEW = PlanSettings(None, (0.04, 0.12, 0.3), 0.25, True)
+PREVIEW = PlanSettings(None, (0.03, 0.1, 0.4), 1.0, True)
 
 
 class Constrained:
@@ -134,7 +137,7 @@ class ScheduledMPC(AimingLaw):
         seen = ("curvature", "curvature_rate", "tip_position", "reference")
         timing, name = settings.timing(robot), "model predictive control"
         seen = seen if settings.preview is None else (*seen, "reference_preview")
-        options = timing, settings.estimate, True
+        options = timing, settings.estimate, _CURVED
         super().__init__(robot, control_period, name, table, seen, *options)
         self._solve = BoundedSolver()
         self._rows, self._most = _speed_rows(self._law)
