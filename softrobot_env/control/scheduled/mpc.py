@@ -137,7 +137,7 @@ class ScheduledMPC(AimingLaw):
         seen = ("curvature", "curvature_rate", "tip_position", "reference")
         timing, name = settings.timing(robot), "model predictive control"
         seen = seen if settings.preview is None else (*seen, "reference_preview")
-        options = timing, settings.estimate, float(__import__('os').environ.get('CUR','0.05'))
+        options = timing, settings.estimate, _CURVED
         super().__init__(robot, control_period, name, table, seen, *options)
         self._solve = BoundedSolver()
         self._rows, self._most = _speed_rows(self._law)
