@@ -103,6 +103,11 @@ def _train_gains(
 
     if is_arm(robot):
         return _train_closed_gains(closed, path, show)
+    return _train_table(design, robot, seed, path, show)
+
+
+def _train_table(design: str, robot: RobotParams, seed: int, path: Path, show: Show) -> Figures:
+    """Gains at operating points all over the workspace of a robot, by their design."""
     from softrobot_env.control.scheduled.law import build_table
     from softrobot_env.control.scheduled.operating_points import find_points
     from softrobot_env.control.scheduled.policies import save_table
@@ -184,6 +189,12 @@ TRAINERS = {
             "softrobot_env.control.arm.lq_preview:preview_design",
             "softrobot_env.control.scheduled.lq_preview:Preview",
         )
+    ),
+    "mpc": Trainer(
+        partial(_train_table, "softrobot_env.control.scheduled.policies:WithoutPreview")
+    ),
+    "mpc_preview": Trainer(
+        partial(_train_table, "softrobot_env.control.scheduled.mpc:Constrained")
     ),
     "rig_nn": Trainer(_train_rig_nn, robot=RIG),
     "imitation": Trainer(_train_imitation, ("torch", "daqp"), ARM),
