@@ -9,6 +9,9 @@ from softrobot_env.robots import RobotParams
 
 Observation = dict[str, np.ndarray]
 
+#: An observation as an agent sees it: its observables, or one vector of them.
+Seen = Observation | np.ndarray
+
 #: Told how far a long piece of work is: a description, how much is done and how much there is.
 Show = Callable[[str, int, int], None]
 

@@ -10,7 +10,7 @@ from softrobot_env.cli import main
 pytest.importorskip("matplotlib")
 
 #: Extra package that a benchmark cannot do without.
-NEEDS = {"learning": "stable_baselines3"}
+NEEDS = dict.fromkeys(("learning", "ppo_defaults"), "stable_baselines3")
 
 
 @pytest.mark.slow

@@ -234,6 +234,7 @@ def make_policy(
     check_argument("robot", robot, RobotParams | gymnasium.Env)
     if isinstance(robot, gymnasium.Env):
         own = robot.unwrapped
+        _check_interface(name, own)
         control_period = own.control_period if control_period is None else control_period
         robot = own.task.robot
     check_argument("control_period", control_period, Positive)
@@ -243,6 +244,16 @@ def make_policy(
     from softrobot_env.control.arm.observer import OutputFeedback
 
     return OutputFeedback(policy, robot, control_period)
+
+
+def _check_interface(name: str, env: gymnasium.Env) -> None:
+    """Raise ValueError for an environment that shows or takes what policies by name do not know."""
+    shown, taken = getattr(env, "observe_as", "dict"), getattr(env, "act_as", "input")
+    if (shown, taken) != ("dict", "input"):
+        raise ValueError(
+            f"policy {name!r} reads dicts and chooses inputs; this environment has "
+            f"observe_as={shown!r} and act_as={taken!r}, made for learning libraries"
+        )
 
 
 def _made(

@@ -7,16 +7,15 @@ import gymnasium
 import numpy as np
 from numpy import float64
 
-from softrobot_env.envs.observations.table import Measured, Read, Sources, readers
+from softrobot_env.envs.observations.table import Measured, Sources, copied
 from softrobot_env.envs.options import ResetOptions, check_rendering, one_action
 from softrobot_env.envs.reference import ReferenceTable
 from softrobot_env.envs.rendering.renderer import Frame, lifted, make_renderer
-from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
+from softrobot_env.envs.rewards import NO_REWARD
 from softrobot_env.envs.setting import SimulatedSetting, Start
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.envs.spec import EpisodeSpec
-from softrobot_env.fields import check_argument
-from softrobot_env.interfaces import Observation
+from softrobot_env.interfaces import Seen
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task
@@ -26,7 +25,7 @@ _REBUILT = {
     "model",
     "data",
     "_readout",
-    "_readers",
+    "_see",
     "_renderer",
     "_advance",
     "_target",
@@ -34,7 +33,7 @@ _REBUILT = {
 }
 
 
-class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
+class EpisodeEnv(gymnasium.Env[Seen, np.ndarray]):
     """Episodes of one simulated robot whose tip follows a reference.
 
     A subclass gives a setting and declares how an episode starts, how an action reaches the plant
@@ -44,6 +43,8 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         task: The task, `task.robot` its nominal robot.
         control_period: [s].
         axes: The coordinates out of x, y and z that positions have, a slice of (3,).
+        observe_as, act_as: As given, or what is usual.
+        vector_layout: Slices of an observation by name, where it is one vector; else None.
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
@@ -54,20 +55,20 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
     def __init__(
         self,
         setting: SimulatedSetting,
-        reward: TrackingReward | None,
         render_mode: str | None,
         frame_size: tuple[int, int],
     ) -> None:
         check_rendering(render_mode, self.metadata["render_modes"], frame_size)
-        check_argument("reward", reward, TrackingReward | None)
         self._setting = setting
         self.task, self.control_period = setting.task, setting.control_period
         self.axes = setting.axes
         self.observation_space = setting.observation_space
         self.action_space = setting.action_space
+        self.vector_layout = setting.vector_layout
+        self.observe_as, self.act_as = setting.observe_as, setting.act_as
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
-        self._reward = TrackingReward() if reward is None else reward
+        self._reward = setting.reward
         self._frame_size, self._renderer = frame_size, None
         self._follow(self.task, setting.reference)
         self.max_episode_steps = setting.reference.last_index
@@ -78,8 +79,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         self._action_array = np.zeros(self._action_shape)
         self._action: list[float] = self._action_array.tolist()
         self._rows: dict[str, np.ndarray] = {}
-        self._readers: list[tuple[str, Read]] = []
-        self._last_observation: Observation | None = None
+        self._last_observation: Seen | None = None
         self._variation: dict[str, float64] = {}  # as `info` tells it
         self._install(setting.plant.simulation({}))
 
@@ -146,7 +146,7 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[Seen, dict[str, Any]]:
         """Start an episode at rest.
 
         Args:
@@ -190,11 +190,11 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
             lambda column: iter(self._rows[column][index:]).__next__,
             lambda: self._action_array,
         )
-        self._readers = readers(self.observation_space, sources)
+        self._see = self._setting.observer(sources)
 
     # ------------------------------------------------------------------ steps
 
-    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """Apply an action (n_inputs,) in [-1, 1] for one control period.
 
         Raises:
@@ -204,7 +204,11 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
         previous = self._action
-        self._action_array, self._action = one_action(action, self._action_shape)
+        given, self._action = one_action(action, self._action_shape)
+        if self._setting.change is not None:
+            given = self._setting.wanted(given, self._action_array)
+            self._action = given.tolist()
+        self._action_array = given
         healthy = self._move(self._action_array)
         self._index += 1
         failure = self._measure()
@@ -221,23 +225,23 @@ class EpisodeEnv(gymnasium.Env[Observation, np.ndarray]):
         self._error = dist(readout.tip, self._points[self._index])
         return outside
 
-    def _observe(self) -> Observation:
-        self._last_observation = observation = {name: read() for name, read in self._readers}
+    def _observe(self) -> Seen:
+        self._last_observation = observation = self._see()
         return observation
 
     def _go_on(
         self, reward: float, terms: dict[str, float64]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    ) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         self._running = self._index < self._last_index
         observation = self._observe()
         if self.render_mode == "human":
             self.render()
         return observation, reward, False, not self._running, self._info(terms)
 
-    def _fail(self, failure: str) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def _fail(self, failure: str) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         self._running = False
         reward, terms = self._reward.failed_terms()
-        last = {name: value.copy() for name, value in self._last_observation.items()}
+        last = copied(self._last_observation)
         return last, reward, True, False, self._info(terms) | {"failure": failure}
 
     def _info(self, terms: dict[str, float64]) -> dict[str, Any]:

@@ -1,12 +1,16 @@
 """The reward of tip tracking, as named terms."""
 
+import math
 from dataclasses import dataclass
-from math import dist, exp, hypot
+from math import dist, hypot
+from typing import Any, Literal
 
 import numpy as np
 from numpy import float64
 
-from softrobot_env.fields import Positive, check_fields
+from softrobot_env.envs.observations.vector import NEAR
+from softrobot_env.fields import Positive, check_argument, check_fields
+from softrobot_env.robots import RobotParams
 
 #: Names of the terms, as `info` has them.
 TERMS = tuple(
@@ -42,6 +46,11 @@ class TrackingReward:
     def __post_init__(self) -> None:
         check_fields(self, "reward")
 
+    def _earned(self, error: Any, functions: Any) -> tuple[Any, Any]:
+        """Terms tracking and precision of errors [m], by the functions of `math` or of `np`."""
+        tracking = self.tracking * functions.exp(-error / self.coarse_scale)
+        return tracking, self.precision * functions.exp(-error / self.fine_scale)
+
     def terms(
         self, error: float, action: list[float], previous: list[float]
     ) -> tuple[float, dict[str, float64]]:
@@ -52,8 +61,7 @@ class TrackingReward:
             action, previous: (n_inputs,) [1], this step's action and the one before.
         """
         size = len(action)
-        tracking = self.tracking * exp(-error / self.coarse_scale)
-        precision = self.precision * exp(-error / self.fine_scale)
+        tracking, precision = self._earned(error, math)
         effort = -self.effort * hypot(*action) ** 2 / size
         smoothness = -self.smoothness * dist(action, previous) ** 2 / size
         return tracking + precision + effort + smoothness, {
@@ -69,9 +77,10 @@ class TrackingReward:
     ) -> dict[str, np.ndarray]:
         """Terms for errors (n,) [m] and actions (n, n_inputs)."""
         size, change = action.shape[1], action - previous
+        tracking, precision = self._earned(error, np)
         return {
-            "reward_tracking": self.tracking * np.exp(-error / self.coarse_scale),
-            "reward_precision": self.precision * np.exp(-error / self.fine_scale),
+            "reward_tracking": tracking,
+            "reward_precision": precision,
             "reward_effort": action**2 @ np.full(size, -self.effort / size),
             "reward_smoothness": change**2 @ np.full(size, -self.smoothness / size),
             "reward_failure": np.zeros(len(error)),
@@ -80,3 +89,57 @@ class TrackingReward:
     def failed_terms(self) -> tuple[float, dict[str, float64]]:
         """Reward of a step that failed, and its terms: the penalty alone."""
         return self.failure, NO_REWARD | {"reward_failure": float64(self.failure)}
+
+
+@dataclass(frozen=True)
+class LogReward(TrackingReward):
+    """A reward that asks for less error at every scale, as agents that start from nothing need it.
+
+    The term tracking is tracking (1 - log(1 + e / fine_scale) / log(1 + coarse_scale / fine_scale))
+    of an error e: to halve it earns about as much far away as near by. It is positive up to
+    `coarse_scale`, so that no agent gains by a failure. Other terms are as those of
+    `TrackingReward`.
+
+    Attributes:
+        coarse_scale: [m], error that earns nothing.
+        fine_scale: [m], below which less error earns little more.
+    """
+
+    coarse_scale: Positive = 1.0
+    fine_scale: Positive = 1e-3
+    precision: float = 0.0
+    effort: float = 0.0
+    smoothness: float = 0.0
+
+    @classmethod
+    def of(cls, robot: RobotParams) -> "LogReward":
+        """With the scales of a robot: twice its reach, and `observations.vector.NEAR` of it."""
+        return cls(coarse_scale=2 * robot.reach, fine_scale=NEAR * robot.reach)
+
+    def _earned(self, error: Any, functions: Any) -> tuple[Any, Any]:
+        most = math.log1p(self.coarse_scale / self.fine_scale)
+        lost = functions.log1p(error / self.fine_scale) / most
+        return self.tracking * (1 - lost), super()._earned(error, functions)[1]
+
+
+#: Rewards by name, of a robot.
+REWARDS = {"tracking": lambda robot: TrackingReward(), "log": LogReward.of}
+
+
+def reward_of(
+    reward: TrackingReward | str | None, robot: RobotParams, learns: bool
+) -> TrackingReward:
+    """The reward that an environment was asked for.
+
+    Args:
+        reward: It, its name, or None for the usual one.
+        robot: Whose scales it has.
+        learns: Whether "log" is the usual one.
+
+    Raises:
+        ValueError: Neither; the message names what is allowed.
+    """
+    check_argument("reward", reward, TrackingReward | Literal[tuple(REWARDS)] | None)
+    if isinstance(reward, TrackingReward):
+        return reward
+    return REWARDS[reward or ("log" if learns else "tracking")](robot)

@@ -7,14 +7,14 @@ import numpy as np
 
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
-from softrobot_env.interfaces import Observation
+from softrobot_env.interfaces import Seen
 from softrobot_env.robots import LENGTH_SCALE, RIG, RobotParams
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.tasks import Task
 
 
 # Learning libraries tell environments by their direct bases: `gymnasium.Env` is one of them.
-class RigEnv(TrackingEnv, gymnasium.Env[Observation, np.ndarray]):
+class RigEnv(TrackingEnv, gymnasium.Env[Seen, np.ndarray]):
     """`TrackingEnv` with what the spatial test rig of the thesis has unless told otherwise.
 
     Its camera sees x and y of the head's output point. Unless given, the `twin` is
@@ -54,9 +54,7 @@ class RigEnv(TrackingEnv, gymnasium.Env[Observation, np.ndarray]):
         super().__init__(task, robot=_rig_unless(robot, task), **options)
 
 
-class VectorRigEnv(
-    VectorTrackingEnv, gymnasium.vector.VectorEnv[Observation, np.ndarray, np.ndarray]
-):
+class VectorRigEnv(VectorTrackingEnv, gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
     """`RigEnv` n times, see `VectorTrackingEnv`."""
 
     length_scale = LENGTH_SCALE

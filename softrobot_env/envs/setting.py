@@ -4,7 +4,7 @@ Single and vectorised environments of a robot hold the same setting.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -15,9 +15,12 @@ from softrobot_env.envs.observations.table import (
     OBSERVABLES,
     SENSOR_NOISE,
     Sizes,
+    Sources,
     observation_space,
+    observer,
     speed_limit,
 )
+from softrobot_env.envs.observations.vector import VectorView
 from softrobot_env.envs.options import (
     SIMULATED_OPTIONS,
     ResetOptions,
@@ -27,10 +30,11 @@ from softrobot_env.envs.options import (
 from softrobot_env.envs.options import parse_options as parse
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
+from softrobot_env.envs.rewards import TrackingReward, reward_of
 from softrobot_env.envs.simulation.beam_plant import BeamPlant
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.fields import check_argument
-from softrobot_env.interfaces import PlantFactory
+from softrobot_env.interfaces import PlantFactory, Seen
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
 from softrobot_env.robots.twin import (
@@ -48,6 +52,13 @@ from softrobot_env.scene.servos import Servos
 from softrobot_env.tasks import OPTIONS, Task, make_task, options_of
 
 DEFAULT_ACCURACY = DEFAULT_SHARE
+
+#: How an environment may be seen, and what its actions may stand for.
+OBSERVE_AS, ACT_AS = ("dict", "vector"), ("input", "change")
+
+#: Largest change of an input in a step, over full scale, where actions change inputs: this share of
+#: full scale in the time in which the first mode turns by 1 rad.
+CHANGE = 1.0
 
 #: Beginnings of the observables that are not observed unless asked for, by drive. What is left of a
 #: robot driven by length is what a lab has of it: camera, servos and reference.
@@ -77,16 +88,38 @@ class Setting:
     Attributes:
         task: The task.
         control_period: [s].
+        observe_as, act_as: How agents see and act, see `TrackingEnv`.
         observation_space, action_space: Spaces of one robot.
+        observed: Space of the observables, which `observation_space` is unless they are shown as a
+            vector.
+        view: What makes that vector of them, or None.
+        change: [1], largest change of an input in a step, over full scale, where actions change
+            inputs; None where they are inputs.
+        reward: Of a step.
         inputs: Of the robot, and what actions stand for.
         axes: The coordinates out of x, y and z that positions have, a slice of (3,).
         reference: Of the task.
     """
 
-    observation_space: spaces.Dict
+    observation_space: spaces.Dict | spaces.Box
+    view: VectorView | None = None
+    change: float | None = None
 
-    def __init__(self, task: Task, control_period: float, preview: tuple[float, ...]) -> None:
+    def __init__(
+        self,
+        task: Task,
+        control_period: float,
+        preview: tuple[float, ...],
+        observe_as: str,
+        act_as: str | None,
+        reward: TrackingReward | str | None,
+    ) -> None:
         check_timing(control_period, preview)
+        check_argument("observe_as", observe_as, Literal[OBSERVE_AS])
+        check_argument("act_as", act_as, Literal[ACT_AS] | None)
+        learns = observe_as == "vector"
+        self.observe_as, self.act_as = observe_as, act_as or ("change" if learns else "input")
+        self.reward = reward_of(reward, task.robot, learns)
         self.task, self.control_period, self.axes = task, control_period, AXES[task.axes]
         self.inputs: Inputs = robot_inputs(task.robot)
         self._preview = np.array(preview, dtype=float)
@@ -97,7 +130,12 @@ class Setting:
         if observe is None:
             without = _ASKED_FOR[self.task.robot.drive.kind]
             observe = tuple(name for name in OBSERVABLES if not name.startswith(without))
-        self.observation_space = observation_space(observe, known, sizes)
+        self.observed = self.observation_space = observation_space(observe, known, sizes)
+        if self.observe_as == "vector":
+            self.view = VectorView(self.observed, sizes)
+            self.observation_space = self.view.space
+        if self.act_as == "change":
+            self.change = min(1.0, CHANGE * sizes.frequency * self.control_period)
         self.action_space = spaces.Box(-1.0, 1.0, (sizes.n_inputs,), dtype=np.float32)
         self.reference = self.reference_of(self.task)
 
@@ -109,8 +147,28 @@ class Setting:
         """
         return sample_reference(task, self.control_period, self._preview)
 
+    @property
+    def vector_layout(self) -> dict[str, slice] | None:
+        """Slices of the vector by name; None where observations are dicts."""
+        return None if self.view is None else self.view.layout
+
+    def observer(self, sources: Sources) -> Callable[[], Seen]:
+        """Function that makes a new observation, as the environment is seen."""
+        return observer(self.observed, sources, self.view)
+
+    def wanted(self, action: np.ndarray, previous: np.ndarray) -> np.ndarray:
+        """Inputs (..., n_inputs) over full scale that actions ask for.
+
+        Args:
+            action: (..., n_inputs), in [-1, 1].
+            previous: (..., n_inputs), inputs in force over full scale.
+        """
+        if self.change is None:
+            return action
+        return np.clip(previous + self.change * action, -1.0, 1.0)
+
     def action_of(self, inputs: np.ndarray) -> np.ndarray:
-        """The action (n_inputs,) that stands for inputs (n_inputs,)."""
+        """Inputs (n_inputs,) over full scale."""
         return (inputs - self.inputs.input_centre) / self.inputs.input_scale
 
     def parse_options(self, options: dict[str, Any] | None) -> ResetOptions:
@@ -139,12 +197,16 @@ class SimulatedSetting(Setting):
         control_period: float,
         observe: tuple[str, ...] | str | None,
         preview: tuple[float, ...],
+        observe_as: str,
+        act_as: str | None,
+        reward: TrackingReward | str | None,
         plant: PlantFactory | None = None,
         **chain: Any,
     ) -> None:
         """Arguments as those of `TrackingEnv`."""
         check_argument("plant", plant, Callable | None)
-        super().__init__(make_env_task(task, robot, task_options), control_period, preview)
+        task = make_env_task(task, robot, task_options)
+        super().__init__(task, control_period, preview, observe_as, act_as, reward)
         self.twin = _twin_for(twin, self.task)
         built = self.task.robot if self.twin is None else self.twin.robot
         speed = speed_limit(self.task.robot)  # policies do not know the twin

@@ -30,7 +30,7 @@ from softrobot_env.envs.setting import (
 )
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.fields import check_argument
-from softrobot_env.interfaces import Observation, PlantFactory
+from softrobot_env.interfaces import PlantFactory, Seen
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.simulation import Simulation
@@ -41,7 +41,7 @@ DEFAULT_PERIOD = 0.01
 
 
 # Learning libraries tell environments by their direct bases: `gymnasium.Env` is one of them.
-class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
+class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     """Move the tip of a tendon-driven robot along a reference.
 
     The action is a vector in [-1, 1], held for one `control_period`, and stands for the inputs of
@@ -56,8 +56,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     Observations are a dict of float64 vectors in SI units; d is the number of the coordinates that
     the task names: (x, z), (x, y) or (x, y, z). The bounds of the space are those of the workspace,
     plus room for the largest noise that the sensors can be given, and for any twin's errors. Those
-    of velocities and rates are some thirty times what the robot can do: scale by experience
-    (`gymnasium.wrappers.NormalizeObservation`), not by them:
+    of velocities and rates are some thirty times what the robot can do:
 
     | key | size | what | unit |
     |---|---|---|---|
@@ -67,10 +66,11 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
     | reference, reference_velocity, reference_acceleration | d | reference now | m, m/s, m/s2 |
     | reference_preview | d x preview | reference after each of the `preview` times | m |
-    | previous_action | inputs | action of the step before | 1 |
+    | previous_action | inputs | inputs in force, over full scale | 1 |
 
     The reward is the sum of these terms, also in `info` as `reward_tracking` and so on (e is the
-    distance of tip and reference, a the action; weights and scales are those of `TrackingReward`):
+    distance of tip and reference, a the inputs over full scale; weights and scales are those of
+    `TrackingReward`):
 
     | term | what | range |
     |---|---|---|
@@ -79,6 +79,19 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
     | effort | -0.01 mean(a^2) | [-0.01, 0] |
     | smoothness | -0.05 mean((a - previous a)^2) | [-0.2, 0] |
     | failure | -10 if the step failed, the other terms are then 0 | {-10, 0} |
+
+    For learning libraries there is `observe_as="vector"`: the same observables as one float32
+    vector of order 1, scaled by the robot's own length, first frequency and full scale
+    (`observations.vector.VectorView`), so that no running statistics need to be kept with a policy.
+    `vector_layout` says which entries are what. The reference is then its distance to the tip, on a
+    coarse and on a fine scale, and the preview what lies ahead of it. Unless told otherwise, such
+    an environment also has what helps an agent that begins with nothing:
+
+    * `act_as="change"`: an action is the change of the inputs in force, by at most as much as the
+      first mode turns in a control period (full scale per radian). Random actions then move the
+      robot gently, and an agent that knows only the sign of an error can remove it.
+    * `reward="log"`: the term tracking is 1 - log(1 + e / s) / log(1 + 2 R / s), with the reach R
+      and s = R / 500; precision, effort and smoothness are zero (`rewards.LogReward`).
 
     An episode ends with `truncated` when the task's duration is over, and with `terminated` when
     the simulation diverged, a piece bent sharper than 1 / outer radius, where its inner side would
@@ -111,6 +124,8 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
             at; None of another.
         control_period: [s].
         input_scale: (n_inputs,) [N] or [m], input of a full-scale action.
+        observe_as, act_as: As given, or what is usual.
+        vector_layout: Slices of an observation by name, where it is one vector; else None.
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
@@ -123,7 +138,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
         control_period: float = DEFAULT_PERIOD,
         observe: tuple[str, ...] | str | None = None,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
-        reward: TrackingReward | None = None,
+        observe_as: str = "dict",
+        act_as: str | None = None,
+        reward: TrackingReward | str | None = None,
         randomization: Randomization | None = None,
         pieces: int | tuple[int, ...] | None = None,
         rule: str | None = None,
@@ -149,7 +166,11 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
                 tensions, lengths and reference_acceleration of a robot driven by tension, and all
                 but curvatures and tensions of one driven by length, as a lab can measure them.
             preview: Times [s] ahead of now of `reference_preview`.
-            reward: Weights and scales of the reward.
+            observe_as: "dict", or "vector": one float32 vector of order 1, see below.
+            act_as: What actions stand for: "input", or "change" of the inputs in force. Unless
+                given, inputs, and with vectors changes.
+            reward: Weights and scales of the reward, or the name of one: "tracking" or "log".
+                Unless given "tracking", and with vectors "log".
             randomization: Ranges of what varies, drawn by `np_random` for every episode that is
                 reset without `vary`, and told in `info["variation_density"]` and so on.
             pieces, rule, timestep, integrator, accuracy: Of the MuJoCo chain, see `SceneConfig`; in
@@ -177,6 +198,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
             control_period=control_period,
             observe=observe,
             preview=preview,
+            observe_as=observe_as,
+            act_as=act_as,
+            reward=reward,
             plant=plant,
             pieces=pieces,
             rule=rule,
@@ -190,7 +214,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Observation, np.ndarray]):
         self.input_scale = setting.inputs.input_scale
         self._command = setting.inputs.per_action().command
         self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
-        super().__init__(setting, reward, render_mode, (width, height))
+        super().__init__(setting, render_mode, (width, height))
 
     def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
         self._target = simulation.ctrl

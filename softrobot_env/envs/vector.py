@@ -21,7 +21,7 @@ from softrobot_env.envs.disturbances import (
 )
 from softrobot_env.envs.observations.camera import Cameras, filmed
 from softrobot_env.envs.observations.readouts import noisy
-from softrobot_env.envs.observations.table import Sources, readers
+from softrobot_env.envs.observations.table import Sources, arrays
 from softrobot_env.envs.options import (
     ResetOptions,
     checked_actions,
@@ -42,7 +42,7 @@ from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.spec import EpisodeSpec
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.fields import Count, Whole, check_argument
-from softrobot_env.interfaces import Observation
+from softrobot_env.interfaces import Seen
 from softrobot_env.robots import VARIABLE, RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import Task, remake_task
@@ -106,7 +106,7 @@ class _References:
         return self._offset + index
 
 
-class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.ndarray]):
+class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
     """`TrackingEnv` n times, simulated on a thread pool: the same episodes, step for step.
 
     Spaces, observations, rewards and options are those of the single environment, stacked along a
@@ -123,7 +123,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
     Attributes:
         simulation: Of all robots, a `BatchSimulation`.
-        task, twin, control_period, input_scale: As of `TrackingEnv`.
+        task, twin, control_period, input_scale, vector_layout: As of `TrackingEnv`.
     """
 
     spec = EpisodeSpec()
@@ -140,7 +140,9 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         control_period: float = DEFAULT_PERIOD,
         observe: tuple[str, ...] | str | None = None,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
-        reward: TrackingReward | None = None,
+        observe_as: str = "dict",
+        act_as: str | None = None,
+        reward: TrackingReward | str | None = None,
         randomization: Randomization | None = None,
         threads: int = 0,
         max_episode_steps: int | None = None,
@@ -157,8 +159,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
         Args:
             num_envs: Their number n.
-            task, robot, twin, control_period, observe, preview, reward, randomization: As those of
-                `TrackingEnv`.
+            task, robot, twin, control_period, observe, preview, observe_as, act_as, reward,
+                randomization: As those of `TrackingEnv`.
             threads: Of the pool, 0 for as many as have enough to do.
             max_episode_steps: After which an episode is truncated, if it is not over before.
             autoreset_mode: One of `AutoresetMode`, or its value.
@@ -175,9 +177,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         check_argument("max_episode_steps", max_episode_steps, Count | None)
         check_argument("num_envs", num_envs, Count)
         check_argument("threads", threads, Whole)
-        check_argument("reward", reward, TrackingReward | None)
         check_argument("randomization", randomization, Randomization | None)
-        self._reward = TrackingReward() if reward is None else reward
         self._setting = setting = SimulatedSetting(
             task,
             task_options,
@@ -186,12 +186,16 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             control_period=control_period,
             observe=observe,
             preview=preview,
+            observe_as=observe_as,
+            act_as=act_as,
+            reward=reward,
             pieces=pieces,
             rule=rule,
             timestep=timestep,
             integrator=integrator,
             accuracy=accuracy,
         )
+        self._reward = setting.reward
         setting.check_randomization(randomization)
         self._randomization = randomization
         self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
@@ -204,6 +208,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._most_steps = max_episode_steps
         self.single_observation_space = setting.observation_space
         self.single_action_space = setting.action_space
+        self.vector_layout = setting.vector_layout
+        self.observe_as, self.act_as = setting.observe_as, setting.act_as
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.max_episode_steps = min(setting.reference.last_index, max_episode_steps or maxsize)
@@ -238,7 +244,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._drives: Drives | None = None
         self._generators: list[np.random.Generator] = []
         self._started = False
-        self._observation: Observation | None = None
+        self._observation: Seen | None = None
         self._exact = setting.plant.readout(self.simulation, self._servos)
         self._noise: SensorNoise | None = None
         self._cameras = self._make_cameras()
@@ -267,7 +273,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             lambda column: lambda: references.columns[column].take(self._at, axis=0),
             lambda: self._action.copy(),
         )
-        self._readers = readers(self.single_observation_space, sources)
+        self._see = self._setting.observer(sources)
 
     # ------------------------------------------------------------------ episodes
 
@@ -276,7 +282,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         *,
         seed: int | list[int | None] | None = None,
         options: dict[str, Any] | None = None,
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[Seen, dict[str, Any]]:
         """Start episodes at rest.
 
         Args:
@@ -407,7 +413,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
     def step(
         self, actions: np.ndarray
-    ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         """Apply actions (n, n_inputs) in [-1, 1] for one control period.
 
         Raises:
@@ -422,7 +428,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         actions, previous = checked_actions(actions, self._action.shape), self._action
         resets = self._mode == AutoresetMode.NEXT_STEP and self._done.any()
         ended = self._done.copy() if resets else None
-        self._action = actions if ended is None else np.where(ended[:, None], 0, actions)
+        wanted = self._setting.wanted(actions, previous)
+        self._action = wanted if ended is None else np.where(ended[:, None], 0, wanted)
         command = self._command(self._action)
         self._target[:] = command if self._drives is None else self._drives.apply(command)
         failed = self._advance(ended)
@@ -440,7 +447,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
     def _result(
         self, previous: np.ndarray, failed: np.ndarray, ended: np.ndarray | None
-    ) -> tuple[Observation, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
         before = self._observation
         self._observation = self._observe()
         terminated = failed | self._exact.outside
@@ -466,7 +473,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         failed: np.ndarray,
         diverged: np.ndarray,
         terms: dict[str, np.ndarray],
-        before: Observation,
+        before: Seen,
     ) -> np.ndarray:
         """Penalise failed episodes, show what was seen before, and say what happened."""
         failures = np.full(self.num_envs, None, dtype=object)
@@ -474,8 +481,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
             failures[i] = self._what_failed(i, diverged[i])
         for name, value in self._reward.failed_terms()[1].items():
             terms[name][failed] = value
-        for name, value in self._observation.items():
-            value[failed] = before[name][failed]
+        for value, last in zip(arrays(self._observation), arrays(before), strict=True):
+            value[failed] = last[failed]
         return failures
 
     def _what_failed(self, i: int, diverged: bool) -> str:
@@ -497,7 +504,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
 
     # ------------------------------------------------------------------ read-outs
 
-    def _observe(self, started: np.ndarray | None = None) -> Observation:
+    def _observe(self, started: np.ndarray | None = None) -> Seen:
         """New arrays (n, ...), which the caller may keep; updates error and read-outs too.
 
         Args:
@@ -508,7 +515,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Observation, np.ndarray, np.n
         self._at = self._references.at(self._index)
         gap = self._exact.tip - self._references.columns["position"].take(self._at, axis=0)
         self._error = np.sqrt(np.einsum("ij,ij->i", gap, gap))
-        return {name: read() for name, read in self._readers}
+        return self._see()
 
     def _no_reward(self) -> dict[str, np.ndarray]:
         return {name: np.zeros(self.num_envs) for name in NO_REWARD}

@@ -90,9 +90,12 @@ def run_episode(
     Raises:
         ValueError: The environment does not provide what is recorded.
     """
-    missing = [name for name in RECORDED if name not in env.observation_space.spaces]
+    observed = getattr(env.observation_space, "spaces", ())  # a vector has none
+    missing = [name for name in RECORDED if name not in observed]
     if missing:
-        raise ValueError(f'recording needs the observables {missing}: pass observe="all"')
+        raise ValueError(
+            f'recording needs a dict with the observables {missing}: pass observe="all"'
+        )
     axes = getattr(env.unwrapped, "axes", _PLANE)
     begin = perf_counter()
     samples, policy_time, status = _Table(), _Table(), []

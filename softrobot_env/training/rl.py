@@ -20,7 +20,7 @@ from softrobot_env.tasks import Task, make_task
 from softrobot_env.training.learners import LEARNERS, freeze_actor, make_model, put_actor
 from softrobot_env.training.references import draw_reference
 from softrobot_env.training.rl_config import RLConfig
-from softrobot_env.training.vec_env import TrackingVecEnv
+from softrobot_env.training.vec_env import NetworkVecEnv
 from softrobot_env.training.watch import Point, Watch, curve_of
 
 #: Files of a checkpoint, besides those of `watch`.
@@ -88,11 +88,11 @@ def train(
     return watch.best, watch.curve
 
 
-def make_training_env(config: RLConfig, seed: int) -> TrackingVecEnv:
+def make_training_env(config: RLConfig, seed: int) -> NetworkVecEnv:
     """All tasks of a training at once, robots drawn anew for every episode."""
     rng = np.random.default_rng([seed, 1])  # the environments have streams of `seed` itself
     parts = [_part(config, task) for name in config.tasks for task in _tasks(config, name, rng)]
-    env = TrackingVecEnv(parts, stagger=True, reward_scale=1 - config.discount)
+    env = NetworkVecEnv(parts, stagger=True, reward_scale=1 - config.discount)
     env.seed(seed)
     return env
 

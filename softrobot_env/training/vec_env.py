@@ -12,15 +12,42 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
 from softrobot_env.control.arm import neural
 from softrobot_env.envs.vector import VectorTrackingEnv
-from softrobot_env.interfaces import Observation
+from softrobot_env.interfaces import Observation, Seen
+
+
+def make_vec_env(
+    env_id: str, n_envs: int = 1, *, seed: int | None = None, **options: Any
+) -> "TrackingVecEnv":
+    """An environment of stable-baselines3 with many robots, simulated on a thread pool.
+
+    Args:
+        env_id: Of the environment.
+        n_envs: Number of robots.
+        seed: Of the first reset.
+        **options: Of the environment, as of `gymnasium.make`.
+
+    Raises:
+        ValueError: An argument out of range, or the real rig, of which there is one.
+    """
+    if gymnasium.spec(env_id).vector_entry_point is None:
+        raise ValueError(
+            f"there is one robot behind {env_id}: give stable-baselines3 gymnasium.make({env_id!r})"
+        )
+    options |= {
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "vectorization_mode": "vector_entry_point",
+    }
+    made = gymnasium.make_vec(env_id, n_envs, **options)
+    env = TrackingVecEnv([made.unwrapped])
+    env.seed(seed)
+    return env
 
 
 class TrackingVecEnv(VecEnv):
-    """One or several `VectorTrackingEnv`, one behind the other, with other observations.
+    """One or several `VectorTrackingEnv`, one behind the other, as they are.
 
-    Agents see `neural.features` (k,) float32 and choose the network's output in [-1, 1], by which
-    `neural.increment` changes the action in force: an agent trained here is the network of a
-    `NeuralPolicy`.
+    Observations are dicts (for "MultiInputPolicy"), or with `observe_as="vector"` vectors (for
+    "MlpPolicy").
 
     `infos` hold `terminal_observation`, `TimeLimit.truncated`, `episode` (return r, length l and
     time t, as stable-baselines3's Monitor) and `failure` in the step that ends an episode; they
@@ -58,13 +85,7 @@ class TrackingVecEnv(VecEnv):
         self.parts, self._stagger, self._scale = tuple(parts), stagger, reward_scale
         ends = np.cumsum([part.num_envs for part in parts])
         self._slices = [slice(end - p.num_envs, end) for p, end in zip(parts, ends, strict=True)]
-        sample = {k: v.sample() for k, v in first.single_observation_space.spaces.items()}
-        count, outputs = len(neural.features(sample)), first.single_action_space.shape[0]
-        super().__init__(
-            int(ends[-1]),
-            gymnasium.spaces.Box(-10.0, 10.0, (count,), np.float32),
-            gymnasium.spaces.Box(-1.0, 1.0, (outputs,), np.float32),
-        )
+        super().__init__(int(ends[-1]), self._agent_space(first), first.single_action_space)
         self._return, self._length = np.zeros(self.num_envs), np.zeros(self.num_envs, int)
         self._began = perf_counter()
 
@@ -74,16 +95,39 @@ class TrackingVecEnv(VecEnv):
         self._seeds = [int(one.generate_state(1)[0]) for one in spawned]
         return self._seeds
 
-    def reset(self) -> np.ndarray:
-        """Features (n, k) of new episodes everywhere."""
+    def reset(self) -> Seen:
+        """Observations (n, ...) of new episodes everywhere."""
         self._seen = [self._reset(p, s) for p, s in zip(self.parts, self._slices, strict=True)]
         self._reset_seeds()
         self._reset_options()
         self._return[:], self._length[:] = 0, 0
         self.reset_infos = [{} for _ in range(self.num_envs)]
-        return np.concatenate([neural.features(one) for one in self._seen])
+        return self._joined(self._seen)
 
-    def _reset(self, part: VectorTrackingEnv, where: slice) -> Observation:
+    def _joined(self, seen: list[Seen]) -> Seen:
+        """What agents are shown of the parts' observations, one behind the other."""
+        shown = [self._shown(one) for one in seen]
+        if isinstance(shown[0], dict):
+            return {name: np.concatenate([one[name] for one in shown]) for name in shown[0]}
+        return np.concatenate(shown)
+
+    # ------------------------------------------------------------------ hooks
+
+    def _agent_space(self, part: VectorTrackingEnv) -> gymnasium.Space:
+        """Of what agents are shown of a part's observations."""
+        return part.single_observation_space
+
+    def _shown(self, seen: Seen) -> Seen:
+        """What agents are shown of observations (..., size)."""
+        return seen
+
+    def _action(self, chosen: np.ndarray, seen: Seen) -> np.ndarray:
+        """Actions (n, n_inputs) of a part for what agents chose (n, n_inputs) on what was seen."""
+        return chosen
+
+    # ------------------------------------------------------------------ steps
+
+    def _reset(self, part: VectorTrackingEnv, where: slice) -> Seen:
         seen, _ = part.reset(seed=self._seeds[where])
         for i in range(1, part.num_envs) if self._stagger else ():
             mask = np.arange(part.num_envs) == i
@@ -94,19 +138,16 @@ class TrackingVecEnv(VecEnv):
         return seen
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Remember outputs (n, n_inputs) of the networks."""
-        self._outputs = np.asarray(actions, dtype=np.float64)
+        """Remember what agents chose, (n, n_inputs)."""
+        self._chosen = np.asarray(actions, dtype=np.float64)
 
     def step_wait(self) -> VecEnvStepReturn:
-        """Step all parts by the remembered outputs."""
-        observations, rewards, dones = [], np.empty(self.num_envs), np.empty(self.num_envs, bool)
+        """Step all parts by what is remembered."""
+        rewards, dones = np.empty(self.num_envs), np.empty(self.num_envs, bool)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for k, (part, where) in enumerate(zip(self.parts, self._slices, strict=True)):
-            change = neural.increment(self._outputs[where])
-            action = np.clip(self._seen[k]["previous_action"] + change, -1.0, 1.0)
-            seen, reward, terminated, truncated, info = part.step(action)
-            self._seen[k] = seen
-            observations.append(neural.features(seen))
+            action = self._action(self._chosen[where], self._seen[k])
+            self._seen[k], reward, terminated, truncated, info = part.step(action)
             rewards[where], dones[where] = reward, terminated | truncated
             for i in np.flatnonzero(terminated | truncated):
                 infos[where.start + i] = self._end(info, i, bool(truncated[i]))
@@ -114,11 +155,12 @@ class TrackingVecEnv(VecEnv):
         self._length += 1
         for i in np.flatnonzero(dones):
             infos[i]["episode"] = self._episode(i)
-        return np.concatenate(observations), self._scale * rewards, dones, infos
+        return self._joined(self._seen), self._scale * rewards, dones, infos
 
     def _end(self, info: dict[str, Any], i: int, truncated: bool) -> dict[str, Any]:
-        last = {name: value[i] for name, value in info["final_obs"].items()}
-        out = {"terminal_observation": neural.features(last), "TimeLimit.truncated": truncated}
+        last = info["final_obs"]
+        last = {n: v[i] for n, v in last.items()} if isinstance(last, dict) else last[i]
+        out = {"terminal_observation": self._shown(last), "TimeLimit.truncated": truncated}
         if not truncated:
             out["failure"] = info["final_info"].get("failure", [None] * (i + 1))[i]
         return out
@@ -156,3 +198,21 @@ class TrackingVecEnv(VecEnv):
 
         wrapped = isinstance(wrapper_class, type) and issubclass(wrapper_class, Monitor)
         return [wrapped for _ in self._get_indices(indices)]
+
+
+class NetworkVecEnv(TrackingVecEnv):
+    """The environment in which networks of `NeuralPolicy` are trained.
+
+    Agents see `neural.features` (k,) float32 and choose the network's output in [-1, 1], by which
+    `neural.increment` changes the action in force.
+    """
+
+    def _agent_space(self, part: VectorTrackingEnv) -> gymnasium.Space:
+        count = len(neural.features(part.single_observation_space.sample()))
+        return gymnasium.spaces.Box(-10.0, 10.0, (count,), np.float32)
+
+    def _shown(self, seen: Observation) -> np.ndarray:
+        return neural.features(seen)
+
+    def _action(self, chosen: np.ndarray, seen: Observation) -> np.ndarray:
+        return np.clip(seen["previous_action"] + neural.increment(chosen), -1.0, 1.0)

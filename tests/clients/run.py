@@ -33,6 +33,7 @@ CLIENTS = {
     "skrl": Client(("skrl",)),
     "tianshou": Client(("tianshou",)),
     "rl_zoo3": Client(("rl_zoo3", "requests")),
+    "ray": Client(("ray[rllib]",)),
     "minari": Client(("minari[create,hdf5]", "pillow"), torch=False),
 }
 

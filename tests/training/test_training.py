@@ -29,7 +29,7 @@ from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E
 from softrobot_env.training.learners import LEARNERS, actor_of, make_model, put_actor  # noqa: E402
 from softrobot_env.training.rl import begin, make_training_env, train  # noqa: E402
 from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  # noqa: E402
-from softrobot_env.training.vec_env import TrackingVecEnv  # noqa: E402
+from softrobot_env.training.vec_env import NetworkVecEnv  # noqa: E402
 from softrobot_env.training.watch import SCORE  # noqa: E402
 
 SHORT = replace(make_task("swing"), duration=0.05)
@@ -98,7 +98,7 @@ def test_outputs_and_increments_are_inverse():
 
 
 def test_the_adapter_steps_as_the_single_environment():
-    env = TrackingVecEnv([part(2), part(1, make_task("lshape"))])
+    env = NetworkVecEnv([part(2), part(1, make_task("lshape"))])
     seen = env.reset()
     assert seen.shape == (3, neural.feature_count(ARM)) and seen.dtype == np.float32
     assert seen.shape[1:] == env.observation_space.shape
@@ -115,7 +115,7 @@ def test_the_adapter_steps_as_the_single_environment():
 
 
 def test_the_adapter_reports_ends():
-    env = TrackingVecEnv([part(2), part(1, make_task("lshape"))], reward_scale=0.5)
+    env = NetworkVecEnv([part(2), part(1, make_task("lshape"))], reward_scale=0.5)
     first = env.reset()
     total = 0.0
     for _ in range(5):
@@ -132,7 +132,7 @@ def test_the_adapter_reports_ends():
 
 
 def test_staggered_environments_end_one_by_one():
-    env = TrackingVecEnv([part(5)], stagger=True)
+    env = NetworkVecEnv([part(5)], stagger=True)
     env.reset()
     ends = [env.step(np.zeros((5, 3), np.float32))[2] for _ in range(5)]
     assert np.array(ends)[:, 1:].argmax(axis=0).tolist() == [0, 1, 2, 3]
@@ -140,10 +140,10 @@ def test_staggered_environments_end_one_by_one():
 
 def test_parts_that_do_not_fit_are_refused():
     with pytest.raises(ValueError, match="SameStep"):
-        TrackingVecEnv([part(mode="NextStep")])
+        NetworkVecEnv([part(mode="NextStep")])
     other = VectorTrackingEnv(1, SHORT, preview=(0.1,), autoreset_mode="SameStep")
     with pytest.raises(ValueError, match="same observation"):
-        TrackingVecEnv([part(), other])
+        NetworkVecEnv([part(), other])
 
 
 def test_seeds_are_handed_on():
@@ -154,7 +154,7 @@ def test_seeds_are_handed_on():
         )
         for n, mode in ((2, "SameStep"), (1, "SameStep"))
     ]
-    env = TrackingVecEnv(parts)
+    env = NetworkVecEnv(parts)
     seeds = env.seed(3)
     env.reset()
     drawn = [d for p in parts for d in p._info({})["variation_density"]]

@@ -2,14 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from math import sqrt
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from gymnasium import spaces
 
+from softrobot_env.interfaces import Observation, Seen
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
+from softrobot_env.scene.timestep import slowest
 
 #: Fastest reference an environment accepts, in lengths of the straight robot per second, and the
 #: largest acceleration, in lengths per second squared.
@@ -18,6 +21,12 @@ REFERENCE_SPEED, REFERENCE_ACCELERATION = 10.0, 1000.0
 #: Times the speed that a robot's material, tendons and weight can give, it may be measured: varied
 #: robots are faster, and in whips the tip is.
 SPEED_ROOM = 30.0
+
+#: Usual sizes [1]: how far a tip sways, over the reach, and how far the whole robot bends [rad].
+_SWAY, _BEND = 0.05, 2.0
+
+#: Least scale of tendon lengths, over the robot's: that of tendons which no bend pulls in.
+_SHORTEST = 1e-3
 
 Read = Callable[[], np.ndarray]
 
@@ -83,6 +92,11 @@ class Sizes:
         """Number of coordinates of a position."""
         return len(range(3)[self.axes])
 
+    @cached_property
+    def frequency(self) -> float:
+        """About the robot's first angular frequency [rad/s]."""
+        return slowest(self.robot, self.robot.drive.kind == "length")
+
     @property
     def origin(self) -> np.ndarray:
         """(dimensions,) [m], where the robot is clamped."""
@@ -124,6 +138,8 @@ class Observable:
         unit: In SI.
         space: Its box, bounds included.
         read: Where it comes from.
+        scale: Its usual size about the middle of the box, of one robot or of each entry: that of
+            wide motions at the first frequency.
         noise: Standard deviation of its sensor's noise of scale 1, new in every control period: a
             policy that looks more often can average more of it.
     """
@@ -131,6 +147,7 @@ class Observable:
     unit: str
     space: Callable[[Sizes], spaces.Box]
     read: Callable[[Sources], Read]
+    scale: Callable[[Sizes], float | np.ndarray]
     noise: float = 0.0
 
 
@@ -173,42 +190,84 @@ def _tendon_length(s: Sizes) -> spaces.Box:
     return spaces.Box(ends - change, ends + change, dtype=np.float64)
 
 
+def _position_scale(s: Sizes) -> float:
+    return s.robot.reach / 2
+
+
+def _speed_scale(s: Sizes) -> float:
+    return _SWAY * s.robot.reach * s.frequency
+
+
+def _bend_scale(s: Sizes) -> float:
+    return _BEND / s.robot.length
+
+
+def _length_scale(s: Sizes) -> np.ndarray:
+    """Of tendons, as far as the bend of usual size pulls them in, or half the servos' way."""
+    if s.pulled is not None:
+        return np.full(len(s.robot.tendons), s.pulled / 2)
+    pulled = (t.straight_length * t.farthest * _bend_scale(s) for t in s.robot.tendons)
+    return np.maximum(np.fromiter(pulled, float), _SHORTEST * s.robot.length)
+
+
 #: Every observable. Positions have the coordinates that the task names; curvatures are piece by
 #: piece, of a spatial robot (beta, gamma) each, and torsion where it twists.
 OBSERVABLES: dict[str, Observable] = {
-    "tip_position": Observable("m", _tip_position, lambda o: o.measured.tip_position, 1e-4),
+    "tip_position": Observable(
+        "m", _tip_position, lambda o: o.measured.tip_position, _position_scale, 1e-4
+    ),
     "tip_velocity": Observable(
         "m/s",
         lambda s: _vector(s, s.speed + s.speed_room),
         lambda o: o.measured.tip_velocity,
+        _speed_scale,
         5e-3,
     ),
     "curvature": Observable(
         "1/m",
         lambda s: symmetric(s.directions * s.pieces, s.robot.curvature_limit),
         lambda o: o.measured.curvature,
+        _bend_scale,
         0.01,
     ),
     "curvature_rate": Observable(
-        "1/(m s)", _curvature_rate, lambda o: o.measured.curvature_rate, 0.5
+        "1/(m s)",
+        _curvature_rate,
+        lambda o: o.measured.curvature_rate,
+        lambda s: _bend_scale(s) * s.frequency,
+        0.5,
     ),
-    "tendon_tension": Observable("N", _tendon_tension, lambda o: o.measured.tendon_tension),
-    "tendon_length": Observable("m", _tendon_length, lambda o: o.measured.tendon_length),
-    "reference": Observable("m", _positions, lambda o: o.reference("position")),
+    "tendon_tension": Observable(
+        "N",
+        _tendon_tension,
+        lambda o: o.measured.tendon_tension,
+        lambda s: np.array([t.tension_limit / 2 for t in s.robot.tendons]),
+    ),
+    "tendon_length": Observable(
+        "m", _tendon_length, lambda o: o.measured.tendon_length, _length_scale
+    ),
+    "reference": Observable("m", _positions, lambda o: o.reference("position"), _position_scale),
     "reference_velocity": Observable(
         "m/s",
         lambda s: _vector(s, REFERENCE_SPEED * s.robot.reach),
         lambda o: o.reference("velocity"),
+        _speed_scale,
     ),
     "reference_acceleration": Observable(
         "m/s2",
         lambda s: _vector(s, REFERENCE_ACCELERATION * s.robot.reach),
         lambda o: o.reference("acceleration"),
+        lambda s: _speed_scale(s) * s.frequency,
     ),
     "reference_preview": Observable(
-        "m", lambda s: _positions(s, s.n_preview), lambda o: o.reference("preview")
+        "m",
+        lambda s: _positions(s, s.n_preview),
+        lambda o: o.reference("preview"),
+        _position_scale,
     ),
-    "previous_action": Observable("1", lambda s: symmetric(s.n_inputs, 1.0), lambda o: o.action),
+    "previous_action": Observable(
+        "1", lambda s: symmetric(s.n_inputs, 1.0), lambda o: o.action, lambda s: 0.5
+    ),
 }
 
 #: Standard deviations of noise of scale 1 by observable; the others have none.
@@ -241,6 +300,29 @@ def _with_noise(observable: Observable, sizes: Sizes) -> spaces.Box:
     return spaces.Box(box.low - room, box.high + room, dtype=box.dtype) if room else box
 
 
-def readers(names: spaces.Dict, sources: Sources) -> list[tuple[str, Read]]:
-    """Observables in the order of a space, each with the function that reads it."""
-    return [(name, OBSERVABLES[name].read(sources)) for name in names]
+def observer(
+    observed: spaces.Dict, sources: Sources, view: Callable[[Observation], np.ndarray] | None
+) -> Callable[[], Seen]:
+    """Function that makes a new observation.
+
+    Args:
+        observed: Space of the observables, which come in its order.
+        sources: Where they come from.
+        view: What the agent is shown of them (`vector.VectorView`); None for all as they are.
+    """
+    reads = [(name, OBSERVABLES[name].read(sources)) for name in observed]
+    if view is None:
+        return lambda: {name: read() for name, read in reads}
+    return lambda: view({name: read() for name, read in reads})
+
+
+def arrays(observation: Seen) -> list[np.ndarray]:
+    """The arrays that an observation is made of."""
+    return [observation] if isinstance(observation, np.ndarray) else list(observation.values())
+
+
+def copied(observation: Seen) -> Seen:
+    """A copy."""
+    if isinstance(observation, np.ndarray):
+        return observation.copy()
+    return {name: value.copy() for name, value in observation.items()}

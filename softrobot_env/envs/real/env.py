@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
-from softrobot_env.envs.observations.table import Sources, readers
+from softrobot_env.envs.observations.table import Sources, copied
 from softrobot_env.envs.options import one_action, positive
 from softrobot_env.envs.real.session import RealSession, TooLateError
 from softrobot_env.envs.real.setting import TENSION, RealSetting
@@ -26,12 +26,12 @@ from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.hardware.transport import SerialTransport, Transport
-from softrobot_env.interfaces import Observation
+from softrobot_env.interfaces import Seen
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.tasks import Task
 
 
-class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
+class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
     """Move the tip of the real rig along a reference in x and y, in real time.
 
     Actions, observations, rewards and tasks are those of `RigEnv`, so that a policy made for the
@@ -62,7 +62,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
       Any exception in the middle of a step is an emergency stop.
 
     Attributes:
-        task, control_period, length_scale: As in `RigEnv`.
+        task, control_period, length_scale, vector_layout: As in `RigEnv`.
         source: "real", for records of episodes.
     """
 
@@ -83,7 +83,9 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         control_period: float | None = None,
         observe: tuple[str, ...] | str | None = None,
         preview: tuple[float, ...] = (0.05, 0.1, 0.2, 0.4),
-        reward: TrackingReward | None = None,
+        observe_as: str = "dict",
+        act_as: str | None = None,
+        reward: TrackingReward | str | None = None,
         max_missed: int = 25,
         oldest: float = 0.1,
         **task_options: float,
@@ -102,7 +104,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             observe: Names of the observables in an observation; unless given, or "all", those that
                 every rig has; "tendon_tension" needs a board that measures forces.
             preview: Times [s] ahead of now of `reference_preview`.
-            reward: Weights and scales of the reward.
+            observe_as, act_as, reward: As of `TrackingEnv`.
             max_missed: Control periods that may be missed in an episode.
             oldest: [s], oldest measurement that is still good.
             **task_options: Of a task given by name, see `tasks.make_task`.
@@ -113,7 +115,6 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             TypeError: An unknown argument.
         """
         check_task_options(type(self), task, None, task_options)
-        check_argument("reward", reward, TrackingReward | None)
         check_argument("max_missed", max_missed, Whole)
         check_argument("line", line, Callable | None)
         if not (tip is None or callable(getattr(tip, "latest", None))):
@@ -126,14 +127,19 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             control_period=control_period,
             observe=observe,
             preview=preview,
+            observe_as=observe_as,
+            act_as=act_as,
+            reward=reward,
         )
         positive("oldest", oldest)
         self.task, self.control_period = setting.task, setting.control_period
         self.observation_space = setting.observation_space
         self.action_space = setting.action_space
+        self.vector_layout = setting.vector_layout
+        self.observe_as, self.act_as = setting.observe_as, setting.act_as
         self.max_episode_steps = setting.reference.last_index
         self._max_missed, self._oldest = max_missed, oldest
-        self._reward = TrackingReward() if reward is None else reward
+        self._reward = setting.reward
         file = setting.file
         self._session = RealSession(
             file, line or (lambda: SerialTransport(file.port, file.baud)), tip
@@ -145,7 +151,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[Observation, dict[str, Any]]:
+    ) -> tuple[Seen, dict[str, Any]]:
         """Bring the rig to rest and begin an episode; the first step starts the clock.
 
         Args:
@@ -180,7 +186,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         self._tip = TipFilter(self._session.sight(), setting.reach, setting.speed)
         self._running = True
 
-    def step(self, action: np.ndarray) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         """Apply an action (n_tendons,) in [-1, 1] for one control period, by the clock.
 
         Raises:
@@ -194,7 +200,8 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             raise RobotFaultError(self._fault)
         if not self._running:
             raise gymnasium.error.ResetNeeded("call reset() before step(): no episode is running")
-        _, values = one_action(action, self.action_space.shape)
+        given, _ = one_action(action, self.action_space.shape)
+        values = self._setting.wanted(given, np.array(self._action)).tolist()
         try:
             return self._step(values)
         except RobotError as error:
@@ -206,7 +213,7 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
             self._session.emergency_stop()
             raise
 
-    def _step(self, values: list[float]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def _step(self, values: list[float]) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         if not self._started:
             self._session.driver.arm()
             self._clock.start()
@@ -255,19 +262,19 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
         return Capability.FORCE in self._session.driver.info.capabilities
 
     def _check_forces(self) -> None:
-        if TENSION in self.observation_space.spaces and not self._measures_forces():
+        if TENSION in self._setting.observed.spaces and not self._measures_forces():
             raise RobotError(
                 "the board measures no forces: leave out the observable tendon_tension"
             )
 
-    def _observe(self) -> Observation:
+    def _observe(self) -> Seen:
         # Made anew: kept, they would keep an environment alive that nobody else refers to.
         sources = Sources(
             _Measured(self._session, self._tip),
             lambda column: self._rows[column][self._index].copy,
             lambda: np.array(self._action),
         )
-        self._last = {name: read() for name, read in readers(self.observation_space, sources)}
+        self._last = self._setting.observer(sources)()
         return self._last
 
     def _error(self, now: float) -> float:
@@ -300,14 +307,14 @@ class RealRigEnv(gymnasium.Env[Observation, np.ndarray]):
 
     # ------------------------------------------------------------------ ends
 
-    def _fail(self, error: RobotError) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def _fail(self, error: RobotError) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
         self._running = False
         self._session.end()
         told = error.fault if isinstance(error, RobotFaultError) else None
         self._fault = told or FaultInfo(Fault.NONE, None, None, str(error))
         reward, terms = self._reward.failed_terms()
         info = self._info(terms, monotonic()) | {"failure": self._fault.text}
-        last = {name: value.copy() for name, value in self._last.items()}
+        last = copied(self._last)
         terminated = self._fault.code == Fault.FORCE
         return last, reward, terminated, not terminated, info
 

@@ -6,6 +6,7 @@ from typing import Any
 
 from softrobot_env.envs.observations.table import OBSERVABLES, speed_limit
 from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
+from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import Setting, make_env_task, sizes_of
 from softrobot_env.fields import check_argument
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
@@ -41,6 +42,9 @@ class RealSetting(Setting):
         control_period: float | None,
         observe: tuple[str, ...] | str | None,
         preview: tuple[float, ...],
+        observe_as: str,
+        act_as: str | None,
+        reward: TrackingReward | str | None,
     ) -> None:
         """Arguments as those of `RealRigEnv`."""
         check_argument("robot_file", robot_file, str | Path | RobotFile | None)
@@ -55,7 +59,7 @@ class RealSetting(Setting):
             raise ValueError(f"task {task.label!r} does not start with all tendons at length zero")
         self.file = _choose_file(robot_file, port, task)
         period = self.file.control_period if control_period is None else control_period
-        super().__init__(task, period, preview)
+        super().__init__(task, period, preview, observe_as, act_as, reward)
         _check_period(self.file, period)
         robot = task.robot
         self.speed = speed_limit(robot)

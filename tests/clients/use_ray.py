@@ -1,0 +1,28 @@
+"""RLlib: our example of it, which trains and saves."""
+
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from uses import SIMULATED, tried
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "rllib_ppo.py"
+
+#: Of the whole length, as every id starts RLlib anew.
+IDS = ("SoftRobot/ArmStep-v0", "SoftRobot/RigReach-v0", "SoftRobot/Track-v0")
+
+
+def example(env_id: str) -> None:
+    with TemporaryDirectory() as folder:
+        words = ["--env", env_id, "--rollouts", "2", "--rollout", "256", "--out", folder]
+        done = subprocess.run(
+            [sys.executable, str(EXAMPLE), *words], capture_output=True, text=True, check=False
+        )
+        print(done.stdout, done.stderr, file=sys.stderr)
+        if done.returncode != 0 or not any(Path(folder).iterdir()):
+            raise RuntimeError((done.stderr.strip().splitlines() or ["nothing saved"])[-1])
+
+
+assert set(IDS) <= set(SIMULATED)
+tried("examples/rllib_ppo.py", IDS, example)
