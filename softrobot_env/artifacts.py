@@ -143,7 +143,7 @@ def fingerprint(robot: RobotParams) -> dict[str, np.ndarray]:
     Parameters that are as they are unless given do not count, so that a later version, whose
     robots have more of them, knows the robot again.
     """
-    text = json.dumps(_told(replace(robot, name="")), sort_keys=True)
+    text = json.dumps(_told(replace(robot, name="robot")), sort_keys=True)
     digest = sha256(text.encode()).hexdigest()
     return {"robot": np.array(robot.name), "fingerprint": np.array(digest)}
 

@@ -288,7 +288,11 @@ def load_for(
         network, about = Network.load(path)
     except ValueError as error:
         raise ValueError(f"{error}; make it anew with `{command}`") from None
-    if not suits(about, robot, fingerprint if "fingerprint" in about else described):
+    try:
+        fits = suits(about, robot, fingerprint if "fingerprint" in about else described)
+    except ValueError:  # it has no such numbers: files without fingerprints are of one section
+        fits = False
+    if not fits:
         refuse_artifact(path, str(about.get("robot")), robot, policy)
     if ends is not None:
         check_ends(network, ends, str(path))

@@ -143,7 +143,7 @@ def _teacher(lesson: Lesson) -> Policy:
 
 
 def settings_of(lesson: Lesson, quick: bool = False) -> ImitationConfig:
-    """Size of an imitation: as of what is shipped for the arm, else minutes; or as small as runs."""
+    """Size of an imitation: that of what is shipped for the arm, else minutes; or a tiny one."""
     config = ImitationConfig()
     if not lesson.is_thesis:
         config = replace(
