@@ -11,7 +11,6 @@ pytest.importorskip("stable_baselines3")
 pytest.importorskip("daqp")
 
 from softrobot_env.cli import main  # noqa: E402
-from softrobot_env.commands import train as train_command  # noqa: E402
 from softrobot_env.commands import train_rl  # noqa: E402
 from softrobot_env.control.arm import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
@@ -22,7 +21,7 @@ from softrobot_env.learned.network import Network  # noqa: E402
 from softrobot_env.paths import models_dir  # noqa: E402
 from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
-from softrobot_env.training import artifacts, references  # noqa: E402
+from softrobot_env.training import artifacts, references, registry  # noqa: E402
 from softrobot_env.training.artifacts import as_network, new_layers, put_network  # noqa: E402
 from softrobot_env.training.closed_loop_check import check  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
@@ -373,7 +372,7 @@ def test_bad_settings_are_refused(change, reason):
 
 @pytest.mark.parametrize("arguments", [["imitation"], ["--algo", "sac"]])
 def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(train_command, "find_spec", lambda name: None)
+    monkeypatch.setattr(registry, "find_spec", lambda name: None)
     assert main(["train", *arguments, "--out", str(tmp_path / "none")]) == 2
     assert "needs torch" in (told := capsys.readouterr().err) and "pip install" in told
     assert not (tmp_path / "none").exists()
@@ -407,7 +406,7 @@ def test_the_command_trains_and_goes_on(tmp_path, capsys):
         (["train", "--algo", "ppo", "--set", "speed=1"], "cannot set 'speed'"),
         (["train", "--algo", "ppo", "--set", "steps=1.5"], "whole number"),
         (["train", "--algo", "ppo", "--set", "discount=2"], "discount must lie between"),
-        (["train", "lqi", "--resume", "--steps", "3"], "--steps, --resume: only with --algo"),
+        (["train", "lqi", "--resume", "--steps", "3"], "--steps, --resume: only with ppo, sac"),
         (["train", "--algo", "ppo", "--start", "nowhere.npz"], "no network at nowhere.npz"),
     ],
 )
