@@ -1,5 +1,6 @@
 """`softrobot_env.robots.twin` under its public name."""
 
+from softrobot_env.robots.registry import SERVO_SPEED
 from softrobot_env.robots.twin import (
     ANISOTROPY,
     AZIMUTH_SPREAD,
@@ -16,7 +17,6 @@ from softrobot_env.robots.twin import (
     OFFSET,
     PRECURVATURE,
     RADIUS_SPREAD,
-    SERVO_SPEED,
     TURN,
     TURN_SPREAD,
     Twin,

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from softrobot_env.registration import ANY_ROBOT, ENVIRONMENTS, RIG_ENVIRONMENTS
-
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
@@ -31,9 +29,3 @@ def test_ppo_in_one_file(monkeypatch, tmp_path, capsys):
     saved = torch.load(tmp_path / "new" / "ppo.pt")
     assert all(torch.equal(saved[k], v) for k, v in ran["actor"].state_dict().items())
     assert "mean error:" in capsys.readouterr().out
-
-
-def test_settings_for_rl_zoo3_know_every_id():
-    lines = (EXAMPLES / "rl_zoo3_ppo.yml").read_text().splitlines()
-    named = {line.split(":")[0] for line in lines if line.startswith("SoftRobot/")}
-    assert named == {*ENVIRONMENTS, *RIG_ENVIRONMENTS, *ANY_ROBOT}

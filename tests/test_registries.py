@@ -107,7 +107,7 @@ def test_policies_load_with_what_they_need_of_an_environment(name):
     wanted = policy_environment(name)
     ids = registration.ENVIRONMENTS if name in POLICIES else registration.RIG_ENVIRONMENTS
     env_id = next(iter(ids))
-    with gymnasium.make(env_id, **wanted) as env:
+    with gymnasium.make(env_id, observe="all", **wanted) as env:
         bare = env.unwrapped
         policy = make_policy(name, bare.task.robot, bare.control_period)
         assert isinstance(policy, Controller)

@@ -13,8 +13,9 @@ from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.paths import models_dir
-from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams
+from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG
 from softrobot_env.robots.registry import EXAMPLES
+from softrobot_env.tasks import Task
 
 #: Names of the robots of the studies. The rig is the twin whose parameters come with the package.
 ROBOTS = (ARM.name, RIG.name, EQUIVALENT_RIG.name, *EXAMPLES)
@@ -22,6 +23,9 @@ RIG_TWIN = 0
 
 #: The policy that does nothing: to be compared with.
 HOLD = "hold"
+
+#: What differs where curvature rates are observed, not measured.
+OBSERVER = "observer"
 
 Kind = TypeVar("Kind", bound="LapsRow")
 
@@ -35,7 +39,7 @@ class LapsRow(EpisodeRecord):
         radius: [m] of the path.
         feedback: What the policy measured.
         what: What differs from the nominal robot and its chain, for people; "" if nothing.
-        lap_mean, lap_max: [m], error at full rate: two laps, without the ramps at both ends.
+        lap_mean, lap_max: [m], error at full rate, after the ramp; all other errors include it.
         share_mean, share_max: The same over the length of the robot [1].
     """
 
@@ -106,26 +110,28 @@ def run_all(cases: list[Case], progress: Progress | None) -> list[LapsRow | Refu
     return run_in_processes([(case.label, partial(run_laps, case)) for case in cases], progress)
 
 
-def nominal(robot: RobotParams) -> dict[str, int]:
-    """Keywords of a `Case` of a robot as its policies know it."""
-    return {"twin": RIG_TWIN} if robot == RIG else {}
+def laps_case(task: Task, policy: str, **more: Any) -> Case:
+    """An episode of a robot as its policies know it, up to the end of the laps at full rate."""
+    run = task.trajectory
+    own = {"twin": RIG_TWIN} if task.robot == RIG else {}
+    return Case(task, policy, **({"duration": run.end_time - run.ramp} | own | more))
 
 
 def difference(case: Case) -> str:
     """What differs from the nominal robot, its chain and its full state, for people."""
     twin = case.scene.get("twin")
     seed = case.twin if twin is None else twin.seed
-    feedback = "observer" if case.feedback == "output" else ""
-    parts = ("" if case.plant == MUJOCO else case.plant, "" if seed is None else f"twin {seed}")
-    return ", ".join(
-        filter(None, (*parts, variation_label({"variation": case.variation}), feedback))
-    )
+    own = twin is None and seed in (None, RIG_TWIN)
+    plant = "" if case.plant == MUJOCO else case.plant
+    varied = variation_label({"variation": case.variation})
+    feedback = OBSERVER if case.feedback == "output" else ""
+    return ", ".join(filter(None, (plant, "" if own else f"twin {seed}", varied, feedback)))
 
 
 def _lap_errors(rollout: Rollout, case: Case) -> tuple[float | None, float | None]:
     """Mean and largest error [m] at full rate."""
     run, time = case.task.trajectory, rollout.time
-    error = rollout.error[(time >= run.ramp) & (time <= run.end_time - run.ramp)]
+    error = rollout.error[time >= run.ramp]
     if rollout.failure is not None or not len(error):
         return None, None
     return float(error.mean()), float(error.max())

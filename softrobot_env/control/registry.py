@@ -65,11 +65,15 @@ POLICIES: dict[str, PolicySpec] = {
     "feedforward_pi": PolicySpec("softrobot_env.control.feedforward.law:FeedforwardPI"),
     "static": PolicySpec("softrobot_env.control.feedforward.law:Feedforward", {"closed": False}),
     "chain_dynamics": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamics"),
+    "chain_dynamics_pi": PolicySpec("softrobot_env.control.feedforward.dynamics:InverseDynamicsPI"),
     "qs_nn": PolicySpec(
         "softrobot_env.control.feedforward.policies:make_network",
         environment={"control_period": 0.01, "preview": (0.2,)},
     ),
-    "lqi": PolicySpec("softrobot_env.control.arm.lqi:LQI", environment={"control_period": 0.001}),
+    "lqi": PolicySpec(
+        "softrobot_env.control.scheduled.policies:make_lqi",
+        environment="softrobot_env.control.scheduled.policies:lqi_environment",
+    ),
     "lq_preview": PolicySpec(
         "softrobot_env.control.scheduled.policies:make_lq_preview",
         environment="softrobot_env.control.scheduled.policies:lq_environment",

@@ -165,7 +165,7 @@ class Setting:
         """
         if self.change is None:
             return action
-        return np.clip(previous + self.change * action, -1.0, 1.0)
+        return np.minimum(np.maximum(previous + self.change * action, -1.0), 1.0)
 
     def action_of(self, inputs: np.ndarray) -> np.ndarray:
         """Inputs (n_inputs,) over full scale."""

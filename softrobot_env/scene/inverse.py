@@ -217,6 +217,13 @@ class InverseStatics:
         """
         return self._held(inputs) if posture is None else self._at(inputs, posture)
 
+    def softened(self, linear: Linear) -> np.ndarray:
+        """Way (k,) [m] of the tip per share by which the robot last linearised is softer.
+
+        Its springs hold what is applied, so a share less of them is like that share of it more.
+        """
+        return linear.tip_by_turns @ np.linalg.solve(linear.stiffness, self._forces.applied)
+
     def tip(self, posture: np.ndarray) -> np.ndarray:
         """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
         return self._forces.tip(posture)

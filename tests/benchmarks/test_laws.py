@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks.laps import LapsRow, RefusedRow, refusal, run_laps
+from softrobot_env.benchmarks.laps import (
+    LapsRow,
+    RefusedRow,
+    difference,
+    laps_case,
+    refusal,
+    run_laps,
+)
 from softrobot_env.benchmarks.laws.demand import demand, feasible_task, inputs_of_lap
 from softrobot_env.benchmarks.laws.goals import LIMITS, ROOM, best_laws, goal_rows
 from softrobot_env.benchmarks.laws.plots import plot
@@ -15,7 +22,7 @@ from softrobot_env.benchmarks.laws.rows import TASKS, prepare
 from softrobot_env.benchmarks.laws.tables import tables
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.paths import models_dir
-from softrobot_env.robots import find_robot
+from softrobot_env.robots import RIG, find_robot
 from softrobot_env.tasks.generic import generic_tasks
 
 FINGER = find_robot("planar_finger")
@@ -24,7 +31,7 @@ FINGER = find_robot("planar_finger")
 @pytest.fixture(scope="module")
 def row():
     task = generic_tasks(FINGER)["circle"](frequency=0.5)
-    return run_laps(Case(task, "hold"))
+    return run_laps(laps_case(task, "hold"))
 
 
 def made_up(row, shares, what=""):
@@ -81,6 +88,15 @@ def test_paths_that_servos_cannot_follow_become_smaller(monkeypatch):
         feasible_task(rod, "circle", 0.5)
 
 
+def test_what_differs_is_told():
+    task = generic_tasks(FINGER)["circle"](frequency=0.5)
+    rig = replace(task, robot=RIG, start_input=(0.0,) * 3, axes="xyz")
+    assert difference(laps_case(task, "static")) == difference(laps_case(rig, "rig_nn")) == ""
+    assert difference(laps_case(rig, "rig_nn", twin=2)) == "twin 2"
+    varied = laps_case(task, "static", variation={"density": 1.4}, feedback="output", plant="pcc")
+    assert difference(varied) == "pcc, rho x 1.4, observer"
+
+
 def test_the_best_law_is_that_of_the_worst_path(row):
     rows = made_up(row, {"hold": (0, 0, 0), "a": (0.001, 0.009, 0.05), "b": (0.002, 0.012, 0.01)})
     assert best_laws(rows) == {FINGER.name: "b"}
@@ -104,7 +120,7 @@ def test_goals_compare_the_worst_path_with_limits(row):
 
 def test_what_cannot_serve_is_a_row_with_the_reason():
     task = generic_tasks(FINGER)["circle"](frequency=0.3)
-    found = run_laps(Case(task, "static", plant="ancf"))
+    found = run_laps(laps_case(task, "static", plant="ancf"))
     assert isinstance(found, RefusedRow) and "ANCF needs a backbone of one" in found.reason
     told = refusal("finger", "ppo", "", f"{models_dir()}/ppo.npz is of another")
     assert told.reason == "models/ppo.npz is of another"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from softrobot_env.benchmarks.laps import RefusedRow, run_laps
+from softrobot_env.benchmarks.laps import RefusedRow, laps_case, run_laps
 from softrobot_env.benchmarks.transfer import run as transfer
 from softrobot_env.benchmarks.transfer import trainings
 from softrobot_env.benchmarks.transfer.plots import plot
@@ -28,7 +28,7 @@ def rows():
     """One made-up policy in all worlds of the finger, its error in % told by its place."""
     task = generic_tasks(FINGER)["circle"](frequency=0.5)
     own = {"tuned_on": "mujoco", "trained_here": False}
-    first = run_laps(Case(task, "hold"), TransferRow, world="mujoco", group=PLANT, **own)
+    first = run_laps(laps_case(task, "hold"), TransferRow, world="mujoco", group=PLANT, **own)
     made = [
         replace(first, world=w.name, group=w.group, lap_mean=1e-3 * k, share_mean=1e-2 * k)
         for k, w in enumerate(worlds(FINGER), start=1)
@@ -60,7 +60,7 @@ def test_a_drawn_twin_of_the_rig_is_its_twin():
 def test_a_policy_runs_on_a_drawn_twin():
     rod = find_robot("silicone_rod")
     task = generic_tasks(rod)["circle"](radius=0.01, frequency=0.5)
-    row = run_laps(Case(task, "hold", scene={"twin": drawn_twin(rod, 0)}))
+    row = run_laps(laps_case(task, "hold", scene={"twin": drawn_twin(rod, 0)}))
     assert row.failure is None and row.what == "twin 0" and row.lap_mean > 0
 
 

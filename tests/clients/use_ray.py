@@ -5,12 +5,9 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from uses import SIMULATED, tried
+from uses import SOME, tried
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "rllib_ppo.py"
-
-#: Of the whole length, as every id starts RLlib anew.
-IDS = ("SoftRobot/ArmStep-v0", "SoftRobot/RigReach-v0", "SoftRobot/Track-v0")
 
 
 def example(env_id: str) -> None:
@@ -24,5 +21,4 @@ def example(env_id: str) -> None:
             raise RuntimeError((done.stderr.strip().splitlines() or ["nothing saved"])[-1])
 
 
-assert set(IDS) <= set(SIMULATED)
-tried("examples/rllib_ppo.py", IDS, example)
+tried("examples/rllib_ppo.py", SOME, example)

@@ -9,6 +9,9 @@ from softrobot_env.registration import ANY_ROBOT, ENVIRONMENTS, RIG_ENVIRONMENTS
 
 SIMULATED = (*ENVIRONMENTS, *RIG_ENVIRONMENTS, *ANY_ROBOT)
 
+#: One of each kind, for uses that take long.
+SOME = ("SoftRobot/ArmStep-v0", "SoftRobot/RigReach-v0", *ANY_ROBOT)
+
 
 def tried(use: str, ids: Iterable[str], act: Callable[[str], None]) -> None:
     """Use every environment of `ids`; say how many went well, and what the first failure was."""

@@ -245,5 +245,8 @@ def test_commands_of_the_readme_work_as_printed(tmp_path, monkeypatch):
     assert {(row["task"], row["policy"]) for row in rows} == {
         (task, policy)
         for task in ("circle", "lemniscate")
-        for policy in ("hold", "static", "Smooth")
+        for policy in (
+            *("hold", "static", "feedforward", "feedforward_pi"),
+            *("inverse_dynamics", "chain_dynamics", "Smooth"),
+        )
     }

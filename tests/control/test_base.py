@@ -35,7 +35,7 @@ def observe(reference, tip=None, action=(0.06, 0.06, 0.06)):
 
 def test_unknown_policy_lists_the_known_ones():
     with pytest.raises(
-        ValueError, match="hold, feedforward, feedforward_pi, static, chain_dynamics, qs_nn"
+        ValueError, match="hold, feedforward, feedforward_pi, static, chain_dynamics"
     ):
         make_policy("pid", ARM, PERIOD)
 
@@ -80,7 +80,7 @@ def test_integral_rests_while_an_action_is_saturated():
         action, state = policy.predict(observation, state)
     assert np.max(np.abs(action)) == 1.0
     assert state.status == "tension limit reached"
-    np.testing.assert_array_equal(state.memory, 0.0)
+    np.testing.assert_array_equal(state.integral, 0.0)
 
 
 def test_integral_accumulates_the_error_otherwise():
@@ -88,7 +88,7 @@ def test_integral_accumulates_the_error_otherwise():
     state = None
     for _ in range(10):
         _, state = policy.predict(observe((0.2, 0.44), tip=(0.199, 0.442)), state)
-    np.testing.assert_allclose(state.memory, [10 * PERIOD * 1e-3, -10 * PERIOD * 2e-3])
+    np.testing.assert_allclose(state.integral, [10 * PERIOD * 1e-3, -10 * PERIOD * 2e-3])
 
 
 def test_hold_keeps_the_arm_where_it_is():

@@ -15,8 +15,9 @@ from softrobot_env.control.arm.operating_points import PERIOD, linear_model
 from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.control.reference_smoothing import (
     ACCELERATION,
-    SIZE,
+    JUMP,
     begin_smoothing,
+    memory_size,
     smoothed,
 )
 from softrobot_env.control.registry import make_policy, policy_environment
@@ -150,12 +151,12 @@ def smooth(targets, ahead=0):
 
     Also (T, 2), what is said then of 20 steps later.
     """
-    memory, here, later = np.zeros(SIZE), [], []
+    memory, here, later = np.zeros(memory_size(2)), [], []
     times = PERIOD * np.array([0.0, 1.0, 20.0])
     begin_smoothing(targets[0], memory)
     for k, target in enumerate(targets):
         points = np.array([targets[min(k + min(ahead, n), len(targets) - 1)] for n in (0, 1, 20)])
-        smoothed(PERIOD, np.array(target), times, memory, points)
+        smoothed(PERIOD, np.array(target), times, JUMP, ACCELERATION, memory, points)
         here.append(points[0])
         later.append(points[2])
     return np.array(here), np.array(later)

@@ -14,6 +14,7 @@ from support.hardware_boards import LiveBoard
 from support.patience import patient_drivers
 from support.real_episodes import FILE, Still
 
+from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.control.registry import make_policy
 from softrobot_env.envs.observations.vector import FAR, NEAR
 from softrobot_env.envs.real import RealRigEnv
@@ -223,3 +224,22 @@ def test_policies_by_name_refuse_what_they_do_not_know():
             make_policy("hold", env)
     with pytest.raises(ValueError, match="recording needs a dict"):
         run_episode(make("SoftRobot/ArmSwing-v0"), make_policy("hold", ARM, 0.01))
+
+
+def test_copies_go_on_alike():
+    env = make("SoftRobot/ArmSwing-v0").unwrapped
+    env.reset(seed=0)
+    env.step(np.full(3, 0.5))
+    other = copy.deepcopy(env)
+    for one, same in zip(env.step(np.ones(3))[:2], other.step(np.ones(3))[:2], strict=True):
+        np.testing.assert_array_equal(one, same)
+
+
+def test_beam_models_show_the_same_vector():
+    chain, beam = (make("SoftRobot/ArmSwing-v0", plant=plant) for plant in (None, BeamPlant("pcc")))
+    assert chain.observation_space == beam.observation_space
+    # Their tips rest 0.3 mm apart: 0.3 near scales of the error, 0.006 far ones.
+    seen, other = chain.reset()[0], beam.reset()[0]
+    near = chain.unwrapped.vector_layout["tracking_error_near"]
+    np.testing.assert_allclose(np.delete(seen, near), np.delete(other, near), atol=0.02)
+    np.testing.assert_allclose(seen[near], other[near], atol=0.5)

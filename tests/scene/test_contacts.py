@@ -84,7 +84,7 @@ def test_only_pairs_collide():
 def test_contacts_leave_the_robot_as_it_is():
     """Far from everything it moves as an implicitfast scene of the same timestep does."""
     far = (replace(POST, position=(9.0, 0.0, 0.0)),)
-    touching = build_scene(SceneConfig(ARM, contacts=Contacts(), objects=far))
+    touching = build_scene(SceneConfig(ARM, pieces=6, contacts=Contacts(), objects=far))
     step = touching.timestep.timestep
     plain = build_scene(SceneConfig(ARM, integrator="implicitfast", timestep=step))
     u = np.array([5.0, 0, 0, 3.0, 0, 0])
@@ -196,7 +196,7 @@ def _moment_at_first_hinge(data, point, force):
 def test_momentum_of_an_impact():
     """What the forces on a ball that is hit add up to is its momentum."""
     ball = Sphere(name="ball", radius=0.03, mass=0.1, position=(0.07, 0.0, 0.4))
-    config = SceneConfig(ARM, contacts=SMOOTH, objects=(ball,), control_period=5e-4)
+    config = SceneConfig(ARM, pieces=6, contacts=SMOOTH, objects=(ball,), control_period=5e-4)
     simulation = Simulation(build_scene(config))
     simulation.reset(simulation.model.qpos0, np.zeros(simulation.model.nu))
     simulation.ctrl[:] = [20.0, 0, 20.0, 0, 20.0, 0]
@@ -409,10 +409,12 @@ def test_varied_scenes_have_contacts_for_their_own_masses():
     assert not np.allclose(heavy.model.pair_solref, scene.model.pair_solref)
 
 
+ON_POST = SceneConfig(ARM, pieces=6, contacts=Contacts(stiffness=1e5), objects=(POST,))
+
+
 def test_the_rules_timestep_follows_the_stiffness():
     soft, hard = (
-        build_scene(SceneConfig(ARM, contacts=Contacts(stiffness=k), objects=(POST,))).timestep
-        for k in (1e4, 1e8)
+        build_scene(replace(ON_POST, contacts=Contacts(stiffness=k))).timestep for k in (1e4, 1e8)
     )
     assert soft.integrator == hard.integrator == "implicitfast"
     assert hard.timestep < soft.timestep
@@ -423,7 +425,7 @@ def test_the_rules_timestep_follows_the_stiffness():
 
 
 def test_too_long_a_timestep_is_told():
-    config = SceneConfig(ARM, contacts=Contacts(stiffness=1e5), objects=(POST,), timestep=5e-3)
+    config = replace(ON_POST, timestep=5e-3)
     with pytest.warns(TimestepWarning, match="contacts may be inaccurate"):
         build_scene(config)
     with warnings.catch_warnings():

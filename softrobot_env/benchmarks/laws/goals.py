@@ -4,14 +4,14 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import inf
 
-from softrobot_env.benchmarks.laps import HOLD, LapsRow
+from softrobot_env.benchmarks.laps import HOLD, OBSERVER, LapsRow
 from softrobot_env.benchmarks.records import Record, groups, select
 
 #: Frequency over the first one -> largest mean error over the length [1], on the worst path.
 LIMITS = {0.1: 0.003, 0.3: 0.01, 0.5: 0.02}
 
 #: What differs from the nominal robot -> so many times these limits are allowed.
-ROOM = {"": 1.0, "E x 0.75": 2.0, "E x 1.25": 2.0, "observer": 1.5}
+ROOM = {"": 1.0, "E x 0.75": 2.0, "E x 1.25": 2.0, OBSERVER: 1.5}
 
 
 @dataclass(frozen=True)

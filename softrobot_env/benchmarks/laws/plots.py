@@ -26,7 +26,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
     robots, best = groups(laps, "robot"), best_laws(laps)
     lines = -(-len(robots) // _COLUMNS)
     figure, axes = new_figure(lines, _COLUMNS, (13, 1.5 + 3.4 * lines))
-    figure.suptitle("Every law on its worst path: mean error at full rate, full lines are the best")
+    figure.suptitle("Every law on its worst path: mean error at full rate; the best law is thick")
     for axis, ((robot,), mine) in zip(axes.flat, robots.items(), strict=False):
         for (law,), found in groups(mine, "policy").items():
             _draw(axis, law, found, law == best.get(robot))

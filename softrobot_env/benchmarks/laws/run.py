@@ -1,12 +1,15 @@
 """Every law on every robot, on generic paths at shares of the robot's first frequency."""
 
+from contextlib import closing
+from dataclasses import replace
 from functools import partial
+from typing import Any
 
 from softrobot_env.benchmarks.jobs import Progress, run_in_processes
-from softrobot_env.benchmarks.laps import ROBOTS, LapsRow, RefusedRow, nominal, run_all
+from softrobot_env.benchmarks.laps import OBSERVER, ROBOTS, LapsRow, RefusedRow, laps_case, run_all
 from softrobot_env.benchmarks.laws.goals import GoalRow, best_laws, goal_rows
 from softrobot_env.benchmarks.laws.rows import FREQUENCIES, TASKS, PathRow, Prepared, prepare
-from softrobot_env.benchmarks.records import of_kind
+from softrobot_env.benchmarks.records import of_kind, select
 from softrobot_env.evaluation.runner import Case
 
 #: Factors on Young's modulus that the best law of a robot meets.
@@ -33,25 +36,29 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     jobs = [(f"paths of {name}", partial(prepare, name, *paths)) for name in robots]
     known: dict[str, Prepared] = dict(zip(robots, run_in_processes(jobs, progress), strict=True))
     rows: list[Row] = [row for prepared in known.values() for row in prepared.rows]
-    rows += run_all([case for prepared in known.values() for case in _nominal(prepared)], progress)
-    best = best_laws(of_kind(rows, LapsRow))
-    varied = [case for name, law in best.items() for case in _varied(known[name], law)]
-    rows += run_all(varied, progress)
+    laws = [(task, law) for p in known.values() for law in p.policies for task in p.tasks]
+    rows += run_all([laps_case(*law) for law in laws], progress)
+    rows += _varied(known, of_kind(rows, LapsRow), progress)
     return [*rows, *goal_rows(of_kind(rows, LapsRow))]
 
 
-def _nominal(prepared: Prepared) -> list[Case]:
-    return [
-        Case(task, law, **nominal(task.robot))
-        for law in prepared.policies
-        for task in prepared.tasks
-    ]
+def _varied(
+    known: dict[str, Prepared], rows: list[LapsRow], progress: Progress | None
+) -> list[LapsRow | RefusedRow]:
+    """The best law of each robot on softer and stiffer ones, and with an observer."""
+    cases, unchanged = [], []
+    for name, law in best_laws(rows).items():
+        ways: list[dict[str, Any]] = [{"variation": {"youngs_modulus": f}} for f in MODULI]
+        if _reads_rates(laps_case(known[name].tasks[0], law)):
+            ways.append({"feedback": "output"})
+        else:
+            same = {"what": OBSERVER, "feedback": "output"}
+            unchanged += [replace(row, **same) for row in select(rows, robot=name, policy=law)]
+        cases += [laps_case(task, law, **way) for way in ways for task in known[name].tasks]
+    return [*run_all(cases, progress), *unchanged]
 
 
-def _varied(prepared: Prepared, law: str) -> list[Case]:
-    """A law on other robots, and with an observer."""
-    ways = [{"variation": {"youngs_modulus": factor}} for factor in MODULI]
-    ways.append({"feedback": "output"})
-    return [
-        Case(task, law, **way, **nominal(task.robot)) for way in ways for task in prepared.tasks
-    ]
+def _reads_rates(case: Case) -> bool:
+    """Whether a policy reads curvature rates, which an observer can give."""
+    with closing(case.environment()) as env:
+        return "curvature_rate" in getattr(case.make_policy(env.control_period), "requires", ())

@@ -33,13 +33,13 @@ _GOALS = (
     Column("met", lambda row: verdict(row.met)),
 )
 _NOTES = (
-    "Errors are those of two laps at full rate, without the ramps at both ends, each a lap long. "
+    "Errors are those of two laps at full rate, after a ramp of one lap. "
     "Decision times are medians of cores that are all busy. Limited: share of the decisions whose "
     "status says that the action, or the motion that it gives, is not the one wanted. What a lap "
     "asks of drives is by exact statics and the chain linearised in the middle of its ground; a "
-    "radius that is not the default is the largest, to two digits, with at most 90 % of limits. "
-    "The rig is twin 0 with camera and servos, whose errors policies know as far as they were "
-    "identified; its errors are those in x and y."
+    "radius that is not the default is the largest, to two digits, with at most 90 % of the "
+    "limits. The rig is twin 0 with camera and servos, whose errors policies know as far as they "
+    "were identified; its errors are those in x and y."
 )
 
 

@@ -22,7 +22,7 @@ _COLUMNS = (
 
 def tables(rows: Sequence[Row]) -> Group:
     """One line per training."""
-    title = "PPO of stable-baselines3, default settings, from nothing: error below the goal?"
+    title = "PPO as stable-baselines3 comes, from nothing"
     return Group(make_table(title, _COLUMNS, rows), _NOTES)
 
 

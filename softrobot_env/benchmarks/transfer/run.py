@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.benchmarks.jobs import Job, Progress, run_in_processes
-from softrobot_env.benchmarks.laps import HOLD, ROBOTS, LapsRow, RefusedRow, run_laps
+from softrobot_env.benchmarks.laps import HOLD, ROBOTS, LapsRow, RefusedRow, laps_case, run_laps
 from softrobot_env.benchmarks.laws.rows import Prepared, prepare
 from softrobot_env.benchmarks.records import of_kind, one
 from softrobot_env.benchmarks.transfer.trainings import TRAININGS
@@ -97,10 +97,11 @@ def _jobs(prepared: Prepared, world: World, files: dict[tuple[str, str], Path]) 
         for policy in prepared.policies:
             if policy != HOLD:
                 own = told | {"tuned_on": MUJOCO, "trained_here": False}
-                out.append(_job(Case(task, policy, **world.case), own))
+                out.append(_job(laps_case(task, policy, **world.case), own))
         for (policy, plant), path in files.items():
             own = told | {"tuned_on": plant, "trained_here": True}
-            out.append(_job(Case(task, policy, given={"weights": path}, **world.case), own))
+            given = {"weights": path}
+            out.append(_job(laps_case(task, policy, given=given, **world.case), own))
     return out
 
 

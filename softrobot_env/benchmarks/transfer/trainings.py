@@ -25,9 +25,9 @@ from softrobot_env.training.imitation import ImitationConfig, imitate
 _SEED = 0
 
 #: Much less than what is shipped was trained with; the same for every plant.
-_PAIRS = 2000
+_PAIRS = 1500
 _IMITATION = ImitationConfig(
-    rounds=4, samples=6000, shares=2, epochs=6, last_epochs=30, processes=0
+    rounds=3, samples=5000, shares=2, epochs=6, last_epochs=30, processes=0
 )
 
 

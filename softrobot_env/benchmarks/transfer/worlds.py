@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.beams.registry import PLANTS
-from softrobot_env.benchmarks.laps import nominal
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.robots import RIG, RobotParams
@@ -49,13 +48,12 @@ class World:
 
 def worlds(robot: RobotParams) -> list[World]:
     """All worlds of a robot, the plants first; twins are those of robots driven by length."""
-    own = nominal(robot)
-    found = [World(plant, PLANT, own | {"plant": plant}) for plant in PLANTS]
+    found = [World(plant, PLANT, {"plant": plant}) for plant in PLANTS]
     found += [
         World(variation_label({"variation": v}), VARIED, {"variation": v}) for v in VARIATIONS
     ]
     draws = (DRAWN.draw(np.random.default_rng(seed)) for seed in SEEDS)
-    found += [World(f"drawn {k}", VARIED, own | {"variation": v}) for k, v in enumerate(draws)]
+    found += [World(f"drawn {k}", VARIED, {"variation": v}) for k, v in enumerate(draws)]
     if robot == RIG:
         found += [World(f"twin {seed}", TWIN, {"twin": seed}) for seed in SEEDS]
     elif robot.drive.kind == "length":

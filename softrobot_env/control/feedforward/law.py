@@ -21,14 +21,15 @@ class FeedforwardState:
     Attributes:
         target: (k,) [m], point that `rest` belongs to.
         rest: Where the tip rests on it, or comes nearest.
-        memory: Of what is added to the statics; with PI feedback the integrated tip error (k,)
-            [m s].
+        memory: Of what is added to the statics.
+        integral: (k,) [m s], integrated tip error; zero without feedback.
         status: Why the action is not the one wanted, or None.
     """
 
     target: np.ndarray
     rest: Rest
     memory: Any
+    integral: np.ndarray
     status: str | None
 
 
@@ -41,6 +42,7 @@ class Feedforward(Controller):
     """
 
     requires = ("reference", "previous_action")
+    _learnt = 0  # numbers that the feedback integrates besides the error
 
     def __init__(
         self,
@@ -86,8 +88,10 @@ class Feedforward(Controller):
             )
         action = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
         inputs = self._inputs.input_centre + action * self._inputs.input_scale
-        nowhere = np.full(sizes.pop(), np.nan)
-        return FeedforwardState(nowhere, self._statics.begin(inputs), self._remembered(), None)
+        size = sizes.pop()
+        rest, memory = self._statics.begin(inputs), self._remembered()
+        integral = np.zeros(size + self._learnt)
+        return FeedforwardState(np.full(size, np.nan), rest, memory, integral, None)
 
     def _remembered(self) -> Any:
         """The memory of a motion that begins."""
@@ -103,11 +107,15 @@ class Feedforward(Controller):
         if not np.array_equal(target, state.target):  # it rests most of the time
             rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
         inputs, memory, reason = self._added(observation, rest, state)
+        inputs, integral, limited = self._corrected(observation, rest, inputs, state.integral)
         wanted = (inputs - self._inputs.input_centre) / self._inputs.input_scale
         action = np.clip(wanted, -1.0, 1.0)
-        reason = REASONS[SATURATED] if np.any(np.abs(wanted) > 1 + 1e-9) else reason
+        if reason is not None:  # what is missed for that reason is not for feedback to make up
+            integral = state.integral
+        limited = limited or np.any(np.abs(wanted) > 1 + 1e-9)
+        reason = REASONS[SATURATED] if limited else reason
         status = reason if rest.reached else self._statics.missed
-        return action, FeedforwardState(target, rest, memory, status)
+        return action, FeedforwardState(target, rest, memory, integral, status)
 
     def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
         """Where the tip should be, (k,) [m]."""
@@ -118,6 +126,12 @@ class Feedforward(Controller):
     ) -> tuple[np.ndarray, Any, str | None]:
         """Inputs (n_inputs,), the next memory, and why they are not those wanted, or None."""
         return rest.inputs, state.memory, None
+
+    def _corrected(
+        self, observation: Observation, rest: Rest, inputs: np.ndarray, integral: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, bool]:
+        """Inputs (n_inputs,) after feedback, integrated error (k,) [m s], if one is limited."""
+        return inputs, integral, False
 
 
 class FeedforwardPI(Feedforward):
@@ -162,17 +176,13 @@ class FeedforwardPI(Feedforward):
         self._proportional = gain if proportional is None else proportional
         self._integral = 0.45 * damping_time * frequency**2 if integral is None else integral
 
-    def _remembered(self) -> float:
-        return 0.0
-
-    def _added(
-        self, observation: Observation, rest: Rest, state: FeedforwardState
-    ) -> tuple[np.ndarray, np.ndarray, str | None]:
+    def _corrected(
+        self, observation: Observation, rest: Rest, inputs: np.ndarray, integral: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, bool]:
         """See `Feedforward`; the integral stays as it is where an input is limited."""
         error = observation["reference"] - observation["tip_position"]
-        integral = state.memory + self._period * error
-        change = self._proportional * error + self._integral * integral
-        inputs, limited = self._statics.shifted(rest, change)
-        if limited:
-            return inputs, state.memory, REASONS[SATURATED]
-        return inputs, integral, None
+        integrated = integral + self._period * error
+        change = self._proportional * error + self._integral * integrated
+        shifted, limited = self._statics.shifted(rest, change)
+        inputs = inputs + (shifted - rest.inputs)
+        return inputs, integral if limited else integrated, limited

@@ -43,10 +43,11 @@ def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False)
         ahead: Of a rig, see `RigFeedforward`; a chain's law always looks ahead.
 
     Raises:
-        ValueError: The robot has no tendons.
+        ValueError: The robot has no tendons, or is no rig that the law looks ahead for.
     """
     if is_rig(robot):
         return rig.make_inverse(robot, control_period, ahead)
+    _refuse_ahead(robot, ahead)
     return InverseDynamics(robot, control_period)
 
 
@@ -78,6 +79,7 @@ def make_hybrid(
             f"robot {robot.name!r} has no identified model in pieces: it needs a head and three "
             "elastic tendons round it, as the rig has; take 'hybrid'"
         )
+    _refuse_ahead(robot, ahead)
     if isinstance(learnt, IdentifiedParameters):
         raise ValueError(f"robot {robot.name!r} takes a network of its statics, not of a rig")
     weights = find_artifact(robot, "qs_nn") if learnt is None else learnt
@@ -91,3 +93,11 @@ def is_rig(robot: RobotParams) -> bool:
     except ValueError:
         return False
     return robot.head is not None and robot.is_symmetric
+
+
+def _refuse_ahead(robot: RobotParams, ahead: bool) -> None:
+    if ahead:
+        raise ValueError(
+            f"robot {robot.name!r} is no rig, whose law looks ahead on demand: take "
+            "'inverse_dynamics' or 'hybrid', which always do"
+        )

@@ -248,6 +248,12 @@ class ChainStatics:
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
         return inputs, bool(limited.any() or np.any(np.abs(place.action + step) >= 1.0))
 
+    def softened(self, rest: Rest, size: int) -> np.ndarray:
+        """Way (size,) [m] of the tip at rest per share by which the robot is softer."""
+        place = rest.place
+        linear = None if place is None else self.world.linearised(place.action, place.posture)
+        return np.zeros(size) if linear is None else self.world.softened(linear)[self.axes(size)]
+
     def first_mode(self) -> tuple[float, float]:
         """See `Statics`: of the chain linearised under the action 0, its drives at rest."""
         rest = self.inverse.place(self.inputs.input_centre)

@@ -282,12 +282,14 @@ def table_arrays(table: Any) -> dict[str, np.ndarray]:
     return arrays | {"sizes": np.array([table.n, table.m])}
 
 
-def read_table(data: Arrays, gains: Callable[[int, int], int]) -> Any:
+def read_table(data: Arrays, robot: RobotParams, count: Callable[..., int]) -> Any:
     """Reference to the table that a file holds.
 
     Args:
         data: Its arrays.
-        gains: Number of gains that a law has at a point, for n curvatures and m actions.
+        robot: The robot that it is of.
+        count: Number of gains that a law has at a point, for n curvatures, m actions, the timing of
+            the robot and k directions.
 
     Raises:
         ValueError: The file is damaged, or of another law or version.
@@ -297,7 +299,7 @@ def read_table(data: Arrays, gains: Callable[[int, int], int]) -> Any:
         data.check_shape(name, shape)
     arrays = {name: np.ascontiguousarray(data[name], dtype=float) for name in _ARRAYS}
     n, m = (int(size) for size in data["sizes"])
-    size = row_size(n, m, len(arrays["directions"])) + gains(n, m)
-    if arrays["rows"].shape[1] != size:
+    k = len(arrays["directions"])
+    if arrays["rows"].shape[1] != row_size(n, m, k) + count(n, m, timing_of(robot), k):
         raise ValueError(f"{data.path} holds a table of another law or version")
     return reference(Table(n=n, m=m, **arrays))

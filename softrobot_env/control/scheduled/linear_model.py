@@ -15,11 +15,9 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
-from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.build import Scene
 from softrobot_env.scene.chain import mean_curvature
-from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.tangent import StaticForces
 
 #: [1], step of an action to both sides that the derivative of commands is taken over: the mean of
@@ -54,16 +52,11 @@ class LinearModel(NamedTuple):
         return a, b, np.hstack([self.tip, np.zeros_like(self.tip)])
 
 
-def model_scene(robot: RobotParams) -> Scene:
-    """The chain that models of a robot are taken from."""
-    return build_scene(scene_of(robot))
-
-
 class Linearizer:
     """Makes the linear models of a robot.
 
     Attributes:
-        scene: Of the robot, as of `model_scene`.
+        scene: Of the robot.
         mean: (n, nv) [1/m], from the angles of joints to curvatures.
     """
 

@@ -291,9 +291,9 @@ class Preview:
         )
 
     @staticmethod
-    def count(n: int, m: int, knots: int) -> int:
+    def count(n: int, m: int, timing: Timing, directions: int) -> int:
         """Number of gains at a point, for n curvatures and m actions."""
-        return m * (2 * n + m) + m * knots * 3
+        return m * (2 * n + m) + m * len(timing.knots) * 3
 
     def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:
         """Gains [K (m, 2 n + m), G (m, knots, 3)], flattened.

@@ -15,7 +15,9 @@ from softrobot_env.control.scheduled.linear_model import Linearizer, LinearModel
 from softrobot_env.control.scheduled.table import Table, look_up
 from softrobot_env.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Ground, Held, InverseStatics
+from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.workspace import workspace_of
 
 #: Equilibria that are looked for, and the most of them that become points.
@@ -99,7 +101,7 @@ def find_points(
         ValueError: The robot has no tendons, or is not driven by its length or tension alone.
         EquilibriumError: It does not rest under the action 0.
     """
-    inverse = InverseStatics(model_scene(robot))
+    inverse = InverseStatics(build_scene(model_scene(robot)))
     linearizer = Linearizer(inverse.scene)
     spatial = inverse.scene.config.bending != "planar" and inverse.freedom > 2
     directions = np.eye(3) if spatial else inverse.directions

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.control.scheduled.linear_model import model_scene
 from softrobot_env.robots import RobotParams
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.registry import model_scene
 
 #: Control periods [s] to choose from: the longest that fits this often in the first mode's period.
 _PERIODS, _PER_MODE = (1e-3, 2e-3, 5e-3, 1e-2), 250
@@ -33,7 +34,7 @@ class Timing(NamedTuple):
 @lru_cache(maxsize=64)
 def timing_of(robot: RobotParams) -> Timing:
     """The times of a robot; ValueError or EquilibriumError where it has no first mode at rest."""
-    first = model_scene(robot).timestep.first_period
+    first = build_scene(model_scene(robot)).timestep.first_period
     period = max((p for p in _PERIODS if _PER_MODE * p <= first), default=_PERIODS[0])
     most = max(_HORIZON * first, _KNOTS[2] * period)
     knots = np.round([k * period for k in _KNOTS if k * period <= most], 9)

@@ -12,8 +12,7 @@ from softrobot_env.control.rig.feedforward import LENGTH_SCALE, RigFeedforward, 
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.control.rig.inverse import TOTAL, Motion, OnePiece, SeveralPieces
 from softrobot_env.identification.recording import nominal_lengths
-from softrobot_env.robots import RIG
-from softrobot_env.robots.twin import SERVO_SPEED
+from softrobot_env.robots import RIG, SERVO_SPEED
 from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 
 PERIOD = 0.02

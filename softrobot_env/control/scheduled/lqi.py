@@ -1,0 +1,157 @@
+"""LQI control with gain scheduling (thesis sec. 6.4, with the audit's corrections), for any robot."""
+
+from typing import Any
+
+import numpy as np
+from scipy.linalg import solve_continuous_are
+
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten
+from softrobot_env.control.scheduled.lq_preview import conclude
+from softrobot_env.control.scheduled.operating_points import Equilibrium
+from softrobot_env.control.scheduled.table import inverse_of, look_up
+from softrobot_env.control.scheduled.timing import Timing
+from softrobot_env.control.status import FINE, NOT_FINITE, Memory, finite, kept
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams
+
+#: Weights of the cost int (|e|^2 + i (T g)^2 |a|^2) dt, with e the integral of the tip's error
+#: [m s], T the period of the first mode, a the actions' distance from those at rest, and g [m] how
+#: far an action of one moves the tip. About the ratio of the arm's table (`control.arm.lqi`).
+_INPUT_WEIGHT = 5e-4
+
+#: Decay of the integrals in the design, over T: where a direction cannot be asked for, as the height
+#: of a straight robot, gains would not exist without.
+_LEAK = 0.1
+
+#: Damping of the inverse of the tip's derivative by actions.
+_DAMPING = 1e-2
+
+
+class LQI(ScheduledLaw):
+    """a = a_OP - K (x - x_OP) - K_i int (z - z_ref) dt, corrected (6.28).
+
+    x holds curvatures and their rates; x_OP and a_OP are the equilibrium with the tip at the
+    reference. The error is not integrated where that would drive an action (further) beyond its
+    limit.
+    """
+
+    def __init__(self, robot: RobotParams, control_period: float, table: Any) -> None:
+        """Prepare for a robot.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between calls.
+            table: Reference to its `Table` with the gains of `Integral`.
+
+        Raises:
+            ValueError: The control period is no part of the robot's.
+        """
+        seen = ("curvature", "curvature_rate", "tip_position", "reference")
+        super().__init__(robot, control_period, "lqi", table, seen)
+
+    def start(self, observation: Observation) -> Memory:
+        """Begin from the actions in force, without integrated error.
+
+        Raises:
+            ValueError: The reference has too few coordinates.
+        """
+        self._check_reference(observation, 0)
+        return Memory(np.concatenate([self._begun(observation), np.zeros(3)]), FINE)
+
+    def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
+        """The control law."""
+        action, values, code = _act(self._law, state.values, *self._seen(observation))
+        return action, Memory(values, code)
+
+
+@kernel
+def _act(
+    law: Law,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip_seen: np.ndarray,
+    target_seen: np.ndarray,
+    previous: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Action (m,), next memory (actions of the equilibrium, integral) and code."""
+    table = law.table
+    n, m, d = table.n, table.m, len(table.directions)
+    memory = memory.copy()
+    sound = finite(curvature) and finite(rate) and finite(previous)
+    if not (sound and finite(tip_seen) and finite(target_seen)):
+        return kept(previous), memory, NOT_FINITE
+    held, integral = memory[:m], memory[m : m + d]
+    tip, target = np.empty(3), np.empty(3)
+    in_space(tip_seen, is_planar(table), tip)
+    in_space(target_seen, is_planar(table), target)
+    now = look_up(table, target, held)
+    held[:] = now.action
+    to_action = inverse_of(now.jacobian @ now.by_action, table.directions, _DAMPING)
+    gap = table.directions @ (now.tip - target)
+    correction = -(to_action @ (now.tip - target))
+    rest = now.curvature + now.by_action @ correction
+    gain = now.gains.reshape(m, 2 * n + d)
+    wanted = now.action + correction
+    for j in range(m):
+        for i in range(n):
+            wanted[j] -= gain[j, i] * (curvature[i] - rest[i]) + gain[j, n + i] * rate[i]
+        for i in range(d):
+            wanted[j] -= gain[j, 2 * n + i] * integral[i]
+    step = law.period * (table.directions @ (tip - target))
+    integrated = wanted - np.ascontiguousarray(gain[:, 2 * n :]) @ step
+    if _beyond(integrated) <= max(_beyond(wanted), 0.0):
+        integral += step
+        wanted = integrated
+    tighten(law, curvature, wanted)
+    return conclude(law, wanted, previous, np.sqrt(np.sum(gap**2)), memory)
+
+
+@kernel
+def _beyond(action: np.ndarray) -> float:
+    """Sum of how far actions (m,) lie beyond their limits."""
+    total = 0.0
+    for value in action:
+        total += max(abs(value) - 1.0, 0.0)
+    return total
+
+
+class Integral:
+    """The gains of `LQI` for one robot."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        """Of any robot."""
+
+    @staticmethod
+    def count(n: int, m: int, timing: Timing, directions: int) -> int:
+        """Number of gains at a point, for n curvatures and m actions."""
+        return m * (2 * n + directions)
+
+    def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:
+        """Gains [K, K_i] (m, 2 n + k) at an operating point, flattened.
+
+        Args:
+            point: The operating point.
+            directions: (k, 3), see `Table`.
+            timing: Of the robot.
+        """
+        n, first = len(point.curvature), timing.first
+        a, b, tip = point.model.state_space()
+        size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of like order
+        place, m = directions @ tip, b.shape[1]
+        k = len(place)
+        # x. = A x + B a, e. = C x in the time of the first mode: integrated errors are states.
+        a = np.block(
+            [
+                [first * a * size / size[:, None], np.zeros((2 * n, k))],
+                [place * size, -_LEAK * np.eye(k)],
+            ]
+        )
+        b = np.vstack([first * b / size[:, None], np.zeros((k, m))])
+        gain = np.linalg.norm(place[:, :n] @ point.by_action) / np.sqrt(k)  # m
+        weights = np.diag([0.0] * (2 * n) + [1.0] * k)
+        inputs = _INPUT_WEIGHT * gain**2
+        riccati = solve_continuous_are(a, b, weights, inputs * np.eye(m))
+        found = b.T @ riccati / inputs
+        return (found / np.concatenate([size, np.full(k, first)])).ravel()

@@ -1,0 +1,141 @@
+"""Inverse dynamics of any robot: what moves the tip along the reference, and what cannot."""
+
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+from support.example_robots import SOME
+
+from softrobot_env.control.registry import make_policy
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.run import run_episode
+from softrobot_env.robots import CANTILEVER_WEAK, RIG, find_robot
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.registry import model_scene
+from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.tasks.generic import GENERIC_TASKS, site_of
+
+PERIOD = 0.01
+
+
+def lap(name, share, path="circle"):
+    """A path whose base frequency is a share of the first mode's, its rest cut short."""
+    robot = find_robot(name)
+    make = GENERIC_TASKS.find(path)
+    speed = 2 * np.pi * share / site_of(robot).period * make(robot).trajectory.curve.top_rate
+    task = make(robot, speed=speed)
+    return replace(task, duration=round(task.duration - 1.0 + PERIOD, 2))
+
+
+def errors_of(task, *names):
+    """Mean error [m] of policies on a task."""
+    env = TrackingEnv(task, observe="all", control_period=PERIOD)
+    runs = [run_episode(env, make_policy(name, task.robot, PERIOD), seed=0) for name in names]
+    return [run.error.mean() for run in runs]
+
+
+@pytest.mark.parametrize("name", ["arm", *SOME])
+def test_the_force_of_a_motion_is_that_of_mujocos_inverse_dynamics(name):
+    """With and without the motion, in a random posture."""
+    model = build_scene(model_scene(find_robot(name))).model
+    rng, data, found = np.random.default_rng(0), mujoco.MjData(model), []
+    data.qpos[:] = model.qpos0
+    mujoco.mj_integratePos(model, data.qpos, 0.1 * rng.standard_normal(model.nv), 1.0)
+    rate, change = rng.standard_normal((2, model.nv))
+    forces = StaticForces(model)
+    own = forces.of_motion(data.qpos.copy(), rate, change)
+    for share in (1.0, 0.0):
+        data.qvel[:], data.qacc[:] = share * rate, share * change
+        mujoco.mj_inverse(model, data)
+        found.append(data.qfrc_inverse.copy())
+    np.testing.assert_allclose(own, found[0] - found[1], atol=1e-9 * np.abs(own).max())
+    # What is at rest is as if nothing had moved.
+    at_rest = forces.force(model.qpos0, np.zeros(model.nu)).copy()
+    fresh = StaticForces(model).force(model.qpos0, np.zeros(model.nu))
+    np.testing.assert_array_equal(at_rest, fresh)
+
+
+@pytest.mark.parametrize("name", ["planar_finger", pytest.param("arm", marks=pytest.mark.slow)])
+def test_it_moves_the_tip_where_statics_lag_behind(name):
+    """At 0.3 of the first frequency: a tenth of the quasi-static error at most."""
+    static, dynamic = errors_of(lap(name, 0.3), "static", "chain_dynamics")
+    assert dynamic < 0.1 * static
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["rig", "silicone_rod", "hanging_trunk"])
+def test_it_moves_spatial_robots_and_those_wound_up_by_servos(name):
+    static, dynamic = errors_of(lap(name, 0.1), "static", "chain_dynamics")
+    assert dynamic < 0.1 * static
+
+
+@pytest.mark.parametrize("stiffness", [0.75, 1.25])
+def test_feedback_learns_another_stiffness(stiffness):
+    """A hundredth of the error is left in the second lap."""
+    task, options = lap("planar_finger", 0.1), {"vary": {"youngs_modulus": stiffness}}
+    env = TrackingEnv(task, observe="all", control_period=PERIOD)
+    wrong, learnt = (
+        run_episode(env, make_policy(name, task.robot, PERIOD), seed=0, options=options)
+        for name in ("chain_dynamics", "chain_dynamics_pi")
+    )
+    half = len(wrong.error) // 2
+    assert learnt.error[half:].mean() < 0.01 * wrong.error[half:].mean()
+
+
+def observed(point, velocity, acceleration, robot):
+    """An observation of a reference."""
+    return {
+        "reference": np.array(point),
+        "reference_velocity": np.array(velocity),
+        "reference_acceleration": np.array(acceleration),
+        "previous_action": np.zeros(len(robot.tendons) if robot.drive.kind == "length" else 2),
+    }
+
+
+def test_at_rest_it_is_the_statics():
+    task = GENERIC_TASKS.find("circle")(find_robot("planar_finger"))
+    point = task.trajectory.position(np.zeros(1))[0, [0, 2]]
+    seen = observed(point, np.zeros(2), np.zeros(2), task.robot)
+    actions = [
+        make_policy(name, task.robot, PERIOD).predict(seen)[0]
+        for name in ("static", "chain_dynamics", "inverse_dynamics")
+    ]
+    np.testing.assert_array_equal(actions[0], actions[1])
+    np.testing.assert_array_equal(actions[1], actions[2])
+
+
+def test_it_says_where_servos_are_too_slow_or_the_reference_too_fast():
+    task = lap("silicone_rod", 0.5)
+    policy, state, said = make_policy("inverse_dynamics", task.robot, PERIOD), None, set()
+    times = np.arange(0.0, 0.5, PERIOD)
+    moves = (task.trajectory.position, task.trajectory.velocity, task.trajectory.acceleration)
+    for row in zip(*(move(times) for move in moves), strict=True):
+        action, state = policy.predict(observed(*row, task.robot), state)
+        assert np.isfinite(action).all()
+        said.add(state.status)
+    # 42 mm at 3.8 Hz is 1 m/s of the tip, and 0.1 m/s of the tendons is all that they can do.
+    assert "servo too slow" in said
+    policy, state, said = make_policy("inverse_dynamics", task.robot, PERIOD), None, set()
+    for k in range(40):  # 20 Hz, four times the first frequency
+        turn = 2 * np.pi * 20.0 * k * PERIOD
+        wave = 0.02 * np.array([np.sin(turn), 40 * np.pi * np.cos(turn), -1.58e4 * np.sin(turn)])
+        point = task.trajectory.position(np.zeros(1))[0] + [0.0, wave[0] - 0.02, 0.0]
+        seen = observed(point, [0, wave[1], 0], [0, wave[2], 0], task.robot)
+        _, state = policy.predict(seen, state)
+        said.add(state.status)
+    assert said & {"reference too fast for the internal dynamics", "tension limit reached"}
+
+
+@pytest.mark.parametrize(
+    "name", ["static", "feedforward_pi", "chain_dynamics", "chain_dynamics_pi", "inverse_dynamics"]
+)
+def test_a_robot_without_tendons_is_refused_by_name(name):
+    with pytest.raises(ValueError, match=r"'cantilever_weak' has no tendons"):
+        make_policy(name, CANTILEVER_WEAK, PERIOD)
+
+
+def test_the_rig_keeps_the_law_of_the_thesis():
+    assert type(make_policy("inverse_dynamics", RIG, PERIOD)).__name__ == "RigFeedforward"
+    with pytest.raises(ValueError, match="needs a head and three elastic tendons"):
+        make_policy("hybrid_flexible", find_robot("planar_finger"), PERIOD)
