@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from softrobot_env.paths import models_dir
-from softrobot_env.robots import ARM, RIG, RobotParams
+from softrobot_env.robots import ARM, RIG, ROBOTS, RobotParams, read_robot
 
 
 class Arrays(dict[str, np.ndarray]):
@@ -108,7 +108,20 @@ def find_artifact(robot: RobotParams, policy: str) -> Path:
 
 def train_command(robot: RobotParams, policy: str) -> str:
     """The command that trains a policy for a robot, where it will be looked for."""
-    return f"softrobot train {policy} --robot {robot.name if robot.file is None else robot.file}"
+    return f"softrobot train {policy} --robot {_called(robot) or _new_file(robot)}"
+
+
+def _called(robot: RobotParams) -> str | None:
+    """What a command knows a robot by; None of one that has changed since it was named or read."""
+    named = ROBOTS.get(robot.name)
+    if named == robot and named.file == robot.file:
+        return robot.name
+    read = robot.file is not None and robot.file.is_file() and read_robot(robot.file)
+    return str(robot.file) if read == robot else None
+
+
+def _new_file(robot: RobotParams) -> str:
+    return f"{robot.name}_changed.toml"
 
 
 def refuse_artifact(path: str | Path, of: str, robot: RobotParams, policy: str) -> NoReturn:
@@ -117,10 +130,10 @@ def refuse_artifact(path: str | Path, of: str, robot: RobotParams, policy: str) 
 
 
 def _untrained(robot: RobotParams, policy: str) -> str:
-    return (
-        f"{policy} has not been trained for robot {robot.name!r} as it is: make "
-        f"{artifact_name(robot, policy)} with `{train_command(robot, policy)}`"
-    )
+    told = f"{policy} has not been trained for robot {robot.name!r} as it is"
+    if _called(robot) is None:
+        told = f"{told}, which has no file: write it by `robots.write_robot` to read it from there"
+    return f"{told}: train by `{train_command(robot, policy)}`"
 
 
 def check_robot(data: Arrays, robot: RobotParams, policy: str) -> None:
