@@ -100,3 +100,17 @@ def test_a_network_of_another_plant_drives_the_arm(tmp_path, monkeypatch):
     task = generic_tasks(ARM)["circle"](frequency=0.5)
     case = Case(task, "qs_nn", given={"weights": tmp_path / "qs_nn.npz"})
     assert type(case.make_policy(0.01)) is type(policy)
+
+
+@pytest.mark.slow
+def test_an_imitation_learns_on_another_plant(tmp_path, monkeypatch):
+    pytest.importorskip("torch")
+    pytest.importorskip("daqp")
+    from softrobot_env.training.imitation import ImitationConfig
+
+    tiny = ImitationConfig(
+        hidden=(8,), rounds=1, samples=40, shares=1, duration=0.3, last_epochs=1, processes=0
+    )
+    monkeypatch.setattr(trainings, "_IMITATION", tiny)
+    trainings.train_imitation("pcc", tmp_path / "imitation.npz")
+    assert make_policy("imitation", ARM, 0.01, weights=tmp_path / "imitation.npz").requires

@@ -31,7 +31,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
         for (law,), found in groups(mine, "policy").items():
             _draw(axis, law, found, law == best.get(robot))
         axis.plot(LIMITS.keys(), [100 * v for v in LIMITS.values()], "_", color=BLACK, ms=22)
-        axis.set(title=robot, yscale="log", ylim=(1e-2, 100))
+        axis.set(title=robot, yscale="log", ylim=(1e-3, 100))
         axis.set(xlabel="laps per second / first frequency", ylabel="error / length [%]")
         plain_ticks(axis)
         axis.set_xticks(list(LIMITS))

@@ -6,7 +6,7 @@ from softrobot_env.benchmarks.laps import RefusedRow, refusal
 from softrobot_env.benchmarks.laws.demand import feasible_task
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.control.registry import fitting_policies
-from softrobot_env.robots import RIG, find_robot
+from softrobot_env.robots import EQUIVALENT_RIG, RIG, find_robot
 from softrobot_env.tasks import Task
 from softrobot_env.tasks.generic import site_of
 
@@ -62,7 +62,7 @@ def prepare(name: str, tasks: tuple[str, ...], frequencies: tuple[float, ...]) -
                 rows.append(refusal(name, "", f"{task}, {frequency:g} f1", str(error)))
                 continue
             # The rig's camera, and with it the rig's policies, know x and y alone.
-            made.append(replace(path, axes="xy") if robot == RIG else path)
+            made.append(replace(path, axes="xy") if robot in (RIG, EQUIVALENT_RIG) else path)
             first, radius = site_of(robot).frequency, path.option("radius")
             rows.append(PathRow(name, task, frequency, first, radius, *asked))
     fits = fitting_policies(robot)

@@ -4,7 +4,7 @@ A Kalman filter on the arm's equations of motion estimates the curvature rates.
 """
 
 from math import ceil
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_discrete_are
@@ -19,6 +19,9 @@ from softrobot_env.fields import Positive, Range, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
+
+if TYPE_CHECKING:
+    from softrobot_env.control.scheduled.observer import LinearObserver
 
 #: [s], longest step of the prediction.
 _STEP = 1e-3
@@ -43,7 +46,12 @@ class RateObserver:
 
     A curvature far from its prediction is taken for an outlier, up to three times in a row; then
     the estimate begins anew from what is measured, at rest.
+
+    Attributes:
+        in_force: Observable that says what was applied.
     """
+
+    in_force = "previous_action"
 
     def __init__(
         self,
@@ -101,11 +109,26 @@ class RateObserver:
         )
 
 
+def rate_observer(robot: RobotParams, control_period: float) -> "RateObserver | LinearObserver":
+    """The observer of a robot: nonlinear of planar arms in closed form, linear of others.
+
+    Args:
+        robot: Nominal robot.
+        control_period: [s] between two updates.
+    """
+    try:
+        return RateObserver(robot, control_period)
+    except ValueError:
+        from softrobot_env.control.scheduled.observer import LinearObserver
+
+        return LinearObserver(robot, control_period)
+
+
 class ObservedState(NamedTuple):
     """State of `OutputFeedback`.
 
     Attributes:
-        estimate: (4, n), of the observer.
+        estimate: (4, n), of the observer; the second row are the rates.
         inner: State of the policy.
     """
 
@@ -128,9 +151,10 @@ class OutputFeedback(Controller):
 
     def __init__(self, policy: Controller, robot: RobotParams, control_period: float) -> None:
         """Of a policy for a nominal robot, called every control period [s]."""
-        self._policy, self._observer = policy, RateObserver(robot, control_period)
+        self._policy, self._observer = policy, rate_observer(robot, control_period)
         self.hold = policy.hold
-        measured = ("curvature", "previous_action")
+        self._in_force = self._observer.in_force
+        measured = ("curvature", self._in_force)
         others = (n for n in policy.requires if n not in (*measured, "curvature_rate"))
         self.requires = (*measured, *others)
         self.sizes = {k: v for k, v in policy.sizes.items() if k in self.requires}
@@ -146,7 +170,7 @@ class OutputFeedback(Controller):
         estimate = state.estimate
         if state.inner is not None:
             estimate = self._observer.update(
-                estimate, observation["previous_action"], observation["curvature"]
+                estimate, observation[self._in_force], observation["curvature"]
             )
         full = {**observation, "curvature_rate": estimate[1]}
         action, inner = self._policy.predict(full, state.inner)

@@ -57,29 +57,30 @@ class Linearizer:
 
     Attributes:
         scene: Of the robot.
+        inputs: Of the robot, what `robot_inputs` returns.
         mean: (n, nv) [1/m], from the angles of joints to curvatures.
     """
 
     def __init__(self, scene: Scene) -> None:
         """Look at a scene; ValueError if its joints are no hinges."""
         robot, model, layout = scene.config.robot, scene.model, scene.layout
-        self.scene, self._inputs = scene, robot_inputs(robot)
-        self._command = self._inputs.per_action().command
+        self.scene, self.inputs = scene, robot_inputs(robot)
+        self._command = self.inputs.per_action().command
         self.mean = mean_curvature(model, layout, robot.pieces)
         self._forces = StaticForces(model)
         self._damping = _damping(model)
-        shift = _SHIFT * np.eye(self._inputs.n_inputs)
+        shift = _SHIFT * np.eye(self.inputs.n_inputs)
         self._shifts = np.concatenate([shift, -shift])
 
     def action(self, inputs: np.ndarray) -> np.ndarray:
         """Actions (..., m) of inputs (..., m) [N or m]."""
-        return (inputs - self._inputs.input_centre) / self._inputs.input_scale
+        return (inputs - self.inputs.input_centre) / self.inputs.input_scale
 
     def about(self, angles: np.ndarray, inputs: np.ndarray) -> LinearModel:
         """The model about an equilibrium, with the joints at `angles` (nq,) under inputs (m,)."""
         forces = self._forces
         controls = np.zeros(self.scene.model.nu)
-        command = self._inputs.command(inputs)
+        command = self.inputs.command(inputs)
         controls[: len(command)] = command
         springs = forces.force(angles, controls) - forces.applied
         stiffness = -forces.tangent()

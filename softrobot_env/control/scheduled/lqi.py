@@ -20,8 +20,8 @@ from softrobot_env.robots import RobotParams
 #: far an action of one moves the tip. About the ratio of the arm's table (`control.arm.lqi`).
 _INPUT_WEIGHT = 5e-4
 
-#: Decay of the integrals in the design, over T: where a direction cannot be asked for, as the height
-#: of a straight robot, gains would not exist without.
+#: Decay of the integrals in the design, over T: where a direction cannot be asked for, as the
+#: height of a straight robot, gains would not exist without.
 _LEAK = 0.1
 
 #: Damping of the inverse of the tip's derivative by actions.

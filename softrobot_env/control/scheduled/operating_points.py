@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.control.scheduled.linear_model import Linearizer, LinearModel, model_scene
+from softrobot_env.control.scheduled.linear_model import Linearizer, LinearModel
 from softrobot_env.control.scheduled.table import Table, look_up
 from softrobot_env.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
