@@ -1,41 +1,40 @@
-"""Reinforcement learning, as `softrobot train --algo` runs it."""
+"""Arguments of `softrobot train` that only reinforcement learning has."""
 
 import argparse
-import json
-from dataclasses import fields, replace
 from pathlib import Path
+from typing import Any
 
-from softrobot_env.commands.arguments import expand_all, names_or_all
-from softrobot_env.interfaces import Show
-from softrobot_env.learned.network import Network, load_for
-from softrobot_env.robots import ARM
-from softrobot_env.training.rl_config import SCRATCH_SETTINGS, TRAINING_TASKS, RLConfig, preset
+from softrobot_env.commands.arguments import names_or_all
+from softrobot_env.training.registry import REINFORCEMENT
+from softrobot_env.training.rl_config import (
+    IMITATION,
+    ROBOT_TASKS,
+    SCRATCH_SETTINGS,
+    TRAINING_TASKS,
+)
 
 ALGORITHMS = tuple(SCRATCH_SETTINGS)
-
-PACKAGES = ("torch", "stable_baselines3")
-
-_START, _NO_START = "imitation", "none"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that only reinforcement learning has."""
     group = parser.add_argument_group("reinforcement learning")
-    group.add_argument("--algo", choices=ALGORITHMS, help="algorithm of stable-baselines3")
+    group.add_argument("--algo", choices=ALGORITHMS, help="algorithm of stable-baselines3, as NAME")
     group.add_argument(
         "--task",
         nargs="+",
-        type=names_or_all(list(TRAINING_TASKS)),
+        type=names_or_all([*TRAINING_TASKS, *ROBOT_TASKS]),
         default=["all"],
         metavar="TASK",
-        help=f"out of {', '.join(TRAINING_TASKS)} (references drawn at random); default: all",
+        help=f"out of {', '.join(TRAINING_TASKS)} (references drawn at random), of other robots "
+        f"than the arm out of {', '.join(ROBOT_TASKS)}; default: all",
     )
     group.add_argument(
         "--start",
-        default=_START,
+        default=IMITATION,
         metavar="NETWORK",
-        help="file of a network to start from, imitation (the one in --out, else the one "
-        "shipped) or none; default: imitation",
+        help="file of a network to start from, imitation (the one in --out, else where "
+        "policies look) or none; default: imitation",
     )
     group.add_argument(
         "--randomize",
@@ -71,64 +70,10 @@ def _setting(text: str) -> tuple[str, float]:
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=NUMBER") from None
 
 
-def given(args: argparse.Namespace) -> list[str]:
-    """Names of the arguments of `add_arguments` that were given."""
+def given(args: argparse.Namespace) -> dict[str, Any]:
+    """Settings among the arguments of `add_arguments` that are given, for `rl.config_of`."""
     parser = argparse.ArgumentParser()
     add_arguments(parser)
-    names = vars(parser.parse_args([]))
-    return [f"--{name}" for name, default in names.items() if getattr(args, name) != default]
-
-
-def name_of(args: argparse.Namespace) -> str:
-    """Name of the file, without its ending."""
-    return args.name or args.algo
-
-
-def run(args: argparse.Namespace, path: Path, show: Show) -> list[tuple[str, str]]:
-    """Train, write the network and its learning curve, and return figures for people."""
-    from softrobot_env.training.artifacts import figures, save
-    from softrobot_env.training.rl import train
-
-    config = _config(args)
-    network, curve = train(
-        config,
-        args.seed,
-        show,
-        _start(args, path),
-        checkpoint=args.checkpoint or Path("out") / "train" / name_of(args),
-        resume=args.resume,
-        log=args.log,
-    )
-    save(network, path, args.seed)
-    written = path.with_name(f"{path.stem}_curve.json")
-    written.write_text(json.dumps(curve, indent=1) + "\n", encoding="utf-8")
-    return [*figures(network, config.trials), ("learning curve", str(written))]
-
-
-def _config(args: argparse.Namespace) -> RLConfig:
-    """Settings of the arguments.
-
-    Raises:
-        ValueError: A setting that does not exist or is no number, or one out of range.
-    """
-    config = preset(args.algo, args.start != _NO_START, args.randomize)
-    tasks = tuple(expand_all(args.task, list(TRAINING_TASKS)))
-    wanted = {"tasks": tasks} if args.steps is None else {"tasks": tasks, "steps": args.steps}
-    numbers = {f.name: f.type for f in fields(RLConfig) if f.type in (int, float)}
-    for name, value in args.set:
-        if name not in numbers:
-            raise ValueError(f"cannot set {name!r}; choose from {', '.join(numbers)}")
-        if numbers[name] is int and not value.is_integer():
-            raise ValueError(f"{name} must be a whole number, got {value:g}")
-        wanted[name] = numbers[name](value)
-    return replace(config, **wanted)
-
-
-def _start(args: argparse.Namespace, path: Path) -> Network | None:
-    from softrobot_env.training.artifacts import load_start
-
-    if args.start == _NO_START or args.resume:
-        return None
-    if args.start == _START:
-        return load_start(path)
-    return load_for(Path(args.start), ARM, "softrobot train")[0]
+    usual = vars(parser.parse_args([]))
+    found = {name: getattr(args, name) for name in REINFORCEMENT}
+    return {name: value for name, value in found.items() if value != usual[name]}

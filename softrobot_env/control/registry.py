@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from importlib.util import find_spec
 from inspect import signature
 from typing import Any
@@ -27,8 +28,8 @@ class PolicySpec:
             policy that is made already.
         options: Keyword arguments of the factory.
         environment: Keyword arguments of the environment (`control_period`, `preview`) where the
-            policy needs others than the defaults; or their path, or that of a function of the
-            robot. None asks the attribute `environment` of what makes it.
+            policy needs others than the defaults; or a function of the robot, or the path of
+            either. None asks the attribute `environment` of what makes it.
         package: Package of the extra `mpc` that it needs, or None.
         robots: Says what a robot lacks that the policy cannot drive, None of any other. What our
             own policies need of a robot, their factories say.
@@ -36,7 +37,9 @@ class PolicySpec:
 
     make: Any
     options: dict[str, Any] = field(default_factory=dict)
-    environment: dict[str, Any] | str | None = field(default_factory=dict)
+    environment: dict[str, Any] | Callable[[RobotParams], dict[str, Any]] | str | None = field(
+        default_factory=dict
+    )
     package: str | None = None
     robots: Callable[[RobotParams], str | None] | None = None
 
@@ -48,6 +51,11 @@ class PolicySpec:
         """Whether the factory has a keyword argument of this name."""
         made = self.loaded()
         return callable(made) and option in signature(made).parameters
+
+
+def _learned_environment(policy: str, robot: RobotParams) -> dict[str, Any]:
+    """What a trained network needs of an environment."""
+    return load("softrobot_env.control.arm.neural:environment_of")(policy, robot)
 
 
 #: Policies of the arm; the first ones are those of any robot.
@@ -89,8 +97,8 @@ POLICIES: dict[str, PolicySpec] = {
     **{
         name: PolicySpec(
             "softrobot_env.control.arm.neural:NeuralPolicy",
-            {"weights": f"{name}.npz"},
-            environment="softrobot_env.control.arm.neural:ENVIRONMENT",
+            {"policy": name},
+            environment=partial(_learned_environment, name),
         )
         for name in ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
     },

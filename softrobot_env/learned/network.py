@@ -7,7 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.artifacts import Arrays, read_arrays
+from softrobot_env.artifacts import (
+    Arrays,
+    fingerprint,
+    read_arrays,
+    refuse_artifact,
+    train_command,
+)
 from softrobot_env.robots import RobotParams
 
 _ABOUT = "about_"
@@ -249,13 +255,15 @@ def describe(robot: RobotParams) -> dict[str, np.ndarray]:
 def suits(about: dict[str, np.ndarray], robot: RobotParams, described: Describe = describe) -> bool:
     """Whether a network was trained for this robot, by the description that its file has."""
     wanted = described(robot)
+    if "fingerprint" in wanted:
+        wanted.pop("robot")  # a name is no property
     return all(name in about and _same(about[name], value) for name, value in wanted.items())
 
 
 def load_for(
     path: Path,
     robot: RobotParams,
-    command: str,
+    policy: str,
     described: Describe = describe,
     ends: tuple[int, int] | None = None,
 ) -> tuple[Network, Arrays]:
@@ -264,8 +272,8 @@ def load_for(
     Args:
         path: The file.
         robot: The robot.
-        command: Makes the file.
-        described: What the file tells of its robot.
+        policy: Whose network it is, which tells the command that makes it.
+        described: What the file tells of its robot, if it has no fingerprint.
         ends: Number of inputs and outputs that it must have, if given.
 
     Raises:
@@ -273,17 +281,19 @@ def load_for(
         ValueError: It belongs to another robot, has other ends, or cannot be used, see
             `Network.load`.
     """
+    command = train_command(robot, policy)
     if not path.is_file():
         raise FileNotFoundError(f"no network at {path}; make it with `{command}`")
     try:
         network, about = Network.load(path)
     except ValueError as error:
         raise ValueError(f"{error}; make it anew with `{command}`") from None
-    if not suits(about, robot, described):
-        raise ValueError(
-            f"{path} was trained for robot {str(about.get('robot'))!r} as it was then, not for "
-            f"this {robot.name!r}; train it anew with `{command}`"
-        )
+    try:
+        fits = suits(about, robot, fingerprint if "fingerprint" in about else described)
+    except ValueError:  # it has no such numbers: files without fingerprints are of one section
+        fits = False
+    if not fits:
+        refuse_artifact(path, str(about.get("robot")), robot, policy)
     if ends is not None:
         check_ends(network, ends, str(path))
     return network, about

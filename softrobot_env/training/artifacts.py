@@ -6,12 +6,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from softrobot_env.learned.network import Network, Scaling, describe
-from softrobot_env.paths import models_dir
-from softrobot_env.robots import ARM
+from softrobot_env.artifacts import artifact_name, find_artifact, fingerprint
+from softrobot_env.control.arm.neural import View, arm_view
+from softrobot_env.learned.network import Network, Scaling, load_for
+from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.training.closed_loop_check import check
 
-_START = "imitation.npz"
+_START = "imitation"
 
 
 def new_layers(inputs: int, hidden: tuple[int, ...], outputs: int) -> torch.nn.Sequential:
@@ -49,30 +50,35 @@ def _unscaled(count: int) -> Scaling:
     return Scaling(-np.ones(count), np.ones(count))
 
 
-def save(network: Network, path: Path, seed: int) -> None:
-    """Write a network in single precision, with the robot and the seed."""
+def save(
+    network: Network, path: Path, seed: int, robot: RobotParams = ARM, view: View | None = None
+) -> None:
+    """Write a network in single precision, with its robot, its view (the arm's) and the seed."""
     single = network.with_parameters(network.parameters.astype(np.float32))
-    single.save(path, {**describe(ARM), "seed": seed})
+    seen = arm_view() if view is None else view
+    single.save(path, {**fingerprint(robot), **seen.about(), "seed": seed})
 
 
-def load_start(path: Path) -> Network:
-    """The imitating network: the one in the folder of `path`, else the one shipped.
+def load_start(path: Path, robot: RobotParams = ARM) -> Network:
+    """The imitating network: the one in the folder of `path`, else where policies look.
 
     Raises:
-        FileNotFoundError: There is neither.
+        ValueError: There is neither; the message tells the command that makes it.
     """
-    found = [p for p in (path.parent / _START, models_dir() / _START) if p.is_file()]
-    if not found:
-        raise FileNotFoundError(f"no {_START} to start from; make it: softrobot train imitation")
-    return Network.load(found[0])[0]
+    beside = path.with_name(artifact_name(robot, _START))
+    found = beside if beside.is_file() else find_artifact(robot, _START)
+    return load_for(found, robot, _START)[0]
 
 
 def figures(
-    network: Network, variations: tuple[dict[str, float], ...] = ({},)
+    network: Network,
+    variations: tuple[dict[str, float], ...] = ({},),
+    robot: RobotParams = ARM,
+    view: View | None = None,
 ) -> list[tuple[str, str]]:
     """Closed-loop figures for people, with robots and disturbances as `check` takes them."""
     out = [("parameters", str(len(network.parameters)))]
-    for name, row in check(network, variations).items():
+    for name, row in check(network, variations, robot=robot, view=view).items():
         text = f"max {1e3 * row.e_max:.2f} mm, mean {1e3 * row.e_mean:.2f} mm"
         if row.step is not None:
             overshoot, settling = _text(row.step.overshoot, 100), _text(row.step.settling_time)

@@ -16,11 +16,8 @@ from softrobot_env.evaluation.metrics import (
 )
 from softrobot_env.evaluation.runner import Case, Outcome, run
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import ARM
-from softrobot_env.tasks import make_task
-
-#: Tasks and step widths [m] of a check.
-TASKS = (("swing", None), ("lshape", None), ("step", 0.05), ("step", 0.1), ("step", 0.2))
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.training.references import check_tasks
 
 
 @dataclass(frozen=True)
@@ -47,6 +44,8 @@ def check(
     variations: Sequence[dict[str, float]] = ({},),
     duration: float | None = None,
     reward: TrackingReward | None = None,
+    robot: RobotParams = ARM,
+    view: neural.View | None = None,
 ) -> Rows:
     """Figures of a network, one episode for each task and variation.
 
@@ -55,11 +54,13 @@ def check(
         variations: Robots and disturbances, as in the option `vary` of `reset`.
         duration: [s] of the episodes, the tasks' own unless given.
         reward: Whose mean is told; the environments' default unless given.
+        robot: The robot.
+        view: Of the network; the arm's unless given.
     """
-    policy, rows = neural.NeuralPolicy(ARM, neural.PERIOD, network), {}
-    for name, width in TASKS:
-        task = make_task(name, width)
-        env = TrackingEnv(task, control_period=neural.PERIOD, preview=neural.PREVIEW, reward=reward)
+    view, rows = neural.arm_view() if view is None else view, {}
+    policy = neural.NeuralPolicy(robot, view.period, network, view=view)
+    for task in check_tasks(robot):
+        env = TrackingEnv(task, observe=policy.requires, reward=reward, **view.environment)
         for vary in variations:
             case = Case(task, "network", variation=vary, duration=duration)
             label = ", ".join([task.label, *(f"{n} {value:g}" for n, value in vary.items())])

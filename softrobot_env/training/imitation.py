@@ -1,27 +1,34 @@
-"""Imitation of the model predictive controller with preview: cloning, then DAgger."""
+"""Imitation of a policy by a network: cloning, then DAgger.
+
+Of the arm the teacher is the model predictive controller with preview, of other robots any policy.
+"""
 
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 import torch
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.arm import neural
-from softrobot_env.control.mpc.controller import MPC
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
+from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.fields import Count, NotNegative, Positive, Share, Whole, check_fields
-from softrobot_env.interfaces import Observation, Show
+from softrobot_env.interfaces import Observation, Policy, Show
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.processes import worker_processes
-from softrobot_env.robots import ARM
+from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.tasks import Task
 from softrobot_env.training.artifacts import as_network, new_layers
 from softrobot_env.training.references import draw_task
+from softrobot_env.training.views import view_for
 
-#: The controller to imitate: `mpc_preview`, deciding as often as the network.
+#: The controller to imitate on the arm: `mpc_preview`, deciding as often as the network.
 TEACHER: MPCSettings = replace(
     PREVIEW,
     period=neural.PERIOD,
@@ -29,9 +36,14 @@ TEACHER: MPCSettings = replace(
     moves=(1,) * 7,
 )
 
+#: Of the arm, and of other robots.
+_TEACHERS = ("mpc_preview", "lq_preview")
 
 #: Robots that the teacher is watched with.
 ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_time=(0.45, 2.2))
+
+#: And those of other robots than the arm, which may be soft for their weight.
+_NEAR = Randomization(youngs_modulus=(0.7, 1.35), density=(0.8, 1.25), damping_time=(0.6, 1.6))
 
 
 @dataclass(frozen=True)
@@ -78,17 +90,88 @@ class ImitationConfig:
         check_fields(self, "imitation")
 
 
-def imitate(config: ImitationConfig, seed: int, show: Show) -> Network:
+@dataclass(frozen=True)
+class Lesson:
+    """Who learns from whom.
+
+    Attributes:
+        robot: That is driven.
+        teacher: Name of the policy that is imitated.
+    """
+
+    robot: RobotParams = ARM
+    teacher: str = _TEACHERS[0]
+
+    @classmethod
+    def of(cls, robot: RobotParams, teacher: str | None = None) -> "Lesson":
+        """With the robot's usual teacher unless one is given."""
+        return cls(robot, teacher or _TEACHERS[robot != ARM])
+
+    @property
+    def is_thesis(self) -> bool:
+        """Whether it is the arm's, whose teacher decides as often as the network."""
+        return self.robot == ARM and self.teacher == _TEACHERS[0]
+
+    def environment(self) -> dict[str, object]:
+        """What the teacher needs of an environment."""
+        if self.is_thesis:
+            return {"control_period": neural.PERIOD, "preview": TEACHER.times}
+        own = policy_environment(self.teacher, self.robot)
+        period = own.get("control_period", self.view().period)
+        return {"control_period": period, "preview": tuple(own.get("preview", ()))}
+
+    def view(self) -> neural.View:
+        """Of the network, which decides as often as the teacher, or after several times."""
+        usual, own = view_for(self.robot), policy_environment(self.teacher, self.robot)
+        if self.is_thesis or "control_period" not in own:
+            return usual
+        period = own["control_period"]
+        return view_for(self.robot, period * max(1, round(usual.period / period)))
+
+
+_THESIS = Lesson()
+
+
+@lru_cache(maxsize=2)
+def _teacher(lesson: Lesson) -> Policy:
+    """The teacher, made once in a process."""
+    if lesson.is_thesis:
+        from softrobot_env.control.mpc.controller import MPC
+
+        return MPC(ARM, neural.PERIOD, TEACHER)
+    return make_policy(lesson.teacher, lesson.robot, lesson.environment()["control_period"])
+
+
+def settings_of(lesson: Lesson, quick: bool = False) -> ImitationConfig:
+    """Size of an imitation: that of what is shipped for the arm, else minutes; or a tiny one."""
+    config = ImitationConfig()
+    if not lesson.is_thesis:
+        config = replace(
+            config, rounds=6, samples=16_000, shares=8, last_epochs=30, randomization=_NEAR
+        )
+    if quick:
+        small = {"rounds": 2, "samples": 1000, "shares": 2, "epochs": 2, "last_epochs": 4}
+        config = replace(config, **small, processes=0)
+    return config
+
+
+def imitate(config: ImitationConfig, seed: int, show: Show, lesson: Lesson = _THESIS) -> Network:
     """Train a network to act as the teacher does, in the states it gets into itself.
 
     Args:
         config: Size and settings.
         seed: Of everything random.
         show: Told the progress.
+        lesson: Robot and teacher.
+
+    Raises:
+        ValueError: The teacher cannot drive the robot; says which training it needs first.
     """
+    _teacher(lesson)  # before anything is done
+    view = lesson.view()
     torch.manual_seed(seed)
     torch.set_num_threads(config.threads)
-    layers = new_layers(neural.feature_count(ARM), config.hidden, 3)
+    layers = new_layers(view.count, config.hidden, view.inputs)
     parts: list[Dataset] = []
     network: Network | None = None
     with ExitStack() as stack:
@@ -97,7 +180,7 @@ def imitate(config: ImitationConfig, seed: int, show: Show) -> Network:
             each = stack.enter_context(worker_processes(config.processes)).map
         for k in range(config.rounds):
             seeds = np.random.SeedSequence([seed, k]).spawn(config.shares)
-            jobs = [(config, network, one) for one in seeds]
+            jobs = [(config, lesson, network, one) for one in seeds]
             for i, part in enumerate(each(_collect, jobs)):
                 parts.append(part)
                 show(f"round {k + 1} of {config.rounds}: data", i + 1, config.shares)
@@ -132,64 +215,80 @@ def fit(
         yield epoch + 1, total / len(seen)
 
 
-def _collect(job: tuple[ImitationConfig, Network | None, np.random.SeedSequence]) -> Dataset:
+def _collect(
+    job: tuple[ImitationConfig, Lesson, Network | None, np.random.SeedSequence],
+) -> Dataset:
     """A share of a round: the teacher's decisions where it or the network acts.
 
     Inputs are features (k, n_features), outputs those of a network that give the teacher's action
     (k, n_inputs), both float32.
     """
-    config, network, seed = job
-    rng = np.random.default_rng(seed)
-    teacher = MPC(ARM, neural.PERIOD, TEACHER)
+    config, lesson, network, seed = job
+    rng, view = np.random.default_rng(seed), lesson.view()
     seen: list[np.ndarray] = []
     wanted: list[np.ndarray] = []
     while len(seen) < config.samples / config.shares:
-        for one, action in _episode(config, network, teacher, rng):
-            seen.append(neural.features(one))
+        for one, action in _episode(config, lesson, network, rng):
+            seen.append(neural.features(one, view))
             wanted.append(neural.output_of(action - one["previous_action"]))
     return Dataset(np.array(seen, np.float32), np.array(wanted, np.float32))
 
 
 def _episode(
-    config: ImitationConfig, network: Network | None, teacher: MPC, rng: np.random.Generator
+    config: ImitationConfig, lesson: Lesson, network: Network | None, rng: np.random.Generator
 ) -> Iterator[tuple[Observation, np.ndarray]]:
-    """Observations of the network, and the teacher's actions."""
+    """Observations of the network where it decides, and the teacher's actions."""
+    robot, view, teacher = lesson.robot, lesson.view(), _teacher(lesson)
     duration = config.duration * rng.uniform(0.3, 1.0)
-    task = draw_task(rng, duration)
-    plant = None if config.plant == MUJOCO else BeamPlant(config.plant)
-    preview = (*neural.PREVIEW, *TEACHER.times)
-    env = TrackingEnv(task, control_period=neural.PERIOD, preview=preview, plant=plant)
-    actor = None if network is None else neural.NeuralPolicy(ARM, neural.PERIOD, network)
-    observation, _ = env.reset(options=_start(config, task.start_input, rng))
-    state, over = None, False
+    task = draw_task(rng, duration, robot)
+    env = _environment(config, lesson, task)
+    hold = round(view.period / env.control_period)
+    actor = None if network is None else neural.NeuralPolicy(robot, view.period, network, view=view)
+    observation, _ = env.reset(options=_start(config, task, rng))
+    state, over, step = None, False, 0
     while not over:
-        mine, its = _views(observation)
-        action, state = teacher.predict(its, state)
-        yield mine, action
-        if actor is not None:
-            action, _ = actor.predict(mine)
-        if rng.uniform() < config.pushed:
-            action = action + rng.normal(0, config.push, action.shape)
-        action = np.clip(action, -1, 1).astype(np.float32)
+        mine, its = _views(observation, view)
+        chosen, state = teacher.predict(its, state)
+        if step % hold == 0:
+            yield mine, chosen
+            action = chosen if actor is None else actor.predict(mine)[0]
+            if rng.uniform() < config.pushed:
+                action = action + rng.normal(0, config.push, action.shape)
+            action = np.clip(action, -1, 1).astype(np.float32)
         observation, _, terminated, truncated, _ = env.step(action)
-        over = terminated or truncated
+        over, step = terminated or truncated, step + 1
 
 
-def _start(
-    config: ImitationConfig, start_input: tuple[float, ...], rng: np.random.Generator
-) -> dict[str, object]:
+def _environment(config: ImitationConfig, lesson: Lesson, task: Task) -> TrackingEnv:
+    """With all that network and teacher see, the network's preview first."""
+    needs, plant = lesson.environment(), None
+    if config.plant != MUJOCO:
+        plant = BeamPlant(config.plant)
+    return TrackingEnv(
+        task,
+        control_period=needs["control_period"],
+        preview=(*lesson.view().preview, *needs["preview"]),
+        observe=None if lesson.is_thesis else "all",
+        plant=plant,
+    )
+
+
+def _start(config: ImitationConfig, task: Task, rng: np.random.Generator) -> dict[str, object]:
     """Options of `reset`: often another robot, sometimes another start."""
     options: dict[str, object] = {}
     if rng.uniform() < config.varied:
         options["vary"] = config.randomization.draw(rng)
     if rng.uniform() < 0.3:
-        options["start_input"] = np.array(start_input) + rng.normal(0, 2.0, 3)
+        inputs = robot_inputs(task.robot)
+        action = (np.array(task.start_input) - inputs.input_centre) / inputs.input_scale
+        action = np.clip(action + rng.normal(0, 0.1, len(action)), -1, 1)
+        options["start_input"] = inputs.input_centre + action * inputs.input_scale
     return options
 
 
-def _views(observation: Observation) -> tuple[Observation, Observation]:
+def _views(observation: Observation, view: neural.View) -> tuple[Observation, Observation]:
     """The same observation with the preview of the network, and with that of the teacher."""
-    preview, mine = observation["reference_preview"], 2 * len(neural.PREVIEW)
+    preview, mine = observation["reference_preview"], len(view.preview) * view.dimensions
     return (
         {**observation, "reference_preview": preview[:mine]},
         {**observation, "reference_preview": preview[mine:]},

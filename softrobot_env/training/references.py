@@ -1,12 +1,14 @@
-"""Random tasks within the arm's workspace, so that a policy learns more than three references."""
+"""Random tasks within a robot's workspace, so that a policy learns more than a few references."""
 
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.robots import ARM
+from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import Task, make_task
+from softrobot_env.tasks.generic import site_of
 from softrobot_env.tasks.trajectories import Polyline, Step
 
 #: Inputs [N] of random postures: a common part within +-, and the deviation of each from it, drawn
@@ -19,6 +21,14 @@ _KNOT = 0.01  # s, between the knots of a smooth reference
 
 #: Of smooth references: harmonics of the inputs, and speeds [m/s] at the fastest point.
 _HARMONICS, _SPEEDS = 3, (0.03, 0.6)
+
+#: Of any robot: share of set points among the tasks, and how long they are held, in periods of the
+#: first mode; sizes of random paths over the default, and laps in a period of the first mode.
+_REACHES, _HOLDS = 0.25, (1.0, 4.0)
+_RADII, _PACES = (0.4, 0.7, 1.0), (0.05, 0.5)
+
+#: Laps of the circle in a period of the first mode on which networks are judged.
+_CHECKED = (0.1, 0.3)
 
 
 def random_input(rng: np.random.Generator) -> np.ndarray:
@@ -77,9 +87,43 @@ def random_waves(rng: np.random.Generator, duration: float) -> Task:
     return Task("random waves", ARM, path, duration, tuple(inputs(np.zeros(1))[0]))
 
 
-def draw_task(rng: np.random.Generator, duration: float) -> Task:
-    """A random task, or one of the three with another start or step width."""
+def draw_task(rng: np.random.Generator, duration: float, robot: RobotParams = ARM) -> Task:
+    """A random task; of the arm sometimes one of the three with another start or step width."""
+    if robot != ARM:
+        return any_task(rng, robot)
     return known_task(rng, duration) if rng.uniform() < 0.25 else draw_reference(rng, duration)
+
+
+def any_task(rng: np.random.Generator, robot: RobotParams) -> Task:
+    """A random path at a random pace, or set points, of any robot."""
+    site, seed = site_of(robot), int(rng.integers(2**31))
+    if site.ground.radius == 0 or rng.uniform() < _REACHES:
+        hold = rng.uniform(*_HOLDS) / site.frequency
+        return make_task("reach", robot=robot, seed=seed, hold=hold)
+    radius = rng.choice(_RADII) * _whole_path(robot)
+    pace = rng.uniform(*_PACES)
+    return make_task("random", robot=robot, seed=seed, radius=float(radius), frequency=pace)
+
+
+@lru_cache(maxsize=8)
+def _whole_path(robot: RobotParams) -> float:
+    """Default radius [m] of a random path."""
+    return float(make_task("random", robot=robot).option("radius"))
+
+
+def check_tasks(robot: RobotParams) -> list[Task]:
+    """The tasks on which networks of a robot are judged; of the arm the thesis'."""
+    if robot == ARM:
+        steps = [make_task("step", width) for width in (0.05, 0.1, 0.2)]
+        return [make_task("swing"), make_task("lshape"), *steps]
+    if site_of(robot).ground.radius == 0:
+        return [make_task("reach", robot=robot)]
+    paced = [make_task("circle", robot=robot, frequency=pace) for pace in _CHECKED]
+    return [
+        *paced,
+        make_task("figure_eight", robot=robot),
+        make_task("random", robot=robot, seed=0),
+    ]
 
 
 def draw_reference(rng: np.random.Generator, duration: float) -> Task:

@@ -1,8 +1,11 @@
 """Reinforcement learning of a network on all tasks at once (stable-baselines3)."""
 
 import json
-from dataclasses import asdict, replace
+from collections.abc import Mapping
+from dataclasses import asdict, fields, replace
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -10,17 +13,30 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
-from softrobot_env.artifacts import read_facts
-from softrobot_env.control.arm import neural
+from softrobot_env.artifacts import fingerprint, read_facts
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.interfaces import Show
-from softrobot_env.learned.network import Network
+from softrobot_env.learned.network import Network, load_for
+from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import Task, make_task
+from softrobot_env.tasks.generic import site_of
+from softrobot_env.training.artifacts import figures, load_start, save
 from softrobot_env.training.learners import LEARNERS, freeze_actor, make_model, put_actor
 from softrobot_env.training.references import draw_reference
-from softrobot_env.training.rl_config import RLConfig
+from softrobot_env.training.registry import Figures, Order
+from softrobot_env.training.rl_config import (
+    IMITATION,
+    NO_START,
+    QUICK,
+    ROBOT_TASKS,
+    TRAINING_TASKS,
+    RLConfig,
+    of_any_robot,
+    preset,
+)
 from softrobot_env.training.vec_env import NetworkVecEnv
+from softrobot_env.training.views import view_for
 from softrobot_env.training.watch import Point, Watch, curve_of
 
 #: Files of a checkpoint, besides those of `watch`.
@@ -34,6 +50,9 @@ _STEP_DURATION = 1.5
 #: Duration [s] of drawn references.
 _DRAWN_DURATION = 6.0
 
+#: Of any robot: laps in a period of the first mode, and such periods at a set point.
+_PACES, _HOLD = (0.1, 0.2, 0.4), 4.0
+
 
 def train(
     config: RLConfig,
@@ -44,6 +63,7 @@ def train(
     checkpoint: Path | None = None,
     resume: bool = False,
     log: Path | None = None,
+    robot: RobotParams = ARM,
 ) -> tuple[Network, list[Point]]:
     """Train from a network, or from scratch.
 
@@ -56,6 +76,7 @@ def train(
         resume: Whether to go on with the training that the folder holds: with other draws, new
             episodes, and the learning rate that so many of all steps are left for.
         log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
+        robot: To train for; `tasks` of the settings are its own.
 
     Returns:
         The network that did best in the checks, the one to start from among them, and the
@@ -68,16 +89,16 @@ def train(
     """
     torch.set_num_threads(config.threads)
     logs = None if log is None else str(log)
-    watch = Watch(config, show, lambda model: _save(model, config, seed, checkpoint))
+    watch = Watch(config, show, lambda model: _save(model, config, seed, checkpoint, robot), robot)
     if resume:
-        _check_same(config, seed, checkpoint)
+        _check_same(config, seed, checkpoint, robot)
         watch.load(checkpoint)
-        model = _load(config, seed, checkpoint, watch.steps)
+        model = _load(config, seed, checkpoint, watch.steps, robot)
         model.tensorboard_log = logs
     else:
         _check_free(checkpoint)
         set_random_seed(seed)
-        model = make_model(config, make_training_env(config, seed), seed, logs)
+        model = make_model(config, make_training_env(config, seed, robot), seed, logs)
         begin(model, config, start)
     watch.folder = checkpoint
     left = config.steps - (model.num_timesteps if resume else 0)
@@ -88,33 +109,124 @@ def train(
     return watch.best, watch.curve
 
 
-def make_training_env(config: RLConfig, seed: int) -> NetworkVecEnv:
+def run(algorithm: str, order: Order, show: Show) -> Figures:
+    """Train as ordered, and write the network and beside it its learning curve.
+
+    Raises:
+        FileNotFoundError, ValueError: As `train`; or a setting that does not exist or is no number.
+    """
+    settings, robot, path = order.settings, order.robot, order.path
+    config = config_of(algorithm, settings, robot)
+    network, curve = train(
+        config,
+        order.seed,
+        show,
+        _start(settings, path, robot),
+        checkpoint=settings.get("checkpoint", Path("out") / "train" / path.stem),
+        resume=settings.get("resume", False),
+        log=settings.get("log"),
+        robot=robot,
+    )
+    save(network, path, order.seed, robot, view_for(robot))
+    written = path.with_name(f"{path.stem}_curve.json")
+    written.write_text(json.dumps(curve, indent=1) + "\n", encoding="utf-8")
+    told = figures(network, config.trials, robot, view_for(robot))
+    return [*told, ("learning curve", str(written))]
+
+
+def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -> RLConfig:
+    """Settings of a training, by those that are given (`commands.train_rl`).
+
+    Raises:
+        ValueError: A setting that does not exist or is no number, or one out of range.
+    """
+    warm = settings.get("start") != NO_START
+    config = preset(algorithm, warm, settings.get("randomize", False))
+    if robot != ARM:
+        config = of_any_robot(config, robot)
+    wanted: dict[str, Any] = dict(QUICK) if "quick" in settings else {}
+    if "task" in settings and "all" not in settings["task"]:
+        known = TRAINING_TASKS if robot == ARM else ROBOT_TASKS
+        wanted["tasks"] = tuple(dict.fromkeys(settings["task"]))
+        if not set(wanted["tasks"]) <= set(known):
+            raise ValueError(f"robot {robot.name!r} is trained on {', '.join(known)}")
+    if "steps" in settings:
+        wanted["steps"] = settings["steps"]
+    numbers = {f.name: f.type for f in fields(RLConfig) if f.type in (int, float)}
+    for name, value in settings.get("set", ()):
+        if name not in numbers:
+            raise ValueError(f"cannot set {name!r}; choose from {', '.join(numbers)}")
+        if numbers[name] is int and not value.is_integer():
+            raise ValueError(f"{name} must be a whole number, got {value:g}")
+        wanted[name] = numbers[name](value)
+    return replace(config, **wanted)
+
+
+def _start(settings: Mapping[str, Any], path: Path, robot: RobotParams) -> Network | None:
+    """The network to start from, if any."""
+    start = settings.get("start", IMITATION)
+    if start == NO_START or settings.get("resume"):
+        return None
+    if start == IMITATION:
+        return load_start(path, robot)
+    return load_for(Path(start), robot, IMITATION)[0]
+
+
+def make_training_env(config: RLConfig, seed: int, robot: RobotParams = ARM) -> NetworkVecEnv:
     """All tasks of a training at once, robots drawn anew for every episode."""
     rng = np.random.default_rng([seed, 1])  # the environments have streams of `seed` itself
-    parts = [_part(config, task) for name in config.tasks for task in _tasks(config, name, rng)]
-    env = NetworkVecEnv(parts, stagger=True, reward_scale=1 - config.discount)
+    tasks = _thesis_tasks if robot == ARM else partial(_tasks, robot)
+    parts = [
+        _part(config, robot, task, **options)
+        for name in config.tasks
+        for task, options in tasks(config, name, rng)
+    ]
+    scale = 1 - config.discount
+    env = NetworkVecEnv(parts, view_for(robot), stagger=True, reward_scale=scale)
     env.seed(seed)
     return env
 
 
-def _tasks(config: RLConfig, name: str, rng: np.random.Generator) -> list[Task]:
+def _thesis_tasks(
+    config: RLConfig, name: str, rng: np.random.Generator
+) -> list[tuple[Task, dict[str, float]]]:
+    """Tasks of the arm."""
     if name == "step":
-        return [replace(make_task("step", w), duration=_STEP_DURATION) for w in _STEP_WIDTHS]
-    if name == "drawn":
-        return [draw_reference(rng, _DRAWN_DURATION) for _ in range(config.drawn_tasks)]
-    return [make_task(name)] * 2
+        tasks = [replace(make_task("step", w), duration=_STEP_DURATION) for w in _STEP_WIDTHS]
+    elif name == "drawn":
+        tasks = [draw_reference(rng, _DRAWN_DURATION) for _ in range(config.drawn_tasks)]
+    else:
+        tasks = [make_task(name)] * 2
+    return [(task, {}) for task in tasks]
 
 
-def _part(config: RLConfig, task: Task) -> VectorTrackingEnv:
+def _tasks(
+    robot: RobotParams, config: RLConfig, name: str, rng: np.random.Generator
+) -> list[tuple[str, dict[str, float]]]:
+    """Tasks of another robot by name, so that what is random in them is drawn for every episode."""
+    if name == "reach":
+        return [(name, {"hold": _HOLD / site_of(robot).frequency})]
+    if name == "random":
+        return [(name, {}), *((name, {"frequency": pace}) for pace in _PACES)]
+    return [(name, {"frequency": _PACES[1]})]
+
+
+def _part(
+    config: RLConfig, robot: RobotParams, task: Task | str, **options: float
+) -> VectorTrackingEnv:
+    view, share = view_for(robot), robot.reach / ARM.reach
+    named = {"robot": robot} if isinstance(task, str) else {}
     return VectorTrackingEnv(
         config.envs_per_task,
         task,
-        control_period=neural.PERIOD,
-        preview=neural.PREVIEW,
-        reward=TrackingReward(fine_scale=config.fine_scale),
+        observe=tuple(view.observed),
+        reward=TrackingReward(coarse_scale=view.coarse, fine_scale=config.fine_scale * share),
         randomization=config.randomization,
         threads=config.threads,
         autoreset_mode=AutoresetMode.SAME_STEP,
+        **view.environment,
+        **named,
+        **options,
     )
 
 
@@ -131,19 +243,23 @@ def begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None
         freeze_actor(model, config, False)
 
 
-def _save(model: BaseAlgorithm, config: RLConfig, seed: int, folder: Path | None) -> None:
+def _save(
+    model: BaseAlgorithm, config: RLConfig, seed: int, folder: Path | None, robot: RobotParams
+) -> None:
     if folder is None:
         return
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / _CONFIG).write_text(_told(config, seed), encoding="utf-8")
+    (folder / _CONFIG).write_text(_told(config, seed, robot), encoding="utf-8")
     model.save(folder / _MODEL)
     if hasattr(model, "save_replay_buffer"):
         model.save_replay_buffer(folder / _BUFFER)
 
 
-def _load(config: RLConfig, seed: int, folder: Path, steps: int) -> BaseAlgorithm:
+def _load(
+    config: RLConfig, seed: int, folder: Path, steps: int, robot: RobotParams
+) -> BaseAlgorithm:
     """The learner of a checkpoint, with draws that depend on the steps done."""
-    env = make_training_env(config, seed)
+    env = make_training_env(config, seed, robot)
     model = LEARNERS[config.algorithm].model.load(folder / _MODEL, env=env, device="cpu")
     model.set_random_seed(int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1))
     if hasattr(model, "load_replay_buffer"):
@@ -151,9 +267,10 @@ def _load(config: RLConfig, seed: int, folder: Path, steps: int) -> BaseAlgorith
     return model
 
 
-def _told(config: RLConfig, seed: int) -> str:
-    """Settings and seed as text."""
-    return json.dumps({**asdict(config), "seed": seed}, indent=1, sort_keys=True) + "\n"
+def _told(config: RLConfig, seed: int, robot: RobotParams) -> str:
+    """Settings, seed and robot as text."""
+    told = {**asdict(config), "seed": seed, "robot": str(fingerprint(robot)["fingerprint"])}
+    return json.dumps(told, indent=1, sort_keys=True) + "\n"
 
 
 def _check_free(folder: Path | None) -> None:
@@ -169,12 +286,12 @@ def _check_free(folder: Path | None) -> None:
         )
 
 
-def _check_same(config: RLConfig, seed: int, folder: Path | None) -> None:
+def _check_same(config: RLConfig, seed: int, folder: Path | None, robot: RobotParams) -> None:
     """Refuse to go on with another training."""
     path = None if folder is None else folder / _CONFIG
     if path is None or not path.is_file():
         raise FileNotFoundError(f"no training to go on with in {folder}")
-    wanted, found = json.loads(_told(config, seed)), read_facts(path)
+    wanted, found = json.loads(_told(config, seed, robot)), read_facts(path)
     differ = [k for k in wanted if k != "steps" and wanted[k] != found.get(k)]
     if differ:
         raise ValueError(

@@ -4,10 +4,17 @@ from dataclasses import dataclass, replace
 
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.fields import Count, Positive, check_fields
+from softrobot_env.robots import RobotParams
 
 #: What an agent can be trained on: the thesis' tasks, and references drawn by
-#: `references.draw_reference`.
+#: `references.draw_reference`; and of another robot: what any robot can be given.
 TRAINING_TASKS = ("step", "swing", "lshape", "drawn")
+ROBOT_TASKS = ("random", "circle", "figure_eight", "reach")
+
+TASKS_OF = (TRAINING_TASKS, ROBOT_TASKS)
+
+#: Networks to start from: that which imitates, or none.
+IMITATION, NO_START = "imitation", "none"
 
 #: Robots of a training unless asked otherwise, and robots and disturbances of a randomised one.
 NARROW = Randomization(youngs_modulus=(0.5, 1.5))
@@ -53,10 +60,10 @@ class RLConfig:
 
     Attributes:
         algorithm: "ppo", "sac" or "td3".
-        tasks: Out of `TRAINING_TASKS`.
-        drawn_tasks: Number of drawn references among the tasks.
+        tasks: Out of `TRAINING_TASKS`, of another robot than the arm out of `ROBOT_TASKS`.
+        drawn_tasks: Number of drawn references among the arm's tasks.
         envs_per_task: Environments of each task (steps of four widths, and two times each the
-            swing and the L-shape).
+            swing and the L-shape; random paths at four paces).
         randomization: Robots and disturbances, drawn for every episode.
         fine_scale: [m] of the reward's precision term, see `TrackingReward`.
         steps: Environment steps in all.
@@ -109,11 +116,9 @@ class RLConfig:
             raise ValueError(
                 f"unknown algorithm {self.algorithm!r}; choose from {', '.join(SCRATCH_SETTINGS)}"
             )
-        unknown = [name for name in self.tasks if name not in TRAINING_TASKS]
-        if unknown or not self.tasks:
-            raise ValueError(
-                f"tasks must be one or more of {', '.join(TRAINING_TASKS)}, got {self.tasks!r}"
-            )
+        if not any(self.tasks and set(self.tasks) <= {*known} for known in TASKS_OF):
+            told = "; of other robots than the arm ".join(", ".join(known) for known in TASKS_OF)
+            raise ValueError(f"tasks must be one or more of {told}, got {self.tasks!r}")
         if self.tasks == ("drawn",) and self.drawn_tasks < 1:
             raise ValueError("drawn_tasks must be 1 or more if there are no other tasks")
         for name, (least, most) in _RANGES.items():
@@ -174,3 +179,34 @@ def preset(algorithm: str, warm: bool, disturbed: bool) -> RLConfig:
     if disturbed:
         config = replace(config, randomization=BROAD, trials=DISTURBED)
     return config
+
+
+#: Robots of the closed-loop checks of other robots than the arm.
+_ROBOT_MODULI = ({"youngs_modulus": 0.75}, {}, {"youngs_modulus": 1.25})
+
+#: What is smaller for them, so that minutes do: they have fewer tasks.
+_ROBOT_SIZES = {
+    "ppo": {"steps": 1_000_000, "envs_per_task": 16},
+    "sac": {"steps": 150_000},
+    "td3": {"steps": 150_000},
+}
+
+#: A training that shows that everything runs.
+QUICK = {"steps": 4000, "critic_steps": 0, "envs_per_task": 2, "trials": ({},)}
+
+
+def of_any_robot(config: RLConfig, robot: RobotParams) -> RLConfig:
+    """Settings for another robot than the arm: its tasks, and what can vary of it."""
+    ranges, trials = config.randomization, config.trials
+    if robot.drive.kind == "length":  # drives apply no tension that could err
+        ranges = replace(ranges, tension_gain=(1.0, 1.0))
+        trials = tuple(trial for trial in trials if "tension_gain" not in trial)
+    if config.randomization == NARROW:
+        trials = _ROBOT_MODULI
+    return replace(
+        config,
+        tasks=ROBOT_TASKS,
+        randomization=ranges,
+        trials=trials,
+        **_ROBOT_SIZES[config.algorithm],
+    )

@@ -207,12 +207,18 @@ class NetworkVecEnv(TrackingVecEnv):
     `neural.increment` changes the action in force.
     """
 
+    def __init__(
+        self, parts: Sequence[VectorTrackingEnv], view: neural.View | None = None, **options: Any
+    ) -> None:
+        """Join environments, seen in a view (the arm's unless given); `options` of the base."""
+        self.view = neural.arm_view() if view is None else view
+        super().__init__(parts, **options)
+
     def _agent_space(self, part: VectorTrackingEnv) -> gymnasium.Space:
-        count = len(neural.features(part.single_observation_space.sample()))
-        return gymnasium.spaces.Box(-10.0, 10.0, (count,), np.float32)
+        return gymnasium.spaces.Box(-10.0, 10.0, (self.view.count,), np.float32)
 
     def _shown(self, seen: Observation) -> np.ndarray:
-        return neural.features(seen)
+        return neural.features(seen, self.view)
 
     def _action(self, chosen: np.ndarray, seen: Observation) -> np.ndarray:
         return np.clip(seen["previous_action"] + neural.increment(chosen), -1.0, 1.0)

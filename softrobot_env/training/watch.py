@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,11 @@ from softrobot_env.artifacts import read_facts
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
+from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.training.closed_loop_check import check
 from softrobot_env.training.learners import actor_of
 from softrobot_env.training.rl_config import RLConfig
+from softrobot_env.training.views import view_for
 
 #: Environment steps, mean `SCORE` of the checks, largest error [mm] on swing and L-shape among
 #: them, and number of failures.
@@ -23,11 +26,20 @@ Point = dict[str, float]
 #: Files of a checkpoint.
 _BEST, _CURVE = "best.npz", "curve.json"
 
-#: What networks are judged by, whatever they learn from.
+#: What networks are judged by, whatever they learn from: those of other robots by as much of their
+#: reach as those of the arm.
 SCORE = TrackingReward()
 
 #: Taken from the reward for each failed episode.
 _PENALTY = 1.0
+
+
+def score_of(robot: RobotParams) -> TrackingReward:
+    """What networks of a robot are judged by."""
+    share = robot.reach / ARM.reach
+    return replace(
+        SCORE, coarse_scale=share * SCORE.coarse_scale, fine_scale=share * SCORE.fine_scale
+    )
 
 
 def curve_of(folder: Path) -> list[Point]:
@@ -44,15 +56,23 @@ class Watch(BaseCallback):
         folder: Where both are written at every check, if not None.
     """
 
-    def __init__(self, config: RLConfig, show: Show, save: Callable[[BaseAlgorithm], None]) -> None:
+    def __init__(
+        self,
+        config: RLConfig,
+        show: Show,
+        save: Callable[[BaseAlgorithm], None],
+        robot: RobotParams = ARM,
+    ) -> None:
         """Watch a training.
 
         Args:
             config: Of the training.
             show: Told the progress.
             save: Called after every check.
+            robot: To train for.
         """
         super().__init__()
+        self._robot = robot
         self._config, self._show, self._save = config, show, save
         self.best: Network | None = None
         self.curve: list[Point] = []
@@ -84,7 +104,8 @@ class Watch(BaseCallback):
         """Try the present network."""
         config = self._config
         network = actor_of(self.model, config)
-        rows = check(network, config.trials, config.trial_duration, SCORE)
+        robot, view, score = self._robot, view_for(self._robot), score_of(self._robot)
+        rows = check(network, config.trials, config.trial_duration, score, robot, view)
         failures = sum(row.failure is not None for row in rows.values())
         mean = float(np.mean([row.reward for row in rows.values()]))
         mean -= _PENALTY * failures / len(rows)

@@ -79,13 +79,13 @@ def _without_damping(path):
 @pytest.mark.parametrize(
     ("write", "reason"),
     [
-        (lambda path: None, "make it with `softrobot train rig_nn`"),
+        (lambda path: None, "make it with `softrobot train rig_nn --robot rig`"),
         (lambda path: path.write_text("stiffness = 1"), "is no npz file of arrays, or damaged"),
         (lambda path: np.savez(path, gains=1.0), "lacks the array 'weight_0'; it has gains; make"),
         (_without_damping, "lacks the array 'damping'"),
         (
             lambda path: path.write_bytes((models_dir() / "qs_nn.npz").read_bytes()),
-            "was trained for robot 'arm'",
+            "is of 'arm' as it was then",
         ),
     ],
     ids=["missing", "text", "other arrays", "lacking", "other robot"],

@@ -102,7 +102,7 @@ def test_gains_minimise_the_cost():
 
 
 def test_shipped_table_holds_stabilising_gains_everywhere():
-    table = load_gains(models_dir() / "lqi.npz", ARM, "", 42)
+    table = load_gains(models_dir() / "lqi.npz", ARM, "lqi", 42)
     assert table.shape == (16, 13, 11, 42)
     rows = zip(operating_points(6), table.reshape(-1, 3, 14), strict=True)
     for number, (bend, gain) in enumerate(rows):
@@ -123,7 +123,7 @@ def growth(bend, gain):
 
 def test_interpolated_gains_stabilise_too():
     """Except within 0.3 1/m of the straight pose, where they may grow slowly (models/lqi.md)."""
-    table = load_gains(models_dir() / "lqi.npz", ARM, "", 42)
+    table = load_gains(models_dir() / "lqi.npz", ARM, "lqi", 42)
     gains, rng = np.empty(42), np.random.default_rng(0)
     for _ in range(500):
         bend = np.repeat(rng.uniform(-1, 1, 3) * [limit for _, limit in GRID], 2)
@@ -162,14 +162,14 @@ def test_interpolation_is_exact_for_trilinear_functions():
 def test_tables_of_other_robots_are_refused(tmp_path):
     gains = build_gains(ARM, lambda curvature: curvature[:1])
     save_gains(tmp_path / "gains.npz", ARM, gains)
-    table = load_gains(tmp_path / "gains.npz", ARM, "", 1)
+    table = load_gains(tmp_path / "gains.npz", ARM, "lqi", 1)
     np.testing.assert_allclose(table[:, 0, 0, 0], axes()[0], rtol=1e-6)
-    with pytest.raises(ValueError, match="another robot"):
-        load_gains(tmp_path / "gains.npz", ARM.vary(density=1.1), "", 1)
+    with pytest.raises(ValueError, match=r"`softrobot train lqi --robot arm_changed\.toml`"):
+        load_gains(tmp_path / "gains.npz", ARM.vary(density=1.1), "lqi", 1)
     with pytest.raises(ValueError, match="does not fit this version"):
-        load_gains(tmp_path / "gains.npz", ARM, "", 2)
+        load_gains(tmp_path / "gains.npz", ARM, "lqi", 2)
     with pytest.raises(FileNotFoundError, match="make them with `softrobot train lqi`"):
-        load_gains(tmp_path / "none.npz", ARM, "softrobot train lqi", 1)
+        load_gains(tmp_path / "none.npz", ARM, "lqi", 1)
 
 
 # ---------------------------------------------------------------- followed equilibrium

@@ -8,7 +8,6 @@ import pytest
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.cli import main
-from softrobot_env.commands import train
 from softrobot_env.control.arm.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
@@ -19,6 +18,7 @@ from softrobot_env.learned.network import Network, suits
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.training.registry import TRAININGS
 
 STATICS = ConstantCurvatureStatics(ARM)
 SCALE = TendonMap(ARM).input_scale
@@ -186,7 +186,7 @@ def test_training_command_says_what_can_be_trained(capsys):
     with pytest.raises(SystemExit):
         main(["train", "nothing"])
     told = capsys.readouterr().err
-    assert all(name in told for name in train.TRAINERS)
+    assert all(name in told for name in TRAININGS)
 
 
 def test_shipped_file_says_what_it_is():

@@ -11,7 +11,6 @@ pytest.importorskip("stable_baselines3")
 pytest.importorskip("daqp")
 
 from softrobot_env.cli import main  # noqa: E402
-from softrobot_env.commands import train as train_command  # noqa: E402
 from softrobot_env.commands import train_rl  # noqa: E402
 from softrobot_env.control.arm import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
@@ -22,7 +21,7 @@ from softrobot_env.learned.network import Network  # noqa: E402
 from softrobot_env.paths import models_dir  # noqa: E402
 from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
-from softrobot_env.training import artifacts, references  # noqa: E402
+from softrobot_env.training import artifacts, references, registry  # noqa: E402
 from softrobot_env.training.artifacts import as_network, new_layers, put_network  # noqa: E402
 from softrobot_env.training.closed_loop_check import check  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
@@ -32,6 +31,7 @@ from softrobot_env.training.rl_config import TRAINING_TASKS, RLConfig, preset  #
 from softrobot_env.training.vec_env import NetworkVecEnv  # noqa: E402
 from softrobot_env.training.watch import SCORE  # noqa: E402
 
+VIEW = neural.arm_view()
 SHORT = replace(make_task("swing"), duration=0.05)
 TINY = RLConfig(
     hidden=(8,),
@@ -73,8 +73,8 @@ def observation():
 
 
 def test_features_are_a_scaled_vector(observation):
-    seen = neural.features(observation)
-    assert seen.shape == (neural.feature_count(ARM),) and seen.dtype == np.float32
+    seen = neural.features(observation, VIEW)
+    assert seen.shape == (VIEW.count,) and seen.dtype == np.float32
     error = observation["reference"] - observation["tip_position"]
     np.testing.assert_allclose(seen[:2], error / 0.05, atol=1e-6)
     np.testing.assert_allclose(seen[-3:], observation["previous_action"] / 0.15, rtol=1e-6)
@@ -83,8 +83,8 @@ def test_features_are_a_scaled_vector(observation):
 def test_features_of_a_batch_are_those_of_its_members(observation):
     other = {name: value + 0.01 for name, value in observation.items()}
     stacked = {name: np.stack([observation[name], other[name]]) for name in observation}
-    both = np.stack([neural.features(observation), neural.features(other)])
-    np.testing.assert_array_equal(neural.features(stacked), both)
+    both = np.stack([neural.features(observation, VIEW), neural.features(other, VIEW)])
+    np.testing.assert_array_equal(neural.features(stacked, VIEW), both)
 
 
 def test_outputs_and_increments_are_inverse():
@@ -100,7 +100,7 @@ def test_outputs_and_increments_are_inverse():
 def test_the_adapter_steps_as_the_single_environment():
     env = NetworkVecEnv([part(2), part(1, make_task("lshape"))])
     seen = env.reset()
-    assert seen.shape == (3, neural.feature_count(ARM)) and seen.dtype == np.float32
+    assert seen.shape == (3, VIEW.count) and seen.dtype == np.float32
     assert seen.shape[1:] == env.observation_space.shape
     single = TrackingEnv(SHORT, preview=neural.PREVIEW)
     one, _ = single.reset()
@@ -109,7 +109,7 @@ def test_the_adapter_steps_as_the_single_environment():
         seen, reward, done, infos = env.step(output)
         change = neural.increment(output[0].astype(float))
         one, expected, *_ = single.step(one["previous_action"] + change)
-        np.testing.assert_allclose(seen[0], neural.features(one), atol=1e-6)
+        np.testing.assert_allclose(seen[0], neural.features(one, VIEW), atol=1e-6)
         assert reward[0] == pytest.approx(expected) and not done.any()
         assert infos == [{}, {}, {}]
 
@@ -231,7 +231,7 @@ def test_another_training_is_not_gone_on_with(tmp_path):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_fine_tuning_starts_from_the_network_and_keeps_the_best(algorithm):
     """The best of the trials is what comes back, the start among them."""
-    start = as_network(new_layers(neural.feature_count(ARM), (8,), 3))
+    start = as_network(new_layers(VIEW.count, (8,), 3))
     start = start.with_parameters(0 * start.parameters)
     config = replace(TINY, algorithm=algorithm)
     network, curve = train(config, 0, quiet, start)
@@ -253,7 +253,7 @@ def test_the_network_taken_out_of_a_learner_acts_as_the_learner(algorithm):
     found = [np.clip(actor_of(model, config)(one.astype(float)), -1, 1) for one in seen]
     np.testing.assert_allclose(found, wanted, atol=1e-5)
     # And a network that is put in: the same, bounded by tanh where the algorithm does.
-    start = as_network(new_layers(neural.feature_count(ARM), config.hidden, 3))
+    start = as_network(new_layers(VIEW.count, config.hidden, 3))
     put_actor(model, config, start)
     found = [start(one.astype(float)) for one in seen]
     found = np.tanh(found) if LEARNERS[algorithm].squashed else np.clip(found, -1, 1)
@@ -272,7 +272,7 @@ def test_trials_are_logged_for_tensorboard(algorithm, tmp_path):
 @pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_at_first_the_start_acts_and_its_critic_learns(algorithm):
     """Nothing of the actor changes, nor is its action replaced by a random one."""
-    start = as_network(new_layers(neural.feature_count(ARM), (8,), 3))
+    start = as_network(new_layers(VIEW.count, (8,), 3))
     start = start.with_parameters(0 * start.parameters)
     config = replace(TINY, algorithm=algorithm, deviation=1e-3)
     env, outputs = make_training_env(config, 0), []
@@ -307,7 +307,7 @@ def test_bounded_networks_start_bounded_algorithms_only(algorithm):
     np.testing.assert_array_equal(actor_of(model, config).parameters, made.parameters)
     with pytest.raises(ValueError, match="layers of 29-8-3-3, ppo needs 29-8-3"):
         put_actor(make_model(TINY, make_training_env(TINY, 0), 0), TINY, made)
-    wide = as_network(new_layers(neural.feature_count(ARM), (9,), 3))
+    wide = as_network(new_layers(VIEW.count, (9,), 3))
     with pytest.raises(ValueError, match=r"29-9-3.* needs 29-8-3"):
         put_actor(model, config, wide)
 
@@ -372,7 +372,7 @@ def test_bad_settings_are_refused(change, reason):
 
 @pytest.mark.parametrize("arguments", [["imitation"], ["--algo", "sac"]])
 def test_missing_packages_are_told_with_their_cure(arguments, capsys, monkeypatch, tmp_path):
-    monkeypatch.setattr(train_command, "find_spec", lambda name: None)
+    monkeypatch.setattr(registry, "find_spec", lambda name: None)
     assert main(["train", *arguments, "--out", str(tmp_path / "none")]) == 2
     assert "needs torch" in (told := capsys.readouterr().err) and "pip install" in told
     assert not (tmp_path / "none").exists()
@@ -384,7 +384,7 @@ def test_the_command_knows_what_the_training_knows():
 
 @pytest.mark.slow
 def test_the_command_trains_and_goes_on(tmp_path, capsys):
-    start = as_network(new_layers(neural.feature_count(ARM), (128, 128), 3))
+    start = as_network(new_layers(VIEW.count, (128, 128), 3))
     artifacts.save(start.with_parameters(0 * start.parameters), tmp_path / "start.npz", 0)
     common = ["train", "--algo", "ppo", "--out", str(tmp_path), "--task", "step"]
     common += ["--start", str(tmp_path / "start.npz"), "--checkpoint", str(tmp_path / "kept")]
@@ -406,7 +406,7 @@ def test_the_command_trains_and_goes_on(tmp_path, capsys):
         (["train", "--algo", "ppo", "--set", "speed=1"], "cannot set 'speed'"),
         (["train", "--algo", "ppo", "--set", "steps=1.5"], "whole number"),
         (["train", "--algo", "ppo", "--set", "discount=2"], "discount must lie between"),
-        (["train", "lqi", "--resume", "--steps", "3"], "--steps, --resume: only with --algo"),
+        (["train", "lqi", "--resume", "--steps", "3"], "--steps, --resume: only with ppo, sac"),
         (["train", "--algo", "ppo", "--start", "nowhere.npz"], "no network at nowhere.npz"),
     ],
 )
@@ -422,7 +422,7 @@ def test_shipped_network_is_small_and_says_what_it_is():
     path = models_dir() / "imitation.npz"
     assert path.stat().st_size < 1e6
     network, about = Network.load(path)
-    assert network.sizes[0] == neural.feature_count(ARM) and str(about["robot"]) == "arm"
+    assert network.sizes[0] == VIEW.count and str(about["robot"]) == "arm"
     assert len(artifacts.load_start(path).parameters) == len(network.parameters)
 
 
@@ -470,7 +470,7 @@ def test_reinforcement_learning_alone_meets_its_goals():
 
 
 def test_another_robot_or_file_is_refused(tmp_path):
-    with pytest.raises(ValueError, match="trained for robot"):
+    with pytest.raises(ValueError, match="not been trained for robot"):
         neural.NeuralPolicy(ARM.vary(tendon_radius=1.1), 0.01, "imitation.npz")
     with pytest.raises(FileNotFoundError, match="softrobot train"):
         neural.NeuralPolicy(ARM, 0.01, tmp_path / "none.npz")

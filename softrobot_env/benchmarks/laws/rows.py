@@ -3,16 +3,15 @@
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from softrobot_env.artifacts import artifact_name
 from softrobot_env.benchmarks.laps import RefusedRow, refusal
 from softrobot_env.benchmarks.laws.demand import feasible_task
 from softrobot_env.benchmarks.records import Record
-from softrobot_env.commands.train import TRAINERS
 from softrobot_env.control.registry import fitting_policies
 from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams, find_robot
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.tasks import Task
 from softrobot_env.tasks.generic import site_of
+from softrobot_env.training.registry import TRAININGS, Order, file_of
 
 #: Generic tasks, and laps per second over the first frequency.
 TASKS = ("circle", "figure_eight", "random")
@@ -56,7 +55,7 @@ class Prepared:
 
 
 #: What is trained for robots that no artifacts are shipped of.
-TRAINED = ("qs_nn", "lqi", "lq_preview")
+TRAINED = ("qs_nn", "lqi", "lq_preview", "mpc", "mpc_preview")
 
 
 def trained_robot(name: str, folder: Path, seed: int = 0) -> RobotParams:
@@ -68,8 +67,8 @@ def trained_robot(name: str, folder: Path, seed: int = 0) -> RobotParams:
     write_robot(robot, file)
     robot = read_robot(file)
     for policy in TRAINED:
-        path = folder / artifact_name(robot, policy)
-        TRAINERS[policy].run(robot, seed, path, lambda description, done, total: None)
+        order = Order(robot, file_of(robot, policy), seed)
+        TRAININGS[policy].run(order, lambda description, done, total: None)
     return robot
 
 

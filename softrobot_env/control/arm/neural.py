@@ -1,66 +1,205 @@
 """A small network as controller, trained by imitation and reinforcement learning."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
+from math import pi
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from softrobot_env.artifacts import Arrays, find_artifact
 from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE, Said
+from softrobot_env.fields import Positive, check_fields
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.network import Network, check_ends, load_for
 from softrobot_env.paths import models_dir
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import ARM, RobotParams
 
-#: Time [s] between two decisions.
+#: Time [s] between two decisions on the arm.
 PERIOD = 0.01
 
-#: Times [s] ahead at which the policy sees the reference; the environments' default.
+#: Times [s] ahead at which the policy of the arm sees the reference; the environments' default.
 PREVIEW = (0.05, 0.1, 0.2, 0.4)
 
-#: Keyword arguments of the environment that the policy needs.
-ENVIRONMENT = {"control_period": PERIOD, "preview": PREVIEW}
+#: Decisions in a period of the first mode of another robot, at least, out of these periods [s]; and
+#: when it sees the reference, in periods of the first mode.
+_DECISIONS, _PERIODS = 60, (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
+_AHEAD_TIMES = (1 / 24, 1 / 12, 1 / 6, 1 / 3)
 
 #: Change of the action [1] up to which `increment` is nearly linear, and its steepness, by which
 #: outputs of +-1 change the action by +-1.
 _FINE = 0.01
 _STEEPNESS = float(np.arcsinh(1 / _FINE))
 
-#: Scales of the features: two of the tip's error [m], the second one within asinh, then reference
-#: velocity [m/s], preview less reference [m], curvature [1/m], its rate [1/(m s)] and action [1].
-_COARSE_ERROR, _FINE_ERROR = 0.05, 0.001
-_VELOCITY, _AHEAD, _CURVATURE, _RATE, _ACTION = 0.1, 0.02, 3.0, 20.0, 0.15
-
 #: Largest feature [1], of either sign.
 _LARGEST = 10.0
 
+_VIEW = "view_"
 
-def features(observation: Mapping[str, np.ndarray]) -> np.ndarray:
-    """What the network sees, float32 (..., 29) of observations (..., size) in SI units.
+
+@dataclass(frozen=True)
+class View:
+    """What the network of a robot sees, at which scales, and when it decides.
+
+    Attributes:
+        period: [s] between two decisions.
+        preview: [s], times ahead at which it sees the reference.
+        dimensions: Coordinates of the tip.
+        inputs: Number of actions.
+        state: Observables of the robot's motion.
+        sizes: Their numbers of entries.
+        scales: Of each, in its unit.
+        coarse, fine: [m], scales of the tip's error, the second one within asinh.
+        velocity: [m/s], scale of the reference's velocity.
+        ahead: [m], scale of the preview less the reference.
+        action: Scale [1] of the inputs in force.
+    """
+
+    period: Positive
+    preview: tuple[Positive, ...]
+    dimensions: int
+    inputs: int
+    state: tuple[str, ...]
+    sizes: tuple[int, ...]
+    scales: tuple[Positive, ...]
+    coarse: Positive
+    fine: Positive
+    velocity: Positive
+    ahead: Positive
+    action: Positive
+
+    def __post_init__(self) -> None:
+        check_fields(self, "view")
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Keyword arguments of the environment that the policy needs."""
+        return {"control_period": self.period, "preview": self.preview}
+
+    @property
+    def count(self) -> int:
+        """Number of features."""
+        return (3 + len(self.preview)) * self.dimensions + sum(self.sizes) + self.inputs
+
+    @property
+    def observed(self) -> dict[str, int]:
+        """Observables that are read, with their sizes."""
+        return {
+            "tip_position": self.dimensions,
+            **dict(zip(self.state, self.sizes, strict=True)),
+            "reference": self.dimensions,
+            "reference_velocity": self.dimensions,
+            "reference_preview": len(self.preview) * self.dimensions,
+            "previous_action": self.inputs,
+        }
+
+    def about(self) -> dict[str, Any]:
+        """What the file of a network tells of its view."""
+        return {f"{_VIEW}{field.name}": getattr(self, field.name) for field in fields(self)}
+
+
+def view_in(about: Arrays, robot: RobotParams) -> View:
+    """The view that a file tells; of files that tell none, that of the arm."""
+    names = [field.name for field in fields(View)]
+    if f"{_VIEW}{names[0]}" not in about:
+        return arm_view(robot)
+    return View(**{name: about[f"{_VIEW}{name}"].tolist() for name in names})
+
+
+def arm_view(robot: RobotParams = ARM) -> View:
+    """Of the thesis' arm, the scales that its shipped networks were trained with."""
+    sizes, state = state_sizes(robot), ("curvature", "curvature_rate")
+    return View(
+        period=PERIOD,
+        preview=PREVIEW,
+        dimensions=sizes["tip_position"],
+        inputs=sizes["previous_action"],
+        state=state,
+        sizes=tuple(sizes[name] for name in state),
+        scales=(3.0, 20.0),
+        coarse=0.05,
+        fine=0.001,
+        velocity=0.1,
+        ahead=0.02,
+        action=0.15,
+    )
+
+
+def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None = None) -> View:
+    """The view of a robot at scales of its own, which are about those of the arm.
+
+    Args:
+        robot: The robot.
+        sizes: Entries of its observables: of a robot driven by length the tip's velocity counts in
+            place of curvatures, as a lab can measure it.
+        period: [s] between two decisions, by the first mode unless given.
+
+    Raises:
+        ValueError, EquilibriumError: It has no first mode at rest.
+    """
+    if robot == ARM and period in (None, PERIOD):
+        return arm_view()
+    from softrobot_env.control.scheduled.timing import timing_of
+
+    first = timing_of(robot).first
+    if period is None:
+        period = max((p for p in _PERIODS if _DECISIONS * p <= first), default=_PERIODS[0])
+    rate, bend = 2 * pi / first, 1.5 / robot.length
+    scales = {"curvature": bend, "curvature_rate": 1.3 * bend * rate}
+    if robot.drive.kind == "length":
+        scales = {"tip_velocity": 0.04 * robot.reach * rate}
+    ahead = dict.fromkeys(max(1, round(share * first / period)) for share in _AHEAD_TIMES)
+    return View(
+        period=period,
+        preview=tuple(round(steps * period, 9) for steps in ahead),
+        dimensions=sizes["tip_position"],
+        inputs=sizes["previous_action"],
+        state=tuple(scales),
+        sizes=tuple(sizes[name] for name in scales),
+        scales=tuple(scales.values()),
+        coarse=0.1 * robot.reach,
+        fine=0.002 * robot.reach,
+        velocity=0.04 * robot.reach * rate,
+        ahead=0.04 * robot.reach,
+        action=0.15,
+    )
+
+
+def features(observation: Mapping[str, np.ndarray], view: View) -> np.ndarray:
+    """What the network sees, float32 (..., count) of observations (..., size) in SI units.
 
     Errors come twice: proportionally, and compressed so that a tenth of a millimetre still counts.
     """
     reference = observation["reference"]
     error = reference - observation["tip_position"]
     preview = observation["reference_preview"]
-    ahead = preview - np.tile(reference, preview.shape[-1] // 2)
+    ahead = preview - np.tile(reference, len(view.preview))
+    motion = zip(view.state, view.scales, strict=True)
     parts = (
-        error / _COARSE_ERROR,
-        np.arcsinh(error / _FINE_ERROR) / 2,
-        observation["reference_velocity"] / _VELOCITY,
-        ahead / _AHEAD,
-        observation["curvature"] / _CURVATURE,
-        observation["curvature_rate"] / _RATE,
-        observation["previous_action"] / _ACTION,
+        error / view.coarse,
+        np.arcsinh(error / view.fine) / 2,
+        observation["reference_velocity"] / view.velocity,
+        ahead / view.ahead,
+        *(observation[name] / scale for name, scale in motion),
+        observation["previous_action"] / view.action,
     )
     return np.clip(np.concatenate(parts, axis=-1), -_LARGEST, _LARGEST).astype(np.float32)
 
 
-def feature_count(robot: RobotParams) -> int:
-    """Number of `features` of a robot."""
-    sizes = state_sizes(robot)
-    return 6 + 2 * len(PREVIEW) + 2 * sizes["curvature"] + sizes["previous_action"]
+def environment_of(policy: str, robot: RobotParams) -> dict[str, Any]:
+    """What a trained policy of a robot needs of an environment: its control period and preview.
+
+    That of the arm unless the robot has a file of the policy, which `make_policy` asks for.
+    """
+    if robot == ARM:
+        return arm_view().environment
+    try:
+        _, about = Network.load(find_artifact(robot, policy))
+    except (OSError, ValueError):
+        return arm_view().environment
+    return view_in(about, ARM).environment
 
 
 def increment(output: np.ndarray) -> np.ndarray:
@@ -74,48 +213,49 @@ def output_of(change: np.ndarray) -> np.ndarray:
 
 
 class NeuralPolicy(Controller):
-    """u_k+1 = u_k + increment(g(features)), g a small tanh network, every 10 ms.
+    """u_k+1 = u_k + increment(g(features)), g a small tanh network.
 
-    As the network only changes the action in force, it integrates: a steady error moves on. The
-    environment's preview must be `PREVIEW`. When an observation is not finite, the action in
+    As the network only changes the action in force, it integrates: a steady error moves on. It
+    decides as often as its `View` says, which also tells the preview that the environment must
+    have: of the arm every 10 ms, and `PREVIEW`. When an observation is not finite, the action in
     force is kept.
     """
 
-    requires = (
-        "tip_position",
-        "curvature",
-        "curvature_rate",
-        "reference",
-        "reference_velocity",
-        "reference_preview",
-        "previous_action",
-    )
-
     def __init__(
-        self, robot: RobotParams, control_period: float, weights: str | Path | Network
+        self,
+        robot: RobotParams,
+        control_period: float,
+        weights: str | Path | Network | None = None,
+        policy: str = "imitation",
+        view: View | None = None,
     ) -> None:
         """Load the network.
 
         Args:
             robot: Nominal robot, the one the network was trained for.
-            control_period: [s] between calls, a whole fraction of 10 ms.
+            control_period: [s] between calls, a whole fraction of the network's own.
             weights: File that `softrobot train` wrote, the name of one in the models' folder, or
-                a network at hand.
+                a network at hand; that of `policy` unless given, see `artifacts.find_artifact`.
+            policy: Whose network it is.
+            view: Of a network at hand; the arm's unless given.
 
         Raises:
-            ValueError: Another robot, or a control period that does not divide 10 ms.
+            ValueError: Another robot, or a control period that does not divide the network's.
             FileNotFoundError: No such file.
         """
-        self.hold = hold_for(PERIOD, control_period, "the network")
-        sizes, network = state_sizes(robot), weights
-        if not isinstance(weights, Network):  # an absolute path stays what it is
-            network, _ = load_for(models_dir() / weights, robot, "softrobot train")
-        check_ends(network, (feature_count(robot), sizes["previous_action"]))
-        sizes |= {
-            "reference_velocity": 2,
-            "reference_preview": 2 * len(PREVIEW),
-        }
-        self.sizes, self._reach = sizes, robot.length
+        if isinstance(weights, Network):
+            network, view = weights, arm_view(robot) if view is None else view
+        else:
+            # An absolute path stays what it is.
+            path = find_artifact(robot, policy) if weights is None else models_dir() / weights
+            network, about = load_for(path, robot, policy)
+            view = view_in(about, robot)
+        self.hold = hold_for(view.period, control_period, "the network")
+        check_ends(network, (view.count, view.inputs))
+        self.view, self.sizes, self._reach = view, view.observed, robot.reach
+        base = np.zeros(3) if robot.base is None else np.array(robot.base.position)
+        self._base = base[[0, 2] if robot.moves_in_xz else slice(view.dimensions)]
+        self.requires = tuple(self.sizes)
         weights = tuple(weight.astype(float) for weight in network.weights)
         self._network = replace(network, weights=weights)  # mixed precision would be slower
 
@@ -130,9 +270,11 @@ class NeuralPolicy(Controller):
             if not np.isfinite(observation[name]).all():
                 kept = np.clip(usable(before), -1.0, 1.0)
                 return kept, Said(f"{REASONS[NOT_FINITE]}: {name}")
-        wanted = np.clip(before, -1.0, 1.0) + increment(self._network(features(observation)))
+        wanted = np.clip(before, -1.0, 1.0) + increment(
+            self._network(features(observation, self.view))
+        )
         action = np.clip(wanted, -1.0, 1.0)
         status = REASONS[SATURATED] if np.any(action != wanted) else None
-        if np.hypot(*observation["reference"]) > self._reach:
+        if np.linalg.norm(observation["reference"] - self._base) > self._reach:
             status = REASONS[UNREACHABLE]
         return action, Said(status)

@@ -13,7 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.artifacts import read_arrays
+from softrobot_env.artifacts import (
+    find_artifact,
+    read_arrays,
+    refuse_artifact,
+    train_command,
+)
 from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
@@ -28,7 +33,6 @@ from softrobot_env.control.status import (
     limited,
 )
 from softrobot_env.interfaces import Observation
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
@@ -69,8 +73,8 @@ class ScheduledController(Controller):
         Args:
             robot: Nominal robot.
             control_period: [s] between calls, a part of 1 ms or 1 ms.
-            name: Of the policy, whose table is the shipped one.
-            gains: Gain table; the shipped one unless given.
+            name: Of the policy.
+            gains: Gain table; found unless given, see `artifacts.find_artifact`.
             count: Number of gains per input, besides those of the states.
 
         Raises:
@@ -78,10 +82,10 @@ class ScheduledController(Controller):
         """
         self.hold = hold_for(PERIOD, control_period, name)
         self.sizes = state_sizes(robot)
-        arm, path = make_planar_arm(robot), models_dir() / f"{name}.npz"
+        arm = make_planar_arm(robot)
+        path = find_artifact(robot, name) if gains is None else gains
         n, m = arm.inputs.shape
-        command, size = f"softrobot train {name}", m * (2 * n + count)
-        table = load_gains(path if gains is None else gains, robot, command, size)
+        table = load_gains(path, robot, name, m * (2 * n + count))
         self._law = reference(Law(arm, table, TendonMap(robot).input_scale))
 
     def _seen(self, observation: Observation) -> list[np.ndarray]:
@@ -160,13 +164,13 @@ def save_gains(path: Path, robot: RobotParams, gains: np.ndarray) -> None:
     np.savez_compressed(path, gains=gains.astype(np.float32), robot=identity(robot))
 
 
-def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> np.ndarray:
+def load_gains(path: Path, robot: RobotParams, policy: str, count: int) -> np.ndarray:
     """Gains (n1, n2, n3, count) that `save_gains` wrote.
 
     Args:
         path: File.
         robot: The robot it is wanted for.
-        command: The command that makes the file, for the error message.
+        policy: Whose gains they are, which tells the command that makes them.
         count: Number of gains per point that is wanted.
 
     Raises:
@@ -174,20 +178,20 @@ def load_gains(path: Path, robot: RobotParams, command: str, count: int) -> np.n
         ValueError: It belongs to another robot or law, is damaged or not finite.
     """
     if not path.exists():
+        command = train_command(robot, policy)
         raise FileNotFoundError(f"no gains at {path}; make them with `{command}`")
     data = read_arrays(path)
     data.check_finite()
     found = data["robot"]
     wanted = identity(robot)
     if wanted.shape != found.shape or not np.allclose(wanted, found, rtol=1e-9):
-        raise ValueError(
-            f"{path} holds gains of another robot than this {robot.name!r}; `build_gains` and "
-            "`save_gains` make a table for it, which the policy takes as gains="
-        )
+        refuse_artifact(path, ARM.name, robot, policy)
     data.check_shape("gains", (None,) * 4)
     gains = np.ascontiguousarray(data["gains"], dtype=np.float64)
     if gains.shape != (*(size for size, _ in GRID), count):
-        raise ValueError(f"{path} does not fit this version; `{command}` makes it anew")
+        raise ValueError(
+            f"{path} does not fit this version: make it anew with `{train_command(robot, policy)}`"
+        )
     return gains
 
 

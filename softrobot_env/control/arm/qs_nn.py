@@ -4,21 +4,18 @@ from pathlib import Path
 
 import numpy as np
 
+from softrobot_env.artifacts import find_artifact
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.base import Controller, hold_for
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, Said
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.inference import absorbed
 from softrobot_env.learned.network import Network, load_for
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
 #: Time [s] between two decisions: the transients of one input decay in part before the next.
 PERIOD = 0.2
-
-_FILE = "qs_nn.npz"
-_COMMAND = "softrobot train qs_nn"
 
 #: Distance [m] by which the reference may lie beyond the tip positions of the training data,
 #: a random sample that keeps some distance from the boundary of the workspace.
@@ -56,17 +53,18 @@ class QuasiStaticNetwork(Controller):
         Args:
             robot: Nominal robot, the one the network was trained for.
             control_period: [s] between calls, a whole fraction of 0.2 s.
-            weights: File that `softrobot train qs_nn` wrote; the one shipped unless given.
+            weights: File that `softrobot train qs_nn` wrote; found unless given, see
+                `artifacts.find_artifact`.
 
         Raises:
             ValueError: Another robot, or a control period that does not divide 0.2 s.
             FileNotFoundError: No such file.
         """
         self.hold = hold_for(PERIOD, control_period, "qs_nn")
-        path = models_dir() / _FILE if weights is None else Path(weights)
+        path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
         self._n_inputs = len(robot.tendons) // 2
         ends = (4 + self._n_inputs, self._n_inputs)
-        network, about = load_for(path, robot, _COMMAND, ends=ends)
+        network, about = load_for(path, robot, "qs_nn", ends=ends)
         about.check_shape("workspace", (None, 2))
         self._network = _fold(network, TendonMap(robot).input_scale, about["workspace"])
         self.sizes = {"tip_position": 2, "previous_action": self._n_inputs}

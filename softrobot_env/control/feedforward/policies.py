@@ -10,7 +10,7 @@ from softrobot_env.control.rig import feedforward as rig
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.interfaces import Policy
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import RobotParams
 from softrobot_env.robots.three_tendons import elastic_tendons
 
 
@@ -28,14 +28,10 @@ def make_network(
         ValueError: No network of this robot, or a control period that the arm's cannot have.
         FileNotFoundError: No such file.
     """
-    if weights is None and robot != ARM:
-        weights = find_artifact(robot, "qs_nn")
-    if weights is None or not Path(weights).is_file():
-        return QuasiStaticNetwork(robot, control_period, weights)
-    _, about = Network.load(weights)
-    if "fingerprint" not in about:
-        return QuasiStaticNetwork(robot, control_period, weights)
-    return Feedforward(robot, control_period, weights=weights)
+    path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
+    if not path.is_file() or "workspace" in Network.load(path)[1]:
+        return QuasiStaticNetwork(robot, control_period, path)
+    return Feedforward(robot, control_period, weights=path)
 
 
 def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False) -> Policy:

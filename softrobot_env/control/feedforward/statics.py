@@ -6,7 +6,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from scipy.linalg import eigh
 
-from softrobot_env.artifacts import fingerprint, train_command
+from softrobot_env.artifacts import fingerprint
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.control.arm.statics import least_norm
 from softrobot_env.control.status import REASONS, UNREACHABLE
@@ -145,7 +145,7 @@ class NetworkStatics:
     def __init__(self, robot: RobotParams, path: Path) -> None:
         """Load the network; errors as `statics_of`."""
         self._robot, self.inputs = robot, robot_inputs(robot)
-        network, about = load_for(path, robot, train_command(robot, "qs_nn"), fingerprint)
+        network, about = load_for(path, robot, "qs_nn", fingerprint)
         self._size = 2 if robot.moves_in_xz else network.sizes[0]
         check_ends(network, (self._size, self.inputs.n_inputs), str(path))
         # The height of a tip that moves freely in two coordinates alone follows from them.

@@ -13,15 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from softrobot_env.artifacts import find_artifact, train_command
 from softrobot_env.fields import NotNegative, Positive, check_fields
 from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.network import Network, describe, load_for
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 
-#: In the folder of models: the parameters of twin 0.
-FILE = "rig_nn.npz"
-_COMMAND = "softrobot train rig_nn"
+#: Whose file it is; the one shipped is of twin 0.
+_POLICY = "rig_nn"
 
 #: Attribute -> name in the file.
 _NUMBERS = {"stiffness": "stiffness", "turn": "turn", "damping": "damping", "backlash": "play"}
@@ -72,21 +71,23 @@ class IdentifiedParameters:
 
         Args:
             robot: The nominal rig.
-            path: The file; that of twin 0, which is shipped, unless given.
+            path: The file; found unless given, see `artifacts.find_artifact`. The one shipped is of
+                twin 0.
 
         Raises:
             FileNotFoundError: No such file.
             ValueError: It belongs to another robot, or lacks something.
         """
-        path = models_dir() / FILE if path is None else Path(path)
-        network, about = load_for(path, robot, _COMMAND, describe_rig, (2, len(robot.tendons)))
+        path = find_artifact(robot, _POLICY) if path is None else Path(path)
+        network, about = load_for(path, robot, _POLICY, describe_rig, (2, len(robot.tendons)))
         for name in _NUMBERS.values():
             about.check_shape(name, ())
         twin = int(about["twin"]) if "twin" in about else None
         try:
             return cls(network, *(float(about[name]) for name in _NUMBERS.values()), twin)
         except ValueError as error:
-            raise ValueError(f"{path}: {error}; make it anew with `{_COMMAND}`") from None
+            command = train_command(robot, _POLICY)
+            raise ValueError(f"{path}: {error}; make it anew with `{command}`") from None
 
 
 def describe_rig(robot: RobotParams) -> dict[str, np.ndarray]:

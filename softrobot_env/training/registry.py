@@ -1,0 +1,271 @@
+"""What can be trained, by the name of the policy that acts on it.
+
+A training writes one file, of one robot, where policies look for it (`artifacts.find_artifact`).
+What it needs is loaded when it runs.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from softrobot_env.artifacts import artifact_folder, artifact_name
+from softrobot_env.interfaces import Show
+from softrobot_env.registries import Registry, load
+from softrobot_env.robots import ARM, RIG, RobotParams
+
+#: What a training found, as pairs of a quantity and its value with unit.
+Figures = list[tuple[str, str]]
+
+
+@dataclass(frozen=True)
+class Order:
+    """What is asked of a training.
+
+    Attributes:
+        robot: To train for.
+        path: File to write.
+        seed: Of everything random.
+        settings: Values of the training's own options, those alone that are given.
+    """
+
+    robot: RobotParams
+    path: Path
+    seed: int = 0
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Training:
+    """How to make an artifact.
+
+    Attributes:
+        run: Train as ordered, write the file and return the figures.
+        options: Names of the settings that it takes.
+        packages: That it needs beyond the package's own, of the extras `rl` and `mpc`.
+        robot: The only robot it is of, None of any.
+    """
+
+    run: Callable[[Order, Show], Figures]
+    options: tuple[str, ...] = ()
+    packages: tuple[str, ...] = ()
+    robot: RobotParams | None = None
+
+    def check(self, name: str, robot: RobotParams) -> None:
+        """Say what is missing before any work is done.
+
+        Raises:
+            ValueError: It is not of this robot.
+            ImportError: A package is missing; says what to install.
+        """
+        if self.robot is not None and robot != self.robot:
+            raise ValueError(
+                f"{name} is trained for the robot {self.robot.name!r} alone, not for {robot.name!r}"
+            )
+        missing = [package for package in self.packages if find_spec(package) is None]
+        if missing:
+            raise ImportError(
+                f'{name} needs {", ".join(missing)}: pip install "softrobot_env[rl,mpc]"'
+            )
+
+
+def file_of(robot: RobotParams, policy: str, folder: Path | None = None) -> Path:
+    """The file that a training writes: where policies look, unless a folder is given."""
+    return (folder or artifact_folder(robot)) / artifact_name(robot, policy)
+
+
+def _network(order: Order, show: Show) -> Figures:
+    """Network of the statics: the thesis' of the arm (sec. 6.3), of other robots one of places."""
+    if order.robot == ARM:
+        return _thesis_network(order, show)
+    from softrobot_env.training.quasi_static import Learning, train
+
+    how = Learning(samples=120, iterations=20) if "quick" in order.settings else None
+    trained = train(order.robot, order.seed, show, how)
+    trained.network.save(order.path, trained.about)
+    off = trained.errors
+    return [
+        ("median error of the tip at rest, unseen places", f"{1e3 * float(median(off)):.3f} mm"),
+        ("largest", f"{1e3 * max(off):.3f} mm"),
+        ("parameters", str(len(trained.network.parameters))),
+    ]
+
+
+def _thesis_network(order: Order, show: Show) -> Figures:
+    """Network of the quasi-static controller for the arm (thesis sec. 6.3)."""
+    import numpy as np
+
+    from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+    from softrobot_env.learned import bayesian, quasi_static
+    from softrobot_env.learned.network import describe
+
+    statics = ConstantCurvatureStatics(ARM)
+    # Independent streams, so that the validation data are not those of another seed.
+    streams = np.random.SeedSequence(order.seed).spawn(3)
+    drawn, start, fresh = (np.random.default_rng(stream) for stream in streams)
+    quick = "quick" in order.settings
+    how = quasi_static.Sampling(pairs=500) if quick else quasi_static.Sampling()
+    samples = quasi_static.sample(statics.tip, statics.n_inputs, how, drawn)
+
+    def report(done: int, total: int, error: float) -> None:
+        show(f"squared error {error:.4g}", done, total)
+
+    network = samples.new_network(quasi_static.HIDDEN, start)
+    fit = bayesian.train(network, samples, *((20,) if quick else ()), progress=report)
+    validation = quasi_static.sample(statics.tip, statics.n_inputs, how, fresh)
+    reached = quasi_static.workspace(samples.inputs[:, 2:4])
+    fit.network.save(order.path, {**describe(ARM), "workspace": reached, "seed": order.seed})
+    return [
+        ("rms error, training data", f"{quasi_static.rms(fit.network, samples):.4f} N"),
+        ("rms error, fresh data", f"{quasi_static.rms(fit.network, validation):.4f} N"),
+        ("parameters", str(len(fit.network.parameters))),
+        ("effective parameters", f"{fit.effective_parameters:.1f}"),
+        ("alpha, beta", f"{fit.alpha:.4g}, {fit.beta:.4g}"),
+        ("steps", f"{fit.iterations}{' (converged)' if fit.converged else ''}"),
+    ]
+
+
+def _gains(closed: str, design: str, order: Order, show: Show) -> Figures:
+    """Gain table of a law, by its design; nothing in it is random.
+
+    That of the arm is of the closed form (thesis sec. 6.4), those of other robots of their chain.
+    """
+    from softrobot_env.control.arm.operating_points import is_arm
+
+    robot = order.robot
+    if is_arm(robot):
+        return _closed_gains(closed, order, show)
+    return _table(design, order, show)
+
+
+def _plan(design: str, order: Order, show: Show) -> Figures:
+    """Table of a model predictive controller of any robot but planar arms, which need none."""
+    from softrobot_env.control.scheduled.policies import is_planar_arm
+
+    if is_planar_arm(order.robot):
+        raise ValueError(
+            f"robot {order.robot.name!r} is a planar arm, whose model predictive control is in "
+            "closed form: there is nothing to train"
+        )
+    return _table(design, order, show)
+
+
+def _table(design: str, order: Order, show: Show) -> Figures:
+    """Gains at operating points all over the workspace of a robot, by their design."""
+    robot = order.robot
+    from softrobot_env.control.scheduled.law import build_table
+    from softrobot_env.control.scheduled.operating_points import find_points
+    from softrobot_env.control.scheduled.policies import save_table
+
+    size = {"most": 40, "candidates": 120} if "quick" in order.settings else {}
+    points = find_points(robot, progress=partial(show, "equilibria"), **size)
+    made = load(f"softrobot_env.control.scheduled.{design}")(robot)
+    table = build_table(robot, made, points, partial(show, "gains"))
+    save_table(order.path, table, robot, points.errors)
+    off = points.errors[-1] / robot.reach
+    return [
+        ("operating points", f"{len(points.points)} of {points.candidates} equilibria"),
+        ("error of the tip between them", f"{100 * off:.3g} % of the reach"),
+        ("gains per point", str(table.rows.shape[1])),
+    ]
+
+
+def _closed_gains(design: str, order: Order, show: Show) -> Figures:
+    """Gain table of a law for the arm, by its design."""
+    from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
+    from softrobot_env.control.arm.operating_points import build_gains, save_gains
+
+    robot = order.robot
+    designed = partial(load(design), make_planar_arm(robot))
+    gains = build_gains(robot, designed, partial(show, "operating points"))
+    save_gains(order.path, robot, gains)
+    return [
+        ("operating points", " x ".join(str(count) for count in gains.shape[:3])),
+        ("gains per point", str(gains.shape[3])),
+    ]
+
+
+def _imitation(order: Order, show: Show) -> Figures:
+    """Network that imitates a policy; of the arm the model predictive one with preview."""
+    from softrobot_env.training.artifacts import figures, save
+    from softrobot_env.training.imitation import Lesson, imitate, settings_of
+
+    lesson = Lesson.of(order.robot, order.settings.get("teacher"))
+    config = settings_of(lesson, "quick" in order.settings)
+    network, view = imitate(config, order.seed, show, lesson), lesson.view()
+    save(network, order.path, order.seed, order.robot, view)
+    return [("teacher", lesson.teacher), *figures(network, robot=order.robot, view=view)]
+
+
+def _rig_network(order: Order, show: Show) -> Figures:
+    """Identified parameters of a twin, for the rig's controllers (thesis sec. 5.1)."""
+    from math import degrees
+
+    from softrobot_env.identification.parameters import identify, record
+
+    twin = order.settings.get("twin", 0)
+    found = identify(record(twin, order.seed, show=show), order.seed)
+    rig = found.parameters
+    rig.save(order.path, RIG, {"seed": order.seed})
+    return [
+        ("twin", str(twin)),
+        ("rms error, lengths of outputs", f"{1e3 * found.errors['inverse']:.3f} mm"),
+        ("rms error, outputs of lengths", f"{1e3 * found.errors['forward']:.3f} mm"),
+        ("bending stiffness over nominal", f"{rig.stiffness:.3f}"),
+        ("bending damping over nominal", f"{rig.damping:.3f}"),
+        ("turn of the tendons", f"{degrees(rig.turn):.2f} deg"),
+        ("backlash of the tendons", f"{1e3 * rig.backlash:.3f} mm"),
+    ]
+
+
+def _reinforcement(algorithm: str, randomize: bool, order: Order, show: Show) -> Figures:
+    """Network that learns by reward; its learning curve is written beside it."""
+    from softrobot_env.training.rl import run
+
+    settings = {"randomize": True, **order.settings} if randomize else order.settings
+    return run(algorithm, Order(order.robot, order.path, order.seed, settings), show)
+
+
+#: Settings of reinforcement learning, see `commands.train_rl`.
+REINFORCEMENT = ("task", "start", "randomize", "steps", "set", "checkpoint", "resume", "log")
+
+_LEARNERS = {name: (name, False) for name in ("ppo", "sac", "td3")} | {
+    f"{name}_randomized": (name, True) for name in ("ppo", "sac")
+}
+
+#: Name of the policy and its file -> how to make it.
+TRAININGS: Registry[Training] = Registry(
+    "training",
+    {
+        "qs_nn": Training(_network, ("quick",)),
+        **{
+            name: Training(
+                partial(
+                    _gains,
+                    f"softrobot_env.control.arm.{closed}",
+                    design,
+                ),
+                ("quick",),
+            )
+            for name, closed, design in (
+                ("lqi", "lqi:design", "lqi:Integral"),
+                ("lq_preview", "lq_preview:preview_design", "lq_preview:Preview"),
+            )
+        },
+        "mpc": Training(partial(_plan, "policies:WithoutPreview"), ("quick",), ("daqp",)),
+        "mpc_preview": Training(partial(_plan, "mpc:Constrained"), ("quick",), ("daqp",)),
+        "rig_nn": Training(_rig_network, ("twin",), robot=RIG),
+        "imitation": Training(_imitation, ("teacher", "quick"), ("torch", "daqp")),
+        **{
+            name: Training(
+                partial(_reinforcement, *how),
+                ("quick", *REINFORCEMENT),
+                ("torch", "stable_baselines3"),
+            )
+            for name, how in _LEARNERS.items()
+        },
+    },
+)
