@@ -69,8 +69,8 @@ class PlanSettings:
 #: of them, no preview and no estimates.
 THESIS = PlanSettings(1 / 12, (2 / 12, 5 / 12), None, False)
 
-#: With preview and estimates.
-PREVIEW = PlanSettings(None, (0.03, 0.1, 0.4), 1.0, True)
+#: With preview and estimates. More than two nodes follow no better, and need larger tables.
+PREVIEW = PlanSettings(None, (0.15,), 1.0, True)
 
 
 class Constrained:
