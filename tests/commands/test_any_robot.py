@@ -247,6 +247,6 @@ def test_commands_of_the_readme_work_as_printed(tmp_path, monkeypatch):
         for task in ("circle", "lemniscate")
         for policy in (
             *("hold", "static", "feedforward", "feedforward_pi"),
-            *("inverse_dynamics", "chain_dynamics", "Smooth"),
+            *("inverse_dynamics", "chain_dynamics", "chain_dynamics_pi", "Smooth"),
         )
     }

@@ -58,9 +58,15 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         What is refused, and the episodes.
     """
     robots = _QUICK_ROBOTS if quick else ROBOTS
-    jobs = [(f"path of {name}", partial(prepare, name, (TASK,), (FREQUENCY,))) for name in robots]
-    known = dict(zip(robots, run_in_processes(jobs, progress), strict=True))
     with TemporaryDirectory() as folder:
+        jobs = [
+            (
+                f"training and path of {name}",
+                partial(prepare, name, (TASK,), (FREQUENCY,), Path(folder)),
+            )
+            for name in robots
+        ]
+        known = dict(zip(robots, run_in_processes(jobs, progress), strict=True))
         files = {} if quick else _trained(Path(folder), progress)
         jobs = [
             job
