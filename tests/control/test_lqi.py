@@ -168,7 +168,7 @@ def test_tables_of_other_robots_are_refused(tmp_path):
         load_gains(tmp_path / "gains.npz", ARM.vary(density=1.1), "lqi", 1)
     with pytest.raises(ValueError, match="does not fit this version"):
         load_gains(tmp_path / "gains.npz", ARM, "lqi", 2)
-    with pytest.raises(FileNotFoundError, match="make them with `softrobot train lqi`"):
+    with pytest.raises(FileNotFoundError, match="make them with `softrobot train lqi --robot arm`"):
         load_gains(tmp_path / "none.npz", ARM, "lqi", 1)
 
 
