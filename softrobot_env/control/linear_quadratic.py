@@ -47,10 +47,10 @@ def preview_gains(
         gain = gain @ closed.T
     rest = np.linalg.solve(states - closed, gain.T).T
     per_step[:, :, -1] += rest @ position.T
-    return (per_step @ _hats(steps, knots, period)).transpose(0, 2, 1)
+    return (per_step @ hats(steps, knots, period)).transpose(0, 2, 1)
 
 
-def _hats(steps: int, knots: tuple[float, ...], period: float) -> np.ndarray:
+def hats(steps: int, knots: tuple[float, ...], period: float) -> np.ndarray:
     """Weights (steps + 1, knots) with which the reference at every step follows from the knots.
 
     The present reference, from which the others deviate, has none.

@@ -84,13 +84,14 @@ POLICIES: dict[str, PolicySpec] = {
         environment="softrobot_env.control.scheduled.policies:lq_environment",
     ),
     "mpc": PolicySpec(
-        "softrobot_env.control.mpc.controller:MPC",
-        environment={"control_period": 0.01},
+        "softrobot_env.control.scheduled.policies:make_mpc",
+        environment="softrobot_env.control.scheduled.policies:mpc_environment",
         package="daqp",
     ),
     "mpc_preview": PolicySpec(
-        "softrobot_env.control.mpc.controller:make_preview",
-        environment="softrobot_env.control.mpc.controller:PREVIEW_ENVIRONMENT",
+        "softrobot_env.control.scheduled.policies:make_mpc",
+        {"preview": True},
+        environment="softrobot_env.control.scheduled.policies:mpc_preview_environment",
         package="daqp",
     ),
     **{

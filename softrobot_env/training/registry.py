@@ -138,13 +138,32 @@ def _gains(closed: str, design: str, order: Order, show: Show) -> Figures:
     robot = order.robot
     if is_arm(robot):
         return _closed_gains(closed, order, show)
+    return _table(design, order, show)
+
+
+def _plan(design: str, order: Order, show: Show) -> Figures:
+    """Table of a model predictive controller of any robot but planar arms, which need none."""
+    from softrobot_env.control.scheduled.policies import is_planar_arm
+
+    if is_planar_arm(order.robot):
+        raise ValueError(
+            f"robot {order.robot.name!r} is a planar arm, whose model predictive control is in "
+            "closed form: there is nothing to train"
+        )
+    return _table(design, order, show)
+
+
+def _table(design: str, order: Order, show: Show) -> Figures:
+    """Gains at operating points all over the workspace of a robot, by their design."""
+    robot = order.robot
     from softrobot_env.control.scheduled.law import build_table
     from softrobot_env.control.scheduled.operating_points import find_points
     from softrobot_env.control.scheduled.policies import save_table
 
     size = {"most": 40, "candidates": 120} if "quick" in order.settings else {}
     points = find_points(robot, progress=partial(show, "equilibria"), **size)
-    table = build_table(robot, load(design)(robot), points, partial(show, "gains"))
+    made = load(f"softrobot_env.control.scheduled.{design}")(robot)
+    table = build_table(robot, made, points, partial(show, "gains"))
     save_table(order.path, table, robot, points.errors)
     off = points.errors[-1] / robot.reach
     return [
@@ -227,7 +246,7 @@ TRAININGS: Registry[Training] = Registry(
                 partial(
                     _gains,
                     f"softrobot_env.control.arm.{closed}",
-                    f"softrobot_env.control.scheduled.{design}",
+                    design,
                 ),
                 ("quick",),
             )
@@ -236,6 +255,8 @@ TRAININGS: Registry[Training] = Registry(
                 ("lq_preview", "lq_preview:preview_design", "lq_preview:Preview"),
             )
         },
+        "mpc": Training(partial(_plan, "policies:WithoutPreview"), ("quick",), ("daqp",)),
+        "mpc_preview": Training(partial(_plan, "mpc:Constrained"), ("quick",), ("daqp",)),
         "rig_nn": Training(_rig_network, ("twin",), robot=RIG),
         "imitation": Training(_imitation, ("teacher", "quick"), ("torch", "daqp")),
         **{

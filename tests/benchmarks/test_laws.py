@@ -118,13 +118,13 @@ def test_goals_compare_the_worst_path_with_limits(row):
     assert goals["observer", 0.1].share is None and not goals["observer", 0.1].met
 
 
-def test_what_cannot_serve_is_a_row_with_the_reason():
+def test_what_cannot_serve_is_a_row_with_the_reason(tmp_path):
     task = generic_tasks(FINGER)["circle"](frequency=0.3)
     found = run_laps(laps_case(task, "static", plant="ancf"))
     assert isinstance(found, RefusedRow) and "ANCF needs a backbone of one" in found.reason
     told = refusal("finger", "ppo", "", f"{models_dir()}/ppo.npz is of another")
     assert told.reason == "models/ppo.npz is of another"
-    known = prepare(FINGER.name, ("circle",), (0.3,))
+    known = prepare(FINGER.name, ("circle",), (0.3,), tmp_path)
     assert [task.name for task in known.tasks] == ["circle"] and "hold" in known.policies
     assert {r.policy for r in known.rows if isinstance(r, RefusedRow)}.isdisjoint(known.policies)
 
@@ -132,7 +132,7 @@ def test_what_cannot_serve_is_a_row_with_the_reason():
 def test_tables_and_picture_of_what_there_is(row, tmp_path):
     laps = made_up(row, {"hold": (0.1, 0.2, 0.3), "static": (0.001, 0.009, 0.05)})
     laps[3] = replace(laps[3], share_mean=None, lap_mean=None, failure="folded")
-    known = prepare(FINGER.name, ("circle",), (0.3,))
+    known = prepare(FINGER.name, ("circle",), (0.3,), tmp_path)
     rows = [*known.rows, *laps, *goal_rows(laps)]
     page = Console(width=110, file=StringIO())
     page.print(tables(rows))

@@ -1,14 +1,17 @@
 """Paths of the study of laws, what they ask for, and which laws serve a robot."""
 
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from softrobot_env.benchmarks.laps import RefusedRow, refusal
 from softrobot_env.benchmarks.laws.demand import feasible_task
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.control.registry import fitting_policies
-from softrobot_env.robots import EQUIVALENT_RIG, RIG, find_robot
+from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams, find_robot
+from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.tasks import Task
 from softrobot_env.tasks.generic import site_of
+from softrobot_env.training.registry import TRAININGS, Order, file_of
 
 #: Generic tasks, and laps per second over the first frequency.
 TASKS = ("circle", "figure_eight", "random")
@@ -51,9 +54,29 @@ class Prepared:
     rows: list[PathRow | RefusedRow]
 
 
-def prepare(name: str, tasks: tuple[str, ...], frequencies: tuple[float, ...]) -> Prepared:
-    """Lay out the paths of a robot, and ask all policies whether they can drive it."""
-    robot, made, rows = find_robot(name), [], []
+#: What is trained for robots that no artifacts are shipped of.
+TRAINED = ("qs_nn", "lqi", "lq_preview", "mpc", "mpc_preview")
+
+
+def trained_robot(name: str, folder: Path, seed: int = 0) -> RobotParams:
+    """A robot of a file in a folder, with what its policies learn of it beside."""
+    robot = find_robot(name)
+    if robot in (ARM, RIG):
+        return robot
+    file = folder / f"{name}.toml"
+    write_robot(robot, file)
+    robot = read_robot(file)
+    for policy in TRAINED:
+        order = Order(robot, file_of(robot, policy), seed)
+        TRAININGS[policy].run(order, lambda description, done, total: None)
+    return robot
+
+
+def prepare(
+    name: str, tasks: tuple[str, ...], frequencies: tuple[float, ...], folder: Path
+) -> Prepared:
+    """Train for a robot, lay out its paths, and ask all policies whether they can drive it."""
+    robot, made, rows = trained_robot(name, folder), [], []
     for task in tasks:
         for frequency in frequencies:
             try:

@@ -3,6 +3,8 @@
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from softrobot_env.benchmarks.jobs import Progress, run_in_processes
@@ -32,8 +34,21 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     Returns:
         Paths, what is refused, episodes, and goals.
     """
-    robots, *paths = _QUICK if quick else _ALL
-    jobs = [(f"paths of {name}", partial(prepare, name, *paths)) for name in robots]
+    with TemporaryDirectory() as folder:
+        return _run(*(_QUICK if quick else _ALL), Path(folder), progress)
+
+
+def _run(
+    robots: tuple[str, ...],
+    tasks: tuple[str, ...],
+    frequencies: tuple[float, ...],
+    folder: Path,
+    progress: Progress | None,
+) -> list[Row]:
+    jobs = [
+        (f"training and paths of {name}", partial(prepare, name, tasks, frequencies, folder))
+        for name in robots
+    ]
     known: dict[str, Prepared] = dict(zip(robots, run_in_processes(jobs, progress), strict=True))
     rows: list[Row] = [row for prepared in known.values() for row in prepared.rows]
     laws = [(task, law) for p in known.values() for law in p.policies for task in p.tasks]

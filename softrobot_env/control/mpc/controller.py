@@ -13,7 +13,7 @@ from softrobot_env.control.mpc.optimisation import Iterate, Optimiser, Problem
 from softrobot_env.control.mpc.settings import PREVIEW, THESIS, MPCSettings
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE
 from softrobot_env.interfaces import Observation
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
 #: Part of the limit from which an input counts as saturated.
@@ -70,7 +70,7 @@ class MPC(Controller):
         Args:
             robot: The nominal robot.
             control_period: [s] between calls of `predict`.
-            settings: Horizon, cost and optimisation.
+            settings: Horizon, cost and optimisation, as of the arm.
 
         Raises:
             ValueError: A robot that is no planar arm, or a control period that does not divide
@@ -82,6 +82,7 @@ class MPC(Controller):
         sizes = state_sizes(robot)
         self.sizes = {name: size for name, size in sizes.items() if name in self.requires}
         self._reach = robot.length
+        settings = _scaled(settings, robot)
         self._settings, self._arm = settings, make_planar_arm(robot)
         self._limit = TendonMap(robot).input_scale
         self._optimiser = Optimiser(settings, self._limit)
@@ -170,6 +171,17 @@ class MPC(Controller):
         if not np.isfinite(stiffness + force.sum() + information.sum()):
             return state.estimate
         return Estimate(stiffness, force, information)
+
+
+def _scaled(settings: MPCSettings, robot: RobotParams) -> MPCSettings:
+    """Settings whose inputs [1/N2] weigh as much as the arm's that move its tip as far."""
+    share = (_tip_by_input(robot) / _tip_by_input(ARM)) ** 2
+    return replace(settings, effort=share * settings.effort, change=share * settings.change)
+
+
+def _tip_by_input(robot: RobotParams) -> float:
+    """Twice the motion [m/N] of the tip of a straight arm by an input that bends all of it."""
+    return robot.length**2 * abs(robot.tendons[0].offset[0]) / robot.bending_stiffness
 
 
 def _required(settings: MPCSettings) -> tuple[str, ...]:

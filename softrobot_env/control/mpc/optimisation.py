@@ -68,7 +68,7 @@ class Optimum(NamedTuple):
 
 
 class BoundedSolver:
-    """Solver of strictly convex programs min 1/2 x H x + g x with finite bounds on x."""
+    """Solver of strictly convex programs min 1/2 x H x + g x with bounds on x and on A x."""
 
     def __init__(self) -> None:
         """Raise ImportError if DAQP is not installed."""
@@ -81,14 +81,26 @@ class BoundedSolver:
         self._solve = solve
 
     def __call__(
-        self, hessian: np.ndarray, gradient: np.ndarray, lower: np.ndarray, upper: np.ndarray
+        self,
+        hessian: np.ndarray,
+        gradient: np.ndarray,
+        lower: np.ndarray,
+        upper: np.ndarray,
+        rows: np.ndarray | None = None,
     ) -> np.ndarray | None:
-        """Minimum (k,) for H (k, k), g (k,) and bounds (k,); None if none was found."""
-        rows = np.empty((0, len(gradient)))
+        """Minimum (k,) for H (k, k) and g (k,); None if none was found.
+
+        Args:
+            hessian, gradient: H and g.
+            lower, upper: (k + r,), bounds of x and A x.
+            rows: A (r, k); none unless given.
+        """
+        count = len(gradient)
+        rows = np.empty((0, count)) if rows is None else rows
         x, _, flag, _ = self._solve(hessian, gradient, rows, upper, lower, primal_tol=_TOLERANCE)
         if flag != _OPTIMAL or not np.all(np.isfinite(x)):
             return None
-        return np.clip(x, lower, upper)
+        return np.clip(x, lower[:count], upper[:count])
 
 
 class Optimiser:

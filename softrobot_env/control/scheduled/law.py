@@ -57,16 +57,20 @@ class Law(NamedTuple):
     Attributes:
         table: Its operating points.
         times: (1 + k,) [s]: 0 and the times at which the reference is seen.
+        nodes: (c,) [s], see `Timing`.
         period: [s] between decisions.
         first: [s], period of the first mode.
-        force, offset: [1], shares of their estimates that a decision renews.
+        force, offset: [1], shares of their estimates that a decision renews; 0 without them.
         speed: (m,) [1], largest change of an action in a period.
         taut: What keeps tendons that are driven by length taut.
         reach: [m], of the robot.
+        curved: Share of the first mode's period. What is farther ahead is looked up; before that,
+            the actions at rest are taken to be linear in the way of the tip.
     """
 
     table: Table
     times: np.ndarray
+    nodes: np.ndarray
     period: float
     first: float
     force: float
@@ -74,6 +78,7 @@ class Law(NamedTuple):
     speed: np.ndarray
     taut: Taut
     reach: float
+    curved: float
 
 
 class ScheduledLaw(Controller):
@@ -90,6 +95,9 @@ class ScheduledLaw(Controller):
         name: str,
         table: Any,
         observables: tuple[str, ...],
+        timing: Timing | None = None,
+        estimate: bool = True,
+        curved: float = np.inf,
     ) -> None:
         """Put together what the kernel needs.
 
@@ -99,11 +107,14 @@ class ScheduledLaw(Controller):
             name: Of the policy.
             table: Reference to its `Table`.
             observables: That it reads, besides the actions in force.
+            timing: Of the law; that of the robot unless given.
+            estimate: Whether to estimate what the model leaves unexplained.
+            curved: See `Law`.
 
         Raises:
-            ValueError: The robot's control period is no multiple of this one.
+            ValueError: The law's period is no multiple of the control period.
         """
-        timing = timing_of(robot)
+        timing = timing_of(robot) if timing is None else timing
         self.hold = hold_for(timing.period, control_period, name)
         inputs = robot_inputs(robot)
         self._pulled = robot.drive.kind == "length"
@@ -124,13 +135,15 @@ class ScheduledLaw(Controller):
             Law(
                 table=table,
                 times=np.array((0.0, *timing.knots)),
+                nodes=np.array(timing.nodes),
                 period=timing.period,
                 first=timing.first,
-                force=min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
-                offset=min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
+                force=estimate * min(_FORCE_RATE * timing.period / timing.first, _AT_ONCE),
+                offset=estimate * min(_OFFSET_RATE * timing.period / timing.first, _AT_ONCE),
                 speed=speed,
                 taut=_taut(robot),
                 reach=robot.reach,
+                curved=curved,
             )
         )
 
@@ -282,14 +295,13 @@ def table_arrays(table: Any) -> dict[str, np.ndarray]:
     return arrays | {"sizes": np.array([table.n, table.m])}
 
 
-def read_table(data: Arrays, robot: RobotParams, count: Callable[..., int]) -> Any:
+def read_table(data: Arrays, count: Callable[[int, int, int], int]) -> Any:
     """Reference to the table that a file holds.
 
     Args:
         data: Its arrays.
-        robot: The robot that it is of.
-        count: Number of gains that a law has at a point, for n curvatures, m actions, the timing of
-            the robot and k directions.
+        count: Number of gains that a law has at a point, for n curvatures, m actions and k
+            directions.
 
     Raises:
         ValueError: The file is damaged, or of another law or version.
@@ -300,6 +312,6 @@ def read_table(data: Arrays, robot: RobotParams, count: Callable[..., int]) -> A
     arrays = {name: np.ascontiguousarray(data[name], dtype=float) for name in _ARRAYS}
     n, m = (int(size) for size in data["sizes"])
     k = len(arrays["directions"])
-    if arrays["rows"].shape[1] != row_size(n, m, k) + count(n, m, timing_of(robot), k):
+    if arrays["rows"].shape[1] != row_size(n, m, k) + count(n, m, k):
         raise ValueError(f"{data.path} holds a table of another law or version")
     return reference(Table(n=n, m=m, **arrays))

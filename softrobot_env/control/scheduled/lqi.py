@@ -1,4 +1,4 @@
-"""LQI control with gain scheduling (thesis sec. 6.4, with the audit's corrections), for any robot."""
+"""LQI control with gain scheduling (thesis sec. 6.4, as the audit corrects it), for any robot."""
 
 from typing import Any
 
@@ -6,8 +6,8 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.scheduled.aiming import conclude
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten
-from softrobot_env.control.scheduled.lq_preview import conclude
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.table import inverse_of, look_up
 from softrobot_env.control.scheduled.timing import Timing
@@ -123,9 +123,8 @@ class Integral:
     def __init__(self, robot: RobotParams) -> None:
         """Of any robot."""
 
-    @staticmethod
-    def count(n: int, m: int, timing: Timing, directions: int) -> int:
-        """Number of gains at a point, for n curvatures and m actions."""
+    def count(self, n: int, m: int, directions: int) -> int:
+        """Number of gains at a point, for n curvatures, m actions and so many directions."""
         return m * (2 * n + directions)
 
     def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:

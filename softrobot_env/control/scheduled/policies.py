@@ -6,12 +6,15 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.artifacts import check_robot, find_artifact, fingerprint, read_arrays
+from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.control.arm import lq_preview as arm
 from softrobot_env.control.arm import lqi as arm_lqi
 from softrobot_env.control.arm.operating_points import PERIOD, is_arm
+from softrobot_env.control.mpc import controller as closed_mpc
 from softrobot_env.control.scheduled.law import read_table, table_arrays
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.lqi import LQI, Integral
+from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
 from softrobot_env.control.scheduled.timing import timing_of
 from softrobot_env.interfaces import Policy
 from softrobot_env.robots import RobotParams
@@ -39,14 +42,64 @@ def make_lq_preview(
         return arm.LQPreview(
             robot, control_period, adaptive, None if gains is None else Path(gains)
         )
-    return LQPreview(robot, control_period, _table(robot, "lq_preview", Preview, gains), adaptive)
+    return LQPreview(
+        robot, control_period, _table(robot, "lq_preview", Preview(robot), gains), adaptive
+    )
 
 
 def make_lqi(robot: RobotParams, control_period: float, gains: str | Path | None = None) -> Policy:
     """LQI with gain scheduling: as `make_lq_preview`."""
     if is_arm(robot):
         return arm_lqi.LQI(robot, control_period, None if gains is None else Path(gains))
-    return LQI(robot, control_period, _table(robot, "lqi", Integral, gains))
+    return LQI(robot, control_period, _table(robot, "lqi", Integral(robot), gains))
+
+
+def make_mpc(
+    robot: RobotParams,
+    control_period: float,
+    preview: bool = False,
+    gains: str | Path | None = None,
+) -> Policy:
+    """Model predictive control: of planar arms in closed form, of others as `make_lq_preview`.
+
+    Args:
+        robot, control_period, gains: As there.
+        preview: Whether the reference is seen ahead, and what the model leaves unexplained is
+            estimated.
+
+    Raises:
+        ValueError: As there.
+        ImportError: The solver of the quadratic programs is not installed.
+    """
+    if is_planar_arm(robot):
+        return (closed_mpc.make_preview if preview else closed_mpc.MPC)(robot, control_period)
+    name, design = ("mpc_preview", Constrained) if preview else ("mpc", WithoutPreview)
+    table = _table(robot, name, design(robot), gains)
+    return ScheduledMPC(robot, control_period, table, PREVIEW if preview else THESIS)
+
+
+def mpc_environment(robot: RobotParams) -> dict[str, Any]:
+    """What `mpc` needs of an environment: its control period."""
+    if is_planar_arm(robot):
+        return {"control_period": 0.01}
+    return {"control_period": timing_of(robot).period}
+
+
+def mpc_preview_environment(robot: RobotParams) -> dict[str, Any]:
+    """What `mpc_preview` needs of an environment: its control period, and preview."""
+    if is_planar_arm(robot):
+        return closed_mpc.PREVIEW_ENVIRONMENT
+    timing = PREVIEW.timing(robot)
+    return {"control_period": timing.period, "preview": timing.knots}
+
+
+def is_planar_arm(robot: RobotParams) -> bool:
+    """Whether the closed form of planar arms knows a robot."""
+    try:
+        make_planar_arm(robot)
+    except ValueError:
+        return False
+    return True
 
 
 def _table(robot: RobotParams, name: str, design: Any, gains: str | Path | None) -> Any:
@@ -54,7 +107,15 @@ def _table(robot: RobotParams, name: str, design: Any, gains: str | Path | None)
     path = find_artifact(robot, name) if gains is None else Path(gains)
     data = read_arrays(path)
     check_robot(data, robot, name)
-    return read_table(data, robot, design.count)
+    return read_table(data, design.count)
+
+
+class WithoutPreview(Constrained):
+    """The gains of `mpc`, as the thesis' horizon has them."""
+
+    def __init__(self, robot: RobotParams) -> None:
+        """Of any robot."""
+        super().__init__(robot, THESIS)
 
 
 def lqi_environment(robot: RobotParams) -> dict[str, Any]:

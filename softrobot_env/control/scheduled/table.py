@@ -180,19 +180,13 @@ def look_up(table: Table, place: np.ndarray, held: np.ndarray) -> Row:
     near = table.tips, table.rows[:, :m], table.to_action
     count = blend_weights(*near, place, held, index, weight)
     out = np.zeros(table.rows.shape[1])
-    step = np.empty(m)
     for slot in range(count):
         share, row = weight[slot], table.rows[index[slot]]
         for i in range(len(out)):
             out[i] += share * row[i]
         point = split(row, n, m, k)
         way = place - table.tips[index[slot]]
-        along = table.directions @ way
-        for j in range(m):
-            step[j] = 0.0
-            for x in range(3):
-                step[j] += point.to_action[j, x] * way[x]
-            out[j] += share * step[j]
+        step = _add_action(share, point, way, out)
         for i in range(n):
             bend = 0.0
             for j in range(m):
@@ -200,14 +194,48 @@ def look_up(table: Table, place: np.ndarray, held: np.ndarray) -> Row:
             out[m + i] += share * bend
             for x in range(3):
                 out[m + n + x] += share * point.jacobian[x, i] * bend
-        term = 0
-        for x in range(k):
-            for y in range(x + 1):
-                square = share * along[x] * along[y]
-                for i in range(m + n + 3):
-                    out[i] += square * point.second[i, term]
-                term += 1
+        _add_second(share, point, way, table.directions, out[: m + n + 3])
     return split(out, n, m, k)
+
+
+@kernel
+def look_up_action(table: Table, place: np.ndarray, held: np.ndarray, out: np.ndarray) -> None:
+    """Set out (m,) [1] to the actions of `look_up` alone."""
+    m, index, weight = table.m, np.empty(NEIGHBOURS, np.int64), np.empty(NEIGHBOURS)
+    near = table.tips, table.rows[:, :m], table.to_action
+    count = blend_weights(*near, place, held, index, weight)
+    out[:] = 0.0
+    for slot in range(count):
+        share, row = weight[slot], table.rows[index[slot]]
+        point = split(row, table.n, m, len(table.directions))
+        way = place - table.tips[index[slot]]
+        for j in range(m):
+            out[j] += share * row[j]
+        _add_action(share, point, way, out)
+        _add_second(share, point, way, table.directions, out)
+
+
+@kernel
+def _add_action(share: float, point: Row, way: np.ndarray, out: np.ndarray) -> np.ndarray:
+    """Add a share of the step (m,) that a way (3,) [m] takes, to first order; returns the step."""
+    step = point.to_action @ way
+    for j in range(len(step)):
+        out[j] += share * step[j]
+    return step
+
+
+@kernel
+def _add_second(
+    share: float, point: Row, way: np.ndarray, directions: np.ndarray, out: np.ndarray
+) -> None:
+    """Add a share of the second order by a way (3,) [m] to the first entries (k,)."""
+    along, term = directions @ way, 0
+    for x in range(len(along)):
+        for y in range(x + 1):
+            square = share * along[x] * along[y]
+            for i in range(len(out)):
+                out[i] += square * point.second[i, term]
+            term += 1
 
 
 @kernel

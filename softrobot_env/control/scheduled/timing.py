@@ -24,11 +24,14 @@ class Timing(NamedTuple):
         first: [s], period of its first mode.
         period: [s] between decisions.
         knots: (k,) [s], times ahead at which the reference is seen; the first is one period.
+        nodes: (c,) [s], times at the ends of straight stretches of the planned actions; the first
+            is one period, at whose end the action that is decided now was in force.
     """
 
     first: float
     period: float
     knots: tuple[float, ...]
+    nodes: tuple[float, ...]
 
 
 @lru_cache(maxsize=64)
@@ -36,6 +39,11 @@ def timing_of(robot: RobotParams) -> Timing:
     """The times of a robot; ValueError or EquilibriumError where it has no first mode at rest."""
     first = build_scene(model_scene(robot)).timestep.first_period
     period = max((p for p in _PERIODS if _PER_MODE * p <= first), default=_PERIODS[0])
-    most = max(_HORIZON * first, _KNOTS[2] * period)
+    return Timing(first, period, knots_until(_HORIZON, first, period), (period,))
+
+
+def knots_until(share: float, first: float, period: float) -> tuple[float, ...]:
+    """Preview times [s] up to a share of the first mode's period, three of them at least."""
+    most = max(share * first, _KNOTS[2] * period)
     knots = np.round([k * period for k in _KNOTS if k * period <= most], 9)
-    return Timing(first, period, tuple(knots.tolist()))
+    return tuple(knots.tolist())

@@ -1,0 +1,293 @@
+"""What laws with a plan aim at: the equilibrium that moves with the reference, and how far off.
+
+What the model leaves unexplained is estimated from the actions really in force, and compensated: a
+shift of the curvatures, an offset of the tip, and, if wanted, the stiffness.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.base import usable
+from softrobot_env.control.reference_smoothing import begin_smoothing, memory_size, smoothed
+from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar
+from softrobot_env.control.scheduled.table import Row, inverse_of, look_up, look_up_action
+from softrobot_env.control.status import FINE, SATURATED, UNREACHABLE, Memory, finite
+from softrobot_env.interfaces import Observation
+
+#: Damping of the inverse of the tip's derivative by actions.
+_DAMPING = 1e-2
+
+#: [1], memory of the stiffness estimate, times the period of the first mode; how much it trusts the
+#: nominal stiffness, as curvature times length; and the factors it is kept in.
+_FORGETTING, _TRUST, _RANGE = 2.0, 0.02, (0.3, 3.0)
+
+#: Jumps [1] over the reach, and accelerations that replace them, over the reach and T^2.
+_JUMP, _ACCELERATION = 1e-2, 29.0
+
+#: Distance from the reference, over the reach, that the equilibria of the table leave at most.
+_FAR = 0.02
+
+
+class Aim(NamedTuple):
+    """Where a law wants to be, and how far from it the robot is.
+
+    Attributes:
+        action: (m,) [1], of the equilibrium now.
+        rising: (m,) [1/s], how it moves with the reference.
+        away: (2 n + m,), curvatures [1/m], their rates and actions, less those of the equilibrium
+            that moves.
+        ways: (3 k,) [m], references ahead, less what the present velocity makes of the present one.
+        velocity: (3,) [m/s], of the reference.
+        bending: (n, 3) [1/m2], how the curvatures at rest move with the reference.
+        gap: [m], from the operating point's tip to the reference.
+        gains: Of the law.
+    """
+
+    action: np.ndarray
+    rising: np.ndarray
+    away: np.ndarray
+    ways: np.ndarray
+    velocity: np.ndarray
+    bending: np.ndarray
+    gap: float
+    gains: np.ndarray
+
+
+class AimingLaw(ScheduledLaw):
+    """A law that plans about an equilibrium that moves with the reference."""
+
+    def start(self, observation: Observation) -> Memory:
+        """Begin from the actions in force, with the nominal model.
+
+        Raises:
+            ValueError: The reference has too few coordinates, or the preview is at another number
+                of times than this policy needs.
+        """
+        law = self._law
+        self._check_reference(observation, len(law.times) - 1)
+        n, m = law.table.n, law.table.m
+        values = np.zeros(2 * n + m + 5 + memory_size(3))
+        values[2 * n : 2 * n + m] = self._begun(observation)
+        tip, here = observation["tip_position"], np.empty(3)
+        here_seen = usable(tip if np.isfinite(tip).all() else observation["reference"])
+        in_space(here_seen, is_planar(law.table), here)
+        begin_smoothing(here, values[2 * n + m + 5 :])
+        return Memory(values, FINE)
+
+    def stiffness(self, state: Memory) -> float:
+        """Factor [1] on the nominal stiffness that is estimated; 1 unless the law is adaptive."""
+        table = self._law.table
+        return 1.0 + float(_split(state.values, table.n, table.m)[4][0])
+
+
+@kernel
+def _split(memory: np.ndarray, n: int, m: int) -> tuple:
+    """Views: rate before, shift, actions held, tip's offset, stiffness (1,), begun, smoothing."""
+    k = 2 * n + m
+    return (
+        memory[:n],
+        memory[n : 2 * n],
+        memory[2 * n : k],
+        memory[k : k + 3],
+        memory[k + 3 : k + 4],
+        memory[k + 4 : k + 5],
+        memory[k + 5 :],
+    )
+
+
+@kernel
+def _estimate(
+    law: Law,
+    now: Row,
+    adaptive: bool,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    action: np.ndarray,
+) -> np.ndarray:
+    """Update what the model leaves unexplained; shift (n,) [1/m] of the curvatures at rest.
+
+    The balance of forces, over the stiffness: K^-1 (M q.. + D q.) + q - q_OP - X (a - a_OP).
+    """
+    n, m = law.table.n, law.table.m
+    before, shift, _, offset, stiffer, begun, _ = _split(memory, n, m)
+    bend = curvature - now.curvature
+    missing = tip - now.tip - now.jacobian @ bend
+    if begun[0]:
+        left = now.inertia @ ((rate - before) / law.period) + now.damping @ rate + bend
+        left -= now.by_action @ (action - now.action)
+        if adaptive:
+            _adapt(law, now, left, stiffer)
+        left += stiffer[0] * now.elastic
+        shift += law.force * (left - shift)
+        offset += law.offset * (missing - offset)
+    elif law.offset > 0:
+        offset[:] = missing
+    begun[0] = 1.0
+    before[:] = rate
+    return shift - stiffer[0] * now.elastic
+
+
+@kernel
+def _adapt(law: Law, now: Row, left: np.ndarray, stiffer: np.ndarray) -> None:
+    """Update how much stiffer (1,) the springs are: of those by a share s the shift is -s elastic.
+
+    Least squares with forgetting, as one step down the gradient.
+    """
+    trust = _TRUST / law.reach
+    size, error = trust * trust * len(left), 0.0
+    for i in range(len(left)):
+        size += now.elastic[i] ** 2
+        error -= now.elastic[i] * (left[i] + stiffer[0] * now.elastic[i])
+    error -= stiffer[0] * trust * trust * len(left)
+    stiffer[0] += min(law.period / law.first * _FORGETTING, 1.0) * error / size
+    stiffer[0] = min(max(stiffer[0], _RANGE[0] - 1), _RANGE[1] - 1)
+
+
+@kernel
+def _references(
+    law: Law, target: np.ndarray, preview: np.ndarray, smoothing: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places (1 + k, 3) [m], now and ahead, without jumps, and the velocity (3,) [m/s] now."""
+    times, size, planar = law.times, len(target), is_planar(law.table)
+    points = np.empty((len(times), 3))
+    in_space(target, planar, points[0])
+    if len(times) == 1:
+        return points, np.zeros(3)
+    for k in range(1, len(times)):
+        in_space(preview[(k - 1) * size : k * size], planar, points[k])
+    far = _ACCELERATION * law.reach / law.first**2
+    here = points[0].copy()
+    smoothed(law.period, here, times, _JUMP * law.reach, far, smoothing, points)
+    velocity = (points[1] - points[0]) / times[1]
+    if np.sqrt(np.sum(velocity**2)) * law.period > _JUMP * law.reach:
+        velocity[:] = 0.0  # a jump ahead is no motion
+    return points, velocity
+
+
+@kernel
+def aimed(
+    law: Law,
+    adaptive: bool,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip_seen: np.ndarray,
+    target: np.ndarray,
+    preview: np.ndarray,
+    previous: np.ndarray,
+) -> Aim:
+    """Look up and correct the equilibrium at the reference; the memory is updated."""
+    table = law.table
+    n, m, knots = table.n, table.m, len(law.times) - 1
+    _, _, held, offset, _, _, smoothing = _split(memory, n, m)
+    tip = np.empty(3)
+    in_space(tip_seen, is_planar(table), tip)
+    points, velocity = _references(law, target, preview, smoothing)
+    now = look_up(table, points[0], held)
+    held[:] = now.action
+    shift = _estimate(law, now, adaptive, memory, curvature, rate, tip, previous)
+
+    to_action = inverse_of(now.jacobian @ now.by_action, table.directions, _DAMPING)
+    gap = table.directions @ (now.tip - points[0])
+    correction = -(to_action @ (now.jacobian @ shift + offset + now.tip - points[0]))
+    rising = to_action @ velocity
+    moving = now.by_action @ rising
+    braking = now.damping @ moving
+    correction += to_action @ (now.jacobian @ braking)
+    action = now.action + correction
+    away, ways, ahead = np.empty(2 * n + m), np.empty(3 * knots), np.empty(m)
+    moved, before = now.jacobian @ now.by_action, now.action
+    away[:n] = curvature - (now.curvature + shift - braking + now.by_action @ correction)
+    away[n : 2 * n] = rate - moving
+    away[2 * n :] = previous + law.period * rising - action
+    for i in range(knots):
+        if law.times[i + 1] > law.curved * law.first:
+            look_up_action(table, points[i + 1], before, ahead)
+            way = moved @ (ahead - now.action)
+            before = ahead.copy()
+        else:
+            way = points[i + 1] - points[0]
+        ways[3 * i : 3 * i + 3] = way - law.times[i + 1] * velocity
+    bending, distance = now.by_action @ to_action, np.sqrt(np.sum(gap**2))
+    return Aim(action, rising, away, ways, velocity, bending, distance, now.gains)
+
+
+@kernel
+def planned(law: Law, aim: Aim) -> np.ndarray:
+    """(c, m) [1]: actions at the nodes, as `plan_gains` plans them."""
+    table, count = law.table, len(law.nodes)
+    n, m = table.n, table.m
+    inner, outer = len(aim.away), len(aim.ways)
+    size = count * m * inner
+    feedback = aim.gains[:size].reshape(count * m, inner)
+    ahead = aim.gains[size : size + count * m * outer].reshape(count * m, outer)
+    actions = np.empty((count, m))
+    for c in range(count):
+        for j in range(m):
+            row = c * m + j
+            wanted = aim.action[j] + (law.nodes[c] - law.period) * aim.rising[j]
+            wanted += aim.away[2 * n + j]
+            for i in range(inner):
+                wanted -= feedback[row, i] * aim.away[i]
+            for i in range(outer):
+                wanted += ahead[row, i] * aim.ways[i]
+            actions[c, j] = wanted
+    return actions
+
+
+@kernel
+def seen_well(
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    target: np.ndarray,
+    preview: np.ndarray,
+    previous: np.ndarray,
+) -> bool:
+    """Whether all that is observed is finite."""
+    state = finite(curvature) and finite(rate) and finite(tip)
+    return state and finite(target) and finite(preview) and finite(previous)
+
+
+@kernel
+def forget_balance(law: Law, memory: np.ndarray) -> None:
+    """Begin the balance of forces anew: the next one would span more than a period."""
+    _split(memory, law.table.n, law.table.m)[5][0] = 0.0
+
+
+@kernel
+def conclude(
+    law: Law, wanted: np.ndarray, previous: np.ndarray, gap: float, memory: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, int]:
+    """Action (m,), next memory and code of a decision.
+
+    Where drives are too slow for a change of the actions, all change by the same share of it. The
+    action is NaN where it, or the memory, could not be computed; `Controller` then keeps both.
+
+    Args:
+        law: Whose speeds hold.
+        wanted: (m,) [1].
+        previous: (m,) [1], in force.
+        velocity: (3,) [m/s], of the reference.
+        bending: (n, 3) [1/m2], how the curvatures at rest move with the reference.
+        gap: [m], from the operating point's tip to the reference.
+        memory: Of this decision.
+    """
+    m, share, code = len(wanted), 1.0, FINE
+    if not (finite(wanted) and finite(memory)):
+        return np.full(m, np.nan), memory, FINE
+    for j in range(m):
+        share = min(share, law.speed[j] / max(abs(wanted[j] - previous[j]), 1e-300))
+    action = np.empty(m)
+    for j in range(m):
+        asked = previous[j] + share * (wanted[j] - previous[j])
+        action[j] = min(max(asked, -1.0), 1.0)
+        if action[j] != asked or share < 1.0:
+            code = SATURATED
+    if code == FINE and gap > _FAR * law.reach:
+        code = UNREACHABLE
+    return action, memory, code

@@ -1,0 +1,254 @@
+"""Model predictive control of any robot: an LQ plan, corrected for what its drives can do.
+
+The plan that `LQPreview` would follow is the optimum of a linear model and a quadratic cost without
+end. Actions a at some nodes ahead that differ from the plan a* cost (a - a*)' H (a - a*) more; of
+those within the limits of actions, of the speed of the servos and of the tension of tendons that
+must stay taut, the ones that cost least are taken. So where no limit is met, the law is LQ's.
+"""
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.mpc.optimisation import BoundedSolver
+from softrobot_env.control.scheduled.aiming import (
+    Aim,
+    AimingLaw,
+    aimed,
+    conclude,
+    forget_balance,
+    planned,
+    seen_well,
+)
+from softrobot_env.control.scheduled.law import Law, tighten
+from softrobot_env.control.scheduled.operating_points import Equilibrium
+from softrobot_env.control.scheduled.plan_gains import RegulatorCost, deviation_cost, plan_gains
+from softrobot_env.control.scheduled.timing import Timing, knots_until, timing_of
+from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory, kept
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams
+
+#: Share of the first mode's period, ahead of which actions at rest are looked up.
+_CURVED = 0.05
+
+#: [1], how far an action may be from a bound that it is said to be at.
+_AT_BOUND = 1e-9
+
+
+@dataclass(frozen=True)
+class PlanSettings:
+    """Horizon of a model predictive controller, in the period of the robot's first mode.
+
+    Attributes:
+        period: [1] between decisions; None: the control period of `timing_of`.
+        nodes: (c,) [1], times of the planned actions, after the first which is one period ahead.
+        preview: [1], how far ahead the reference is seen; None: not at all.
+        estimate: Whether to estimate what the model leaves unexplained.
+    """
+
+    period: float | None
+    nodes: tuple[float, ...]
+    preview: float | None
+    estimate: bool
+
+    def timing(self, robot: RobotParams) -> Timing:
+        """When the controller of a robot decides, what it sees and what it plans."""
+        own = timing_of(robot)
+        first, period = own.first, own.period
+        if self.period is not None:
+            period = round(max(round(self.period * first / period), 1) * period, 9)
+        counts = sorted({1, *(max(round(node * first / period), 2) for node in self.nodes)})
+        nodes = tuple(round(count * period, 9) for count in counts)
+        knots = () if self.preview is None else knots_until(self.preview, first, period)
+        return Timing(first, period, knots, nodes)
+
+
+#: As the thesis' (sec. 6.5): twelve decisions in the first mode's period, three actions over five
+#: of them, no preview and no estimates.
+THESIS = PlanSettings(1 / 12, (2 / 12, 5 / 12), None, False)
+
+#: With preview and estimates.
+PREVIEW = PlanSettings(None, (0.03, 0.1, 0.4), 1.0, True)
+
+
+class Constrained:
+    """The gains of `ScheduledMPC`: those of a plan, then the lower triangle of H."""
+
+    def __init__(self, robot: RobotParams, settings: PlanSettings = PREVIEW) -> None:
+        """Of any robot: its drives' speed counts."""
+        self._cost, self._timing = RegulatorCost(robot), settings.timing(robot)
+
+    def __call__(self, point: Equilibrium, directions: np.ndarray, timing: Timing) -> np.ndarray:
+        """Gains (k,) at an operating point, for directions (d, 3) of its `Table`."""
+        regulator = self._cost.at(point, directions, self._timing)
+        gains = plan_gains(regulator, self._timing, directions)
+        cost = deviation_cost(regulator, self._timing)
+        return np.concatenate([gains, cost[np.tril_indices(len(cost))]])
+
+    def count(self, n: int, m: int, directions: int) -> int:
+        """Number of gains at a point, for n curvatures, m actions and so many directions."""
+        size = len(self._timing.nodes) * m
+        return size * (2 * n + m + 3 * len(self._timing.knots)) + size * (size + 1) // 2
+
+
+class Program(NamedTuple):
+    """What is to be optimised: actions (c, m) at the nodes.
+
+    Attributes:
+        wanted: (c m,) [1], the plan.
+        hessian: H (c m, c m).
+        lower, upper: (c m,) [1].
+        fine: Whether the plan keeps all limits.
+        gap: [m], see `Aim`.
+    """
+
+    wanted: np.ndarray
+    hessian: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+    fine: bool
+    gap: float
+
+
+class ScheduledMPC(AimingLaw):
+    """Plans actions over a horizon, within the limits of the drives, and applies the first."""
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        table: Any,
+        settings: PlanSettings = PREVIEW,
+    ) -> None:
+        """Prepare for a robot, and decide once, so that all is compiled.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between calls.
+            table: Reference to its `Table` with the gains of `Constrained`.
+            settings: Horizon.
+
+        Raises:
+            ValueError: The controller's period is no multiple of the control period.
+            ImportError: The solver of the quadratic programs is not installed.
+        """
+        seen = ("curvature", "curvature_rate", "tip_position", "reference")
+        timing, name = settings.timing(robot), "model predictive control"
+        seen = seen if settings.preview is None else (*seen, "reference_preview")
+        options = timing, settings.estimate, _CURVED
+        super().__init__(robot, control_period, name, table, seen, *options)
+        self._solve = BoundedSolver()
+        self._rows, self._most = _speed_rows(self._law)
+        self._warm_up()
+
+    def _warm_up(self) -> None:
+        """Decide about a reference that is far enough away to meet the limits."""
+        table = self._law.table
+        far = np.full(3, 10 * self._law.reach)
+        observation = {name: np.zeros(size) for name, size in self.sizes.items()}
+        observation |= {"tip_position": table.tips[0], "previous_action": np.zeros(table.m)}
+        observation |= {"reference": table.tips[0] + far}
+        observation["reference_preview"] = np.tile(far, len(self._law.times) - 1)
+        self.act(observation, self.start(observation))
+
+    def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
+        """The first of the best actions; the last one is kept where they could not be found."""
+        seen = self._seen(observation)
+        if len(self._law.times) == 1:
+            seen.insert(-1, seen[0][:0])
+        memory = state.values.copy()
+        if not seen_well(*seen):
+            forget_balance(self._law, memory)
+            return kept(seen[-1]), Memory(memory, NOT_FINITE)
+        program = _program(self._law, memory, *seen)
+        best = program.wanted if program.fine else self._optimum(program)
+        if best is None:
+            return kept(seen[-1]), Memory(state.values, NOT_COMPUTED)
+        m = self._law.table.m
+        action, memory, code = conclude(self._law, best[:m], seen[-1], program.gap, memory)
+        missed = np.abs(best[:m] - program.wanted[:m]).max() > _AT_BOUND
+        return action, Memory(memory, SATURATED if missed else code)
+
+    def _optimum(self, program: Program) -> np.ndarray | None:
+        lower = np.concatenate([program.lower, -self._most])
+        upper = np.concatenate([program.upper, self._most])
+        gradient = -program.hessian @ program.wanted
+        return self._solve(program.hessian, gradient, lower, upper, self._rows)
+
+
+def _speed_rows(law: Law) -> tuple[np.ndarray, np.ndarray]:
+    """Rows (r, c m) that give changes of actions between nodes, and the largest changes (r,) [1].
+
+    None where drives follow at once. The first change is kept by bounds of the first action.
+    """
+    m, count = law.table.m, len(law.nodes)
+    if not np.isfinite(law.speed).all():
+        return np.empty((0, count * m)), np.empty(0)
+    periods = np.diff(law.nodes) / law.period
+    rows = np.kron(np.diff(np.eye(count), axis=0), np.eye(m))
+    return rows, np.outer(periods, law.speed).ravel()
+
+
+@kernel
+def _program(
+    law: Law,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    target: np.ndarray,
+    preview: np.ndarray,
+    previous: np.ndarray,
+) -> Program:
+    """What is to be optimised; the memory is updated."""
+    aim = aimed(law, False, memory, curvature, rate, tip, target, preview, previous)
+    plan = planned(law, aim)
+    count, m = plan.shape
+    for c in range(count):
+        tighten(law, curvature + _bent_by(law, aim, law.nodes[c] - law.period), plan[c])
+    size = count * m
+    lower, upper = -np.ones(size), np.ones(size)
+    _bound_first(law, curvature, previous, lower, upper)
+    fine, hessian = True, np.empty((size, size))
+    triangle = aim.gains[len(aim.gains) - size * (size + 1) // 2 :]
+    k = 0
+    for i in range(size):
+        fine &= lower[i] <= plan[i // m, i % m] <= upper[i]
+        for j in range(i + 1):
+            hessian[i, j] = hessian[j, i] = triangle[k]
+            k += 1
+    for c in range(1, count):
+        periods = (law.nodes[c] - law.nodes[c - 1]) / law.period
+        for j in range(m):
+            fine &= abs(plan[c, j] - plan[c - 1, j]) <= periods * law.speed[j]
+    return Program(plan.ravel(), hessian, lower, upper, fine, aim.gap)
+
+
+@kernel
+def _bound_first(
+    law: Law, curvature: np.ndarray, previous: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> None:
+    """Set the bounds of the first actions: what drives can reach in a period, and taut tendons."""
+    loose = law.table.lever @ curvature
+    for j in range(len(previous)):
+        here = min(max(previous[j], -1.0), 1.0)
+        lower[j] = max(here - law.speed[j], -1.0)
+        upper[j] = min(here + law.speed[j], 1.0)
+        if law.taut.stiffness[j] > 0:
+            taut = loose[j] / law.taut.stiffness[j]
+            lower[j] = min(max(lower[j], taut), upper[j])
+
+
+@kernel
+def _bent_by(law: Law, aim: Aim, time: float) -> np.ndarray:
+    """(n,) [1/m], how much the curvatures change with the reference until a time [s]."""
+    way = time * aim.velocity
+    for k in range(1, len(law.times)):
+        before, after = law.times[k - 1], law.times[k]
+        share = min(max((time - before) / (after - before), 0.0), 1.0)
+        for x in range(3):
+            last = aim.ways[3 * k - 6 + x] if k > 1 else 0.0
+            way[x] += share * (aim.ways[3 * k - 3 + x] - last)
+    return aim.bending @ way
