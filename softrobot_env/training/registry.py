@@ -162,8 +162,7 @@ def _table(design: str, order: Order, show: Show) -> Figures:
 
     size = {"most": 40, "candidates": 120} if "quick" in order.settings else {}
     points = find_points(robot, progress=partial(show, "equilibria"), **size)
-    made = load(f"softrobot_env.control.scheduled.{design}")(robot)
-    table = build_table(robot, made, points, partial(show, "gains"))
+    table = build_table(robot, load(design)(robot), points, partial(show, "gains"))
     save_table(order.path, table, robot, points.errors)
     off = points.errors[-1] / robot.reach
     return [
@@ -241,22 +240,32 @@ TRAININGS: Registry[Training] = Registry(
     "training",
     {
         "qs_nn": Training(_network, ("quick",)),
-        **{
-            name: Training(
-                partial(
-                    _gains,
-                    f"softrobot_env.control.arm.{closed}",
-                    design,
-                ),
-                ("quick",),
-            )
-            for name, closed, design in (
-                ("lqi", "lqi:design", "lqi:Integral"),
-                ("lq_preview", "lq_preview:preview_design", "lq_preview:Preview"),
-            )
-        },
-        "mpc": Training(partial(_plan, "policies:WithoutPreview"), ("quick",), ("daqp",)),
-        "mpc_preview": Training(partial(_plan, "mpc:Constrained"), ("quick",), ("daqp",)),
+        "lqi": Training(
+            partial(
+                _gains,
+                "softrobot_env.control.arm.lqi:design",
+                "softrobot_env.control.scheduled.lqi:Integral",
+            ),
+            ("quick",),
+        ),
+        "lq_preview": Training(
+            partial(
+                _gains,
+                "softrobot_env.control.arm.lq_preview:preview_design",
+                "softrobot_env.control.scheduled.lq_preview:Preview",
+            ),
+            ("quick",),
+        ),
+        "mpc": Training(
+            partial(_plan, "softrobot_env.control.scheduled.policies:WithoutPreview"),
+            ("quick",),
+            ("daqp",),
+        ),
+        "mpc_preview": Training(
+            partial(_plan, "softrobot_env.control.scheduled.mpc:Constrained"),
+            ("quick",),
+            ("daqp",),
+        ),
         "rig_nn": Training(_rig_network, ("twin",), robot=RIG),
         "imitation": Training(_imitation, ("teacher", "quick"), ("torch", "daqp")),
         **{

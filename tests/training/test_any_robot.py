@@ -13,6 +13,7 @@ from softrobot_env.control.arm import neural
 from softrobot_env.control.registry import make_policy, misfit, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Scaling, initial_network
+from softrobot_env.registries import is_path, load
 from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot, read_robot, write_robot
 from softrobot_env.tasks import make_task
 from softrobot_env.training.references import generic_task
@@ -196,6 +197,12 @@ def test_an_imitation_tracks_about_as_its_teacher_does(name):
     env = TrackingEnv(task, observe="all", **view.environment)
     errors["network"] = np.mean(run(Case(task, "network"), env, made).rollout.error)
     assert errors["network"] < 0.25 * errors["hold"], errors
+
+
+def test_what_trainings_load_by_name_is_there():
+    for training in TRAININGS.values():
+        for path in getattr(training.run, "args", ()):
+            assert not is_path(str(path)) or callable(load(path))
 
 
 def test_every_training_says_of_which_robots_it_is():
