@@ -155,14 +155,15 @@ def _plan(design: str, order: Order, show: Show) -> Figures:
 
 def _table(design: str, order: Order, show: Show) -> Figures:
     """Gains at operating points all over the workspace of a robot, by their design."""
-    robot = order.robot
     from softrobot_env.control.scheduled.law import build_table
     from softrobot_env.control.scheduled.operating_points import find_points
     from softrobot_env.control.scheduled.policies import save_table
 
+    robot = order.robot
     size = {"most": 40, "candidates": 120} if "quick" in order.settings else {}
     points = find_points(robot, progress=partial(show, "equilibria"), **size)
-    table = build_table(robot, load(design)(robot), points, partial(show, "gains"))
+    made = load(design)(robot)
+    table = build_table(robot, made, points, partial(show, "gains"))
     save_table(order.path, table, robot, points.errors)
     off = points.errors[-1] / robot.reach
     return [

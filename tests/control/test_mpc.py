@@ -89,6 +89,21 @@ def test_thesis_controller_decides_every_tenth_of_a_second():
     assert np.abs(decided - action).max() > 0.1
 
 
+@pytest.mark.parametrize("settings", [THESIS, PREVIEW], ids=POLICIES)
+def test_weights_do_not_depend_on_how_forces_are_geared(settings):
+    """Half the lever arms and twice the tensions are the same robot to its actions."""
+
+    def geared(tendon):
+        offset = tuple(x / 2 for x in tendon.offset)
+        return replace(tendon, offset=offset, tension_limit=2 * tendon.tension_limit)
+
+    other = replace(ARM, tendons=tuple(geared(t) for t in ARM.tendons))
+    actions = [
+        MPC(robot, settings.period, settings).predict(observe())[0] for robot in (ARM, other)
+    ]
+    np.testing.assert_allclose(actions[1], actions[0], rtol=1e-3)
+
+
 def test_other_periods_are_refused():
     with pytest.raises(ValueError, match=r"decides every 0\.1 s"):
         make_policy("mpc", ARM, 0.03)

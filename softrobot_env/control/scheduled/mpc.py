@@ -69,8 +69,8 @@ class PlanSettings:
 #: of them, no preview and no estimates.
 THESIS = PlanSettings(1 / 12, (2 / 12, 5 / 12), None, False)
 
-#: With preview and estimates.
-PREVIEW = PlanSettings(None, (0.03, 0.1, 0.4), 1.0, True)
+#: With preview and estimates. More than two nodes follow no better, and need larger tables.
+PREVIEW = PlanSettings(None, (0.15,), 1.0, True)
 
 
 class Constrained:
@@ -121,6 +121,7 @@ class ScheduledMPC(AimingLaw):
         control_period: float,
         table: Any,
         settings: PlanSettings = PREVIEW,
+        adaptive: bool = False,
     ) -> None:
         """Prepare for a robot, and decide once, so that all is compiled.
 
@@ -129,6 +130,7 @@ class ScheduledMPC(AimingLaw):
             control_period: [s] between calls.
             table: Reference to its `Table` with the gains of `Constrained`.
             settings: Horizon.
+            adaptive: Whether to estimate the stiffness.
 
         Raises:
             ValueError: The controller's period is no multiple of the control period.
@@ -139,6 +141,7 @@ class ScheduledMPC(AimingLaw):
         seen = seen if settings.preview is None else (*seen, "reference_preview")
         options = timing, settings.estimate, _CURVED
         super().__init__(robot, control_period, name, table, seen, *options)
+        self._adaptive = adaptive
         self._solve = BoundedSolver()
         self._rows, self._most = _speed_rows(self._law)
         self._warm_up()
@@ -162,7 +165,7 @@ class ScheduledMPC(AimingLaw):
         if not seen_well(*seen):
             forget_balance(self._law, memory)
             return kept(seen[-1]), Memory(memory, NOT_FINITE)
-        program = _program(self._law, memory, *seen)
+        program = _program(self._law, self._adaptive, memory, *seen)
         best = program.wanted if program.fine else self._optimum(program)
         if best is None:
             return kept(seen[-1]), Memory(state.values, NOT_COMPUTED)
@@ -194,6 +197,7 @@ def _speed_rows(law: Law) -> tuple[np.ndarray, np.ndarray]:
 @kernel
 def _program(
     law: Law,
+    adaptive: bool,
     memory: np.ndarray,
     curvature: np.ndarray,
     rate: np.ndarray,
@@ -203,7 +207,7 @@ def _program(
     previous: np.ndarray,
 ) -> Program:
     """What is to be optimised; the memory is updated."""
-    aim = aimed(law, False, memory, curvature, rate, tip, target, preview, previous)
+    aim = aimed(law, adaptive, memory, curvature, rate, tip, target, preview, previous)
     plan = planned(law, aim)
     count, m = plan.shape
     for c in range(count):

@@ -54,7 +54,7 @@ def test_identified_parameters_can_be_kept(tmp_path):
     np.testing.assert_array_equal(loaded.statics(point), learnt.statics(point))
     assert (loaded.stiffness, loaded.turn) == (1.07, 0.12)
     assert (loaded.damping, loaded.backlash, loaded.twin) == (0.9, 1.3e-4, 3)
-    with pytest.raises(ValueError, match="not for this 'arm'"):
+    with pytest.raises(ValueError, match="has not been trained for robot 'arm'"):
         IdentifiedParameters.load(ARM, tmp_path / "rig.npz")
 
 

@@ -143,7 +143,7 @@ def _cost(regulator, timing, start, off):
 
 def test_gains_are_as_many_as_files_are_checked_for(table):
     before = row_size(table.n, table.m, len(table.directions))
-    assert table.rows.shape[1] == before + Constrained(ROD).count(table.n, table.m)
+    assert table.rows.shape[1] == before + Constrained(ROD).count(table.n, table.m, 2)
 
 
 # ---------------------------------------------------------------- programs
