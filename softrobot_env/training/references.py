@@ -8,7 +8,7 @@ import numpy as np
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import Task, make_task
-from softrobot_env.tasks.generic import site_of
+from softrobot_env.tasks.generic import generic_tasks, site_of
 from softrobot_env.tasks.trajectories import Polyline, Step
 
 #: Inputs [N] of random postures: a common part within +-, and the deviation of each from it, drawn
@@ -99,16 +99,21 @@ def any_task(rng: np.random.Generator, robot: RobotParams) -> Task:
     site, seed = site_of(robot), int(rng.integers(2**31))
     if site.ground.radius == 0 or rng.uniform() < _REACHES:
         hold = rng.uniform(*_HOLDS) / site.frequency
-        return make_task("reach", robot=robot, seed=seed, hold=hold)
+        return generic_task("reach", robot, seed=seed, hold=hold)
     radius = rng.choice(_RADII) * _whole_path(robot)
     pace = rng.uniform(*_PACES)
-    return make_task("random", robot=robot, seed=seed, radius=float(radius), frequency=pace)
+    return generic_task("random", robot, seed=seed, radius=float(radius), frequency=pace)
+
+
+def generic_task(name: str, robot: RobotParams, **options: float) -> Task:
+    """A task that any robot can be given, even where the robot has one of its own by this name."""
+    return make_task(name, among=generic_tasks(robot), **options)
 
 
 @lru_cache(maxsize=8)
 def _whole_path(robot: RobotParams) -> float:
     """Default radius [m] of a random path."""
-    return float(make_task("random", robot=robot).option("radius"))
+    return float(generic_task("random", robot).option("radius"))
 
 
 def check_tasks(robot: RobotParams) -> list[Task]:
@@ -117,13 +122,9 @@ def check_tasks(robot: RobotParams) -> list[Task]:
         steps = [make_task("step", width) for width in (0.05, 0.1, 0.2)]
         return [make_task("swing"), make_task("lshape"), *steps]
     if site_of(robot).ground.radius == 0:
-        return [make_task("reach", robot=robot)]
-    paced = [make_task("circle", robot=robot, frequency=pace) for pace in _CHECKED]
-    return [
-        *paced,
-        make_task("figure_eight", robot=robot),
-        make_task("random", robot=robot, seed=0),
-    ]
+        return [generic_task("reach", robot)]
+    paced = [generic_task("circle", robot, frequency=pace) for pace in _CHECKED]
+    return [*paced, generic_task("figure_eight", robot), generic_task("random", robot, seed=0)]
 
 
 def draw_reference(rng: np.random.Generator, duration: float) -> Task:

@@ -23,7 +23,7 @@ from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import site_of
 from softrobot_env.training.artifacts import figures, load_start, save
 from softrobot_env.training.learners import LEARNERS, freeze_actor, make_model, put_actor
-from softrobot_env.training.references import draw_reference
+from softrobot_env.training.references import draw_reference, generic_task
 from softrobot_env.training.registry import Figures, Order
 from softrobot_env.training.rl_config import (
     IMITATION,
@@ -202,13 +202,14 @@ def _thesis_tasks(
 
 def _tasks(
     robot: RobotParams, config: RLConfig, name: str, rng: np.random.Generator
-) -> list[tuple[str, dict[str, float]]]:
-    """Tasks of another robot by name, so that what is random in them is drawn for every episode."""
-    if name == "reach":
-        return [(name, {"hold": _HOLD / site_of(robot).frequency})]
+) -> list[tuple[Task | str, dict[str, float]]]:
+    """Tasks of another robot; random paths by name, so that every episode has one of its own."""
     if name == "random":
         return [(name, {}), *((name, {"frequency": pace}) for pace in _PACES)]
-    return [(name, {"frequency": _PACES[1]})]
+    options = {"frequency": _PACES[1]}
+    if name == "reach":
+        options = {"hold": _HOLD / site_of(robot).frequency, "seed": int(rng.integers(2**31))}
+    return [(generic_task(name, robot, **options), {})]
 
 
 def _part(

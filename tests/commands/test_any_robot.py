@@ -229,7 +229,7 @@ def test_list_tells_what_there_is_and_why_not(capsys):
 @pytest.mark.slow
 def test_commands_of_the_readme_work_as_printed(tmp_path, monkeypatch):
     text = (ROOT / "README.md").read_text()
-    section = text.split("#### Your own robot on the command line")[1].split("`train` and")[0]
+    section = text.split("#### Your own robot on the command line")[1].split("#### Training for")[0]
     for block in re.findall(r"```python\n(.*?)```", section, re.S):
         name = re.match(r"# (\w+\.py)\n", block)
         if name:

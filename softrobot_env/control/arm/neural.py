@@ -132,8 +132,7 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
 
     Args:
         robot: The robot.
-        sizes: Entries of its observables: of a robot driven by length the tip's velocity counts in
-            place of curvatures, as a lab can measure it.
+        sizes: Entries of its observables.
         period: [s] between two decisions, by the first mode unless given.
 
     Raises:
@@ -148,8 +147,6 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
         period = max((p for p in _PERIODS if _DECISIONS * p <= first), default=_PERIODS[0])
     rate, bend = 2 * pi / first, 1.5 / robot.length
     scales = {"curvature": bend, "curvature_rate": 1.3 * bend * rate}
-    if robot.drive.kind == "length":
-        scales = {"tip_velocity": 0.04 * robot.reach * rate}
     ahead = dict.fromkeys(max(1, round(share * first / period)) for share in _AHEAD_TIMES)
     return View(
         period=period,

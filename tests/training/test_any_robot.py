@@ -1,0 +1,214 @@
+"""Trainings for a user's own robot: what they write, where it is found, what is refused."""
+
+import time
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+
+from softrobot_env.artifacts import artifact_name, find_artifact, fingerprint, train_command
+from softrobot_env.cli import main
+from softrobot_env.control.arm import neural
+from softrobot_env.control.registry import make_policy, misfit, policy_environment
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.learned.network import Scaling, initial_network
+from softrobot_env.registries import is_path, load
+from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot, read_robot, write_robot
+from softrobot_env.tasks import make_task
+from softrobot_env.training.references import generic_task
+from softrobot_env.training.registry import TRAININGS, file_of
+from softrobot_env.training.views import view_for
+
+FINGER = ROBOTS["planar_finger"]
+OTHERS = (
+    "planar_finger",
+    "rig",
+    *(
+        pytest.param(n, marks=pytest.mark.slow)
+        for n in ("silicone_rod", "hanging_trunk", "ftdcr_v4")
+    ),
+)
+
+
+@pytest.fixture
+def mine(tmp_path):
+    """A robot that has a file."""
+    write_robot(FINGER, tmp_path / "mine.toml")
+    return read_robot(tmp_path / "mine.toml")
+
+
+def untrained(view):
+    """A network of a view before any training, whose outputs are small."""
+    ends = [Scaling(-np.ones(count), np.ones(count)) for count in (view.count, view.inputs)]
+    network = initial_network((8,), *ends, np.random.default_rng(0))
+    return network.with_parameters(0.1 * network.parameters)
+
+
+def save(robot, policy, folder=None):
+    """Write an untrained network where a policy looks for it."""
+    view, path = view_for(robot), file_of(robot, policy, folder)
+    untrained(view).save(path, {**fingerprint(robot), **view.about(), "seed": 0})
+    return path
+
+
+# ---------------------------------------------------------------- fingerprints and places
+
+
+def test_equal_robots_have_one_fingerprint_and_others_another(mine):
+    def of(robot):
+        return str(fingerprint(robot)["fingerprint"])
+
+    assert of(mine) == of(FINGER) == of(replace(FINGER, name="called otherwise"))
+    assert of(replace(ARM, length=np.float64(ARM.length))) == of(ARM)
+    changed = [
+        FINGER.vary(damping_time=1.001),
+        replace(FINGER, gravity=(0.0, 0.0, 9.81)),
+        replace(RIG, drive=replace(RIG.drive, speed=0.2)),
+        RIG,
+        replace(FINGER, tendons=FINGER.tendons[::-1]),
+        replace(FINGER, sections=FINGER.sections[::-1]),
+        FINGER.vary(tendon_radius=1.1),
+    ]
+    assert len({of(robot) for robot in (FINGER, *changed)}) == 1 + len(changed)
+
+
+def test_what_lies_beside_the_robots_file_comes_first(mine, tmp_path):
+    assert find_artifact(ARM, "ppo") == file_of(ARM, "ppo")
+    assert find_artifact(mine, "ppo") == file_of(ARM, "ppo")  # what is shipped, of the arm
+    save(mine, "ppo")
+    assert find_artifact(mine, "ppo") == tmp_path / "mine.ppo.npz" == file_of(mine, "ppo")
+    with pytest.raises(ValueError, match=r"never has not been trained .*train never --robot"):
+        find_artifact(mine, "never")
+
+
+def test_the_command_that_is_advised_names_the_robot_as_commands_know_it(mine):
+    assert train_command(RIG, "rig_nn") == "softrobot train rig_nn --robot rig"
+    assert train_command(mine, "sac") == f"softrobot train sac --robot {mine.file}"
+    for changed in (ARM.vary(density=1.1), mine.vary(density=1.1)):
+        with pytest.raises(ValueError, match=r"write_robot.*--robot \w+_changed\.toml"):
+            find_artifact(changed, "never")
+
+
+@pytest.mark.parametrize("policy", ["imitation", "ppo", "sac", "qs_nn", "lqi", "lq_preview", "mpc"])
+def test_policies_without_training_advise_theirs(policy, mine):
+    assert f"`softrobot train {policy} --robot {mine.file}`" in misfit(policy, mine)
+
+
+def test_a_file_of_a_robot_that_has_changed_is_refused(mine):
+    save(mine, "ppo")
+    assert misfit("ppo", mine) is None
+    write_robot(FINGER.vary(damping_time=2), mine.file)
+    assert f"`softrobot train ppo --robot {mine.file}`" in misfit("ppo", read_robot(mine.file))
+
+
+# ---------------------------------------------------------------- networks of any robot
+
+
+def test_the_arm_is_seen_as_its_shipped_networks_were_trained():
+    """The thesis' scales, which files of networks did not tell once."""
+    view = neural.arm_view()
+    assert view_for(ARM) == view and view.count == 29
+    assert (view.coarse, view.fine, view.velocity, view.ahead) == (0.05, 0.001, 0.1, 0.02)
+    assert (view.scales, view.action) == ((3.0, 20.0), 0.15)
+    assert policy_environment("ppo") == {"control_period": 0.01, "preview": neural.PREVIEW}
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_a_network_sees_a_robot_at_scales_of_its_own(name):
+    """Of order 1 while it follows its circle with the inputs that hold it there."""
+    robot = find_robot(name)
+    view, task = view_for(robot), generic_task("circle", robot)
+    env = TrackingEnv(task, observe="all", **view.environment)
+    policy, seen = make_policy("hold", env), []
+    observation, _ = env.reset()
+    assert {n: observation[n].size for n in view.observed} == view.observed
+    for _ in range(50):
+        observation, *_ = env.step(policy.predict(observation)[0])
+        seen.append(neural.features(observation, view))
+    assert seen[0].shape == (view.count,)
+    assert 0.05 < np.abs(seen).max() < 10
+
+
+def test_the_view_of_a_file_is_the_view_it_was_trained_with(mine):
+    save(mine, "ppo")
+    needs = policy_environment("ppo", mine)
+    assert needs == view_for(mine).environment and needs["control_period"] < neural.PERIOD
+    env = gymnasium.make("SoftRobot/Track-v0", robot=str(mine.file), observe="all", **needs)
+    policy = make_policy("ppo", env)
+    assert policy.view == view_for(mine)
+    observation, _ = env.reset(seed=0)
+    change = untrained(policy.view)(neural.features(observation, policy.view)[None])[0]
+    wanted = observation["previous_action"] + neural.increment(change)
+    np.testing.assert_allclose(policy.predict(observation)[0], wanted, atol=1e-6)
+
+
+# ---------------------------------------------------------------- the command
+
+
+def test_nothing_is_overwritten_unless_asked_to(mine, capsys):
+    path = save(mine, "qs_nn")
+    before, began = path.read_bytes(), time.process_time()
+    assert main(["train", "qs_nn", "--robot", str(mine.file)]) == 2
+    assert "--overwrite replaces it" in capsys.readouterr().err and path.read_bytes() == before
+    assert time.process_time() - began < 1  # it has not been trained first
+    assert main(["train", "qs_nn", "--robot", "arm"]) == 2
+    assert "qs_nn.npz is there already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["imitation", "--teacher", "static"],
+        ["ppo", "--start", "none", "--steps", "64", "--set", "envs_per_task=1"],
+        ["qs_nn"],
+        ["lq_preview"],
+    ],
+    ids=lambda arguments: arguments[0],
+)
+@pytest.mark.slow
+def test_the_command_trains_for_any_robot(arguments, mine, capsys, tmp_path):
+    pytest.importorskip("stable_baselines3")
+    pytest.importorskip("daqp")
+    kept = ["--checkpoint", str(tmp_path / "kept")] if arguments[0] == "ppo" else []
+    assert main(["train", *arguments, *kept, "--robot", str(mine.file), "--quick"]) == 0
+    assert (tmp_path / artifact_name(mine, arguments[0])).is_file()
+    given = ["--robot", str(mine.file), "--tasks", "circle", "--policies", arguments[0]]
+    assert main(["evaluate", *given, "--duration", "0.1", "--out", str(tmp_path / "out")]) == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["planar_finger", "silicone_rod"])
+def test_an_imitation_tracks_about_as_its_teacher_does(name):
+    """On a path, a pace and a robot that it was not trained on, unlike holding still."""
+    pytest.importorskip("torch")
+    from softrobot_env.evaluation.runner import Case, run
+    from softrobot_env.training.imitation import Lesson, imitate, settings_of
+
+    robot = find_robot(name)
+    lesson = Lesson.of(robot, "static")
+    config = replace(settings_of(lesson), rounds=3, samples=6000, shares=2, processes=0)
+    network, view = imitate(config, 0, lambda *_: None, lesson), lesson.view()
+    task = make_task("figure_eight", robot=robot, frequency=0.07)
+    errors = {}
+    for policy in ("static", "hold"):
+        errors[policy] = np.mean(run(Case(task, policy)).rollout.error)
+    made = neural.NeuralPolicy(robot, view.period, network, view=view)
+    env = TrackingEnv(task, observe="all", **view.environment)
+    errors["network"] = np.mean(run(Case(task, "network"), env, made).rollout.error)
+    assert errors["network"] < 0.25 * errors["hold"], errors
+
+
+def test_what_trainings_load_by_name_is_there():
+    for training in TRAININGS.values():
+        for path in getattr(training.run, "args", ()):
+            assert not is_path(str(path)) or callable(load(path))
+
+
+def test_every_training_says_of_which_robots_it_is():
+    for name, training in TRAININGS.items():
+        if training.robot is None:
+            training.check(name, FINGER)
+        else:
+            with pytest.raises(ValueError, match="alone, not for 'planar_finger'"):
+                training.check(name, FINGER)
