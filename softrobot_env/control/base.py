@@ -152,17 +152,26 @@ class Controller(ABC):
         if state is not None and (not isinstance(state, list) or len(state) != count):
             found = len(state) if isinstance(state, list) else 1
             raise ValueError(f"observations of {count} environments, but the state of {found}")
-        states = [None] * count if state is None else list(state)
+        states = [None] * count if state is None else state
         starts = np.ravel(False if episode_start is None else episode_start)
         if starts.size not in (1, count):
             raise ValueError(f"episode_start has {starts.size} entries for {count} environments")
-        starts = np.broadcast_to(starts, count)
-        actions = []
-        for i in range(count):
-            one = {name: observation[name][i] for name in self.requires}
-            action, states[i] = self.predict(one, None if starts[i] else states[i])
-            actions.append(action)
-        return np.stack(actions), states
+        starts = np.broadcast_to(starts, count).tolist()
+        return self._decide_stacked(
+            observation, [None if s else state for s, state in zip(starts, states, strict=True)]
+        )
+
+    def _decide_stacked(
+        self, observation: Observation, states: list[Any]
+    ) -> tuple[np.ndarray, list[Any]]:
+        """Actions (k, n_inputs) and next states for as many observations and states.
+
+        A state of None begins an episode. This is one decision after the other; for policies that
+        make them all in one call see `control.memoryless`.
+        """
+        each = [{name: observation[name][i] for name in self.requires} for i in range(len(states))]
+        decided = [self.predict(one, state) for one, state in zip(each, states, strict=True)]
+        return np.stack([action for action, _ in decided]), [state for _, state in decided]
 
 
 class Hold(Controller):

@@ -26,7 +26,8 @@ from softrobot_env.control.arm.operating_points import (
 from softrobot_env.control.arm.reference_smoothing import JUMP, SIZE, begin_smoothing, smoothed
 from softrobot_env.control.arm.statics import follow
 from softrobot_env.control.base import usable
-from softrobot_env.control.status import FINE, NOT_FINITE, Memory, finite, kept
+from softrobot_env.control.limits import finite, kept
+from softrobot_env.control.status import FINE, NOT_FINITE, Memory
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

@@ -17,7 +17,8 @@ from softrobot_env.control.arm.operating_points import (
 )
 from softrobot_env.control.arm.statics import REACH, follow
 from softrobot_env.control.base import usable
-from softrobot_env.control.status import FINE, NOT_FINITE, Memory, excess, finite, kept
+from softrobot_env.control.limits import excess, finite, kept
+from softrobot_env.control.status import FINE, NOT_FINITE, Memory
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

@@ -1,15 +1,16 @@
 """A small network as controller, trained by imitation and reinforcement learning."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
-from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE, Said
-from softrobot_env.interfaces import Observation
+from softrobot_env.control.base import hold_for, state_sizes
+from softrobot_env.control.memoryless import Decide, Memoryless
+from softrobot_env.control.status import FINE, REASONS, SATURATED, UNREACHABLE, Said
 from softrobot_env.learned.network import Network, check_ends, load_for
+from softrobot_env.learned.plain_inference import PlainInference, absorbed
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 
@@ -73,7 +74,7 @@ def output_of(change: np.ndarray) -> np.ndarray:
     return np.clip(np.arcsinh(change / _FINE) / _STEEPNESS, -1.0, 1.0)
 
 
-class NeuralPolicy(Controller):
+class NeuralPolicy(Memoryless):
     """u_k+1 = u_k + increment(g(features)), g a small tanh network, every 10 ms.
 
     As the network only changes the action in force, it integrates: a steady error moves on. The
@@ -90,6 +91,7 @@ class NeuralPolicy(Controller):
         "reference_preview",
         "previous_action",
     )
+    says = tuple(Said(REASONS[code]) for code in (FINE, SATURATED, UNREACHABLE))
 
     def __init__(
         self, robot: RobotParams, control_period: float, weights: str | Path | Network
@@ -110,29 +112,43 @@ class NeuralPolicy(Controller):
         sizes, network = state_sizes(robot), weights
         if not isinstance(weights, Network):  # an absolute path stays what it is
             network, _ = load_for(models_dir() / weights, robot, "softrobot train")
-        check_ends(network, (feature_count(robot), sizes["previous_action"]))
-        sizes |= {
-            "reference_velocity": 2,
-            "reference_preview": 2 * len(PREVIEW),
-        }
-        self.sizes, self._reach = sizes, robot.length
-        weights = tuple(weight.astype(float) for weight in network.weights)
-        self._network = replace(network, weights=weights)  # mixed precision would be slower
+        self.n_inputs = sizes["previous_action"]
+        check_ends(network, (feature_count(robot), self.n_inputs))
+        ahead = {"reference_velocity": 2, "reference_preview": 2 * len(PREVIEW)}
+        self.sizes, self._reach, self._network = sizes | ahead, float(robot.length), network
+        self._infer = PlainInference(network)
+        self.prepare()
 
-    def start(self, observation: Observation) -> Said:
-        """Nothing is remembered."""
-        return Said(None)
-
-    def act(self, observation: Observation, state: Said) -> tuple[np.ndarray, Said]:
+    def plain(self, observed: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """What the network gives, within the tension limit."""
-        before = observation["previous_action"]
-        for name in self.requires:
-            if not np.isfinite(observation[name]).all():
-                kept = np.clip(usable(before), -1.0, 1.0)
-                return kept, Said(f"{REASONS[NOT_FINITE]}: {name}")
-        wanted = np.clip(before, -1.0, 1.0) + increment(self._network(features(observation)))
-        action = np.clip(wanted, -1.0, 1.0)
-        status = REASONS[SATURATED] if np.any(action != wanted) else None
-        if np.hypot(*observation["reference"]) > self._reach:
-            status = REASONS[UNREACHABLE]
-        return action, Said(status)
+        changes = increment(self._infer.batch(features(observed).astype(float)))
+        wanted = np.clip(observed["previous_action"], -1.0, 1.0) + changes
+        actions = np.clip(wanted, -1.0, 1.0)
+        codes = np.where((actions != wanted).any(axis=1), SATURATED, FINE)
+        far = np.hypot(*observed["reference"].T) > self._reach
+        return actions, np.where(far, UNREACHABLE, codes)
+
+    def compiled(self) -> Decide:
+        """`neural_kernel.decide` with this network and these scales."""
+        from softrobot_env.beams.numerics.compilation import reference
+        from softrobot_env.control.arm.neural_kernel import NeuralLaw, decide
+        from softrobot_env.learned.inference import parameters_of
+
+        counts = [self.sizes[name] for name in ("curvature", "curvature_rate")]
+        parameters, sizes = parameters_of(absorbed(self._network))
+        law = NeuralLaw(
+            ends=np.cumsum([self.sizes[name] for name in self.requires]),
+            coarse=_COARSE_ERROR,
+            fine=_FINE_ERROR,
+            motion=np.repeat([_CURVATURE, _RATE], counts),
+            velocity=_VELOCITY,
+            ahead=_AHEAD,
+            action=_ACTION,
+            largest=_LARGEST,
+            gain=_FINE,
+            steepness=_STEEPNESS,
+            reach=self._reach,
+            parameters=parameters,
+            sizes=sizes,
+        )
+        return partial(decide, reference(law))

@@ -13,7 +13,7 @@ from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, inertia_force
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.arm.operating_points import discretized, linear_model
 from softrobot_env.control.base import Controller, usable
-from softrobot_env.control.status import finite
+from softrobot_env.control.limits import finite
 from softrobot_env.fields import Positive, Range, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams

@@ -20,13 +20,12 @@ from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_a
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.control.arm.statics import REACH
 from softrobot_env.control.base import Controller, hold_for, state_sizes
+from softrobot_env.control.limits import finite, limited
 from softrobot_env.control.status import (
     FINE,
     OUTSIDE,
     SATURATED,
     UNREACHABLE,
-    finite,
-    limited,
 )
 from softrobot_env.interfaces import Observation
 from softrobot_env.paths import models_dir

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from softrobot_env.fields import NotNegative, Positive, check_fields
-from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.network import Network, describe, load_for
+from softrobot_env.learned.plain_inference import Inference, inference
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 
@@ -52,9 +52,9 @@ class IdentifiedParameters:
         check_fields(self, "identified parameters")
 
     @cached_property
-    def statics(self) -> CompiledInference:
+    def statics(self) -> Inference:
         """The network, for real time."""
-        return CompiledInference(self.network)
+        return inference(self.network)
 
     def believed(self, robot: RobotParams) -> RobotParams:
         """The rig as it seems to be, to be modelled in several pieces."""
