@@ -63,12 +63,12 @@ POLICIES: dict[str, PolicySpec] = {
     "lqi": PolicySpec("softrobot_env.control.arm.lqi:LQI", environment={"control_period": 0.001}),
     "lq_preview": PolicySpec(
         "softrobot_env.control.arm.lq_preview:LQPreview",
-        environment="softrobot_env.control.arm.lq_preview:ENVIRONMENT",
+        environment="softrobot_env.control.arm.timing:ENVIRONMENT",
     ),
     "lq_adaptive": PolicySpec(
         "softrobot_env.control.arm.lq_preview:LQPreview",
         {"adaptive": True},
-        environment="softrobot_env.control.arm.lq_preview:ENVIRONMENT",
+        environment="softrobot_env.control.arm.timing:ENVIRONMENT",
     ),
     "mpc": PolicySpec(
         "softrobot_env.control.mpc.controller:MPC",
@@ -77,7 +77,7 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     "mpc_preview": PolicySpec(
         "softrobot_env.control.mpc.controller:make_preview",
-        environment="softrobot_env.control.mpc.controller:PREVIEW_ENVIRONMENT",
+        environment="softrobot_env.control.mpc.settings:PREVIEW_ENVIRONMENT",
         package="daqp",
     ),
     **{
@@ -199,7 +199,7 @@ def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str 
     """
     period = policy_environment(which).get("control_period", control_period)
     try:
-        make_policy(which, robot, period)
+        _made(which, find_policy(which), robot, period, {})
     except ValueError as error:
         return str(error)
     return None
@@ -212,7 +212,9 @@ def make_policy(
     feedback: str = FEEDBACKS[0],
     **options: Any,
 ) -> Policy:
-    """Build a policy by name.
+    """Build a policy by name, and let it decide a few times for a robot at rest.
+
+    So what it has to compile or load is done before the first decision that matters.
 
     Args:
         name: One of `EVERY_POLICY`, or one's own as `package.module:name` or `file.py:name`.
@@ -236,11 +238,19 @@ def make_policy(
         robot = own.task.robot
     check_argument("control_period", control_period, Positive)
     policy = _made(name, spec, robot, control_period, options)
-    if feedback == "state" or "curvature_rate" not in getattr(policy, "requires", ()):
-        return policy
-    from softrobot_env.control.arm.observer import OutputFeedback
+    if feedback == "output" and "curvature_rate" in getattr(policy, "requires", ()):
+        from softrobot_env.control.arm.observer import OutputFeedback
 
-    return OutputFeedback(policy, robot, control_period)
+        _rehearse(policy, robot)
+        policy = OutputFeedback(policy, robot, control_period)
+    _rehearse(policy, robot)
+    return policy
+
+
+def _rehearse(policy: Policy, robot: RobotParams) -> None:
+    """Let a policy that can do so decide before it matters."""
+    if hasattr(policy, "rehearse"):
+        policy.rehearse(robot)
 
 
 def _made(

@@ -7,17 +7,17 @@ from softrobot_env.beams.closed_forms.planar_arm import inertia_forces, make_pla
 from softrobot_env.control.arm.estimation import PRIOR, update_estimate
 from softrobot_env.control.arm.lq_preview import (
     INPUT_WEIGHT,
-    KNOTS,
     VELOCITY_WEIGHT,
     preview_design,
 )
-from softrobot_env.control.arm.operating_points import PERIOD, discretized, linear_model
+from softrobot_env.control.arm.operating_points import discretized, linear_model
 from softrobot_env.control.arm.reference_smoothing import (
     ACCELERATION,
     SIZE,
     begin_smoothing,
     smoothed,
 )
+from softrobot_env.control.arm.timing import KNOTS, PERIOD
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics

@@ -91,6 +91,7 @@ class NeuralPolicy(Memoryless):
         "reference_preview",
         "previous_action",
     )
+    preview = PREVIEW
     says = tuple(Said(REASONS[code]) for code in (FINE, SATURATED, UNREACHABLE))
 
     def __init__(

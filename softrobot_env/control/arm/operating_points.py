@@ -19,6 +19,7 @@ from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.control.arm.statics import REACH
+from softrobot_env.control.arm.timing import PERIOD
 from softrobot_env.control.base import Controller, hold_for, state_sizes
 from softrobot_env.control.limits import finite, limited
 from softrobot_env.control.status import (
@@ -31,9 +32,6 @@ from softrobot_env.interfaces import Observation
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
-
-#: [s] between decisions of a law.
-PERIOD = 1e-3
 
 #: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points
 #: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be

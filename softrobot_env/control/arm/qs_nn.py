@@ -9,7 +9,6 @@ import numpy as np
 from softrobot_env.control.base import hold_for
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.control.status import REASONS, SATURATED, Said
-from softrobot_env.interfaces import Observation
 from softrobot_env.learned.network import Network, Scaling, load_for
 from softrobot_env.learned.plain_inference import PlainInference, absorbed
 from softrobot_env.paths import models_dir
@@ -39,6 +38,7 @@ class QuasiStaticNetwork(Memoryless):
     """
 
     requires = ("tip_position", "reference_preview", "previous_action")
+    preview = (PERIOD,)
     says = (
         Said(None),
         Said(REASONS[SATURATED]),
@@ -75,16 +75,6 @@ class QuasiStaticNetwork(Memoryless):
         self._workspace = about["workspace"] + _MARGIN * np.array([-1.0, 1.0])
         self._infer = PlainInference(self._network)
         self.prepare()
-
-    def _check(self, observation: Observation) -> None:
-        """As of any policy; the preview by its time."""
-        size = observation.get("reference_preview", np.zeros(2)).shape[-1]
-        if size != 2:
-            raise ValueError(
-                f"qs_nn needs an environment with preview=({PERIOD:g},), the reference at its next "
-                f"decision; this one's reference_preview has {size} entries, not 2"
-            )
-        super()._check(observation)
 
     def plain(self, observed: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """What the network gives, within the tension limit."""
