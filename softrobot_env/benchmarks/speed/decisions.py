@@ -71,32 +71,34 @@ def measure(name: str) -> dict[str, float]:
     env_id = "SoftRobot/ArmSwing-v0" if name in POLICIES else "SoftRobot/RigTriangle-v0"
     env = gymnasium.make(env_id, observe="all", **policy_environment(name)).unwrapped
     policy = make_policy(name, env)
-    times, computing, observation = _decide(env, policy)
+    times, longest, observation = _decide(env, policy)
     many = {key: np.stack([value] * STACKED) for key, value in observation.items()}
     return {
         "period": env.control_period,
-        "seconds": float(np.median(times[:: policy.hold])),
-        "longest": max(computing),
+        "seconds": float(np.median(times)),
+        "longest": longest,
         "stacked": _stacked(lambda state: policy.predict(many, state)[1]),
     }
 
 
-def _decide(
-    env: gymnasium.Env, policy: Policy
-) -> tuple[list[float], list[float], dict[str, np.ndarray]]:
-    """Times [s] of `COUNT` calls by clock and by computing, and the last observation."""
-    (observation, _), state = env.reset(seed=0), None
-    times, computing = [], []
-    for k in range(COUNT):
+def _decide(env: gymnasium.Env, policy: Policy) -> tuple[list[float], float, dict[str, np.ndarray]]:
+    """Times [s] of decisions in `COUNT` calls, longest computing of one, and the last observation.
+
+    A policy that decides every few calls holds its action in the others.
+    """
+    (observation, _), state, called = env.reset(seed=0), None, 0
+    times, longest = [], 0.0
+    for _ in range(COUNT):
         computed, begin = thread_time(), perf_counter()
         action, state = policy.predict(observation, state)
-        times.append(perf_counter() - begin)
-        computing.append(thread_time() - computed)
+        if called % policy.hold == 0:
+            times.append(perf_counter() - begin)
+        longest = max(longest, thread_time() - computed)
         observation, _, terminated, truncated, _ = env.step(action)
-        # Whole decisions of policies that decide every few calls.
-        if terminated or (truncated and (k + 1) % policy.hold == 0):
-            (observation, _), state = env.reset(seed=0), None
-    return times, computing, observation
+        called += 1
+        if terminated or truncated:
+            (observation, _), state, called = env.reset(seed=0), None, 0
+    return times, longest, observation
 
 
 def _stacked(call: Callable[[list | None], list]) -> float:
