@@ -24,6 +24,9 @@ from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
 
+#: Of the arm: 6 of the error and velocity, 8 ahead, 12 of the curvatures, 3 inputs.
+FEATURES = 29
+
 NETWORKS = ("imitation", "ppo", "sac", "ppo_randomized", "sac_randomized")
 
 
@@ -103,7 +106,7 @@ def test_networks_decide_by_their_formula(name, numba_loaded):
 
 @pytest.mark.parametrize("hidden", [(), (1,), (7, 2, 9)])
 def test_networks_of_any_depth_decide(hidden, numba_loaded):
-    ends = [Scaling(-np.full(n, 2.0), np.full(n, 3.0)) for n in (neural.feature_count(ARM), 3)]
+    ends = [Scaling(-np.full(n, 2.0), np.full(n, 3.0)) for n in (FEATURES, 3)]
     network = initial_network(hidden, *ends, np.random.default_rng(1))
     policy = neural.NeuralPolicy(ARM, 0.01, network)
     seen = draw(policy, 20, spread=0.2)
@@ -163,7 +166,7 @@ def test_policies_take_the_function_of_the_process_they_are_unpickled_in(monkeyp
 
 def test_hidden_layers_that_compute_no_number_are_told(numba_loaded):
     """A neuron that is no number must not pass for a saturated one."""
-    ends = [Scaling(-np.ones(n), np.ones(n)) for n in (neural.feature_count(ARM), 3)]
+    ends = [Scaling(-np.ones(n), np.ones(n)) for n in (FEATURES, 3)]
     network = initial_network((4, 4), *ends, np.random.default_rng(2))
     bad = (np.full_like(network.weights[0], np.nan), *network.weights[1:])
     policy = neural.NeuralPolicy(ARM, 0.01, replace(network, weights=bad))
