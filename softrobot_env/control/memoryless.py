@@ -21,7 +21,7 @@ class Memoryless(Controller):
 
     It is compiled where Numba is loaded already when the policy is made, or unpickled, as it is
     once a simulation was made; else it is plain NumPy's, which gives the same to rounding, takes
-    some 30 µs longer and spares the import of Numba. Subclasses write both, set `requires`,
+    some 40 µs longer and spares the import of Numba. Subclasses write both, set `requires`,
     `sizes` and `n_inputs`, and then call `prepare`.
 
     Attributes:
