@@ -1,7 +1,9 @@
 """From a controller of one robot to stable-baselines3's `predict`, single or batched."""
 
+import gc
 from abc import ABC, abstractmethod
 from math import isfinite
+from time import process_time
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -11,6 +13,9 @@ from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
+
+#: [s] of computing in a rehearsal that tells that a compiler was at work, or its cache.
+_COMPILED = 0.02
 
 
 class Held(NamedTuple):
@@ -60,11 +65,13 @@ class Controller(ABC):
         requires: Observables the policy reads.
         hold: Number of control periods that an action is kept for.
         sizes: Entries that observables must have, where the policy depends on it.
+        preview: [s], times ahead at which the environment must show the reference, if it matters.
     """
 
     requires: tuple[str, ...]
     hold: int = 1
     sizes: ClassVar[dict[str, int]] = {}
+    preview: tuple[float, ...] | None = None
 
     @abstractmethod
     def start(self, observation: Observation) -> Any:
@@ -111,10 +118,28 @@ class Controller(ABC):
         for name, size in self.sizes.items():
             found = observation[name].shape[-1]
             if found != size:
+                cure = "it is made for another robot or number of pieces than the environment"
+                if name == "reference_preview":
+                    cure = f"give the environment preview={self.preview}"
                 raise ValueError(
-                    f"{type(self).__name__} needs {size} entries of {name}, not {found}: it is "
-                    "made for another robot, number of pieces or preview than the environment"
+                    f"{type(self).__name__} needs {size} entries of {name}, not {found}: {cure}"
                 )
+
+    def rehearse(self, robot: RobotParams) -> None:
+        """Decide for a robot at rest, so that no decision will wait for a compiler or its leavings.
+
+        `make_policy` does so. Three decisions: some laws compute more once they have a past. A
+        policy that does not tell the `sizes` of all that it `requires` does not rehearse.
+        """
+        if not set(self.requires) <= self.sizes.keys():
+            return
+        begin = process_time()
+        observation = _at_rest(robot, self.sizes)
+        state = self.start(observation)
+        for _ in range(3):
+            _, state = self.act(observation, state)
+        if process_time() - begin > _COMPILED:  # what it leaves would soon be collected, for long
+            gc.collect()
 
     def _go_on(self, observation: Observation, state: Any) -> tuple[np.ndarray, Any]:
         if state.left:
@@ -152,17 +177,26 @@ class Controller(ABC):
         if state is not None and (not isinstance(state, list) or len(state) != count):
             found = len(state) if isinstance(state, list) else 1
             raise ValueError(f"observations of {count} environments, but the state of {found}")
-        states = [None] * count if state is None else list(state)
+        states = [None] * count if state is None else state
         starts = np.ravel(False if episode_start is None else episode_start)
         if starts.size not in (1, count):
             raise ValueError(f"episode_start has {starts.size} entries for {count} environments")
-        starts = np.broadcast_to(starts, count)
-        actions = []
-        for i in range(count):
-            one = {name: observation[name][i] for name in self.requires}
-            action, states[i] = self.predict(one, None if starts[i] else states[i])
-            actions.append(action)
-        return np.stack(actions), states
+        starts = np.broadcast_to(starts, count).tolist()
+        return self._decide_stacked(
+            observation, [None if s else state for s, state in zip(starts, states, strict=True)]
+        )
+
+    def _decide_stacked(
+        self, observation: Observation, states: list[Any]
+    ) -> tuple[np.ndarray, list[Any]]:
+        """Actions (k, n_inputs) and next states for as many observations and states.
+
+        A state of None begins an episode. This is one decision after the other; for policies that
+        make them all in one call see `control.memoryless`.
+        """
+        each = [{name: observation[name][i] for name in self.requires} for i in range(len(states))]
+        decided = [self.predict(one, state) for one, state in zip(each, states, strict=True)]
+        return np.stack([action for action, _ in decided]), [state for _, state in decided]
 
 
 class Hold(Controller):
@@ -190,6 +224,19 @@ def _single(episode_start: np.ndarray) -> bool:
         raise ValueError(
             f"episode_start has {np.size(episode_start)} entries for one environment"
         ) from None
+
+
+def _at_rest(robot: RobotParams, sizes: dict[str, int]) -> dict[str, np.ndarray]:
+    """Observables of these sizes: the robot is straight, where it should be, and nothing pulls."""
+    coordinates = sizes.get("reference", sizes.get("tip_position", 2))
+    tip = np.zeros(coordinates)
+    if robot.is_planar or coordinates == 3:
+        tip[-1] = robot.length
+    places = {"tip_position", "reference", "reference_preview"}
+    return {
+        name: np.resize(tip, size) if name in places else np.zeros(size)
+        for name, size in sizes.items()
+    }
 
 
 def state_sizes(robot: RobotParams) -> dict[str, int]:

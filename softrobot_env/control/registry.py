@@ -72,26 +72,26 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     "lqi": PolicySpec(
         "softrobot_env.control.scheduled.policies:make_lqi",
-        environment="softrobot_env.control.scheduled.policies:lqi_environment",
+        environment="softrobot_env.control.scheduled.environments:lqi_environment",
     ),
     "lq_preview": PolicySpec(
         "softrobot_env.control.scheduled.policies:make_lq_preview",
-        environment="softrobot_env.control.scheduled.policies:lq_environment",
+        environment="softrobot_env.control.scheduled.environments:lq_environment",
     ),
     "lq_adaptive": PolicySpec(
         "softrobot_env.control.scheduled.policies:make_lq_preview",
         {"adaptive": True},
-        environment="softrobot_env.control.scheduled.policies:lq_environment",
+        environment="softrobot_env.control.scheduled.environments:lq_environment",
     ),
     "mpc": PolicySpec(
         "softrobot_env.control.scheduled.policies:make_mpc",
-        environment="softrobot_env.control.scheduled.policies:mpc_environment",
+        environment="softrobot_env.control.scheduled.environments:mpc_environment",
         package="daqp",
     ),
     "mpc_preview": PolicySpec(
         "softrobot_env.control.scheduled.policies:make_mpc",
         {"preview": True},
-        environment="softrobot_env.control.scheduled.policies:mpc_preview_environment",
+        environment="softrobot_env.control.scheduled.environments:mpc_preview_environment",
         package="daqp",
     ),
     **{
@@ -214,7 +214,7 @@ def misfit(which: str, robot: RobotParams, control_period: float = 0.01) -> str 
     """
     period = policy_environment(which, robot).get("control_period", control_period)
     try:
-        make_policy(which, robot, period)
+        _made(which, find_policy(which), robot, period, {})
     except ValueError as error:
         return str(error)
     return None
@@ -227,7 +227,9 @@ def make_policy(
     feedback: str = FEEDBACKS[0],
     **options: Any,
 ) -> Policy:
-    """Build a policy by name.
+    """Build a policy by name, and let it decide a few times for a robot at rest.
+
+    So what it has to compile or load is done before the first decision that matters.
 
     Args:
         name: One of `EVERY_POLICY`, or one's own as `package.module:name` or `file.py:name`.
@@ -252,11 +254,19 @@ def make_policy(
         robot = own.task.robot
     check_argument("control_period", control_period, Positive)
     policy = _made(name, spec, robot, control_period, options)
-    if feedback == "state" or "curvature_rate" not in getattr(policy, "requires", ()):
-        return policy
-    from softrobot_env.control.arm.observer import OutputFeedback
+    if feedback == "output" and "curvature_rate" in getattr(policy, "requires", ()):
+        from softrobot_env.control.arm.observer import OutputFeedback
 
-    return OutputFeedback(policy, robot, control_period)
+        _rehearse(policy, robot)
+        policy = OutputFeedback(policy, robot, control_period)
+    _rehearse(policy, robot)
+    return policy
+
+
+def _rehearse(policy: Policy, robot: RobotParams) -> None:
+    """Let a policy that can do so decide before it matters."""
+    if hasattr(policy, "rehearse"):
+        policy.rehearse(robot)
 
 
 def _check_interface(name: str, env: gymnasium.Env) -> None:

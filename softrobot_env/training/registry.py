@@ -133,7 +133,7 @@ def _gains(closed: str, design: str, order: Order, show: Show) -> Figures:
 
     That of the arm is of the closed form (thesis sec. 6.4), those of other robots of their chain.
     """
-    from softrobot_env.control.arm.operating_points import is_arm
+    from softrobot_env.control.arm.timing import is_arm
 
     robot = order.robot
     if is_arm(robot):

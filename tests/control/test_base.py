@@ -54,6 +54,14 @@ def test_feedforward_holds_the_tip_on_the_reference(target):
     assert state.status is None
 
 
+def test_feedforward_leaves_a_straight_arm_alone():
+    """Where both its Jacobian's smaller singular value and the gap are exactly zero."""
+    straight = observe((0.0, ARM.length), action=(0.0, 0.0, 0.0))
+    action, state = Feedforward(ARM, PERIOD).predict(straight, None)
+    np.testing.assert_array_equal(action, 0.0)
+    assert state.status is None
+
+
 def test_feedforward_says_when_the_reference_is_out_of_reach():
     action, state = Feedforward(ARM, PERIOD).predict(observe((0.4, 0.5)), None)
     # The arm is 0.5 m long and the reference 0.64 m away: at least 140 mm are missing.

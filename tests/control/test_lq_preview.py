@@ -7,11 +7,11 @@ from softrobot_env.beams.closed_forms.planar_arm import inertia_forces, make_pla
 from softrobot_env.control.arm.estimation import PRIOR, update_estimate
 from softrobot_env.control.arm.lq_preview import (
     INPUT_WEIGHT,
-    KNOTS,
     VELOCITY_WEIGHT,
     preview_design,
 )
-from softrobot_env.control.arm.operating_points import PERIOD, linear_model
+from softrobot_env.control.arm.operating_points import linear_model
+from softrobot_env.control.arm.timing import KNOTS, PERIOD
 from softrobot_env.control.linear_quadratic import discretized
 from softrobot_env.control.reference_smoothing import (
     ACCELERATION,

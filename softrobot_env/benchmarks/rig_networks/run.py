@@ -34,7 +34,8 @@ from softrobot_env.identification.recording import (
 )
 from softrobot_env.identification.recording import measure as measure_twin
 from softrobot_env.identification.recording import split as split_data
-from softrobot_env.learned.inference import CompiledInference, PlainInference
+from softrobot_env.learned.inference import CompiledInference
+from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RIG
 
 #: Points measured in a quick run: those of 150 samples to train with.

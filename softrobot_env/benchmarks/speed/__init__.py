@@ -1,1 +1,1 @@
-"""Environment steps per second, and what a step costs."""
+"""Environment steps per second, what a step costs, and how long policies decide."""

@@ -10,19 +10,22 @@ class Row(Record):
     """How long something takes; None where a field does not apply.
 
     Attributes:
-        what: "env.step", "moving", "vector env.step", "robots", "start" or "render".
-        variant: Environment, or what is waited for.
+        what: "env.step", "moving", "vector env.step", "robots", "decision", "start" or
+            "render".
+        variant: Environment, policy, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
         steps_per_second: Of all environments together.
         raw_steps_per_second: Of bare simulations in the same motion.
         ratio: Time of the bare simulation over that of the environment.
         overhead: [s] that a step of one environment takes beyond the simulation.
         overhead_ratio: The same over that of the yardstick.
-        seconds: [s] of a step of one environment, or of the wait.
+        seconds: [s] of a step of one environment, of a decision (median), or of the wait.
         accuracy: That was asked for, as a share of the length [1].
         error, estimate: [m], largest distance of the tip from the truth in the motion, and what the
             environment itself tells.
         dof: Degrees of freedom of the robot.
+        period, longest, stacked: [s], of decisions: the control period, the computing time of the
+            longest one, and the time of a call for 256 environments.
     """
 
     what: str
@@ -39,6 +42,9 @@ class Row(Record):
     error: float | None = None
     estimate: float | None = None
     dof: int | None = None
+    period: float | None = None
+    longest: float | None = None
+    stacked: float | None = None
 
 
 def step_row(

@@ -1,4 +1,4 @@
-"""Environment steps per second, and what the Python side of a step costs.
+"""Environment steps per second, what the Python side of a step costs, and decisions.
 
 The overhead of an environment is the time of `env.step` minus that of the bare simulation in it:
 `mj_step` of Gymnasium's environments, a control period of ours. Ours and Gymnasium's own MuJoCo
@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.benchmarks.jobs import Progress, quiet
-from softrobot_env.benchmarks.speed import moving, robots, vector
+from softrobot_env.benchmarks.speed import decisions, moving, robots, vector
 from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.benchmarks.speed.startup import frame_time, startup_times
 from softrobot_env.envs.base import EpisodeEnv
@@ -40,7 +40,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
 
     Returns:
         Rows of single environments, of a moving arm by accuracy, of vector environments, of
-        batches of robots and waits.
+        batches of robots, of decisions and waits.
     """
     contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS, RIG)}
     rounds, show = 80 if quick else 300, progress or quiet
@@ -55,6 +55,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     show("vector environments", rounds, rounds)
     steps = [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
     steps += moving.run(quick) + vector.run(quick) + robots.run(quick)
+    steps += decisions.run(quick, show)
     return steps + [Row(*w, seconds=time) for w, time in waits.items()]
 
 

@@ -30,6 +30,13 @@ _ROBOTS = (
     Column("bare/s", "raw_steps_per_second", ".0f"),
     Column("bare/\nenv", "ratio", ".2f"),
 )
+_DECISIONS = (
+    Column("policy", "variant"),
+    Column("period\nms", lambda row: number(1e3 * row.period, "g"), ">"),
+    Column("decision µs,\nmedian", "seconds", ".1f", "µs"),
+    Column("longest ms\nof computing", "longest", ".3f", "ms"),
+    Column("256 stacked\nms", "stacked", ".2f", "ms"),
+)
 _WAITS = (
     Column("", "variant"),
     Column("ms", lambda row: number(row.seconds, ".1f", "ms", missing="no OpenGL"), ">"),
@@ -37,10 +44,17 @@ _WAITS = (
 
 
 def tables(rows: list[Row]) -> Group:
-    """One table of steps, of a moving arm by accuracy, of batches of robots, of waiting times."""
+    """One table of steps, of a moving arm by accuracy, of batches, decisions, waiting times."""
     moving = [row for row in rows if row.accuracy is not None]
     robots = [row for row in rows if row.dof is not None]
-    waits = [row for row in rows if row.steps_per_second is None]
-    steps = [row for row in rows if row not in moving + robots + waits]
-    parts = ((_STEPS, steps), (_MOVING, moving), (_ROBOTS, robots), (_WAITS, waits))
+    decisions = [row for row in rows if row.period is not None]
+    waits = [row for row in rows if row.steps_per_second is None and row.period is None]
+    steps = [row for row in rows if row not in moving + robots + decisions + waits]
+    parts = (
+        (_STEPS, steps),
+        (_MOVING, moving),
+        (_ROBOTS, robots),
+        (_DECISIONS, decisions),
+        (_WAITS, waits),
+    )
     return Group(*(make_table("", columns, kind) for columns, kind in parts))

@@ -15,7 +15,6 @@ from softrobot_env.beams.closed_forms.planar_arm import PlanarArm
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.arm.estimation import PRIOR, stiffness_factor, update_estimate
 from softrobot_env.control.arm.operating_points import (
-    PERIOD,
     Law,
     ScheduledController,
     conclude,
@@ -23,7 +22,9 @@ from softrobot_env.control.arm.operating_points import (
     linear_model,
 )
 from softrobot_env.control.arm.statics import follow
+from softrobot_env.control.arm.timing import KNOTS, PERIOD
 from softrobot_env.control.base import usable
+from softrobot_env.control.limits import finite, kept
 from softrobot_env.control.linear_quadratic import discretized, preview_gains
 from softrobot_env.control.reference_smoothing import (
     ACCELERATION,
@@ -32,16 +33,11 @@ from softrobot_env.control.reference_smoothing import (
     memory_size,
     smoothed,
 )
-from softrobot_env.control.status import FINE, NOT_FINITE, Memory, finite, kept
+from softrobot_env.control.status import FINE, NOT_FINITE, Memory
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
-#: Times [s] ahead at which the reference is used; straight lines in between.
-KNOTS = (0.001, 0.002, 0.004, 0.007, 0.011, 0.016, 0.023, 0.032, 0.045, 0.06, 0.08, 0.105, 0.15)
 _TIMES = np.array((0.0, *KNOTS))
-
-#: Keyword arguments of the environment that the policy needs.
-ENVIRONMENT = {"control_period": PERIOD, "preview": KNOTS}
 
 #: Weights of the cost sum_k (|e|^2 + VELOCITY_WEIGHT |e.|^2 + INPUT_WEIGHT |u|^2), with e the tip's
 #: distance [m] from the reference and u the inputs' [N] from those that hold it.
@@ -69,6 +65,7 @@ class LQPreview(ScheduledController):
         "reference_preview",
         "previous_action",
     )
+    preview = KNOTS
 
     def __init__(
         self,
@@ -87,16 +84,11 @@ class LQPreview(ScheduledController):
             ValueError: As `ScheduledController`.
         """
         super().__init__(robot, control_period, "lq_preview", gains, count=2 * len(KNOTS))
+        self.sizes["reference_preview"] = 2 * len(KNOTS)
         self._adaptive = adaptive
 
     def start(self, observation: Observation) -> Memory:
-        """Begin from the inputs in force, with the nominal model.
-
-        Raises:
-            ValueError: The preview is at another number of times than this policy needs.
-        """
-        if observation["reference_preview"].size != 2 * len(KNOTS):
-            raise ValueError(f"lq_preview needs an environment with preview={KNOTS}")
+        """Begin from the inputs in force, with the nominal model."""
         n, m = self._law.arm.inputs.shape
         values = np.zeros(3 * n + m + 5 + memory_size(2))
         _, _, _, inputs, _, information, smoothing, _ = _split(values, n, m)

@@ -8,7 +8,6 @@ from scipy.linalg import solve_continuous_are
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.arm.operating_points import (
-    PERIOD,
     Law,
     ScheduledController,
     conclude,
@@ -16,8 +15,10 @@ from softrobot_env.control.arm.operating_points import (
     linear_model,
 )
 from softrobot_env.control.arm.statics import REACH, follow
+from softrobot_env.control.arm.timing import PERIOD
 from softrobot_env.control.base import usable
-from softrobot_env.control.status import FINE, NOT_FINITE, Memory, excess, finite, kept
+from softrobot_env.control.limits import excess, finite, kept
+from softrobot_env.control.status import FINE, NOT_FINITE, Memory
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

@@ -1,7 +1,8 @@
 """A small network as controller, trained by imitation and reinforcement learning."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
+from functools import partial
 from math import pi
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.artifacts import Arrays, find_artifact
-from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
-from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE, Said
+from softrobot_env.control.base import hold_for, state_sizes
+from softrobot_env.control.memoryless import Decide, Memoryless
+from softrobot_env.control.status import FINE, REASONS, SATURATED, UNREACHABLE, Said
 from softrobot_env.fields import Positive, check_fields
-from softrobot_env.interfaces import Observation
 from softrobot_env.learned.network import Network, check_ends, load_for
+from softrobot_env.learned.plain_inference import PlainInference, absorbed
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM, RobotParams
 
@@ -209,7 +211,7 @@ def output_of(change: np.ndarray) -> np.ndarray:
     return np.clip(np.arcsinh(change / _FINE) / _STEEPNESS, -1.0, 1.0)
 
 
-class NeuralPolicy(Controller):
+class NeuralPolicy(Memoryless):
     """u_k+1 = u_k + increment(g(features)), g a small tanh network.
 
     As the network only changes the action in force, it integrates: a steady error moves on. It
@@ -217,6 +219,8 @@ class NeuralPolicy(Controller):
     have: of the arm every 10 ms, and `PREVIEW`. When an observation is not finite, the action in
     force is kept.
     """
+
+    says = tuple(Said(REASONS[code]) for code in (FINE, SATURATED, UNREACHABLE))
 
     def __init__(
         self,
@@ -249,29 +253,45 @@ class NeuralPolicy(Controller):
             view = view_in(about, robot)
         self.hold = hold_for(view.period, control_period, "the network")
         check_ends(network, (view.count, view.inputs))
-        self.view, self.sizes, self._reach = view, view.observed, robot.reach
-        base = np.zeros(3) if robot.base is None else np.array(robot.base.position)
+        self.view, self.preview, self.n_inputs = view, tuple(view.preview), view.inputs
+        self.sizes, self._reach = view.observed, float(robot.reach)
+        base = np.zeros(3) if robot.base is None else np.array(robot.base.position, dtype=float)
         self._base = base[[0, 2] if robot.moves_in_xz else slice(view.dimensions)]
         self.requires = tuple(self.sizes)
-        weights = tuple(weight.astype(float) for weight in network.weights)
-        self._network = replace(network, weights=weights)  # mixed precision would be slower
+        self._network, self._infer = network, PlainInference(network)
+        self.prepare()
 
-    def start(self, observation: Observation) -> Said:
-        """Nothing is remembered."""
-        return Said(None)
-
-    def act(self, observation: Observation, state: Said) -> tuple[np.ndarray, Said]:
+    def plain(self, observed: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """What the network gives, within the tension limit."""
-        before = observation["previous_action"]
-        for name in self.requires:
-            if not np.isfinite(observation[name]).all():
-                kept = np.clip(usable(before), -1.0, 1.0)
-                return kept, Said(f"{REASONS[NOT_FINITE]}: {name}")
-        wanted = np.clip(before, -1.0, 1.0) + increment(
-            self._network(features(observation, self.view))
+        changes = increment(self._infer.batch(features(observed, self.view).astype(float)))
+        wanted = np.clip(observed["previous_action"], -1.0, 1.0) + changes
+        actions = np.clip(wanted, -1.0, 1.0)
+        codes = np.where((actions != wanted).any(axis=1), SATURATED, FINE)
+        far = np.linalg.norm(observed["reference"] - self._base, axis=1) > self._reach
+        return actions, np.where(far, UNREACHABLE, codes)
+
+    def compiled(self) -> Decide:
+        """`neural_kernel.decide` with this network and these scales."""
+        from softrobot_env.beams.numerics.compilation import reference
+        from softrobot_env.control.arm.neural_kernel import NeuralLaw, decide
+        from softrobot_env.learned.inference import parameters_of
+
+        view = self.view
+        parameters, sizes = parameters_of(absorbed(self._network))
+        law = NeuralLaw(
+            ends=np.cumsum([self.sizes[name] for name in self.requires]),
+            coarse=view.coarse,
+            fine=view.fine,
+            motion=np.repeat(view.scales, view.sizes).astype(float),
+            velocity=view.velocity,
+            ahead=view.ahead,
+            action=view.action,
+            largest=_LARGEST,
+            gain=_FINE,
+            steepness=_STEEPNESS,
+            base=self._base,
+            reach=self._reach,
+            parameters=parameters,
+            sizes=sizes,
         )
-        action = np.clip(wanted, -1.0, 1.0)
-        status = REASONS[SATURATED] if np.any(action != wanted) else None
-        if np.linalg.norm(observation["reference"] - self._base) > self._reach:
-            status = REASONS[UNREACHABLE]
-        return action, Said(status)
+        return partial(decide, reference(law))

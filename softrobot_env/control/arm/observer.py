@@ -13,8 +13,8 @@ from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, inertia_force
 from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.arm.operating_points import linear_model
 from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.limits import finite
 from softrobot_env.control.linear_quadratic import discretized
-from softrobot_env.control.status import finite
 from softrobot_env.fields import Positive, Range, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
@@ -161,20 +161,35 @@ class OutputFeedback(Controller):
 
     def start(self, observation: Observation) -> ObservedState:
         """At rest, with the policy yet to start."""
-        return ObservedState(self._observer.start(observation["curvature"]), None)
+        return ObservedState(np.empty(0), None)
 
     def act(
         self, observation: Observation, state: ObservedState
     ) -> tuple[np.ndarray, ObservedState]:
         """The policy's action with estimated rates."""
-        estimate = state.estimate
-        if state.inner is not None:
-            estimate = self._observer.update(
-                estimate, observation[self._in_force], observation["curvature"]
-            )
+        estimate = self._estimate(state, observation[self._in_force], observation["curvature"])
         full = {**observation, "curvature_rate": estimate[1]}
         action, inner = self._policy.predict(full, state.inner)
         return action, ObservedState(estimate, inner)
+
+    def _estimate(
+        self, state: ObservedState | None, action: np.ndarray, curvature: np.ndarray
+    ) -> np.ndarray:
+        """Estimate (4, n), at the start of an episode that of rest."""
+        if state is None or state.inner is None:
+            return self._observer.start(curvature)
+        return self._observer.update(state.estimate, action, curvature)
+
+    def _decide_stacked(
+        self, observation: Observation, states: list[ObservedState | None]
+    ) -> tuple[np.ndarray, list[ObservedState]]:
+        """One observer after the other, and the policy as it serves many."""
+        seen = observation["previous_action"], observation["curvature"]
+        estimates = [self._estimate(*one) for one in zip(states, *seen, strict=True)]
+        full = {**observation, "curvature_rate": np.stack([one[1] for one in estimates])}
+        inner = [None if state is None else state.inner for state in states]
+        actions, inner = self._policy.predict(full, inner)
+        return actions, [ObservedState(*both) for both in zip(estimates, inner, strict=True)]
 
     # The policy itself holds its actions.
     _go_on = _decide = act

@@ -23,21 +23,18 @@ from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.control.arm.statics import REACH
+from softrobot_env.control.arm.timing import PERIOD, identity
 from softrobot_env.control.base import Controller, hold_for, state_sizes
+from softrobot_env.control.limits import finite, limited
 from softrobot_env.control.status import (
     FINE,
     OUTSIDE,
     SATURATED,
     UNREACHABLE,
-    finite,
-    limited,
 )
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
-
-#: [s] between decisions of a law.
-PERIOD = 1e-3
 
 #: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points
 #: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be
@@ -141,22 +138,6 @@ def build_gains(
         gains.append(design(curvature))
         progress(len(gains), int(np.prod(shape)))
     return np.reshape(gains, (*shape, -1))
-
-
-def is_arm(robot: RobotParams) -> bool:
-    """Whether a robot is the arm that `GRID` is laid out for, by what a gain table depends on."""
-    if robot.sections or robot.pieces != ARM.pieces or not robot.moves_in_xz:
-        return False
-    own, wanted = identity(robot), identity(ARM)
-    return own.shape == wanted.shape and np.allclose(own, wanted, rtol=1e-9)
-
-
-def identity(robot: RobotParams) -> np.ndarray:
-    """What a gain table depends on: numbers that tell robots apart."""
-    ends = [t.end for t in robot.tendons]
-    radii = [t.offset[0] for t in robot.tendons]
-    own = (robot.length, robot.bending_stiffness, robot.mass_per_length, robot.damping_time)
-    return np.array([*own, float(robot.pieces), *ends, *radii])
 
 
 def save_gains(path: Path, robot: RobotParams, gains: np.ndarray) -> None:

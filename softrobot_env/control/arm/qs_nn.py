@@ -1,16 +1,17 @@
 """Quasi-static controller: a network as local inverse of the statics, at 5 Hz (thesis sec. 6.3)."""
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from softrobot_env.artifacts import find_artifact
-from softrobot_env.beams.numerics.compilation import kernel
-from softrobot_env.control.base import Controller, hold_for
-from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, Said
-from softrobot_env.interfaces import Observation
-from softrobot_env.learned.inference import absorbed
-from softrobot_env.learned.network import Network, load_for
+from softrobot_env.control.base import hold_for
+from softrobot_env.control.memoryless import Decide, Memoryless
+from softrobot_env.control.status import REASONS, SATURATED, Said
+from softrobot_env.learned.network import Network, Scaling, load_for
+from softrobot_env.learned.plain_inference import PlainInference, absorbed
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
@@ -21,21 +22,11 @@ PERIOD = 0.2
 #: a random sample that keeps some distance from the boundary of the workspace.
 _MARGIN = 1e-3
 
-_REQUIRES = ("tip_position", "reference_preview", "previous_action")
-_LIMITED, _OUTSIDE, _BAD = 1, 2, 4  # codes of `_decide`; `_BAD` plus the index of an observable
-_STATUSES = (
-    None,
-    REASONS[SATURATED],
-    "outside the trained workspace",
-    f"outside the trained workspace, {REASONS[SATURATED]}",
-    *(f"{REASONS[NOT_FINITE]}: {name}" for name in _REQUIRES),
-)
+#: Added up, they are the codes of what is said.
+_LIMITED, _OUTSIDE = 1, 2
 
 
-_STATES = tuple(Said(status) for status in _STATUSES)
-
-
-class QuasiStaticNetwork(Controller):
+class QuasiStaticNetwork(Memoryless):
     """u_k+1 = g(z_k, z_ref(t_k+1), u_k) every 0.2 s, g a network of 7-30-3 neurons (Fig. 6.8).
 
     The environment's preview must be the reference at the next decision alone: `preview=(0.2,)`.
@@ -43,7 +34,14 @@ class QuasiStaticNetwork(Controller):
     so. When an observation is not finite, the action in force is kept.
     """
 
-    requires = _REQUIRES
+    requires = ("tip_position", "reference_preview", "previous_action")
+    preview = (PERIOD,)
+    says = (
+        Said(None),
+        Said(REASONS[SATURATED]),
+        Said("outside the trained workspace"),
+        Said(f"outside the trained workspace, {REASONS[SATURATED]}"),
+    )
 
     def __init__(
         self, robot: RobotParams, control_period: float, weights: str | Path | None = None
@@ -62,102 +60,46 @@ class QuasiStaticNetwork(Controller):
         """
         self.hold = hold_for(PERIOD, control_period, "qs_nn")
         path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
-        self._n_inputs = len(robot.tendons) // 2
-        ends = (4 + self._n_inputs, self._n_inputs)
+        self.n_inputs = len(robot.tendons) // 2
+        self.sizes = {
+            "tip_position": 2,
+            "reference_preview": 2,
+            "previous_action": self.n_inputs,
+        }
+        ends = (4 + self.n_inputs, self.n_inputs)
         network, about = load_for(path, robot, "qs_nn", ends=ends)
         about.check_shape("workspace", (None, 2))
-        self._network = _fold(network, TendonMap(robot).input_scale, about["workspace"])
-        self.sizes = {"tip_position": 2, "previous_action": self._n_inputs}
+        self._network = _of_actions(network, TendonMap(robot).input_scale)
+        self._workspace = about["workspace"] + _MARGIN * np.array([-1.0, 1.0])
+        self._infer = PlainInference(self._network)
+        self.prepare()
 
-    def start(self, observation: Observation) -> Said:
-        """Nothing is remembered.
-
-        Raises:
-            ValueError: The environment has another preview than 0.2 s.
-        """
-        size = len(observation["reference_preview"])
-        if size != 2:
-            raise ValueError(
-                f"qs_nn needs an environment with preview=({PERIOD:g},), the reference at its next "
-                f"decision; this one's reference_preview has {size} entries, not 2"
-            )
-        return _STATES[0]
-
-    def act(self, observation: Observation, state: Said) -> tuple[np.ndarray, Said]:
+    def plain(self, observed: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """What the network gives, within the tension limit."""
-        action = np.empty(self._n_inputs, np.float32)
-        code = _decide(
-            *self._network,  # a structure costs a call more than one by one
-            np.ascontiguousarray(observation["tip_position"]),
-            np.ascontiguousarray(observation["reference_preview"]),
-            np.ascontiguousarray(observation["previous_action"]),
-            action,
-        )
-        return action, _STATES[code]
+        wanted = self._infer.batch(np.hstack([observed[name] for name in self.requires]))
+        limited = (np.abs(wanted) > 1.0).any(axis=1)
+        x, z = observed["reference_preview"].T
+        share = (np.arctan2(x, z) + np.pi) / (2 * np.pi)
+        sectors = len(self._workspace)
+        at = np.minimum((share * sectors).astype(int), sectors - 1)
+        nearest, farthest = self._workspace[at].T
+        distance = np.hypot(x, z)
+        inside = (nearest <= distance) & (distance <= farthest)
+        return np.clip(wanted, -1.0, 1.0), _LIMITED * limited + _OUTSIDE * ~inside
+
+    def compiled(self) -> Decide:
+        """`qs_nn_kernel.decide` with this network and workspace."""
+        from softrobot_env.control.arm.qs_nn_kernel import decide
+        from softrobot_env.learned.inference import parameters_of
+
+        return partial(decide, *parameters_of(absorbed(self._network)), self._workspace)
 
 
-def _fold(
-    network: Network, input_scale: np.ndarray, workspace: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The network from observations in SI units to an action, as `_decide` takes it.
-
-    Returns:
-        rows: (n_hidden, n_in + 1 + n_inputs): of each hidden neuron the weights and bias of the
-            raw inputs, and its weights in the action.
-        offset: (n_inputs,) [1], biases of the action.
-        workspace: (n_sectors, 2) [m], see `learned.quasi_static.workspace`, with the margin.
-    """
-    if len(network.weights) != 2:
-        raise ValueError(f"qs_nn has one hidden layer, this network {len(network.weights) - 1}")
-    (into, threshold), (out, offset) = absorbed(network)
-    into[:, 4:] *= input_scale  # of actions, not inputs in N
-    return (
-        np.hstack([into, threshold[:, None], (out / input_scale[:, None]).T]),
-        offset / input_scale,
-        workspace + _MARGIN * np.array([-1.0, 1.0]),
+def _of_actions(network: Network, input_scale: np.ndarray) -> Network:
+    """The network from tip, reference and actions to actions, in place of inputs in N."""
+    ends = np.concatenate([np.ones(4), input_scale]), input_scale
+    inputs, outputs = (
+        Scaling(scaling.low / scale, scaling.high / scale)
+        for scaling, scale in zip((network.inputs, network.outputs), ends, strict=True)
     )
-
-
-@kernel
-def _decide(
-    rows: np.ndarray,
-    offset: np.ndarray,
-    workspace: np.ndarray,
-    tip: np.ndarray,
-    target: np.ndarray,
-    previous: np.ndarray,
-    action: np.ndarray,
-) -> int:
-    """Write the action and return what is to be said about it, an index of `_STATUSES`."""
-    n = len(action)
-    sound = True
-    for j in range(n):  # what stays where an observation cannot be used
-        sound &= np.isfinite(previous[j])
-        action[j] = min(max(previous[j], -1.0), 1.0) if np.isfinite(previous[j]) else 0.0
-    if not np.isfinite(tip[0] + tip[1]):
-        return _BAD
-    if not np.isfinite(target[0] + target[1]):
-        return _BAD + 1
-    if not sound:
-        return _BAD + 2
-    total = offset.copy()
-    for row in rows:
-        value = row[0] * tip[0] + row[1] * tip[1] + row[2] * target[0] + row[3] * target[1]
-        for j in range(n):
-            value += row[4 + j] * previous[j]
-        # tanh(x) = 1 - 2 / (exp(2 x) + 1), twice as fast as the library's.
-        value = 1.0 - 2.0 / (np.exp(2.0 * (value + row[4 + n])) + 1.0)
-        for j in range(n):
-            total[j] += row[5 + n + j] * value
-    code = 0
-    for j in range(n):
-        action[j] = min(max(total[j], -1.0), 1.0)
-        if abs(total[j]) > 1.0:
-            code = _LIMITED
-    sectors = len(workspace)
-    share = (np.arctan2(target[0], target[1]) + np.pi) / (2 * np.pi)
-    nearest, farthest = workspace[min(int(share * sectors), sectors - 1)]
-    distance = np.sqrt(target[0] * target[0] + target[1] * target[1])
-    if not nearest <= distance <= farthest:
-        code += _OUTSIDE
-    return code
+    return replace(network, inputs=inputs, outputs=outputs)

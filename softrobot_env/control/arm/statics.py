@@ -95,7 +95,8 @@ def _newton_steps(
     # Near the straight pose J loses rank; the damping bounds the step there and vanishes with
     # the gap, so it does not disturb convergence.
     damping = 1e-3 * np.hypot(*gap) * singular[0]
-    gain = singular / (singular**2 + damping)
+    # A straight arm with its tip on the target: no gain, where both are exactly zero.
+    gain = singular / (singular**2 + damping + np.finfo(float).tiny)
     range_, null = right[: len(singular)].T, right[len(singular) :].T
     to_range = range_ @ (gain * (left.T @ gap))
     multiplier = -left @ (gain * (range_.T @ u))

@@ -1,12 +1,12 @@
-"""Which law stands behind the names of policies that the thesis has for its arm and rig alone."""
+"""Which law stands behind the names of policies that the thesis has for its arm and rig alone.
+
+Laws are loaded where they are made: those of networks do without compiled code.
+"""
 
 from pathlib import Path
 
 from softrobot_env.artifacts import find_artifact
 from softrobot_env.control.arm.qs_nn import QuasiStaticNetwork
-from softrobot_env.control.feedforward.dynamics import InverseDynamics
-from softrobot_env.control.feedforward.law import Feedforward
-from softrobot_env.control.rig import feedforward as rig
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.interfaces import Policy
 from softrobot_env.learned.network import Network
@@ -31,6 +31,8 @@ def make_network(
     path = find_artifact(robot, "qs_nn") if weights is None else Path(weights)
     if not path.is_file() or "workspace" in Network.load(path)[1]:
         return QuasiStaticNetwork(robot, control_period, path)
+    from softrobot_env.control.feedforward.law import Feedforward
+
     return Feedforward(robot, control_period, weights=path)
 
 
@@ -45,6 +47,9 @@ def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False)
     Raises:
         ValueError: The robot has no tendons, or is no rig that the law looks ahead for.
     """
+    from softrobot_env.control.feedforward.dynamics import InverseDynamics
+    from softrobot_env.control.rig import feedforward as rig
+
     if is_rig(robot):
         return rig.make_inverse(robot, control_period, ahead)
     _refuse_ahead(robot, ahead)
@@ -72,6 +77,9 @@ def make_hybrid(
         ValueError: No network of this robot, or a model that only a rig has.
         FileNotFoundError: No such file.
     """
+    from softrobot_env.control.feedforward.dynamics import InverseDynamics
+    from softrobot_env.control.rig import feedforward as rig
+
     if is_rig(robot):
         return rig.make_hybrid(robot, control_period, learnt, model, ahead, backlash)
     if model != "one piece" or backlash:

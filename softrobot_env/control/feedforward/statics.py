@@ -11,8 +11,8 @@ from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatur
 from softrobot_env.control.arm.statics import least_norm
 from softrobot_env.control.status import REASONS, UNREACHABLE
 from softrobot_env.equilibrium import EquilibriumError
-from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.network import check_ends, load_for
+from softrobot_env.learned.plain_inference import inference
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import Inputs, robot_inputs
 from softrobot_env.scene.build import build_scene
@@ -152,7 +152,7 @@ class NetworkStatics:
         self.dimension = None if self._size == 2 and not robot.moves_in_xz else self._size
         about.check_shape("tips", (None, self._size))
         about.check_shape("spacing", ())
-        self._network = CompiledInference(network)
+        self._network = inference(network)
         self._tips, self._spacing = about["tips"], float(about["spacing"])
 
     def begin(self, inputs: np.ndarray) -> Rest:

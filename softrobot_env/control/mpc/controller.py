@@ -81,6 +81,9 @@ class MPC(Controller):
         self.requires = _required(settings)
         sizes = state_sizes(robot)
         self.sizes = {name: size for name, size in sizes.items() if name in self.requires}
+        if settings.preview:
+            self.preview = settings.times
+            self.sizes["reference_preview"] = 2 * len(settings.times)
         self._reach = robot.length
         settings = _scaled(settings, robot)
         self._settings, self._arm = settings, make_planar_arm(robot)
@@ -89,17 +92,7 @@ class MPC(Controller):
         self._no_guess, self._shift = settings.no_guess(self._arm.n), settings.shift
 
     def start(self, observation: Observation) -> MPCState:
-        """Begin from the action in force.
-
-        Raises:
-            ValueError: The observed preview does not belong to the grid of the prediction.
-        """
-        times = self._settings.times
-        if self._settings.preview and len(observation["reference_preview"]) != 2 * len(times):
-            raise ValueError(
-                f"reference_preview has {len(observation['reference_preview'])} entries, needed "
-                f"are {2 * len(times)}: give the environment preview={times}"
-            )
+        """Begin from the action in force."""
         action = usable(observation["previous_action"])
         estimate = Estimate(1.0, np.zeros(self._arm.n), np.full(2, PRIOR))
         return MPCState(action, None, None, estimate, None)
@@ -191,6 +184,5 @@ def _required(settings: MPCSettings) -> tuple[str, ...]:
     return tuple(names)
 
 
-#: Makes the controller with preview and estimates, and what its environment needs.
+#: Makes the controller with preview and estimates.
 make_preview = partial(MPC, settings=PREVIEW)
-PREVIEW_ENVIRONMENT = {"control_period": PREVIEW.period, "preview": PREVIEW.times}

@@ -17,9 +17,6 @@ import numpy as np
 from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.numerics.compilation import kernel, structure
 
-#: Diagonal coefficient by integrator.
-GAMMA = {"implicit_euler": 1.0, "sdirk2": 1.0 - np.sqrt(0.5)}
-
 _STEP = 1e-30  # imaginary: its square vanishes beside one
 
 #: Newton's iteration ends with a change of the curvatures [1/m] below this; convergence is
@@ -35,7 +32,7 @@ class Horizon(NamedTuple):
     Attributes:
         steps: (p,) [s].
         block: (p,) int, row of the inputs in force during a step.
-        gamma: Diagonal coefficient [1] of the integrator, one of `GAMMA`.
+        gamma: Diagonal coefficient [1] of the integrator, one of `settings.GAMMA`.
         error: (p,) [1/m2] on the tip error at the end of a step.
         rate: (p,) [s2/m2] on the mean rate of the tip error over a step.
         effort: (p,) [1/N2] on the inputs during a step.

@@ -1,13 +1,18 @@
 """Settings of the model predictive controllers."""
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.beams.numerics.compilation import reference
-from softrobot_env.control.mpc.prediction import GAMMA, Horizon
 from softrobot_env.fields import NotNegative, Whole, check_fields
 from softrobot_env.registries import Registry
+
+if TYPE_CHECKING:
+    from softrobot_env.control.mpc.prediction import Horizon
+
+#: Diagonal coefficient by integrator.
+GAMMA = {"implicit_euler": 1.0, "sdirk2": 1.0 - np.sqrt(0.5)}
 
 
 @dataclass(frozen=True)
@@ -86,8 +91,11 @@ class MPCSettings:
         stages = 1 if GAMMA[self.integrator] == 1 else 2
         return np.zeros((len(self.steps), stages, n))
 
-    def horizon(self) -> Horizon:
+    def horizon(self) -> "Horizon":
         """Reference to grid and weights for the kernels."""
+        from softrobot_env.beams.numerics.compilation import reference
+        from softrobot_env.control.mpc.prediction import Horizon
+
         steps = np.array(self.steps)
         share = steps / steps[0]
         return reference(
@@ -133,3 +141,6 @@ PREVIEW = replace(
     iterations=1,
     tolerance=None,
 )
+
+#: Keyword arguments of the environment that the controller with preview needs.
+PREVIEW_ENVIRONMENT = {"control_period": PREVIEW.period, "preview": PREVIEW.times}

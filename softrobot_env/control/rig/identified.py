@@ -15,8 +15,8 @@ import numpy as np
 
 from softrobot_env.artifacts import find_artifact, train_command
 from softrobot_env.fields import NotNegative, Positive, check_fields
-from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.network import Network, describe, load_for
+from softrobot_env.learned.plain_inference import Inference, inference
 from softrobot_env.robots import RobotParams
 
 #: Whose file it is; the one shipped is of twin 0.
@@ -51,9 +51,9 @@ class IdentifiedParameters:
         check_fields(self, "identified parameters")
 
     @cached_property
-    def statics(self) -> CompiledInference:
+    def statics(self) -> Inference:
         """The network, for real time."""
-        return CompiledInference(self.network)
+        return inference(self.network)
 
     def believed(self, robot: RobotParams) -> RobotParams:
         """The rig as it seems to be, to be modelled in several pieces."""

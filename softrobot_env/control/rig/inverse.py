@@ -28,8 +28,6 @@ PIECES = 3
 #: [m], how far a reference may be from where its motion brings it: farther is a jump.
 _JUMP = 3e-3
 
-_WARM_UP = 0.02  # s
-
 
 class Motion(NamedTuple):
     """A reference: (2,) each, [m, m/s, m/s2]."""
@@ -111,9 +109,6 @@ class SeveralPieces:
 
     def __init__(self, robot: RobotParams, pieces: int = PIECES) -> None:
         self._model = FlexibleServoConstraints(robot, pieces)
-        still = Motion(*np.zeros((3, 2)))
-        _, memory = self.step(None, still, still, _WARM_UP)  # no decision shall wait for a compiler
-        self.step(memory, still, still, _WARM_UP)
 
     def step(
         self, memory: _Past | None, now: Motion, then: Motion, period: float

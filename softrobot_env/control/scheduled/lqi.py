@@ -6,12 +6,13 @@ import numpy as np
 from scipy.linalg import solve_continuous_are
 
 from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.limits import finite, kept
 from softrobot_env.control.scheduled.aiming import conclude
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.table import inverse_of, look_up
 from softrobot_env.control.scheduled.timing import Timing
-from softrobot_env.control.status import FINE, NOT_FINITE, Memory, finite, kept
+from softrobot_env.control.status import FINE, NOT_FINITE, Memory
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 

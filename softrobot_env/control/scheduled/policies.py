@@ -9,13 +9,12 @@ from softrobot_env.artifacts import check_robot, find_artifact, fingerprint, rea
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.control.arm import lq_preview as arm
 from softrobot_env.control.arm import lqi as arm_lqi
-from softrobot_env.control.arm.operating_points import PERIOD, is_arm
+from softrobot_env.control.arm.timing import is_arm
 from softrobot_env.control.mpc import controller as closed_mpc
 from softrobot_env.control.scheduled.law import read_table, table_arrays
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.lqi import LQI, Integral
 from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
-from softrobot_env.control.scheduled.timing import timing_of
 from softrobot_env.interfaces import Policy
 from softrobot_env.robots import RobotParams
 
@@ -78,21 +77,6 @@ def make_mpc(
     return ScheduledMPC(robot, control_period, table, PREVIEW if preview else THESIS)
 
 
-def mpc_environment(robot: RobotParams) -> dict[str, Any]:
-    """What `mpc` needs of an environment: its control period."""
-    if is_planar_arm(robot):
-        return {"control_period": 0.01}
-    return {"control_period": timing_of(robot).period}
-
-
-def mpc_preview_environment(robot: RobotParams) -> dict[str, Any]:
-    """What `mpc_preview` needs of an environment: its control period, and preview."""
-    if is_planar_arm(robot):
-        return closed_mpc.PREVIEW_ENVIRONMENT
-    timing = PREVIEW.timing(robot)
-    return {"control_period": timing.period, "preview": timing.knots}
-
-
 def is_planar_arm(robot: RobotParams) -> bool:
     """Whether the closed form of planar arms knows a robot."""
     try:
@@ -116,20 +100,6 @@ class WithoutPreview(Constrained):
     def __init__(self, robot: RobotParams) -> None:
         """Of any robot."""
         super().__init__(robot, THESIS)
-
-
-def lqi_environment(robot: RobotParams) -> dict[str, Any]:
-    """What `lqi` needs of an environment: its control period."""
-    period = PERIOD if is_arm(robot) else timing_of(robot).period
-    return {"control_period": period}
-
-
-def lq_environment(robot: RobotParams) -> dict[str, Any]:
-    """What `lq_preview` needs of an environment: its control period, and preview."""
-    if is_arm(robot):
-        return arm.ENVIRONMENT
-    timing = timing_of(robot)
-    return {"control_period": timing.period, "preview": timing.knots}
 
 
 def save_table(path: Path, table: Any, robot: RobotParams, errors: Any) -> None:
