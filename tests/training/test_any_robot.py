@@ -196,7 +196,8 @@ def test_an_imitation_tracks_about_as_its_teacher_does(name):
     made = neural.NeuralPolicy(robot, view.period, network, view=view)
     env = TrackingEnv(task, observe="all", **view.environment)
     errors["network"] = np.mean(run(Case(task, "network"), env, made).rollout.error)
-    assert errors["network"] < 0.25 * errors["hold"], errors
+    # A training of a minute: a third of what standing still errs shows that it tracks.
+    assert errors["network"] < errors["hold"] / 3, errors
 
 
 def test_what_trainings_load_by_name_is_there():
