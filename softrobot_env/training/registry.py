@@ -83,7 +83,7 @@ def _network(order: Order, show: Show) -> Figures:
         return _thesis_network(order, show)
     from softrobot_env.training.quasi_static import Learning, train
 
-    how = Learning(samples=120, iterations=20) if "quick" in order.settings else None
+    how = Learning(samples=400, iterations=20) if "quick" in order.settings else None
     trained = train(order.robot, order.seed, show, how)
     trained.network.save(order.path, trained.about)
     off = trained.errors

@@ -145,6 +145,7 @@ def test_robots_are_drawn_alike_for_every_policy(tmp_path, capsys):
     assert "only with --randomize" in err and "low <= high" in err
 
 
+@pytest.mark.slow
 def test_a_plant_and_a_twin_go_where_they_can(tmp_path, capsys):
     short = ["--tasks", "reach", "--policies", "static", "--duration", "0.3"]
     rows = [

@@ -112,7 +112,9 @@ def test_between_points_the_tip_is_where_it_shall_be(table):
 # --- closed loops ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("modulus", [1.0, 0.75, 1.25])
+@pytest.mark.parametrize(
+    "modulus", [1.0, *(pytest.param(m, marks=pytest.mark.slow) for m in (0.75, 1.25))]
+)
 def test_the_tip_follows_a_circle(table, modulus):
     policy = LQPreview(FINGER, timing_of(FINGER).period, table)
     error = mean_error(policy, FINGER, vary={"youngs_modulus": modulus})
