@@ -194,4 +194,5 @@ def test_quick_speed_benchmark(tmp_path):
         "vector env.step",
         "start",
         "render",
+        "decision",
     }
