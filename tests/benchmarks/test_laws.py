@@ -28,6 +28,12 @@ from softrobot_env.tasks.generic import generic_tasks
 FINGER = find_robot("planar_finger")
 
 
+@pytest.fixture
+def untrained(monkeypatch):
+    """Trainings take minutes: policies that need one are refused."""
+    monkeypatch.setattr("softrobot_env.benchmarks.laws.rows.TRAINED", ())
+
+
 @pytest.fixture(scope="module")
 def row():
     task = generic_tasks(FINGER)["circle"](frequency=0.5)
@@ -118,7 +124,7 @@ def test_goals_compare_the_worst_path_with_limits(row):
     assert goals["observer", 0.1].share is None and not goals["observer", 0.1].met
 
 
-def test_what_cannot_serve_is_a_row_with_the_reason(tmp_path):
+def test_what_cannot_serve_is_a_row_with_the_reason(untrained, tmp_path):
     task = generic_tasks(FINGER)["circle"](frequency=0.3)
     found = run_laps(laps_case(task, "static", plant="ancf"))
     assert isinstance(found, RefusedRow) and "ANCF needs a backbone of one" in found.reason
@@ -129,7 +135,7 @@ def test_what_cannot_serve_is_a_row_with_the_reason(tmp_path):
     assert {r.policy for r in known.rows if isinstance(r, RefusedRow)}.isdisjoint(known.policies)
 
 
-def test_tables_and_picture_of_what_there_is(row, tmp_path):
+def test_tables_and_picture_of_what_there_is(row, untrained, tmp_path):
     laps = made_up(row, {"hold": (0.1, 0.2, 0.3), "static": (0.001, 0.009, 0.05)})
     laps[3] = replace(laps[3], share_mean=None, lap_mean=None, failure="folded")
     known = prepare(FINGER.name, ("circle",), (0.3,), tmp_path)
