@@ -92,7 +92,9 @@ def test_l_stability(method):
     assert max(growth(1j * y) for y in np.geomspace(1e-3, 1e6, 200)) <= 1 + 1e-12
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize(
+    "method", [pytest.param(m, marks=pytest.mark.slow) if "euler" in m else m for m in METHODS]
+)
 def test_observed_order(method):
     model, q, v = chain([40.0, 90.0, 60.0], damping=0.01, cubic=400.0), [0.3, 0.1, 0.4], [0, 1, 0]
     expected = METHODS[method].order

@@ -241,7 +241,7 @@ def test_steps(episode, name, width, overshoot, settling):
     assert metrics.steady_state_error < 1e-4
 
 
-@pytest.mark.parametrize("feedback", ["state", "output"])
+@pytest.mark.parametrize("feedback", ["state", pytest.param("output", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "factor",
     [0.5, *(pytest.param(f, marks=pytest.mark.slow) for f in (0.75, 1.25, 1.5))],

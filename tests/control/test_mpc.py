@@ -220,7 +220,8 @@ def test_thesis_controller_fails_on_another_stiffness(scale, least):
 
 
 @pytest.mark.parametrize(
-    ("task", "duration", "e_max"), [("swing", 12.0, 0.8e-3), ("lshape", 6.0, 0.4e-3)]
+    ("task", "duration", "e_max"),
+    [pytest.param("swing", 12.0, 0.8e-3, marks=pytest.mark.slow), ("lshape", 6.0, 0.4e-3)],
 )
 def test_preview_follows_closely(task, duration, e_max):
     """Errors are largest at the start, in the L's corner (5 s) and at the swing's end (10 s)."""

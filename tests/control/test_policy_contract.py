@@ -243,7 +243,7 @@ def test_references_out_of_reach_are_reported(name, policy, env):
     observation, _ = env.reset()
     far = np.array([0.45, 0.45] if ROBOTS[name] is ARM else [0.175, 0.175])
     state, statuses = None, set()
-    for _ in range(len(env._rows["position"]) - 1):
+    for _ in range(min(500, len(env._rows["position"]) - 1)):
         observation["reference"] = far
         observation["reference_preview"] = np.tile(far, observation["reference_preview"].size // 2)
         action, state = policy.predict(observation, state)

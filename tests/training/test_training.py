@@ -206,7 +206,9 @@ def test_reinforcement_learning_is_reproducible(algorithm):
     assert steps[0] == 0 and steps[-1] >= 128 and len(steps) >= 3
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize(
+    "algorithm", [pytest.param(a, marks=pytest.mark.slow) if a == "ppo" else a for a in ALGORITHMS]
+)
 def test_reinforcement_learning_goes_on_from_a_checkpoint(algorithm, tmp_path):
     whole = replace(TINY, algorithm=algorithm)
     half = replace(whole, steps=72)

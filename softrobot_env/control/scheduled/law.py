@@ -265,7 +265,7 @@ def build_table(
     first = points.points[0]
     lever = np.zeros((len(first.action), len(first.curvature)))
     if robot.drive.kind == "length":
-        lever = (first.model.inputs / robot_inputs(robot).input_scale).T
+        lever = (first.model.inputs / robot_inputs(robot).input_scale).T.copy()  # in the order of files: compiled once
     return reference(
         Table(
             n=len(first.curvature),

@@ -105,6 +105,7 @@ def test_the_rig_calms_down_as_one_piece_of_its_inertia_and_damping():
     assert np.all(rates_of_decay(visit_decays(printed)) < 0.85 * rate)
 
 
+@pytest.mark.slow
 def test_damping_is_measured_in_spite_of_friction():
     """Of a twin with play, noise and a delay, and three times the friction of others."""
     twin = rig3d_twin(3)
