@@ -265,7 +265,8 @@ def build_table(
     first = points.points[0]
     lever = np.zeros((len(first.action), len(first.curvature)))
     if robot.drive.kind == "length":
-        lever = (first.model.inputs / robot_inputs(robot).input_scale).T.copy()  # in the order of files: compiled once
+        # A copy lies in memory as one from a file does: kernels are compiled for one layout.
+        lever = (first.model.inputs / robot_inputs(robot).input_scale).T.copy()
     return reference(
         Table(
             n=len(first.curvature),
