@@ -237,7 +237,7 @@ def test_preview_steps_without_much_overshoot(width):
     assert metrics.steady_state_error < 1e-4
 
 
-@pytest.mark.parametrize("scale", [0.5, 1.5])
+@pytest.mark.parametrize("scale", [0.5, pytest.param(1.5, marks=pytest.mark.slow)])
 def test_preview_adapts_to_the_stiffness(scale):
     """The arm starts out of balance, of which the controller knows nothing before it moves."""
     vary = {"youngs_modulus": scale}

@@ -67,6 +67,7 @@ def test_play_is_crossed_before_the_horn_moves():
     )
 
 
+@pytest.mark.slow
 def test_small_steps_give_the_same_motion():
     """The play of a motor simulated one microsecond at a time."""
     speed, half, rng = 0.13, 1e-4, np.random.default_rng(0)

@@ -88,7 +88,9 @@ def train(env, iterations):
     return losses
 
 
-@pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
+@pytest.mark.parametrize(
+    "mode", ["vector_entry_point", pytest.param("sync", marks=pytest.mark.slow)]
+)
 def test_it_trains_on_the_batched_and_on_single_environments(mode):
     env = gymnasium.make_vec("SoftRobot/ArmStep-v0", num_envs=4, vectorization_mode=mode)
     losses = train(wrapped(env), 6)

@@ -50,6 +50,9 @@ TINY = RLConfig(
     trial_duration=0.05,
 )
 ALGORITHMS = tuple(LEARNERS)
+
+#: One in the quick runs, the others in the slow ones.
+ONE_ALGORITHM = [a if a == "td3" else pytest.param(a, marks=pytest.mark.slow) for a in ALGORITHMS]
 TINY_IMITATION = ImitationConfig(
     hidden=(8,), rounds=2, samples=64, shares=1, duration=0.2, epochs=1, last_epochs=2, processes=0
 )
@@ -206,9 +209,7 @@ def test_reinforcement_learning_is_reproducible(algorithm):
     assert steps[0] == 0 and steps[-1] >= 128 and len(steps) >= 3
 
 
-@pytest.mark.parametrize(
-    "algorithm", [pytest.param(a, marks=pytest.mark.slow) if a == "ppo" else a for a in ALGORITHMS]
-)
+@pytest.mark.parametrize("algorithm", ONE_ALGORITHM)
 def test_reinforcement_learning_goes_on_from_a_checkpoint(algorithm, tmp_path):
     whole = replace(TINY, algorithm=algorithm)
     half = replace(whole, steps=72)
@@ -230,7 +231,7 @@ def test_another_training_is_not_gone_on_with(tmp_path):
         train(TINY, 4, quiet, checkpoint=tmp_path, resume=True)
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ONE_ALGORITHM)
 def test_fine_tuning_starts_from_the_network_and_keeps_the_best(algorithm):
     """The best of the trials is what comes back, the start among them."""
     start = as_network(new_layers(VIEW.count, (8,), 3))
@@ -262,7 +263,7 @@ def test_the_network_taken_out_of_a_learner_acts_as_the_learner(algorithm):
     np.testing.assert_allclose(model.predict(seen, deterministic=True)[0], found, atol=1e-5)
 
 
-@pytest.mark.parametrize("algorithm", ALGORITHMS)
+@pytest.mark.parametrize("algorithm", ONE_ALGORITHM)
 def test_trials_are_logged_for_tensorboard(algorithm, tmp_path):
     accumulator = pytest.importorskip("tensorboard.backend.event_processing.event_accumulator")
     _, curve = train(replace(TINY, algorithm=algorithm), 3, quiet, log=tmp_path)
@@ -300,7 +301,7 @@ def critic_parameters(model):
     return list(model.policy.mlp_extractor.value_net.parameters())
 
 
-@pytest.mark.parametrize("algorithm", ["sac", "td3"])
+@pytest.mark.parametrize("algorithm", [pytest.param("sac", marks=pytest.mark.slow), "td3"])
 def test_bounded_networks_start_bounded_algorithms_only(algorithm):
     config = replace(TINY, algorithm=algorithm)
     model = make_model(config, make_training_env(config, 0), 0)

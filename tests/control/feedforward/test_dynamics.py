@@ -70,7 +70,7 @@ def test_it_moves_spatial_robots_and_those_wound_up_by_servos(name):
     assert dynamic < 0.1 * static
 
 
-@pytest.mark.parametrize("stiffness", [0.75, 1.25])
+@pytest.mark.parametrize("stiffness", [0.75, pytest.param(1.25, marks=pytest.mark.slow)])
 def test_feedback_learns_another_stiffness(stiffness):
     """A hundredth of the error is left in the second lap."""
     task, options = lap("planar_finger", 0.1), {"vary": {"youngs_modulus": stiffness}}

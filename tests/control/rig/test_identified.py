@@ -119,6 +119,7 @@ def test_damping_is_measured_in_spite_of_friction():
     assert truth / EQUIVALENT > 1.15
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:robot 'rig'")  # it also tries rigs that hardly calm down
 def test_an_implausible_decay_is_refused():
     time = 0.02 * np.arange(1, 81)[:, None]

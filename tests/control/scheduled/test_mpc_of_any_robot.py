@@ -180,6 +180,7 @@ def test_servos_are_not_asked_for_more_than_their_speed(law, table):
     assert np.all(change <= limit * (1 + 1e-5))
 
 
+@pytest.mark.slow
 def test_circle_beyond_the_speed_of_servos_is_followed_better_than_by_lq(points, law):
     lq = LQPreview(ROD, TIMING.period, build_table(ROD, Preview(ROD), points))
     assert followed(ROD, law, 0.5) < 0.5 * followed(ROD, lq, 0.5)
