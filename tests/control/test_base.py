@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.control.arm.neural import NeuralPolicy
 from softrobot_env.control.arm.observer import RateObserver
 from softrobot_env.control.base import Controller
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI
+from softrobot_env.control.learned.neural import NeuralPolicy
 from softrobot_env.control.registry import (
     POLICIES,
     RIG_POLICIES,

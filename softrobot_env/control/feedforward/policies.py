@@ -6,7 +6,7 @@ Laws are loaded where they are made: those of networks do without compiled code.
 from pathlib import Path
 
 from softrobot_env.artifacts import find_artifact
-from softrobot_env.control.arm.qs_nn import QuasiStaticNetwork
+from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.interfaces import Policy
 from softrobot_env.learned.network import Network
