@@ -255,7 +255,7 @@ def make_policy(
     check_argument("control_period", control_period, Positive)
     policy = _made(name, spec, robot, control_period, options)
     if feedback == "output" and "curvature_rate" in getattr(policy, "requires", ()):
-        from softrobot_env.control.arm.observer import OutputFeedback
+        from softrobot_env.control.observers import OutputFeedback
 
         _rehearse(policy, robot)
         policy = OutputFeedback(policy, robot, control_period)

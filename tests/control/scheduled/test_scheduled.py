@@ -5,7 +5,7 @@ import pytest
 import scipy.linalg
 
 from softrobot_env.artifacts import artifact_name
-from softrobot_env.control.arm.observer import OutputFeedback
+from softrobot_env.control.observers import OutputFeedback
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.control.scheduled.law import build_table
 from softrobot_env.control.scheduled.linear_model import Linearizer
