@@ -84,7 +84,7 @@ def helix(
     bend = moment / section.bending
     turned = Rotation.from_rotvec(s[:, None] * bend)
     frames = turned * Rotation.from_rotvec(s[:, None] * [0, 0, rate])
-    return SpatialShape(s, turned_along(bend, _AXIS, s), frames.asframe_of())
+    return SpatialShape(s, turned_along(bend, _AXIS, s), frames.as_matrix())
 
 
 def turned_along(rate: np.ndarray, vector: np.ndarray, s: np.ndarray) -> np.ndarray:

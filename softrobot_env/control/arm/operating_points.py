@@ -29,11 +29,11 @@ from softrobot_env.control.arm.statics import REACH, follow
 from softrobot_env.control.arm.timing import PERIOD, identity
 from softrobot_env.control.scheduled.aiming import Aim, aimed, references_of, split_memory
 from softrobot_env.control.scheduled.law import Law
-from softrobot_env.control.scheduled.linear_model import LinearModel
 from softrobot_env.control.scheduled.lqi import Resting, resting
 from softrobot_env.control.status import FINE, OUTSIDE, UNREACHABLE
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.scene.linearised import LinearModel
 
 #: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points
 #: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be
