@@ -14,7 +14,6 @@ W = K^-1 P' (P K^-1 P')^-1 back, M becomes W' M W, and the others likewise.
 from functools import cached_property
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from scipy.linalg import eigh
 
@@ -23,6 +22,7 @@ from softrobot_env.scene.build import Scene
 from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.inverse import InverseStatics
 from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.scene.timestep import linearize
 
 #: [1], step of an action to both sides that the derivative of commands is taken over: the mean of
 #: both sides at a kink, where another tendon begins to pull.
@@ -92,7 +92,8 @@ class Linearizer:
         """Look at a scene; ValueError if it is no chain."""
         self.scene, self.inputs = scene, robot_inputs(scene.config.robot)
         self._command = self.inputs.per_action().command
-        self._forces, self._damping = StaticForces(scene.model), _damping(scene.model)
+        self._forces = StaticForces(scene.model)
+        self._damping = linearize(scene.model).damping  # the same anywhere
         shift = _SHIFT * np.eye(self.inputs.n_inputs)
         self._shifts = np.concatenate([shift, -shift])
 
@@ -139,16 +140,3 @@ def linearised(inverse: InverseStatics, inputs: np.ndarray) -> LinearModel:
     made = Linearizer(inverse.scene)
     found = made.chain_about(inverse.posture(inputs), inputs)
     return found._replace(inputs=found.inputs / made.inputs.input_scale)
-
-
-def _damping(model: mujoco.MjModel) -> np.ndarray:
-    """(nv, nv) [N m s] of joints and of the springs between them, which is the same anywhere."""
-    data, columns = mujoco.MjData(model), []
-    mujoco.mj_forward(model, data)
-    still = data.qfrc_passive.copy()
-    for velocity in np.eye(model.nv):
-        data.qvel[:] = velocity
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        columns.append(still - data.qfrc_passive)
-    return np.array(columns).T
