@@ -210,11 +210,13 @@ def interpolate(table: np.ndarray, curvature: np.ndarray, out: np.ndarray) -> bo
 def _at_rest(
     grid: Grid, law: Law, target: np.ndarray, held: np.ndarray, curvature: np.ndarray
 ) -> Resting:
-    inputs, place = held * grid.limit, np.array((target[0], target[2]))
-    rest, inverse, gains = np.empty(grid.n), np.empty((grid.m, 2)), np.empty(grid.gains.shape[3])
-    gap = follow(grid.arm, place, np.zeros(grid.n), 1.0, grid.limit, inputs, rest, inverse)
-    held[:] = inputs / grid.limit
-    doubt = _doubt(gap, interpolate(grid.gains, curvature, gains))
+    n, m, limit, table = grid.n, grid.m, grid.limit, grid.gains
+    inputs, place = held * limit, target[::2].copy()
+    rest, inverse, gains = np.empty(n), np.empty((m, 2)), np.empty(table.shape[3])
+    gap = follow(grid.arm, place, np.zeros(n), 1.0, limit, inputs, rest, inverse)
+    for j in range(m):
+        held[j] = inputs[j] / limit[j]
+    doubt = _doubt(gap, interpolate(table, curvature, gains))
     return Resting(held, rest, gains, doubt, gap <= REACH)
 
 
@@ -295,14 +297,15 @@ def _aimed(
         action[j] = held[j] + arm.damping_time * rising[j]
     gains = np.empty(grid.gains.shape[3])
     doubt = _doubt(gap, interpolate(grid.gains, curvature, gains))
-    away, ways = np.empty(2 * n), np.empty(2 * len(law.times) - 2)
+    times, lever, stiffness = law.times, arm.inputs, scale * arm.stiffness
+    away, ways = np.empty(2 * n), np.empty(2 * len(times) - 2)
     for i in range(n):
         moving = 0.0
         for j in range(m):
-            moving += arm.inputs[i, j] * rising[j] * limit[j] / (scale * arm.stiffness)
+            moving += lever[i, j] * rising[j] * limit[j] / stiffness
         away[i], away[n + i] = curvature[i] - rest[i], rate[i] - moving
-    for k in range(1, len(law.times)):
+    for k in range(1, len(times)):
         for i in range(2):
-            way = points[k, 2 * i] - points[0, 2 * i] - law.times[k] * velocity[2 * i]
+            way = points[k, 2 * i] - points[0, 2 * i] - times[k] * velocity[2 * i]
             ways[2 * k - 2 + i] = way
     return Aim(action, rising, away, ways, velocity, np.empty((0, 3)), doubt, gains)

@@ -166,9 +166,12 @@ def references_of(
     in_space(target, planar, points[0])
     if len(times) == 1:
         return points, np.zeros(3)
+    second = 2 if planar and size == 2 else 1
     for k in range(1, len(times)):
-        for x in range(size):
-            points[k, 2 if planar and size == 2 and x == 1 else x] = preview[(k - 1) * size + x]
+        at = (k - 1) * size
+        points[k, 0], points[k, second] = preview[at], preview[at + 1]
+        if size == 3:
+            points[k, 2] = preview[at + 2]
     far = _ACCELERATION * law.reach / law.first**2
     here = points[0].copy()
     smoothed(law.period, here, times, _JUMP * law.reach, far, smoothing, points)
@@ -265,21 +268,22 @@ def planned(law: Law, aim: Aim) -> np.ndarray:
     """(c, m) [1]: actions at the nodes, as `plan_gains` plans them."""
     table, count = law.table, len(law.nodes)
     n, m = table.n, table.m
-    inner, outer = len(aim.away), len(aim.ways)
+    away, ways, gains = aim.away, aim.ways, aim.gains
+    inner, outer = len(away), len(ways)
     size = count * m * inner
-    feedback = aim.gains[:size].reshape(count * m, inner)
-    ahead = aim.gains[size : size + count * m * outer].reshape(count * m, outer)
+    feedback = gains[:size].reshape(count * m, inner)
+    ahead = gains[size : size + count * m * outer].reshape(count * m, outer)
     actions = np.empty((count, m))
     for c in range(count):
         for j in range(m):
             row = c * m + j
             wanted = aim.action[j] + (law.nodes[c] - law.period) * aim.rising[j]
             if inner > 2 * n:
-                wanted += aim.away[2 * n + j]
+                wanted += away[2 * n + j]
             for i in range(inner):
-                wanted -= feedback[row, i] * aim.away[i]
+                wanted -= feedback[row, i] * away[i]
             for i in range(outer):
-                wanted += ahead[row, i] * aim.ways[i]
+                wanted += ahead[row, i] * ways[i]
             actions[c, j] = wanted
     return actions
 
@@ -320,11 +324,11 @@ def conclude(
         doubt: Code of what else may keep the law from what is wanted.
         memory: Of this decision.
     """
-    m, share, code = len(wanted), 1.0, doubt
+    m, share, code, speed = len(wanted), 1.0, doubt, law.speed
     if not (finite(wanted) and finite(memory)):
         return np.full(m, np.nan), memory, FINE
     for j in range(m):
-        share = min(share, law.speed[j] / max(abs(wanted[j] - previous[j]), 1e-300))
+        share = min(share, speed[j] / max(abs(wanted[j] - previous[j]), 1e-300))
     action = np.empty(m)
     for j in range(m):
         asked = previous[j] + share * (wanted[j] - previous[j])

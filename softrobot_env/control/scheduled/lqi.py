@@ -85,28 +85,29 @@ def _act(
     previous: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (m,), next memory (actions of the equilibrium, integral) and code."""
-    table = law.table
-    n, m, d = table.n, table.m, len(table.directions)
+    table, directions = law.table, law.table.directions
+    n, m, d = table.n, table.m, len(directions)
     memory = memory.copy()
     sound = finite(curvature) and finite(rate) and finite(previous)
     if not (sound and finite(tip_seen) and finite(target_seen)):
         return kept(previous), memory, NOT_FINITE
     held, integral = memory[:m], memory[m : m + d]
-    tip, target = np.empty(3), np.empty(3)
-    in_space(tip_seen, is_planar(table), tip)
-    in_space(target_seen, is_planar(table), target)
+    tip, target, planar = np.empty(3), np.empty(3), is_planar(table)
+    in_space(tip_seen, planar, tip)
+    in_space(target_seen, planar, target)
     rest = resting(table, law, target, held, curvature)
-    gain = rest.gains.reshape(m, 2 * n + d)
+    gain, still = rest.gains.reshape(m, 2 * n + d), rest.curvature
     wanted = rest.action.copy()
     for j in range(m):
         for i in range(n):
-            wanted[j] -= gain[j, i] * (curvature[i] - rest.curvature[i]) + gain[j, n + i] * rate[i]
+            wanted[j] -= gain[j, i] * (curvature[i] - still[i]) + gain[j, n + i] * rate[i]
         for i in range(d):
             wanted[j] -= gain[j, 2 * n + i] * integral[i]
     step, integrated = np.zeros(d), wanted.copy()
     for i in range(d):
         for x in range(3):
-            step[i] += law.period * table.directions[i, x] * (tip[x] - target[x])
+            step[i] += directions[i, x] * (tip[x] - target[x])
+        step[i] *= law.period
         for j in range(m):
             integrated[j] -= gain[j, 2 * n + i] * step[i]
     if rest.integrates and _beyond(integrated) <= max(_beyond(wanted), 0.0):
