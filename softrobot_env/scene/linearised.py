@@ -15,7 +15,6 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import eigh
 
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.build import Scene
@@ -54,6 +53,8 @@ class LinearModel(NamedTuple):
 
     def first_mode(self) -> tuple[float, float]:
         """Angular frequency [rad/s] and damping time [s] of the slowest mode."""
+        from scipy.linalg import eigh
+
         stiffness = (self.stiffness + self.stiffness.T) / 2
         (square,), mode = eigh(stiffness, self.mass, subset_by_index=[0, 0])
         return float(np.sqrt(square)), float(mode[:, 0] @ self.damping @ mode[:, 0] / square)
