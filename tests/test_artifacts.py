@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.artifacts import Arrays, read_arrays, read_facts
-from softrobot_env.control.arm.neural import NeuralPolicy
+from softrobot_env.control.learned.neural import NeuralPolicy
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.learned.network import Network

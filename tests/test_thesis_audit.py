@@ -7,7 +7,7 @@ import pytest
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
-from softrobot_env.control.arm import lqi
+from softrobot_env.control.arm import gains
 from softrobot_env.control.arm.operating_points import linear_model
 from softrobot_env.control.arm.statics import least_norm
 from softrobot_env.robots import ARM
@@ -47,8 +47,8 @@ def test_upright_arm_would_buckle_under_its_weight():
 def eigenvalues_of_the_printed_loop(bend):
     """(6.28) as printed: operating point at the measured sigma = (beta_1, beta_3, beta_5)."""
     arm = make_planar_arm(ARM)
-    a, b, c = linear_model(arm, bend)
-    gain = lqi.design(arm, bend).reshape(3, 14)
+    a, b, c = linear_model(arm, bend).state_space()
+    gain = gains.lqi_design(arm, bend).reshape(3, 14)
     pick = np.zeros((6, 6))  # curvatures of the operating point from those measured
     for third in range(3):
         pick[2 * third : 2 * third + 2, 2 * third] = 1
@@ -65,15 +65,15 @@ def test_printed_lqi_law_is_unstable(bend):
     bend = np.repeat(bend, 2)
     assert eigenvalues_of_the_printed_loop(bend).real.max() > 1e-3
     arm = make_planar_arm(ARM)
-    a, b, c = linear_model(arm, bend)
-    gain = lqi.design(arm, bend).reshape(3, 14)
+    a, b, c = linear_model(arm, bend).state_space()
+    gain = gains.lqi_design(arm, bend).reshape(3, 14)
     loop = np.block([[a - b @ gain[:, :12], -b @ gain[:, 12:]], [c, np.zeros((2, 2))]])
     assert np.linalg.eigvals(loop).real.max() < 0
 
 
 def test_explicit_euler_cannot_predict():
     """Audit: one step of 0.1 s multiplies errors by 1632, those in the first mode by 1.06."""
-    a, _, _ = linear_model(make_planar_arm(ARM), np.zeros(6))
+    a, _, _ = linear_model(make_planar_arm(ARM), np.zeros(6)).state_space()
     growth = np.sort(np.abs(1 + 0.1 * np.linalg.eigvals(a)))
     assert growth[-1] == pytest.approx(1632, rel=0.01)
     slowest = np.linalg.eigvals(a)[np.argsort(np.abs(np.linalg.eigvals(a)))[:2]]

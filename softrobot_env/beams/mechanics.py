@@ -15,15 +15,13 @@ that it registers with `implement`. Arrays may be real or complex: derivatives a
 imaginary steps. The second part is the same for all models.
 """
 
-from inspect import signature
 from types import FunctionType, ModuleType
-from typing import Any
 
 import numpy as np
 from numba.extending import overload
 
 from softrobot_env.beams.actuation import add_path_forces, path_lengths, tendon_tensions
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.compilation import implementation, kernel
 from softrobot_env.machine_code import LINKED
 
 # ---------------------------------------------------------------- provided by a model
@@ -121,18 +119,9 @@ def implement(data_class: type, *modules: ModuleType) -> None:
         for name, each in vars(module).items():
             function = globals().get(name)
             if isinstance(function, FunctionType) and hasattr(each, "py_func"):
-                _overload(function, data_class, each.py_func)
-
-
-def _overload(function: Any, data_class: type, implementation: Any) -> None:
-    def choose(*arguments: Any) -> Any:
-        fits = getattr(arguments[0], "instance_class", None) is data_class
-        return implementation if fits else None
-
-    if function is add_internal_tangent:
-        _WITH_TANGENT.add(data_class)
-    choose.__signature__ = signature(implementation)  # type: ignore[attr-defined]
-    overload(function, jit_options=LINKED)(choose)
+                implementation(function, data_class)(each)
+                if function is add_internal_tangent:
+                    _WITH_TANGENT.add(data_class)
 
 
 # ---------------------------------------------------------------- the same for all models

@@ -381,16 +381,7 @@ class BeamModel:
         Raises:
             ValueError: A point is off the robot, or the shapes do not fit.
         """
-        stations = np.atleast_1d(np.asarray(stations, dtype=float))
-        on = (stations >= 0) & (stations <= self.robot.length * (1 + 1e-12))
-        if not np.all(on):
-            raise ValueError(
-                f"stations must lie between 0 and {self.robot.length} m, got {stations[~on]}"
-            )
-        if offsets is not None and np.shape(offsets) != (len(stations), 2):
-            raise ValueError(
-                f"offsets must have shape ({len(stations)}, 2), got {np.shape(offsets)}"
-            )
+        stations = self.robot.stations(stations, offsets)
         return reference(self._data(points_only(stations, offsets)))
 
     def tip(self, q: np.ndarray) -> np.ndarray:

@@ -1,7 +1,7 @@
-"""Parts of linear-quadratic laws: exact discretisation, and how a coming reference enters."""
+"""Parts of linear-quadratic laws: exact discretisation, integrals, lines between knots."""
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_continuous_are
 
 
 def discretized(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray, np.ndarray]:
@@ -11,43 +11,30 @@ def discretized(a: np.ndarray, b: np.ndarray, period: float) -> tuple[np.ndarray
     return both[:n, :n], both[:n, n:]
 
 
-def preview_gains(
-    closed: np.ndarray,
-    gain: np.ndarray,
-    position: np.ndarray,
-    speed: np.ndarray,
-    velocity_weight: float,
-    knots: tuple[float, ...],
-    period: float,
+def integral_gains(
+    system: tuple[np.ndarray, np.ndarray],
+    outputs: np.ndarray,
+    input_weight: float,
+    error_weight: float = 1.0,
+    leak: float = 0.0,
 ) -> np.ndarray:
-    """Gains (m, k, d) of references at some times ahead, straight lines in between.
+    """Gains [K, K_i] (m, n + k) of an LQI regulator: the integrals e. = C x are states.
 
-    The optimum for a known reference of an LQ regulator: with P from Riccati's equation,
-    W = (R + B'PB)^-1 and A_c = A - BK, the reference j steps ahead enters through W B' A_c'^(j-1).
-    Beyond the last knot it is taken to stay there.
+    The least int (error_weight |e|^2 + input_weight |u|^2) dt.
 
     Args:
-        closed: A_c (n, n).
-        gain: W B' (m, n).
-        position: (d, n), the outputs of the state that follow the reference.
-        speed: (d, n), their rates [1/s].
-        velocity_weight: [s2], of errors of the rate over those of the output.
-        knots: (k,) [s], times ahead.
-        period: [s] of a step.
+        system: A (n, n) and B (n, m) of x. = A x + B u.
+        outputs: C (k, n).
+        input_weight, error_weight: Weights.
+        leak: [1/s], decay of the integrals in the design.
     """
-    steps = round(knots[-1] / period)
-    per_step = np.zeros((len(gain), len(position), steps + 1))
-    states = np.eye(len(closed))
-    for j in range(1, steps + 1):
-        per_step[:, :, j] += gain @ position.T
-        by_speed = velocity_weight * gain @ speed.T / (2 * period)
-        if j < steps:
-            per_step[:, :, j + 1] += by_speed
-            per_step[:, :, j - 1] -= by_speed
-        gain = gain @ closed.T
-    rest = np.linalg.solve(states - closed, gain.T).T
-    per_step[:, :, -1] += rest @ position.T
-    return (per_step @ hats(steps, knots, period)).transpose(0, 2, 1)
+    (a, b), (k, n) = system, outputs.shape
+    m = b.shape[1]
+    a = np.block([[a, np.zeros((n, k))], [outputs, -leak * np.eye(k)]])
+    b = np.vstack([b, np.zeros((k, m))])
+    weights = np.diag([0.0] * n + [error_weight] * k)
+    riccati = solve_continuous_are(a, b, weights, input_weight * np.eye(m))
+    return b.T @ riccati / input_weight
 
 
 def hats(steps: int, knots: tuple[float, ...], period: float) -> np.ndarray:

@@ -37,21 +37,12 @@ class Model:
 
     Attributes:
         requires: These observables.
+        predict: Of the model, see `softrobot_env.interfaces.Policy`.
     """
 
     def __init__(self, model: Any) -> None:
-        self._model = model
+        self.predict = model.predict
         self.requires = tuple(model.observation_space.spaces)
-
-    def predict(
-        self,
-        observation: Observation,
-        state: Any = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = True,
-    ) -> tuple[np.ndarray, Any]:
-        """See `softrobot_env.interfaces.Policy`."""
-        return self._model.predict(observation, state, episode_start, deterministic)
 
 
 def is_policy(made: Any) -> bool:

@@ -68,6 +68,8 @@ def smoothed(
         motion[1] += _BRAKE * _size(start[1]) / acceleration
     announced[:] = points[1]
     for k in range(len(times)):
+        if motion[0] + times[k] >= motion[1]:
+            break  # nothing is left of the jump
         here = _offset(start, motion[0] + times[k], motion[1])
         for i in range(d):
             points[k, i] += here[0, i]

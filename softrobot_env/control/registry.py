@@ -55,7 +55,7 @@ class PolicySpec:
 
 def _learned_environment(policy: str, robot: RobotParams) -> dict[str, Any]:
     """What a trained network needs of an environment."""
-    return load("softrobot_env.control.arm.neural:environment_of")(policy, robot)
+    return load("softrobot_env.control.learned.neural:environment_of")(policy, robot)
 
 
 #: Policies of the arm; the first ones are those of any robot.
@@ -96,7 +96,7 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     **{
         name: PolicySpec(
-            "softrobot_env.control.arm.neural:NeuralPolicy",
+            "softrobot_env.control.learned.neural:NeuralPolicy",
             {"policy": name},
             environment=partial(_learned_environment, name),
         )
@@ -255,7 +255,7 @@ def make_policy(
     check_argument("control_period", control_period, Positive)
     policy = _made(name, spec, robot, control_period, options)
     if feedback == "output" and "curvature_rate" in getattr(policy, "requires", ()):
-        from softrobot_env.control.arm.observer import OutputFeedback
+        from softrobot_env.control.observers import OutputFeedback
 
         _rehearse(policy, robot)
         policy = OutputFeedback(policy, robot, control_period)

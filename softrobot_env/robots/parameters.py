@@ -338,6 +338,24 @@ class RobotParams:
                 "turns its own plane out of it: give a direction (x, 0, z) and no roll"
             )
 
+    def stations(self, stations: np.ndarray, offsets: np.ndarray | None = None) -> np.ndarray:
+        """Stations (k,) [m] of points of the robot, with offsets (k, 2) [m] in the section.
+
+        Raises:
+            ValueError: A point is off the robot, or the shapes do not fit.
+        """
+        stations = np.atleast_1d(np.asarray(stations, dtype=float))
+        on = (stations >= 0) & (stations <= self.length * (1 + 1e-12))
+        if not np.all(on):
+            raise ValueError(
+                f"stations must lie between 0 and {self.length} m, got {stations[~on]}"
+            )
+        if offsets is not None and np.shape(offsets) != (len(stations), 2):
+            raise ValueError(
+                f"offsets must have shape ({len(stations)}, 2), got {np.shape(offsets)}"
+            )
+        return stations
+
     @property
     def own_gravity(self) -> tuple[float, float, float]:
         """Gravity (3,) [m/s2] along the robot's own axes at its base."""
@@ -397,12 +415,6 @@ class RobotParams:
     def reach(self) -> float:
         """Distance [m] of the tip from the base when straight; with a head, of its output point."""
         return self.length if self.head is None else self.length + self.head.output
-
-    @property
-    def principal_stiffnesses(self) -> tuple[float, float]:
-        """Bending stiffnesses [N m2] towards `stiff_azimuth` and across."""
-        half = self.anisotropy / 2
-        return self.bending_stiffness * (1 + half), self.bending_stiffness * (1 - half)
 
     @property
     def is_symmetric(self) -> bool:

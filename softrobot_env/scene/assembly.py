@@ -31,7 +31,7 @@ from softrobot_env.scene.build import (
     spec_xml,
 )
 from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
-from softrobot_env.scene.config import FRONT_CAMERA, Appearance, Camera, SceneConfig
+from softrobot_env.scene.config import Camera, SceneConfig
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from softrobot_env.scene.objects import Contacts, Object
 from softrobot_env.scene.statics import finite
@@ -422,24 +422,6 @@ def assembly_xml(assembly: Assembly) -> str:
     alone = [build_scene(config) for config in assembly.placed]
     spec, pairs = _attached(assembly)
     return spec_xml(spec, pairs, partial(_mujocos, assembly, alone, pairs))
-
-
-def visible_assembly(assembly: Assembly, aspect: float = 4 / 3) -> Assembly:
-    """The same assembly with bodies to look at and a camera that frames them.
-
-    Args:
-        assembly: The assembly.
-        aspect: Width over height of the pictures to take.
-    """
-    looks = Appearance(surroundings=False)
-    members = tuple(
-        replace(m, config=replace(m.config, appearance=looks)) for m in assembly.members
-    )
-    low, high = _box(assembly)
-    height = 1.35 * max(high[2] - low[2], (high[0] - low[0]) / aspect)
-    centre = float(low[0] + high[0]) / 2, float(low[2] + high[2]) / 2
-    camera = Camera(FRONT_CAMERA, centre, float(height), elevation=0.3)
-    return replace(assembly, members=members, cameras=(camera,), surroundings=True)
 
 
 def _box(assembly: Assembly) -> tuple[np.ndarray, np.ndarray]:

@@ -372,9 +372,9 @@ class InverseStatics:
     def _rest(self) -> Place:
         return self._held(self.inputs.input_centre)
 
-    def _held(self, inputs: np.ndarray, guess: np.ndarray | None = None) -> Place:
+    def _held(self, inputs: np.ndarray) -> Place:
         """Where inputs lead, and the actions of the tensions that they come to."""
-        return self._at(inputs, self.posture(inputs, guess))
+        return self._at(inputs, self.posture(inputs))
 
     def _at(self, inputs: np.ndarray, posture: np.ndarray) -> Place:
         """Inputs in their equilibrium."""

@@ -22,12 +22,7 @@ def places(
     Raises:
         ValueError: A point is off the robot, or the shapes do not fit.
     """
-    stations = np.atleast_1d(np.asarray(stations, dtype=float))
-    on = (stations >= 0) & (stations <= robot.length * (1 + 1e-12))
-    if not np.all(on):
-        raise ValueError(f"stations must lie between 0 and {robot.length} m, got {stations[~on]}")
-    if offsets is not None and np.shape(offsets) != (len(stations), 2):
-        raise ValueError(f"offsets must have shape ({len(stations)}, 2), got {np.shape(offsets)}")
+    stations = robot.stations(stations, offsets)
     body = np.searchsorted(layout.stations, stations, side="right")
     points = np.zeros((len(stations), 3))
     points[:, 2] = stations - np.concatenate(([0.0], layout.stations))[body]

@@ -1,73 +1,143 @@
-"""A chain linearised about an equilibrium: its natural frequencies, and how its tip answers inputs.
+"""Robots linearised about equilibria, in the turns of their joints or in their mean curvatures.
 
-About an equilibrium under constant inputs u (tensions, or lengths that servos hold),
+About an equilibrium under constant inputs (tensions, or lengths that servos hold),
 
-    M q'' + D q' + K q = B (u - u0),    tip - tip0 = J q,
+    M q'' + D q' + K (q - q_0) = B (u - u_0),    tip - tip_0 = C (q - q_0),
 
-with the exact tangent K of `scene.tangent`, so that weight, loads, guides and elastic tendons count
-as they do there.
+of the chain of MuJoCo, with the exact tangent K of `scene.tangent`, so that all that a chain knows
+is in it: tapers, discs, heads, any route of a tendon, guides, gravity, loads, and the stiffness of
+tendons driven by length. Restricted to the shapes that it takes at rest with some mean curvatures
+of the robot's own pieces, with P from the angles of the joints to these curvatures and
+W = K^-1 P' (P K^-1 P')^-1 back, M becomes W' M W, and the others likewise.
 """
 
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
+from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.scene.build import Scene
+from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.inverse import InverseStatics
 from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.scene.timestep import linearize
 
-_SHARE = 1e-6  # of the largest inputs, of a difference quotient
+#: [1], step of an action to both sides that the derivative of commands is taken over: the mean of
+#: both sides at a kink, where another tendon begins to pull.
+_SHIFT = 1e-7
 
 
-class LinearChain(NamedTuple):
-    """A chain near an equilibrium.
+class LinearModel(NamedTuple):
+    """M q'' + D q' + K dq = B du, tip = C dq, for n coordinates q and m inputs u.
 
     Attributes:
-        mass, damping, stiffness: (nv, nv) of small turns of the joints, [kg m2] and so on.
-        by_inputs: (nv, n_inputs), force by the robot's inputs.
-        tip: (3, nv) [m], motion of the tip by small turns.
+        mass, damping, stiffness: (n, n), of turns of joints [kg m2] and so on, or of curvatures.
+        inputs: B (n, m), force by inputs [N or m], or actions [1].
+        tip: C (3, n), or the rows of a plane.
+        elastic: (n,), force of the springs at the equilibrium.
     """
 
     mass: np.ndarray
     damping: np.ndarray
     stiffness: np.ndarray
-    by_inputs: np.ndarray
+    inputs: np.ndarray
     tip: np.ndarray
+    elastic: np.ndarray
 
     @property
     def frequencies(self) -> np.ndarray:
-        """Natural frequencies (nv,) [Hz] without damping, the lowest first."""
+        """Natural frequencies (n,) [Hz] without damping, the lowest first."""
         squared = np.linalg.eigvals(np.linalg.solve(self.mass, self.stiffness)).real
         return np.sqrt(np.sort(squared)) / (2 * np.pi)
 
+    def first_mode(self) -> tuple[float, float]:
+        """Angular frequency [rad/s] and damping time [s] of the slowest mode."""
+        from scipy.linalg import eigh
+
+        stiffness = (self.stiffness + self.stiffness.T) / 2
+        (square,), mode = eigh(stiffness, self.mass, subset_by_index=[0, 0])
+        return float(np.sqrt(square)), float(mode[:, 0] @ self.damping @ mode[:, 0] / square)
+
     def response(self, rate: float) -> np.ndarray:
-        """Complex amplitudes (3, n_inputs) [m] of the tip by those of inputs at a rate [rad/s]."""
+        """Complex amplitudes (3, m) [m] of the tip by those of inputs at a rate [rad/s]."""
         dynamic = self.stiffness - rate**2 * self.mass + 1j * rate * self.damping
-        return self.tip @ np.linalg.solve(dynamic, self.by_inputs)
+        return self.tip @ np.linalg.solve(dynamic, self.inputs)
+
+    def state_space(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A (2 n, 2 n), B (2 n, m) and C (3, 2 n) of x = (dq, q')."""
+        n = len(self.mass)
+        right = np.hstack([-self.stiffness, -self.damping, self.inputs])
+        solved = np.linalg.solve(self.mass, right)
+        a = np.vstack([np.eye(n, 2 * n, n), solved[:, : 2 * n]])
+        b = np.vstack([np.zeros_like(self.inputs), solved[:, 2 * n :]])
+        return a, b, np.hstack([self.tip, np.zeros_like(self.tip)])
+
+    def seen_as(self, mean: np.ndarray) -> "LinearModel":
+        """The same in coordinates P q, for P (k, n): W as above."""
+        w = np.linalg.solve(self.stiffness, mean.T)
+        w = np.linalg.solve((mean @ w).T, w.T).T
+        square = (w.T @ x @ w for x in (self.mass, self.damping, self.stiffness))
+        return LinearModel(*square, w.T @ self.inputs, self.tip @ w, w.T @ self.elastic)
 
 
-def linearised(inverse: InverseStatics, inputs: np.ndarray) -> LinearChain:
-    """The chain of inverse statics about its equilibrium under inputs (n_inputs,).
+class Linearizer:
+    """Makes the linear models of a robot.
+
+    Attributes:
+        scene: Of the robot.
+        inputs: Of the robot, what `robot_inputs` returns.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        """Look at a scene; ValueError if it is no chain."""
+        self.scene, self.inputs = scene, robot_inputs(scene.config.robot)
+        self._command = self.inputs.per_action().command
+        self._forces = StaticForces(scene.model)
+        self._damping = linearize(scene.model).damping  # the same anywhere
+        shift = _SHIFT * np.eye(self.inputs.n_inputs)
+        self._shifts = np.concatenate([shift, -shift])
+
+    @cached_property
+    def mean(self) -> np.ndarray:
+        """P (n, nv) [1/m], from turns of joints to curvatures; ValueError unless all are hinges."""
+        scene = self.scene
+        return mean_curvature(scene.model, scene.layout, scene.config.robot.pieces)
+
+    def action(self, inputs: np.ndarray) -> np.ndarray:
+        """Actions (..., m) of inputs (..., m) [N or m]."""
+        return (inputs - self.inputs.input_centre) / self.inputs.input_scale
+
+    def about(self, angles: np.ndarray, inputs: np.ndarray) -> LinearModel:
+        """By curvatures and actions, about an equilibrium with postures (nq,) and inputs (m,)."""
+        return self.chain_about(angles, inputs).seen_as(self.mean)
+
+    def chain_about(self, angles: np.ndarray, inputs: np.ndarray) -> LinearModel:
+        """The same by turns of joints and actions."""
+        forces = self._forces
+        controls = np.zeros(self.scene.model.nu)
+        command = self.inputs.command(inputs)
+        controls[: len(command)] = command
+        springs = forces.force(angles, controls) - forces.applied
+        above, below = np.split(self._command(self.action(inputs) + self._shifts), 2)
+        by_action = (above - below).T / (2 * _SHIFT)
+        return LinearModel(
+            forces.mass(),
+            self._damping,
+            -forces.tangent(),
+            forces.by_controls()[:, : len(by_action)] @ by_action,
+            forces.tip_by_turns()[1],
+            -springs,
+        )
+
+
+def linearised(inverse: InverseStatics, inputs: np.ndarray) -> LinearModel:
+    """The chain of inverse statics about its equilibrium under inputs (m,), by these inputs.
 
     Raises:
         EquilibriumError: There is none, or it is unstable.
     """
-    scene, inputs = inverse.scene, np.asarray(inputs, dtype=float)
-    posture, forces = inverse.posture(inputs), StaticForces(scene.model)
-
-    def force(values: np.ndarray) -> np.ndarray:
-        controls = np.zeros(scene.model.nu)
-        commanded = inverse.inputs.command(values)
-        controls[: len(commanded)] = commanded
-        return forces.force(posture, controls).copy()
-
-    steps = _SHARE * np.diag(inverse.inputs.input_scale)
-    by_inputs = [(force(inputs + h) - force(inputs - h)) / (2 * h.max()) for h in steps]
-    force(inputs)
-    damping = np.diag(scene.model.dof_damping)
-    return LinearChain(
-        forces.mass(),
-        damping,
-        -forces.tangent(),
-        np.array(by_inputs).T,
-        forces.tip_by_turns()[1],
-    )
+    inputs = np.asarray(inputs, dtype=float)
+    made = Linearizer(inverse.scene)
+    found = made.chain_about(inverse.posture(inputs), inputs)
+    return found._replace(inputs=found.inputs / made.inputs.input_scale)

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from softrobot_env.artifacts import artifact_name, find_artifact, fingerprint
-from softrobot_env.control.arm.neural import View, arm_view
+from softrobot_env.control.learned.neural import View, arm_view
 from softrobot_env.learned.network import Network, Scaling, load_for
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.training.closed_loop_check import check

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.control.arm import neural
+from softrobot_env.control.learned import neural
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import (

@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
-from softrobot_env.control.arm import neural
+from softrobot_env.control.learned import neural
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.randomization import Randomization

@@ -244,7 +244,7 @@ TRAININGS: Registry[Training] = Registry(
         "lqi": Training(
             partial(
                 _gains,
-                "softrobot_env.control.arm.lqi:design",
+                "softrobot_env.control.arm.gains:lqi_design",
                 "softrobot_env.control.scheduled.lqi:Integral",
             ),
             ("quick",),
@@ -252,7 +252,7 @@ TRAININGS: Registry[Training] = Registry(
         "lq_preview": Training(
             partial(
                 _gains,
-                "softrobot_env.control.arm.lq_preview:preview_design",
+                "softrobot_env.control.arm.gains:preview_design",
                 "softrobot_env.control.scheduled.lq_preview:Preview",
             ),
             ("quick",),

@@ -10,7 +10,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from softrobot_env.control.arm import neural
+from softrobot_env.control.learned import neural
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.interfaces import Observation, Seen
 

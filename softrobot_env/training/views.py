@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from softrobot_env.control.arm.neural import View, arm_view, view_of
+from softrobot_env.control.learned.neural import View, arm_view, view_of
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import robot_inputs

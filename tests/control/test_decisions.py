@@ -11,8 +11,8 @@ import pytest
 
 from softrobot_env.benchmarks.speed.decisions import measure_afresh
 from softrobot_env.control import memoryless
-from softrobot_env.control.arm import neural
-from softrobot_env.control.arm.qs_nn import QuasiStaticNetwork
+from softrobot_env.control.learned import neural
+from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.registry import (
     EVERY_POLICY,
     POLICIES,

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.closed_forms.planar_arm import inertia_forces, make_planar_arm
-from softrobot_env.control.arm.estimation import PRIOR, update_estimate
-from softrobot_env.control.arm.lq_preview import (
+from softrobot_env.control.arm.estimation import update_estimate
+from softrobot_env.control.arm.gains import (
     INPUT_WEIGHT,
     VELOCITY_WEIGHT,
     preview_design,
@@ -40,7 +40,7 @@ def test_law_is_the_optimum_for_a_known_reference():
     """Against the least-squares solution for all inputs of a long horizon at once."""
     steps = 500
     period = KNOTS[-1] / 75  # 2 ms halves the problem
-    continuous_a, continuous_b, c = linear_model(ARM_DATA, BENT)
+    continuous_a, continuous_b, c = linear_model(ARM_DATA, BENT).state_space()
     a, b = discretized(continuous_a, continuous_b, period)
     law = preview_design(ARM_DATA, BENT, period).reshape(3, -1)
     rng = np.random.default_rng(0)
@@ -94,7 +94,7 @@ def simulate(scale, force, inputs, duration, start):
 
 
 def estimate(states, inputs, adapt):
-    force, information = np.zeros(6), np.full(2, PRIOR)
+    force, information = np.zeros(6), np.zeros(2)
     for k in range(1, len(states)):
         factor = update_estimate(
             ARM_DATA,

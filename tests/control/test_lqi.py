@@ -9,8 +9,7 @@ from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.beams.model import State
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.control.arm import lqi
-from softrobot_env.control.arm.lqi import LQI
+from softrobot_env.control.arm import gains
 from softrobot_env.control.arm.operating_points import (
     GRID,
     axes,
@@ -22,6 +21,7 @@ from softrobot_env.control.arm.operating_points import (
     save_gains,
 )
 from softrobot_env.control.arm.statics import follow, least_norm
+from softrobot_env.control.scheduled.policies import make_lqi
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
 from softrobot_env.evaluation.run import run_episode
@@ -38,7 +38,7 @@ BENT = np.repeat([3.0, -1.0, 4.0], 2)
 
 @pytest.fixture(scope="module")
 def policy():
-    return LQI(ARM, PERIOD)
+    return make_lqi(ARM, PERIOD)
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +65,7 @@ def test_linear_model_is_that_of_the_general_beam_model():
     reduced = np.linalg.lstsq(ARM_DATA.inputs, ARM_DATA.stiffness * curvature, rcond=None)[0]
     tension = np.maximum(np.stack([reduced, -reduced], axis=1).ravel(), 0)
     space = model.linearize(State(curvature, np.zeros(6)), tension)
-    a, b, c = linear_model(ARM_DATA, curvature)
+    a, b, c = linear_model(ARM_DATA, curvature).state_space()
     np.testing.assert_allclose(a, space.a, rtol=1e-8, atol=1e-6)
     np.testing.assert_allclose(b, space.b[:, ::2], rtol=1e-8, atol=1e-9)
     np.testing.assert_allclose(c, space.c[[0, 2]], atol=1e-12)
@@ -73,10 +73,10 @@ def test_linear_model_is_that_of_the_general_beam_model():
 
 def test_gains_minimise_the_cost():
     """Any other stabilising gain costs more; costs from Lyapunov's integral by simulation."""
-    a, b, c = linear_model(ARM_DATA, BENT)
+    a, b, c = linear_model(ARM_DATA, BENT).state_space()
     a = np.block([[a, np.zeros((12, 2))], [c, np.zeros((2, 2))]])
     b = np.vstack([b, np.zeros((2, 3))])
-    best = lqi.design(ARM_DATA, BENT).reshape(3, 14)
+    best = gains.lqi_design(ARM_DATA, BENT).reshape(3, 14)
     start = np.zeros(14)
     start[:6], start[12:] = 0.1, 1e-3
 
@@ -85,7 +85,7 @@ def test_gains_minimise_the_cost():
         move, x, total = expm((a - b @ gain) * step), start, 0.0
         for _ in range(2000):
             u = gain @ x
-            total += step * (lqi.ERROR_WEIGHT * x[12:] @ x[12:] + lqi.INPUT_WEIGHT * u @ u)
+            total += step * (gains.ERROR_WEIGHT * x[12:] @ x[12:] + gains.LQI_INPUT_WEIGHT * u @ u)
             x = move @ x
         assert np.linalg.norm(x[12:]) < 1e-2 * np.linalg.norm(start[12:])
         return total
@@ -96,8 +96,8 @@ def test_gains_minimise_the_cost():
         other = best * (1 + 0.1 * rng.normal(size=best.shape))
         assert cost(other) > least * (1 - 1e-6)
     # The optimal cost is also x'Px.
-    weights = np.diag([0.0] * 12 + [lqi.ERROR_WEIGHT] * 2)
-    riccati = solve_continuous_are(a, b, weights, lqi.INPUT_WEIGHT * np.eye(3))
+    weights = np.diag([0.0] * 12 + [gains.ERROR_WEIGHT] * 2)
+    riccati = solve_continuous_are(a, b, weights, gains.LQI_INPUT_WEIGHT * np.eye(3))
     assert least == pytest.approx(start @ riccati @ start, rel=0.02)
 
 
@@ -110,13 +110,13 @@ def test_shipped_table_holds_stabilising_gains_everywhere():
         if number % 97:
             continue
         np.testing.assert_allclose(
-            gain, lqi.design(ARM_DATA, bend).reshape(3, 14), rtol=1e-4, atol=1e-2
+            gain, gains.lqi_design(ARM_DATA, bend).reshape(3, 14), rtol=1e-4, atol=1e-2
         )
 
 
 def growth(bend, gain):
     """Largest real part [1/s] of the closed loop's poles at an operating point."""
-    a, b, c = linear_model(ARM_DATA, bend)
+    a, b, c = linear_model(ARM_DATA, bend).state_space()
     a = np.block([[a, np.zeros((12, 2))], [c, np.zeros((2, 2))]])
     return np.linalg.eigvals(a - np.vstack([b, np.zeros((2, 3))]) @ gain).real.max()
 
@@ -124,14 +124,14 @@ def growth(bend, gain):
 def test_interpolated_gains_stabilise_too():
     """Except within 0.3 1/m of the straight pose, where they may grow slowly (models/lqi.md)."""
     table = load_gains(models_dir() / "lqi.npz", ARM, "lqi", 42)
-    gains, rng = np.empty(42), np.random.default_rng(0)
+    found, rng = np.empty(42), np.random.default_rng(0)
     for _ in range(500):
         bend = np.repeat(rng.uniform(-1, 1, 3) * [limit for _, limit in GRID], 2)
-        interpolate(table, bend, gains)
+        interpolate(table, bend, found)
         if np.max(np.abs(bend)) > 0.3:
-            assert growth(bend, gains.reshape(3, 14)) < 0
-        interpolate(table, 0.04 * bend, gains)
-        assert growth(0.04 * bend, gains.reshape(3, 14)) < 0.04
+            assert growth(bend, found.reshape(3, 14)) < 0
+        interpolate(table, 0.04 * bend, found)
+        assert growth(0.04 * bend, found.reshape(3, 14)) < 0.04
 
 
 # ---------------------------------------------------------------- table
@@ -160,8 +160,8 @@ def test_interpolation_is_exact_for_trilinear_functions():
 
 
 def test_tables_of_other_robots_are_refused(tmp_path):
-    gains = build_gains(ARM, lambda curvature: curvature[:1])
-    save_gains(tmp_path / "gains.npz", ARM, gains)
+    made = build_gains(ARM, lambda curvature: curvature[:1])
+    save_gains(tmp_path / "gains.npz", ARM, made)
     table = load_gains(tmp_path / "gains.npz", ARM, "lqi", 1)
     np.testing.assert_allclose(table[:, 0, 0, 0], axes()[0], rtol=1e-6)
     with pytest.raises(ValueError, match=r"`softrobot train lqi --robot arm_changed\.toml`"):
@@ -254,7 +254,7 @@ def test_young_s_modulus_hardly_matters(policy, environment, factor):
 def test_integral_does_not_wind_up(limit, far, reason):
     """A reference that cannot be reached; the way back is as if nobody had waited there."""
     robot = replace(ARM, tendons=tuple(replace(t, tension_limit=limit) for t in ARM.tendons))
-    policy = LQI(robot, PERIOD)
+    policy = make_lqi(robot, PERIOD)
     task = replace(make_task("step"), robot=robot, duration=20.0)
     env = TrackingEnv(task, control_period=PERIOD, observe="all")
     near, errors = np.array([0.2, 0.44]), []
@@ -280,7 +280,7 @@ def test_saturation_does_not_wind_up_the_integral():
     The error stays for as long as the wait lasts, and afterwards the arm comes back as usual.
     """
     robot = replace(ARM, tendons=tuple(replace(t, tension_limit=20.0) for t in ARM.tendons))
-    policy = LQI(robot, PERIOD)
+    policy = make_lqi(robot, PERIOD)
     task = replace(make_task("step"), robot=robot, duration=20.0)
     env = TrackingEnv(task, control_period=PERIOD, observe="all")
     far, near = STATICS.tip(np.full(3, 16.0)), STATICS.tip(np.full(3, 6.0))

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from softrobot_env.control.arm.observer import RateObserver
+from softrobot_env.control.observers import arm_observer
 from softrobot_env.control.registry import FEEDBACKS, make_policy
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
@@ -41,7 +41,7 @@ def observe(observer, curvature, actions):
 @pytest.mark.parametrize("factor", [0.5, 1.0, 1.5])
 def test_rates_are_found_also_for_another_stiffness(motion, factor):
     curvature, rate, actions = motion(youngs_modulus=factor)
-    found = observe(RateObserver(ARM, PERIOD), curvature, actions)
+    found = observe(arm_observer(ARM, PERIOD), curvature, actions)
     later = slice(200, None)
     assert rms(found[later] - rate[later]) < 0.05 * rms(rate[later])
 
@@ -50,7 +50,7 @@ def test_noise_is_kept_off_better_than_by_differences(motion):
     curvature, rate, actions = motion()
     noise = 0.01
     measured = curvature + noise * np.random.default_rng(0).normal(size=curvature.shape)
-    found = observe(RateObserver(ARM, PERIOD, curvature_noise=noise), measured, actions)
+    found = observe(arm_observer(ARM, PERIOD, curvature_noise=noise), measured, actions)
     differences = np.diff(measured, axis=0) / PERIOD
     error = rms(found[200:] - rate[200:])
     assert error < 0.4 * rms(differences[199:] - rate[200:])
@@ -61,14 +61,14 @@ def test_outliers_are_ignored(motion, size):
     curvature, rate, actions = motion()
     measured = curvature.copy()
     measured[700, 2] += size
-    found = observe(RateObserver(ARM, PERIOD), measured, actions)
+    found = observe(arm_observer(ARM, PERIOD), measured, actions)
     assert rms(found[701:] - rate[701:]) < 0.05 * rms(rate[701:])
 
 
 def test_a_wrong_estimate_begins_anew(motion):
     """What is measured differs for good: after a few samples it is believed."""
     curvature, rate, actions = motion()
-    observer = RateObserver(ARM, PERIOD)
+    observer = arm_observer(ARM, PERIOD)
     estimate = observer.start(curvature[0] + 10.0)
     for k in range(1, 400):
         estimate = observer.update(estimate, actions[k], curvature[k])
@@ -84,7 +84,7 @@ def rms(values):
 @pytest.mark.parametrize("period", [0.001, 0.01, 0.1, 0.2])
 def test_observer_is_stable_at_every_control_period(period):
     """From a wrong start it comes to the rest that is measured."""
-    observer = RateObserver(ARM, period)
+    observer = arm_observer(ARM, period)
     estimate = observer.start(np.zeros(6))
     curvature = np.repeat([3.0, 2.0, 1.0], 2)
     action = np.full(3, ARM.bending_stiffness / 0.025 / 80)

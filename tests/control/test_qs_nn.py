@@ -8,7 +8,7 @@ import pytest
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.cli import main
-from softrobot_env.control.arm.qs_nn import QuasiStaticNetwork
+from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics

@@ -105,7 +105,6 @@ def test_vary_scales_routes():
         "torsional_stiffness",
         "mass_per_length",
         "first_frequency",
-        "principal_stiffnesses",
     ],
 )
 def test_what_only_uniform_robots_have_is_refused_by_name(name):

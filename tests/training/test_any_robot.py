@@ -9,7 +9,7 @@ import pytest
 
 from softrobot_env.artifacts import artifact_name, find_artifact, fingerprint, train_command
 from softrobot_env.cli import main
-from softrobot_env.control.arm import neural
+from softrobot_env.control.learned import neural
 from softrobot_env.control.registry import make_policy, misfit, policy_environment
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Scaling, initial_network

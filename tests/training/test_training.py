@@ -12,7 +12,7 @@ pytest.importorskip("daqp")
 
 from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.commands import train_rl  # noqa: E402
-from softrobot_env.control.arm import neural  # noqa: E402
+from softrobot_env.control.learned import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
 from softrobot_env.envs.randomization import Randomization  # noqa: E402
 from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from softrobot_env.robots.loads import Load
 
 _RTOL, _ATOL = 1e-11, 1e-13
+_AXIS = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True)
@@ -83,17 +84,17 @@ def helix(
     bend = moment / section.bending
     turned = Rotation.from_rotvec(s[:, None] * bend)
     frames = turned * Rotation.from_rotvec(s[:, None] * [0, 0, rate])
-    return SpatialShape(s, _turned_axis(bend, s), frames.as_matrix())
+    return SpatialShape(s, turned_along(bend, _AXIS, s), frames.as_matrix())
 
 
-def _turned_axis(rate: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Integrals (k, 3) from 0 to s (k,) of e_z turned at a rate (3,) [rad/m]."""
-    speed, axis = np.linalg.norm(rate), np.array([0.0, 0.0, 1.0])
+def turned_along(rate: np.ndarray, vector: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Integrals (k, 3) from 0 to s (k,) of a vector (3,) turned at a rate (3,) [rad/m]."""
+    speed = np.linalg.norm(rate)
     if speed == 0:
-        return s[:, None] * axis
+        return s[:, None] * vector
     about = rate / speed
-    along, side = about * (about @ axis), np.cross(about, axis)
-    around, half = axis - along, speed * s / 2
+    along, side = about * (about @ vector), np.cross(about, vector)
+    around, half = vector - along, speed * s / 2
     chord = s * np.sinc(half / np.pi)
     turning = (chord * np.cos(half))[:, None] * around + (chord * np.sin(half))[:, None] * side
     return s[:, None] * along + turning
@@ -136,13 +137,13 @@ def followed_rod(
         for load in loads:
             if load.station == here:
                 y = y + np.concatenate(
-                    [np.zeros(7), _matrix(y) @ load.force, _matrix(y) @ load.moment]
+                    [np.zeros(7), frame_of(y) @ load.force, frame_of(y) @ load.moment]
                 )
     base = states[0.0]
-    back = _matrix(base).T
+    back = frame_of(base).T
     found = [states[x] for x in s.tolist()]
     position = np.array([back @ (y[:3] - base[:3]) for y in found])
-    return SpatialShape(s, position, np.array([back @ _matrix(y) for y in found]))
+    return SpatialShape(s, position, np.array([back @ frame_of(y) for y in found]))
 
 
 def dead_loads(loads: Sequence[Load], shape: SpatialShape) -> list[Load]:
@@ -160,23 +161,34 @@ def dead_loads(loads: Sequence[Load], shape: SpatialShape) -> list[Load]:
     return found
 
 
-def _matrix(y: np.ndarray) -> np.ndarray:
-    """Directors (3, 3) of a state: position, quaternion (real part first), force and moment."""
-    w, x, y_, z = y[3:7] / np.linalg.norm(y[3:7])
-    return Rotation.from_quat([x, y_, z, w]).as_matrix()
+def frame_of(y: np.ndarray) -> np.ndarray:
+    """Directors (3, 3) of a state, which begins with position and quaternion (real part first)."""
+    w, a, b, c = y[3:7] / np.linalg.norm(y[3:7])
+    return np.array(
+        [
+            [1 - 2 * (b * b + c * c), 2 * (a * b - w * c), 2 * (a * c + w * b)],
+            [2 * (a * b + w * c), 1 - 2 * (a * a + c * c), 2 * (b * c - w * a)],
+            [2 * (a * c - w * b), 2 * (b * c + w * a), 1 - 2 * (a * a + b * b)],
+        ]
+    )
 
 
-def _slope(_: float, y: np.ndarray, section: SpatialSection, weight: np.ndarray) -> np.ndarray:
-    frame = _matrix(y)
-    force, moment = frame.T @ y[7:10], frame.T @ y[10:]
-    stretch = np.array([1 / section.shear, 1 / section.shear, 1 / section.axial]) * force
-    along = frame @ (stretch + np.array([0.0, 0.0, 1.0]))
-    a, b, c = moment / [section.bending, section.bending, section.torsion] / 2
+def motion_of(y: np.ndarray, along: np.ndarray, kappa: np.ndarray) -> np.ndarray:
+    """Derivative (7,) of position and quaternion by the arc length, of strains v and kappa (3,)."""
     w, x, y_, z = y[3:7]
+    a, b, c = kappa / 2
     turn = [
         -x * a - y_ * b - z * c,
         w * a + y_ * c - z * b,
         w * b + z * a - x * c,
         w * c + x * b - y_ * a,
     ]
-    return np.concatenate([along, turn, -weight, np.cross(y[7:10], along)])
+    return np.concatenate([frame_of(y) @ along, turn])
+
+
+def _slope(_: float, y: np.ndarray, section: SpatialSection, weight: np.ndarray) -> np.ndarray:
+    frame = frame_of(y)
+    force, moment = frame.T @ y[7:10], frame.T @ y[10:]
+    along = _AXIS + force / [section.shear, section.shear, section.axial]
+    motion = motion_of(y, along, moment / [section.bending, section.bending, section.torsion])
+    return np.concatenate([motion, -weight, np.cross(y[7:10], motion[:3])])

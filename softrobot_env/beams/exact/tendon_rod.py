@@ -30,7 +30,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from softrobot_env.beams.exact.spatial_rod import SpatialShape
+from softrobot_env.beams.exact.spatial_rod import SpatialShape, frame_of, motion_of, turned_along
 from softrobot_env.robots import RobotParams
 
 _RTOL, _ATOL = 1e-10, 1e-12
@@ -60,12 +60,10 @@ def tendon_rod(
     Raises:
         ValueError: A tendon has guides.
     """
-    _check(robot)
-    s = np.asarray(stations, dtype=float)
-    breaks = [robot.backbone.ends, *(t.knots[:, 0] for t in robot.tendons)]
+    s, breaks = np.asarray(stations, dtype=float), _breaks(robot)
 
     def slope(at: float, y: np.ndarray) -> np.ndarray:
-        return _motion(y, *strains(robot, tension, at, shear_coefficient))
+        return motion_of(y, *strains(robot, tension, at, shear_coefficient))
 
     return _shape(s, _integrated(slope, np.concatenate([_ZERO, [1.0, 0, 0, 0]]), breaks, s))
 
@@ -104,7 +102,7 @@ def _integrated(
 
 def _shape(stations: np.ndarray, states: np.ndarray) -> SpatialShape:
     rows = states[: len(stations)]
-    return SpatialShape(stations, rows[:, :3], np.array([_turn(y) for y in rows]))
+    return SpatialShape(stations, rows[:, :3], np.array([frame_of(y) for y in rows]))
 
 
 def hanging_rod(
@@ -118,9 +116,8 @@ def hanging_rod(
     Raises:
         ValueError: A tendon has guides, or no equilibrium was found.
     """
-    _check(robot)
     backbone, s = robot.backbone, np.asarray(stations, dtype=float)
-    breaks = [backbone.ends, *(t.knots[:, 0] for t in robot.tendons)]
+    breaks = _breaks(robot)
     breaks.append(np.array([disc.station for disc in robot.discs]))
     fine = np.unique(np.concatenate([*breaks, np.linspace(0, robot.length, 2001)]))
     parts = backbone.integrals(backbone.mass, fine)
@@ -136,9 +133,9 @@ def hanging_rod(
         """States at places, from a moment at the clamp, with a share of the weight."""
 
         def slope(at: float, y: np.ndarray) -> np.ndarray:
-            load, turn = share * weight(at), _turn(y)
+            load, turn = share * weight(at), frame_of(y)
             loads = turn.T @ load, turn.T @ y[7:]
-            motion = _motion(y, *strains(robot, tension, at, shear_coefficient, *loads))
+            motion = motion_of(y, *strains(robot, tension, at, shear_coefficient, *loads))
             return np.concatenate([motion, -np.cross(motion[:3], load)])
 
         y = np.concatenate([_ZERO, [1.0, 0, 0, 0], moment])
@@ -182,7 +179,7 @@ def guided_rod(
             ends[:, row, :2] = robot.tendons[k].at(np.array([start, end]))
         pull = np.asarray(tension, dtype=float)[active][:, None]
         span = _Span(robot, shear_coefficient, y, (start, end), ends, pull)
-        found = root(span.missed, np.tile(_turn(y)[:, 2], len(active)), tol=1e-10)
+        found = root(span.missed, np.tile(frame_of(y)[:, 2], len(active)), tol=1e-10)
         if not found.success:
             raise ValueError(f"no equilibrium of robot {robot.name!r}: {found.message}")
         asked = (s > start) & (s <= end)
@@ -205,7 +202,7 @@ class _Span:
     ) -> None:
         """Places (2, tendons, 3) [m] of the tendons in both guides, and tensions [N]."""
         self._robot, self._shear, self._y, self._pull = robot, shear_coefficient, y, pull
-        self._start, self._end = y[:3] + ends[0] @ _turn(y).T, ends[1]
+        self._start, self._end = y[:3] + ends[0] @ frame_of(y).T, ends[1]
         within = [x for x in robot.backbone.ends if span[0] < x < span[1]]
         self._breaks = [np.array([*span, *within])]
 
@@ -214,16 +211,16 @@ class _Span:
         force = -self._pull * ways.reshape(-1, 3)
 
         def slope(at: float, y: np.ndarray) -> np.ndarray:
-            turn, moment = _turn(y), np.cross(self._start - y[:3], force).sum(axis=0)
+            turn, moment = frame_of(y), np.cross(self._start - y[:3], force).sum(axis=0)
             loads = turn.T @ force.sum(axis=0), turn.T @ moment
-            return _motion(y, *_answer(self._robot, at, self._shear, *loads))
+            return motion_of(y, *_answer(self._robot, at, self._shear, *loads))
 
         return _integrated(slope, self._y, self._breaks, stations)
 
     def missed(self, ways: np.ndarray) -> np.ndarray:
         """By how much (3 k,) [1] such tendons miss the second guide."""
         y = self.states(ways, np.empty(0))[-1]
-        line = y[:3] + self._end @ _turn(y).T - self._start
+        line = y[:3] + self._end @ frame_of(y).T - self._start
         return ways - (line / np.linalg.norm(line, axis=1)[:, None]).ravel()
 
 
@@ -234,7 +231,7 @@ def tendon_helix(
     shear_coefficient: float | None = None,
 ) -> SpatialShape:
     """The helix that one helical tendon along all of a uniform robot makes; see the module."""
-    _check(robot)
+    _breaks(robot)
     robot.require_uniform("a helix of one tendon")
     (tendon,) = robot.tendons
     s = np.asarray(stations, dtype=float)
@@ -243,18 +240,7 @@ def tendon_helix(
     screw = kappa + rate * _AXIS
     turned = Rotation.from_rotvec(s[:, None] * screw)
     frames = turned * Rotation.from_rotvec(-rate * s[:, None] * _AXIS)
-    return SpatialShape(s, _integral(screw, along, s), frames.as_matrix())
-
-
-def _integral(rate: np.ndarray, along: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Integrals (k, 3) from 0 to s (k,) of a vector turned at a rate (3,) [rad/m]."""
-    speed = np.linalg.norm(rate)
-    if speed == 0:
-        return s[:, None] * along
-    about = rate / speed
-    still, side = about * (about @ along), np.cross(about, along)
-    around, angle = along - still, (speed * s)[:, None]
-    return s[:, None] * still + (np.sin(angle) * around + (1 - np.cos(angle)) * side) / speed
+    return SpatialShape(s, turned_along(screw, along, s), frames.as_matrix())
 
 
 def strains(
@@ -304,32 +290,9 @@ def _answer(
     return along, moment / [bending, bending, torsion]
 
 
-def _turn(y: np.ndarray) -> np.ndarray:
-    """Axes (3, 3), as columns, of the section in a state."""
-    w, a, b, c = y[3:7] / np.linalg.norm(y[3:7])
-    return np.array(
-        [
-            [1 - 2 * (b * b + c * c), 2 * (a * b - w * c), 2 * (a * c + w * b)],
-            [2 * (a * b + w * c), 1 - 2 * (a * a + c * c), 2 * (b * c - w * a)],
-            [2 * (a * c - w * b), 2 * (b * c + w * a), 1 - 2 * (a * a + b * b)],
-        ]
-    )
-
-
-def _motion(y: np.ndarray, along: np.ndarray, kappa: np.ndarray) -> np.ndarray:
-    """Derivative of position and quaternion (real part first)."""
-    w, x, y_, z = y[3:7]
-    a, b, c = kappa / 2
-    turn = [
-        -x * a - y_ * b - z * c,
-        w * a + y_ * c - z * b,
-        w * b + z * a - x * c,
-        w * c + x * b - y_ * a,
-    ]
-    return np.concatenate([_turn(y) @ along, turn])
-
-
-def _check(robot: RobotParams) -> None:
+def _breaks(robot: RobotParams) -> list[np.ndarray]:
+    """Places [m] where strains may jump; ValueError unless all tendons run in channels."""
     guided = [t.name for t in robot.tendons if t.guides]
     if guided:
         raise ValueError(f"need tendons in channels, {', '.join(guided)} have guides")
+    return [robot.backbone.ends, *(t.knots[:, 0] for t in robot.tendons)]

@@ -4,6 +4,7 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from hashlib import sha256
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,21 @@ def kernel(function: Callable, everywhere: bool = False) -> Any:
 
 def _dispatcher(function: Callable, **options: Any) -> Any:
     return numba.njit(error_model="numpy", fastmath={"contract", "nsz"}, **options)(function)
+
+
+def implementation(function: Callable, data_class: type) -> Callable[[Any], Any]:
+    """Decorator: a kernel is what a function does for first arguments of a structure's class."""
+
+    def register(made: Any) -> Any:
+        def choose(*arguments: Any) -> Any:
+            fits = getattr(arguments[0], "instance_class", None) is data_class
+            return made.py_func if fits else None
+
+        choose.__signature__ = signature(made.py_func)  # type: ignore[attr-defined]
+        overload(function, jit_options=LINKED)(choose)
+        return made
+
+    return register
 
 
 # ---------------------------------------------------------------- structures

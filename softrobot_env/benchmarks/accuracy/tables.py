@@ -1,6 +1,6 @@
 """The accuracy rows as tables that fit a terminal of 100 columns."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import pairwise
 from math import log2
 
@@ -84,31 +84,33 @@ def tables(rows: list[Row]) -> Group:
 
 def _pivot(title: str, rows: list[Row], error: Callable[[Row], float]) -> Table:
     """A line per model and resolution, a column per case; misses in red."""
-    cases = list(dict.fromkeys(row.case for row in rows))
-    out = new_table(title, ("model",), ("n", *(_heading(case) for case in cases)))
+    cases = dict.fromkeys(row.case for row in rows)
+    return _by_case(title, rows, cases, lambda row: _small(error(row), row.met is False))
+
+
+def _by_case(
+    title: str, rows: list[Row], cases: Iterable[str], cell: Callable[[Row], Text]
+) -> Table:
+    out = new_table(title, ("model",), ("n", *map(_heading, cases)))
     lines = groups(sorted(rows, key=lambda row: row.model), "model", "n")
     for (model, n), mine in lines.items():
-        cells = {row.case: _small(error(row), row.met is False) for row in mine}
-        out.add_row(model, n, *(cells.get(case) for case in cases))
+        cells = {row.case: cell(row) for row in mine}
+        out.add_row(model, n, *map(cells.get, cases))
     return out
 
 
 def _in_space(rows: list[Row]) -> Iterator[Table]:
     """A table for each rod; a model that did not solve a case has a word in place of its error."""
     for robot in ROBOTS:
-        names = {name_of(case, robot): case for case in HEADINGS}
-        mine = [row for row in rows if row.case in names]
-        out = new_table(
+        names = [name_of(case, robot) for case in HEADINGS]
+        yield _by_case(
             f"{robot.name.upper()} rod in space, length / radius "
             f"{robot.length / robot.outer_radius:.0f}: static tip error in mm (wrenches: mean;\n"
             "none: no equilibrium was found)",
-            ("model",),
-            ("n", *(_heading(name) for name in names)),
+            [row for row in rows if row.case in names],
+            names,
+            _error_in_space,
         )
-        for (model, n), line in groups(sorted(mine, key=lambda r: r.model), "model", "n").items():
-            cells = {row.case: _error_in_space(row) for row in line}
-            out.add_row(model, n, *(cells.get(name) for name in names))
-        yield out
 
 
 def _error_in_space(row: Row) -> Text:

@@ -5,7 +5,7 @@ from scipy.optimize import brentq, minimize_scalar
 
 from softrobot_env.benchmarks.thesis.rows import Row, make_row
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
-from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots import RIG
 
 #: Radius [m] of the circle and angular velocities [1/s] of the figure.
 RADIUS = 0.09
@@ -59,14 +59,9 @@ def balance(servo: ServoConstraints, radius: float = RADIUS) -> float:
     return float(np.exp(brentq(ahead, *np.log([SLOWEST, FASTEST]), xtol=1e-10)))
 
 
-def force_rows(robot: RobotParams = RIG, count: int = 61) -> list[Row]:
-    """Rows of Fig. 5.14: force and phase over the angular velocity, least force and balance.
-
-    Args:
-        robot: The rig.
-        count: Number of angular velocities, in geometric sequence.
-    """
-    servo, what = ServoConstraints(robot), (f"circle of {1e3 * RADIUS:g} mm", "pcc", 1)
+def force_rows(count: int) -> list[Row]:
+    """Rows of Fig. 5.14: force and phase over so many speeds, least force and balance."""
+    servo, what = ServoConstraints(RIG), (f"circle of {1e3 * RADIUS:g} mm", "pcc", 1)
     rows = []
     for omega in np.geomspace(SLOWEST, FASTEST, count):
         force, phase = effective_force(servo, RADIUS, omega)

@@ -16,10 +16,10 @@ _BANDWIDTH = 50.0  # 1/s, of the force estimate
 _CONTRADICTION = 0.2
 
 #: [s], trust in the nominal stiffness: as if it had been observed for so long at the floor.
-PRIOR = 0.03
+_PRIOR = 0.03
 
 #: Factors [1] on the stiffness that the estimate is kept in.
-RANGE = (0.3, 3.0)
+_RANGE = (0.3, 3.0)
 
 
 @kernel
@@ -52,7 +52,8 @@ def update_estimate(
         inputs: (n_inputs,) [N] applied in it.
         full: (n_inputs,) [N], full-scale inputs.
         adapt: Whether to estimate s; it is 1 otherwise.
-        information: (2,) [s], numerator and denominator of s, updated.
+        information: (2,) [s], what of the numerator and of the denominator of s is beyond the trust
+            in the nominal stiffness; updated.
         force: (n,), d, updated.
 
     Returns:
@@ -80,7 +81,7 @@ def update_estimate(
     spread = floor + _INERTIA_SHARE * inertia
     if adapt:
         kept, weight = np.exp(-period / _FORGETTING), period / spread**2
-        information[:] = kept * information + (1 - kept) * PRIOR
+        information *= kept
         for i in range(n):
             information[0] += weight * elastic[i] * (force[i] - missing[i])
             information[1] += weight * elastic[i] ** 2
@@ -97,7 +98,7 @@ def stiffness_factor(adapt: bool, information: np.ndarray) -> float:
     """Stiffness factor from its information (2,) [s]."""
     if not adapt:
         return 1.0
-    return min(max(information[0] / information[1], RANGE[0]), RANGE[1])
+    return min(max((_PRIOR + information[0]) / (_PRIOR + information[1]), _RANGE[0]), _RANGE[1])
 
 
 @kernel

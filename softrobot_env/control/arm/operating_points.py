@@ -1,6 +1,8 @@
-"""Laws whose gains are scheduled by the operating point (thesis sec. 6.4).
+"""Operating points of the arm in closed form, and gains scheduled by them (thesis sec. 6.4).
 
-The linear model at a point, gains on a regular grid of points and in a file, their interpolation.
+The linear model at a point; gains on a regular grid of points and in a file, their interpolation;
+and what the laws of `control.scheduled` ask for in place of a table: the equilibrium at a
+reference.
 
 Without outer forces an equilibrium of the arm is given by one curvature of each third; the
 scheduling variables are those of the first piece of each third, sigma = (beta_1, beta_3, beta_5).
@@ -9,7 +11,7 @@ scheduling variables are those of the first piece of each third, sigma = (beta_1
 from collections.abc import Callable, Iterator
 from itertools import product
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -21,20 +23,17 @@ from softrobot_env.artifacts import (
 )
 from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
-from softrobot_env.beams.numerics.compilation import kernel, reference, structure
-from softrobot_env.control.arm.statics import REACH
+from softrobot_env.beams.numerics.compilation import implementation, kernel, reference, structure
+from softrobot_env.control.arm.estimation import stiffness_factor, update_estimate
+from softrobot_env.control.arm.statics import REACH, follow
 from softrobot_env.control.arm.timing import PERIOD, identity
-from softrobot_env.control.base import Controller, hold_for, state_sizes
-from softrobot_env.control.limits import finite, limited
-from softrobot_env.control.status import (
-    FINE,
-    OUTSIDE,
-    SATURATED,
-    UNREACHABLE,
-)
-from softrobot_env.interfaces import Observation
+from softrobot_env.control.scheduled.aiming import Aim, aimed, references_of, split_memory
+from softrobot_env.control.scheduled.law import Law
+from softrobot_env.control.scheduled.lqi import Resting, resting
+from softrobot_env.control.status import FINE, OUTSIDE, UNREACHABLE
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.scene.linearised import LinearModel
 
 #: Points and largest curvature [1/m] along each scheduling variable: 16 x 13 x 11 = 2288 points
 #: (audit of sec. 6.4). With 16, none is the straight pose, where the tip's height cannot be
@@ -43,57 +42,55 @@ GRID = ((16, 7.5), (13, 7.2), (11, 7.0))
 _LOW = np.array([-limit for _, limit in GRID])
 _SPACING = np.array([2 * limit / (count - 1) for count, limit in GRID])
 
+_OFFSET_BANDWIDTH = 100.0  # 1/s, of the difference between measured and modelled tip
+
 
 @structure
-class Law(NamedTuple):
-    """What the kernel of a law needs of a robot; one argument is faster to pass than three.
+class Grid(NamedTuple):
+    """The arm in closed form with gains on a grid of operating points, in place of a `Table`.
 
     Attributes:
+        n, m: Numbers of curvatures and inputs.
+        directions: (2, 3), along which the tip moves.
+        lever: (m, n), zeros: tendons are driven by tension.
         arm: The nominal arm.
-        gains: (n1, n2, n3, k), on the grid, in whatever units the policy needs.
-        limit: (n_inputs,) [N], full-scale inputs.
+        gains: (n1, n2, n3, k), on the grid, of actions.
+        limit: (m,) [N], full-scale inputs.
     """
 
+    n: int
+    m: int
+    directions: np.ndarray
+    lever: np.ndarray
     arm: PlanarArm
     gains: np.ndarray
     limit: np.ndarray
 
 
-class ScheduledController(Controller):
-    """A controller that decides every millisecond by gains out of a table, in one kernel."""
+def read_grid(robot: RobotParams, policy: str, columns: tuple[int, ...], path: Path | None) -> Any:
+    """Reference to the `Grid` that a file holds.
 
-    def __init__(
-        self, robot: RobotParams, control_period: float, name: str, gains: Path | None, count: int
-    ) -> None:
-        """Load the gain table.
+    Args:
+        robot: Nominal robot.
+        policy: Whose gains they are.
+        columns: Numbers of gains per input that belong together, which the law reads in turn.
+        path: The file; found unless given, see `artifacts.find_artifact`.
 
-        Args:
-            robot: Nominal robot.
-            control_period: [s] between calls, a part of 1 ms or 1 ms.
-            name: Of the policy.
-            gains: Gain table; found unless given, see `artifacts.find_artifact`.
-            count: Number of gains per input, besides those of the states.
-
-        Raises:
-            ValueError: Another control period, or a table of another robot.
-        """
-        self.hold = hold_for(PERIOD, control_period, name)
-        self.sizes = state_sizes(robot)
-        arm = make_planar_arm(robot)
-        path = find_artifact(robot, name) if gains is None else gains
-        n, m = arm.inputs.shape
-        table = load_gains(path, robot, name, m * (2 * n + count))
-        self._law = reference(Law(arm, table, TendonMap(robot).input_scale))
-
-    def _seen(self, observation: Observation) -> list[np.ndarray]:
-        """What the policy reads, contiguous: a kernel would be compiled anew for other arrays."""
-        return [np.ascontiguousarray(observation[name]) for name in self.requires]
+    Raises:
+        FileNotFoundError, ValueError: As `load_gains`.
+    """
+    arm, limit = make_planar_arm(robot), TendonMap(robot).input_scale
+    path = find_artifact(robot, policy) if path is None else path
+    found = load_gains(path, robot, policy, arm.inputs.shape[1] * sum(columns))
+    by_input = found.reshape(*found.shape[:3], len(limit), -1) / limit[:, None]
+    parts = np.split(by_input, np.cumsum(columns)[:-1], axis=-1)
+    gains = np.concatenate([part.reshape(*found.shape[:3], -1) for part in parts], axis=-1)
+    n, m = arm.inputs.shape
+    return reference(Grid(n, m, np.eye(3)[[0, 2]], np.zeros((m, n)), arm, gains, limit))
 
 
-def linear_model(
-    arm: PlanarArm, curvature: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A, B and C of (6.25) to (6.27) for x = (curvatures, rates) and the tip (x, z).
+def linear_model(arm: PlanarArm, curvature: np.ndarray) -> LinearModel:
+    """The linear model of (6.25) to (6.27), of inputs [N] and the tip (x, z).
 
     Args:
         arm: The arm.
@@ -103,11 +100,9 @@ def linear_model(
     mass, gyroscopic, point, jacobian = np.empty((n, n)), np.empty(n), np.empty(2), np.empty((2, n))
     planar_arm.inertia_forces(arm, curvature, np.zeros(n), mass, gyroscopic)
     planar_arm.tip(arm, curvature, point, jacobian)
-    inverse = np.linalg.inv(mass)
-    stiffness = arm.stiffness * inverse
-    a = np.block([[np.zeros((n, n)), np.eye(n)], [-stiffness, -arm.damping_time * stiffness]])
-    b = np.vstack([np.zeros_like(arm.inputs), inverse @ arm.inputs])
-    return a, b, np.hstack([jacobian, np.zeros((2, n))])
+    stiffness = arm.stiffness * np.eye(n)
+    damping, elastic = arm.damping_time * stiffness, arm.stiffness * curvature
+    return LinearModel(mass, damping, stiffness, arm.inputs, jacobian, elastic)
 
 
 def axes() -> list[np.ndarray]:
@@ -210,31 +205,107 @@ def interpolate(table: np.ndarray, curvature: np.ndarray, out: np.ndarray) -> bo
     return inside
 
 
+@implementation(resting, Grid)
 @kernel
-def conclude(
-    wanted: np.ndarray,
-    law: Law,
-    gap: float,
-    inside: bool,
-    memory: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, int]:
-    """Action (n_inputs,), next memory (k,) and code of a decision.
+def _at_rest(
+    grid: Grid, law: Law, target: np.ndarray, held: np.ndarray, curvature: np.ndarray
+) -> Resting:
+    n, m, limit, table = grid.n, grid.m, grid.limit, grid.gains
+    inputs, place = held * limit, target[::2].copy()
+    rest, inverse, gains = np.empty(n), np.empty((m, 2)), np.empty(table.shape[3])
+    gap = follow(grid.arm, place, np.zeros(n), 1.0, limit, inputs, rest, inverse)
+    for j in range(m):
+        held[j] = inputs[j] / limit[j]
+    doubt = _doubt(gap, interpolate(table, curvature, gains))
+    return Resting(held, rest, gains, doubt, gap <= REACH)
 
-    The action is NaN where it, or the memory, could not be computed; `Controller` then keeps both.
 
-    Args:
-        wanted: (n_inputs,) [N].
-        law: Whose limits hold.
-        gap: [m], from the operating point's tip to the reference.
-        inside: Whether the operating point lies in the table's grid.
-        memory: (k,), of this decision.
-    """
-    action = np.empty(len(wanted))
-    saturated = limited(wanted, law.limit, action)
-    if not (finite(wanted) and finite(memory)):
-        return np.full(len(wanted), np.nan), memory, FINE
-    if saturated:
-        return action, memory, SATURATED
+@kernel
+def _doubt(gap: float, inside: bool) -> int:
+    """What is said of a distance [m] from the reference, and of a place off the grid."""
     if gap > REACH:
-        return action, memory, UNREACHABLE
-    return action, memory, FINE if inside else OUTSIDE
+        return UNREACHABLE
+    return FINE if inside else OUTSIDE
+
+
+@kernel
+def _estimate(
+    grid: Grid,
+    adaptive: bool,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    previous: np.ndarray,
+) -> float:
+    """Update what the nominal model leaves unexplained; the stiffness factor [1]."""
+    arm, limit = grid.arm, grid.limit
+    before, rate_before, force, _, offset, information, begun, _ = split_memory(
+        memory, grid.n, grid.m
+    )
+    point, jacobian = np.empty(2), np.empty((2, grid.n))
+    planar_arm.tip(arm, curvature, point, jacobian)
+    share = 1.0
+    scale = stiffness_factor(adaptive, information)
+    if begun[0]:
+        share = 1 - np.exp(-_OFFSET_BANDWIDTH * PERIOD)
+        scale = update_estimate(
+            arm,
+            PERIOD,
+            before,
+            rate_before,
+            curvature,
+            rate,
+            previous * limit,
+            limit,
+            adaptive,
+            information,
+            force,
+        )
+    for i in range(2):
+        offset[2 * i] += share * (tip[i] - point[i] - offset[2 * i])
+    begun[0] = 1.0
+    before[:], rate_before[:] = curvature, rate
+    return scale
+
+
+@implementation(aimed, Grid)
+@kernel
+def _aimed(
+    grid: Grid,
+    law: Law,
+    adaptive: bool,
+    memory: np.ndarray,
+    curvature: np.ndarray,
+    rate: np.ndarray,
+    tip: np.ndarray,
+    target: np.ndarray,
+    preview: np.ndarray,
+    previous: np.ndarray,
+) -> Aim:
+    arm, limit, n, m = grid.arm, grid.limit, grid.n, grid.m
+    _, _, force, held, offset, _, _, smoothing = split_memory(memory, n, m)
+    scale = _estimate(grid, adaptive, memory, curvature, rate, tip, previous)
+    points, velocity = references_of(law, target, preview, smoothing)
+    inputs, rest, inverse = held * limit, np.empty(n), np.empty((m, 2))
+    place = np.array((points[0, 0] - offset[0], points[0, 2] - offset[2]))
+    gap = follow(arm, place, force, scale, limit, inputs, rest, inverse)
+    action, rising = np.empty(m), np.empty(m)
+    for j in range(m):
+        held[j] = inputs[j] / limit[j]
+        rising[j] = (inverse[j, 0] * velocity[0] + inverse[j, 1] * velocity[2]) / limit[j]
+        action[j] = held[j] + arm.damping_time * rising[j]
+    gains = np.empty(grid.gains.shape[3])
+    doubt = _doubt(gap, interpolate(grid.gains, curvature, gains))
+    times, lever, stiffness = law.times, arm.inputs, scale * arm.stiffness
+    away, ways = np.empty(2 * n), np.empty(2 * len(times) - 2)
+    for i in range(n):
+        moving = 0.0
+        for j in range(m):
+            moving += lever[i, j] * rising[j] * limit[j] / stiffness
+        away[i], away[n + i] = curvature[i] - rest[i], rate[i] - moving
+    for k in range(1, len(times)):
+        for i in range(2):
+            way = points[k, 2 * i] - points[0, 2 * i] - times[k] * velocity[2 * i]
+            ways[2 * k - 2 + i] = way
+    return Aim(action, rising, away, ways, velocity, np.empty((0, 3)), doubt, gains)

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI, FeedforwardState
+from softrobot_env.control.feedforward.motion import Motion, on_time
 from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
 from softrobot_env.control.status import REASONS, SATURATED
 from softrobot_env.fields import Positive, check_argument
@@ -92,22 +93,13 @@ class InverseDynamics(Feedforward):
     def _remembered(self) -> Moving:
         return Moving()
 
-    def _ahead(
-        self, observation: Observation, state: FeedforwardState
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Reference, velocity and acceleration (k,) in the middle of the period."""
-        z, dz, ddz = (observation[name] for name in self.requires[:3])
-        before, h = state.memory.acceleration, self._period / 2
-        jerk = 0.0 if before is None else (ddz - before) / self._period
-        square = h * h / 2
-        return (
-            z + h * dz + square * (ddz + h / 3 * jerk),
-            dz + h * ddz + square * jerk,
-            ddz + h * jerk,
-        )
+    def _ahead(self, observation: Observation, state: FeedforwardState) -> Motion:
+        """The reference in the middle of the period."""
+        now = Motion(*(observation[name] for name in self.requires[:3]))
+        return now.ahead(self._period / 2, state.memory.acceleration, self._period)
 
     def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
-        return self._ahead(observation, state)[0]
+        return self._ahead(observation, state).position
 
     def _added(
         self, observation: Observation, rest: Rest, state: FeedforwardState
@@ -201,9 +193,8 @@ class InverseDynamics(Feedforward):
         if before is None or np.isinf(self._speed):
             return wanted, None
         rate = (wanted - before) / self._period
-        # A servo takes a while, |rate| T / speed, for its way in a period.
-        late = np.minimum(np.abs(rate), self._speed) * self._period / (2 * self._speed)
-        return wanted + late * rate, _SLOW if np.abs(rate).max() > self._speed else None
+        driven = wanted + on_time(rate, self._period, self._speed)
+        return driven, _SLOW if np.abs(rate).max() > self._speed else None
 
 
 class InverseDynamicsPI(FeedforwardPI, InverseDynamics):

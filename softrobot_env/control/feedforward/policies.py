@@ -6,7 +6,7 @@ Laws are loaded where they are made: those of networks do without compiled code.
 from pathlib import Path
 
 from softrobot_env.artifacts import find_artifact
-from softrobot_env.control.arm.qs_nn import QuasiStaticNetwork
+from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.interfaces import Policy
 from softrobot_env.learned.network import Network
@@ -48,10 +48,10 @@ def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False)
         ValueError: The robot has no tendons, or is no rig that the law looks ahead for.
     """
     from softrobot_env.control.feedforward.dynamics import InverseDynamics
-    from softrobot_env.control.rig import feedforward as rig
+    from softrobot_env.control.rig.feedforward import OnePiece, RigFeedforward
 
     if is_rig(robot):
-        return rig.make_inverse(robot, control_period, ahead)
+        return RigFeedforward(robot, control_period, model=OnePiece(robot), ahead=ahead)
     _refuse_ahead(robot, ahead)
     return InverseDynamics(robot, control_period)
 
@@ -69,19 +69,25 @@ def make_hybrid(
     Args:
         robot: Nominal robot.
         control_period: [s] between calls.
-        learnt: Of a rig as for `rig.feedforward.make_hybrid`; of another robot the file of its
-            network, found unless given.
-        model, ahead, backlash: Of a rig.
+        learnt: Identified parameters of a rig, or their file; of another robot the file of its
+            network. Found unless given: of the rig the one shipped, of twin 0.
+        model: Of a rig: "one piece" of the nominal one; "several pieces" of a rig that stands as
+            that one does; "calibrated", several pieces of the rig as identified; or "none".
+        ahead: Of a rig, see `RigFeedforward`.
+        backlash: Of a rig, whether to make up for the servos' delay and the backlash identified.
 
     Raises:
-        ValueError: No network of this robot, or a model that only a rig has.
+        ValueError: No network of this robot, another model, or one that only a rig has.
         FileNotFoundError: No such file.
     """
     from softrobot_env.control.feedforward.dynamics import InverseDynamics
     from softrobot_env.control.rig import feedforward as rig
 
     if is_rig(robot):
-        return rig.make_hybrid(robot, control_period, learnt, model, ahead, backlash)
+        known = learnt
+        if not isinstance(learnt, IdentifiedParameters):
+            known = IdentifiedParameters.load(robot, learnt)
+        return rig.make_hybrid(robot, control_period, known, model, ahead, backlash)
     if model != "one piece" or backlash:
         raise ValueError(
             f"robot {robot.name!r} has no identified model in pieces: it needs a head and three "

@@ -4,7 +4,6 @@ from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from scipy.linalg import eigh
 
 from softrobot_env.artifacts import fingerprint
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
@@ -17,8 +16,8 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import Inputs, robot_inputs
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Held, InverseStatics, Linear, Place, least_step
+from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.registry import model_scene
-from softrobot_env.scene.tangent import StaticForces
 
 #: [m/N], singular values of J well below it are not inverted by the closed form's feedback.
 _DAMPING = 1e-3
@@ -256,13 +255,7 @@ class ChainStatics:
 
     def first_mode(self) -> tuple[float, float]:
         """See `Statics`: of the chain linearised under the action 0, its drives at rest."""
-        rest = self.inverse.place(self.inputs.input_centre)
-        forces, model = StaticForces(self.scene.model), self.scene.model
-        forces.force(rest.posture, self.inverse.controls(rest.inputs))
-        stiffness = -forces.tangent()
-        squares, modes = eigh((stiffness + stiffness.T) / 2, forces.mass(), subset_by_index=[0, 0])
-        rate = float(modes[:, 0] ** 2 @ model.dof_damping)
-        return float(np.sqrt(squares[0])), rate / float(squares[0])
+        return linearised(self.inverse, self.inputs.input_centre).first_mode()
 
     def error(self, posture: np.ndarray, target: np.ndarray) -> float:
         """Distance [m] of the tip in a posture (nq,) from all coordinates of a target (k,)."""

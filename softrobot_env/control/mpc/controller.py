@@ -7,7 +7,7 @@ import numpy as np
 
 from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
-from softrobot_env.control.arm.estimation import PRIOR, update_estimate
+from softrobot_env.control.arm.estimation import update_estimate
 from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.mpc.optimisation import Iterate, Optimiser, Problem
 from softrobot_env.control.mpc.settings import PREVIEW, THESIS, MPCSettings
@@ -27,7 +27,7 @@ class Estimate:
     Attributes:
         stiffness: Factor [1] on the nominal stiffness.
         force: (n,) [N m2] on the curvatures.
-        information: (2,) [s], what the factor is estimated from.
+        information: (2,) [s], see `estimation.update_estimate`.
     """
 
     stiffness: float
@@ -94,7 +94,7 @@ class MPC(Controller):
     def start(self, observation: Observation) -> MPCState:
         """Begin from the action in force."""
         action = usable(observation["previous_action"])
-        estimate = Estimate(1.0, np.zeros(self._arm.n), np.full(2, PRIOR))
+        estimate = Estimate(1.0, np.zeros(self._arm.n), np.zeros(2))
         return MPCState(action, None, None, estimate, None)
 
     def act(self, observation: Observation, state: MPCState) -> tuple[np.ndarray, MPCState]:

@@ -9,14 +9,14 @@ period lags by half of it; the model in several pieces; that model calibrated by
 network was trained with; and what is known of the servos, their speed and backlash.
 """
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from softrobot_env.control.base import Controller
+from softrobot_env.control.feedforward.motion import Motion, on_time
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
-from softrobot_env.control.rig.inverse import Motion, OnePiece, SeveralPieces
+from softrobot_env.control.rig.inverse import OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.control.rig.servo_flexible import InversionError
 from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
@@ -141,9 +141,8 @@ class RigFeedforward(Controller):
         """Lengths (3,) [m] wanted of the servos' horns, tensions (3,) [N], the model's memory."""
         then = now
         if self._lead:
-            before = now if state.now is None else state.now
-            jerk = (now.acceleration - before.acceleration) / self._period
-            then = now.after(self._lead, jerk)
+            before = None if state.now is None else state.now.acceleration
+            then = now.ahead(self._lead, before, self._period)
         if self._model is None:
             return self._statics(then.position), None, None
         pull, memory = self._model.step(state.memory, now, then, self._period)
@@ -161,9 +160,8 @@ class RigFeedforward(Controller):
         if self._backlash is None or before is None:
             return wanted
         rate = (wanted - before) / self._period
-        # A servo takes a while, |rate| T / speed, for its way in a period.
-        late = np.minimum(np.abs(rate), SERVO_SPEED) * self._period / (2 * SERVO_SPEED)
-        return wanted + late * rate + self._backlash * np.tanh(rate / _TURNING)
+        late = on_time(rate, self._period, SERVO_SPEED)
+        return wanted + late + self._backlash * np.tanh(rate / _TURNING)
 
     def _doubt(self, now: Motion, tension: np.ndarray | None, change: np.ndarray) -> str | None:
         """Why the rig will not do as wanted although the action (3,) is within its limits, or None.
@@ -181,45 +179,28 @@ class RigFeedforward(Controller):
         return _SLOW if max(map(abs, change.tolist())) > self._reach else None
 
 
-def make_inverse(robot: RobotParams, control_period: float, ahead: bool = False) -> RigFeedforward:
-    """Inverse dynamics of the nominal rig in one piece."""
-    return RigFeedforward(robot, control_period, model=OnePiece(robot), ahead=ahead)
+#: Name of a model -> how it is made, of the nominal rig and what is known of one.
+_MODELS = Registry(
+    "model",
+    {
+        "one piece": lambda robot, known: OnePiece(robot),
+        "several pieces": lambda robot, known: SeveralPieces(turned(robot, EQUIVALENT, 0.0)),
+        "calibrated": lambda robot, known: SeveralPieces(known.believed(robot)),
+        "none": lambda robot, known: None,
+    },
+)
 
 
 def make_hybrid(
     robot: RobotParams,
     control_period: float,
-    learnt: IdentifiedParameters | str | Path | None = None,
-    model: str = "one piece",
-    ahead: bool = False,
-    backlash: bool = False,
+    known: IdentifiedParameters,
+    model: str,
+    ahead: bool,
+    backlash: bool,
 ) -> RigFeedforward:
-    """Network plus the dynamic part of an inverse model.
-
-    Args:
-        robot: Nominal rig.
-        control_period: [s] between calls.
-        learnt: Identified parameters of the rig, or their file; the one shipped, of twin 0,
-            unless given.
-        model: "one piece" of the nominal rig; "several pieces" of a rig that stands as that one
-            does; "calibrated", several pieces of the rig as identified; or "none".
-        ahead: See `RigFeedforward`.
-        backlash: Whether to make up for the servos' delay and the backlash identified.
-
-    Raises:
-        ValueError: Another model, or a file of another robot.
-        FileNotFoundError: No such file.
-    """
-    known = learnt
-    if not isinstance(learnt, IdentifiedParameters):
-        known = IdentifiedParameters.load(robot, learnt)
-    models = {
-        "one piece": lambda: OnePiece(robot),
-        "several pieces": lambda: SeveralPieces(turned(robot, EQUIVALENT, 0.0)),
-        "calibrated": lambda: SeveralPieces(known.believed(robot)),
-        "none": lambda: None,
-    }
-    made = Registry("model", models).find(model)()
+    """Network plus the dynamic part of an inverse model, see `feedforward.policies.make_hybrid`."""
+    made = _MODELS.find(model)(robot, known)
     width = known.backlash if backlash else None
     return RigFeedforward(robot, control_period, known, made, ahead, width)
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.control.rig.servo_dae import hold
 from softrobot_env.control.rig.servo_flexible import (
@@ -27,24 +28,6 @@ PIECES = 3
 
 #: [m], how far a reference may be from where its motion brings it: farther is a jump.
 _JUMP = 3e-3
-
-
-class Motion(NamedTuple):
-    """A reference: (2,) each, [m, m/s, m/s2]."""
-
-    position: np.ndarray
-    velocity: np.ndarray
-    acceleration: np.ndarray
-
-    def after(self, time: float, jerk: np.ndarray) -> "Motion":
-        """The motion `time` [s] later, with a constant jerk (2,) [m/s3]."""
-        z, dz, ddz = self
-        square = time * time / 2
-        return Motion(
-            z + time * dz + square * ddz + square * time / 3 * jerk,
-            dz + time * ddz + square * jerk,
-            ddz + time * jerk,
-        )
 
 
 class Pull(NamedTuple):

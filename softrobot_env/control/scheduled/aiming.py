@@ -4,16 +4,16 @@ What the model leaves unexplained is estimated from the actions really in force,
 shift of the curvatures, an offset of the tip, and, if wanted, the stiffness.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.compilation import implementation, kernel
 from softrobot_env.control.base import usable
 from softrobot_env.control.limits import finite
 from softrobot_env.control.reference_smoothing import begin_smoothing, memory_size, smoothed
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar
-from softrobot_env.control.scheduled.table import Row, inverse_of, look_up, look_up_action
+from softrobot_env.control.scheduled.table import Row, Table, inverse_of, look_up, look_up_action
 from softrobot_env.control.status import FINE, SATURATED, UNREACHABLE, Memory
 from softrobot_env.interfaces import Observation
 
@@ -38,11 +38,12 @@ class Aim(NamedTuple):
         action: (m,) [1], of the equilibrium now.
         rising: (m,) [1/s], how it moves with the reference.
         away: (2 n + m,), curvatures [1/m], their rates and actions, less those of the equilibrium
-            that moves.
-        ways: (3 k,) [m], references ahead, less what the present velocity makes of the present one.
+            that moves; of a law that has no actions as states (2 n,).
+        ways: (3 k,) [m], references ahead, less what the present velocity makes of the present one;
+            of the arm (2 k,), in its plane.
         velocity: (3,) [m/s], of the reference.
         bending: (n, 3) [1/m2], how the curvatures at rest move with the reference.
-        gap: [m], from the operating point's tip to the reference.
+        doubt: Why the law may do otherwise than is wanted, a code of `status`.
         gains: Of the law.
     """
 
@@ -52,7 +53,7 @@ class Aim(NamedTuple):
     ways: np.ndarray
     velocity: np.ndarray
     bending: np.ndarray
-    gap: float
+    doubt: int
     gains: np.ndarray
 
 
@@ -69,32 +70,39 @@ class AimingLaw(ScheduledLaw):
         law = self._law
         self._check_reference(observation, len(law.times) - 1)
         n, m = law.table.n, law.table.m
-        values = np.zeros(2 * n + m + 5 + memory_size(3))
-        values[2 * n : 2 * n + m] = self._begun(observation)
+        values = np.zeros(3 * n + m + 6 + memory_size(3))
+        _, _, _, held, _, _, _, smoothing = split_memory(values, n, m)
+        held[:] = self._begun(observation)
         tip, here = observation["tip_position"], np.empty(3)
         here_seen = usable(tip if np.isfinite(tip).all() else observation["reference"])
         in_space(here_seen, is_planar(law.table), here)
-        begin_smoothing(here, values[2 * n + m + 5 :])
+        begin_smoothing(here, smoothing)
         return Memory(values, FINE)
 
     def stiffness(self, state: Memory) -> float:
         """Factor [1] on the nominal stiffness that is estimated; 1 unless the law is adaptive."""
         table = self._law.table
-        return 1.0 + float(_split(state.values, table.n, table.m)[4][0])
+        return 1.0 + float(split_memory(state.values, table.n, table.m)[5][0])
 
 
 @kernel
-def _split(memory: np.ndarray, n: int, m: int) -> tuple:
-    """Views: rate before, shift, actions held, tip's offset, stiffness (1,), begun, smoothing."""
-    k = 2 * n + m
+def split_memory(memory: np.ndarray, n: int, m: int) -> tuple:
+    """Views of what `AimingLaw` remembers.
+
+    Curvatures and rates (n,) before; what shifts the curvatures at rest (n,); actions held (m,);
+    the tip's offset (3,); what the stiffness is estimated from (2,); whether a decision went before
+    (1,); of the smoothing of references.
+    """
+    k = 3 * n + m
     return (
         memory[:n],
         memory[n : 2 * n],
-        memory[2 * n : k],
+        memory[2 * n : 3 * n],
+        memory[3 * n : k],
         memory[k : k + 3],
-        memory[k + 3 : k + 4],
-        memory[k + 4 : k + 5],
-        memory[k + 5 :],
+        memory[k + 3 : k + 5],
+        memory[k + 5 : k + 6],
+        memory[k + 6 :],
     )
 
 
@@ -114,7 +122,7 @@ def _estimate(
     The balance of forces, over the stiffness: K^-1 (M q.. + D q.) + q - q_OP - X (a - a_OP).
     """
     n, m = law.table.n, law.table.m
-    before, shift, _, offset, stiffer, begun, _ = _split(memory, n, m)
+    _, before, shift, _, offset, stiffer, begun, _ = split_memory(memory, n, m)
     bend = curvature - now.curvature
     missing = tip - now.tip - now.jacobian @ bend
     if begun[0]:
@@ -134,7 +142,7 @@ def _estimate(
 
 @kernel
 def _adapt(law: Law, now: Row, left: np.ndarray, stiffer: np.ndarray) -> None:
-    """Update how much stiffer (1,) the springs are: of those by a share s the shift is -s elastic.
+    """Update how much stiffer[0] the springs are: of those by a share s the shift is -s elastic.
 
     Least squares with forgetting, as one step down the gradient.
     """
@@ -149,28 +157,62 @@ def _adapt(law: Law, now: Row, left: np.ndarray, stiffer: np.ndarray) -> None:
 
 
 @kernel
-def _references(
+def references_of(
     law: Law, target: np.ndarray, preview: np.ndarray, smoothing: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Places (1 + k, 3) [m], now and ahead, without jumps, and the velocity (3,) [m/s] now."""
     times, size, planar = law.times, len(target), is_planar(law.table)
-    points = np.empty((len(times), 3))
+    points = np.zeros((len(times), 3))
     in_space(target, planar, points[0])
     if len(times) == 1:
         return points, np.zeros(3)
+    second = 2 if planar and size == 2 else 1
     for k in range(1, len(times)):
-        in_space(preview[(k - 1) * size : k * size], planar, points[k])
+        at = (k - 1) * size
+        points[k, 0], points[k, second] = preview[at], preview[at + 1]
+        if size == 3:
+            points[k, 2] = preview[at + 2]
     far = _ACCELERATION * law.reach / law.first**2
     here = points[0].copy()
     smoothed(law.period, here, times, _JUMP * law.reach, far, smoothing, points)
-    velocity = (points[1] - points[0]) / times[1]
-    if np.sqrt(np.sum(velocity**2)) * law.period > _JUMP * law.reach:
+    velocity, square = np.empty(3), 0.0
+    for x in range(3):
+        velocity[x] = (points[1, x] - points[0, x]) / times[1]
+        square += velocity[x] * velocity[x]
+    if np.sqrt(square) * law.period > _JUMP * law.reach:
         velocity[:] = 0.0  # a jump ahead is no motion
     return points, velocity
 
 
-@kernel
 def aimed(
+    table: Any,
+    law: Any,
+    adaptive: Any,
+    memory: Any,
+    curvature: Any,
+    rate: Any,
+    tip: Any,
+    target: Any,
+    preview: Any,
+    previous: Any,
+) -> Any:
+    """Find and correct the equilibrium at the reference, as `Aim`; the memory is updated.
+
+    Args:
+        table: The operating points.
+        law: Whose they are.
+        adaptive: Whether to estimate the stiffness.
+        memory: See `split_memory`.
+        curvature, rate, tip, target, preview: As observed.
+        previous: (m,) [1], actions in force.
+    """
+    raise NotImplementedError
+
+
+@implementation(aimed, Table)
+@kernel
+def _looked_up(
+    table: Table,
     law: Law,
     adaptive: bool,
     memory: np.ndarray,
@@ -181,13 +223,11 @@ def aimed(
     preview: np.ndarray,
     previous: np.ndarray,
 ) -> Aim:
-    """Look up and correct the equilibrium at the reference; the memory is updated."""
-    table = law.table
     n, m, knots = table.n, table.m, len(law.times) - 1
-    _, _, held, offset, _, _, smoothing = _split(memory, n, m)
+    _, _, _, held, offset, _, _, smoothing = split_memory(memory, n, m)
     tip = np.empty(3)
     in_space(tip_seen, is_planar(table), tip)
-    points, velocity = _references(law, target, preview, smoothing)
+    points, velocity = references_of(law, target, preview, smoothing)
     now = look_up(table, points[0], held)
     held[:] = now.action
     shift = _estimate(law, now, adaptive, memory, curvature, rate, tip, previous)
@@ -213,8 +253,14 @@ def aimed(
         else:
             way = points[i + 1] - points[0]
         ways[3 * i : 3 * i + 3] = way - law.times[i + 1] * velocity
-    bending, distance = now.by_action @ to_action, np.sqrt(np.sum(gap**2))
-    return Aim(action, rising, away, ways, velocity, bending, distance, now.gains)
+    bending, doubt = now.by_action @ to_action, doubt_of(law, gap)
+    return Aim(action, rising, away, ways, velocity, bending, doubt, now.gains)
+
+
+@kernel
+def doubt_of(law: Law, gap: np.ndarray) -> int:
+    """What is said of a way (k,) [m] from the operating point's tip to the reference."""
+    return UNREACHABLE if np.sqrt(np.sum(gap**2)) > _FAR * law.reach else FINE
 
 
 @kernel
@@ -222,20 +268,22 @@ def planned(law: Law, aim: Aim) -> np.ndarray:
     """(c, m) [1]: actions at the nodes, as `plan_gains` plans them."""
     table, count = law.table, len(law.nodes)
     n, m = table.n, table.m
-    inner, outer = len(aim.away), len(aim.ways)
+    away, ways, gains = aim.away, aim.ways, aim.gains
+    inner, outer = len(away), len(ways)
     size = count * m * inner
-    feedback = aim.gains[:size].reshape(count * m, inner)
-    ahead = aim.gains[size : size + count * m * outer].reshape(count * m, outer)
+    feedback = gains[:size].reshape(count * m, inner)
+    ahead = gains[size : size + count * m * outer].reshape(count * m, outer)
     actions = np.empty((count, m))
     for c in range(count):
         for j in range(m):
             row = c * m + j
             wanted = aim.action[j] + (law.nodes[c] - law.period) * aim.rising[j]
-            wanted += aim.away[2 * n + j]
+            if inner > 2 * n:
+                wanted += away[2 * n + j]
             for i in range(inner):
-                wanted -= feedback[row, i] * aim.away[i]
+                wanted -= feedback[row, i] * away[i]
             for i in range(outer):
-                wanted += ahead[row, i] * aim.ways[i]
+                wanted += ahead[row, i] * ways[i]
             actions[c, j] = wanted
     return actions
 
@@ -257,12 +305,12 @@ def seen_well(
 @kernel
 def forget_balance(law: Law, memory: np.ndarray) -> None:
     """Begin the balance of forces anew: the next one would span more than a period."""
-    _split(memory, law.table.n, law.table.m)[5][0] = 0.0
+    split_memory(memory, law.table.n, law.table.m)[6][0] = 0.0
 
 
 @kernel
 def conclude(
-    law: Law, wanted: np.ndarray, previous: np.ndarray, gap: float, memory: np.ndarray
+    law: Law, wanted: np.ndarray, previous: np.ndarray, doubt: int, memory: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (m,), next memory and code of a decision.
 
@@ -273,22 +321,18 @@ def conclude(
         law: Whose speeds hold.
         wanted: (m,) [1].
         previous: (m,) [1], in force.
-        velocity: (3,) [m/s], of the reference.
-        bending: (n, 3) [1/m2], how the curvatures at rest move with the reference.
-        gap: [m], from the operating point's tip to the reference.
+        doubt: Code of what else may keep the law from what is wanted.
         memory: Of this decision.
     """
-    m, share, code = len(wanted), 1.0, FINE
+    m, share, code, speed = len(wanted), 1.0, doubt, law.speed
     if not (finite(wanted) and finite(memory)):
         return np.full(m, np.nan), memory, FINE
     for j in range(m):
-        share = min(share, law.speed[j] / max(abs(wanted[j] - previous[j]), 1e-300))
+        share = min(share, speed[j] / max(abs(wanted[j] - previous[j]), 1e-300))
     action = np.empty(m)
     for j in range(m):
         asked = previous[j] + share * (wanted[j] - previous[j])
         action[j] = min(max(asked, -1.0), 1.0)
         if action[j] != asked or share < 1.0:
             code = SATURATED
-    if code == FINE and gap > _FAR * law.reach:
-        code = UNREACHABLE
     return action, memory, code

@@ -2,24 +2,25 @@
 
 from typing import Any
 
-from softrobot_env.control.arm.timing import ENVIRONMENT, PERIOD, is_arm
+from softrobot_env.control.arm.timing import TIMING, is_arm
 from softrobot_env.control.mpc.settings import PREVIEW_ENVIRONMENT
-from softrobot_env.control.scheduled.timing import timing_of
+from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.robots import RobotParams
 
 
 def lqi_environment(robot: RobotParams) -> dict[str, Any]:
     """What `lqi` needs of an environment: its control period."""
-    period = PERIOD if is_arm(robot) else timing_of(robot).period
-    return {"control_period": period}
+    return {"control_period": _timing(robot).period}
 
 
 def lq_environment(robot: RobotParams) -> dict[str, Any]:
     """What `lq_preview` needs of an environment: its control period, and preview."""
-    if is_arm(robot):
-        return ENVIRONMENT
-    timing = timing_of(robot)
+    timing = _timing(robot)
     return {"control_period": timing.period, "preview": timing.knots}
+
+
+def _timing(robot: RobotParams) -> Timing:
+    return TIMING if is_arm(robot) else timing_of(robot)
 
 
 def mpc_environment(robot: RobotParams) -> dict[str, Any]:

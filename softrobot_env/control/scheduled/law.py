@@ -116,9 +116,8 @@ class ScheduledLaw(Controller):
         """
         timing = timing_of(robot) if timing is None else timing
         self.hold = hold_for(timing.period, control_period, name)
-        inputs = robot_inputs(robot)
+        inputs = self._own = robot_inputs(robot)
         self._pulled = robot.drive.kind == "length"
-        self._own = robot_inputs(robot)
         self._in_force = "tendon_length" if self._pulled else "previous_action"
         others = ("previous_action",) if self._pulled else ()
         self.requires = (*observables, self._in_force, *others)
@@ -173,7 +172,8 @@ class ScheduledLaw(Controller):
     def _seen(self, observation: Observation) -> list[np.ndarray]:
         """What the kernel reads, contiguous, and the actions in force."""
         seen = [np.ascontiguousarray(observation[name]) for name in self._observables]
-        return [*seen, self._applied(observation)]
+        seen.append(self._applied(observation))
+        return seen
 
     def _begun(self, observation: Observation) -> np.ndarray:
         """Actions (m,) that an episode begins with."""
@@ -205,6 +205,8 @@ def tighten(law: Law, curvature: np.ndarray, action: np.ndarray) -> None:
         action: (m,) [1], changed.
     """
     taut = law.taut
+    if len(taut.shares) == 0:
+        return
     slack = law.table.lever @ curvature - taut.stiffness * action
     for group in range(len(taut.shares)):
         more = 0.0

@@ -1,8 +1,12 @@
 """LQ tracking with reference preview, offset-free and, if wanted, adaptive in the stiffness.
 
-The law of any robot: where `control.arm.lq_preview` solves the statics of the planar arm in closed
-form, this one looks its equilibria up; in place of the arm's operating points, thirds of the
-backbone, its gains belong to places of the tip.
+What it adds to the thesis' LQI: the coming reference enters the law; the equilibrium it deviates
+from moves with the reference; unannounced jumps are smoothed; and in place of the integral of the
+error, which overshoots, what the model leaves unexplained is estimated and compensated.
+
+Of the planar arm the statics are solved in closed form (`control.arm.operating_points`), and the
+gains belong to thirds of the backbone; of other robots equilibria are looked up, and the gains
+belong to places of the tip.
 """
 
 from typing import Any
@@ -38,21 +42,27 @@ class LQPreview(AimingLaw):
     """
 
     def __init__(
-        self, robot: RobotParams, control_period: float, table: Any, adaptive: bool = False
+        self,
+        robot: RobotParams,
+        control_period: float,
+        table: Any,
+        adaptive: bool = False,
+        timing: Timing | None = None,
     ) -> None:
         """Prepare for a robot.
 
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            table: Reference to its `Table` with the gains of `Preview`.
+            table: Reference to its `Table` with the gains of `Preview`, or to its `Grid`.
             adaptive: Whether to estimate the stiffness.
+            timing: As of `ScheduledLaw`.
 
         Raises:
             ValueError: The control period is no part of the robot's.
         """
         seen = ("curvature", "curvature_rate", "tip_position", "reference", "reference_preview")
-        super().__init__(robot, control_period, "lq_preview", table, seen)
+        super().__init__(robot, control_period, "lq_preview", table, seen, timing)
         self._adaptive = adaptive
 
     def act(self, observation: Observation, state: Memory) -> tuple[np.ndarray, Memory]:
@@ -79,10 +89,10 @@ def _act(
     if not seen_well(curvature, rate, tip, target, preview, previous):
         forget_balance(law, memory)
         return kept(previous), memory, NOT_FINITE
-    aim = aimed(law, adaptive, memory, curvature, rate, tip, target, preview, previous)
+    aim = aimed(law.table, law, adaptive, memory, curvature, rate, tip, target, preview, previous)
     wanted = planned(law, aim)[0]
     tighten(law, curvature, wanted)
-    return conclude(law, wanted, previous, aim.gap, memory)
+    return conclude(law, wanted, previous, aim.doubt, memory)
 
 
 class Preview:

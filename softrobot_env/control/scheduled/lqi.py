@@ -1,16 +1,16 @@
 """LQI control with gain scheduling (thesis sec. 6.4, as the audit corrects it), for any robot."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_continuous_are
 
-from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.beams.numerics.compilation import implementation, kernel
 from softrobot_env.control.limits import finite, kept
-from softrobot_env.control.scheduled.aiming import conclude
+from softrobot_env.control.linear_quadratic import integral_gains
+from softrobot_env.control.scheduled.aiming import conclude, doubt_of
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar, tighten
 from softrobot_env.control.scheduled.operating_points import Equilibrium
-from softrobot_env.control.scheduled.table import inverse_of, look_up
+from softrobot_env.control.scheduled.table import Table, inverse_of, look_up
 from softrobot_env.control.scheduled.timing import Timing
 from softrobot_env.control.status import FINE, NOT_FINITE, Memory
 from softrobot_env.interfaces import Observation
@@ -18,7 +18,7 @@ from softrobot_env.robots import RobotParams
 
 #: Weights of the cost int (|e|^2 + i (T g)^2 |a|^2) dt, with e the integral of the tip's error
 #: [m s], T the period of the first mode, a the actions' distance from those at rest, and g [m] how
-#: far an action of one moves the tip. About the ratio of the arm's table (`control.arm.lqi`).
+#: far an action of one moves the tip. About the ratio of the arm's table (`control.arm.gains`).
 _INPUT_WEIGHT = 5e-4
 
 #: Decay of the integrals in the design, over T: where a direction cannot be asked for, as the
@@ -33,23 +33,31 @@ class LQI(ScheduledLaw):
     """a = a_OP - K (x - x_OP) - K_i int (z - z_ref) dt, corrected (6.28).
 
     x holds curvatures and their rates; x_OP and a_OP are the equilibrium with the tip at the
-    reference. The error is not integrated where that would drive an action (further) beyond its
-    limit.
+    reference, followed continuously (the printed law takes it at the measured curvatures, which
+    cancels the position feedback: audit). The error is not integrated where that would drive an
+    action (further) beyond its limit, nor by the arm's law where the reference is out of reach.
     """
 
-    def __init__(self, robot: RobotParams, control_period: float, table: Any) -> None:
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        table: Any,
+        timing: Timing | None = None,
+    ) -> None:
         """Prepare for a robot.
 
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            table: Reference to its `Table` with the gains of `Integral`.
+            table: Reference to its `Table` with the gains of `Integral`, or to its `Grid`.
+            timing: As of `ScheduledLaw`.
 
         Raises:
             ValueError: The control period is no part of the robot's.
         """
         seen = ("curvature", "curvature_rate", "tip_position", "reference")
-        super().__init__(robot, control_period, "lqi", table, seen)
+        super().__init__(robot, control_period, "lqi", table, seen, timing)
 
     def start(self, observation: Observation) -> Memory:
         """Begin from the actions in force, without integrated error.
@@ -77,36 +85,81 @@ def _act(
     previous: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, int]:
     """Action (m,), next memory (actions of the equilibrium, integral) and code."""
-    table = law.table
-    n, m, d = table.n, table.m, len(table.directions)
+    table, directions = law.table, law.table.directions
+    n, m, d = table.n, table.m, len(directions)
     memory = memory.copy()
     sound = finite(curvature) and finite(rate) and finite(previous)
     if not (sound and finite(tip_seen) and finite(target_seen)):
         return kept(previous), memory, NOT_FINITE
     held, integral = memory[:m], memory[m : m + d]
-    tip, target = np.empty(3), np.empty(3)
-    in_space(tip_seen, is_planar(table), tip)
-    in_space(target_seen, is_planar(table), target)
-    now = look_up(table, target, held)
-    held[:] = now.action
-    to_action = inverse_of(now.jacobian @ now.by_action, table.directions, _DAMPING)
-    gap = table.directions @ (now.tip - target)
-    correction = -(to_action @ (now.tip - target))
-    rest = now.curvature + now.by_action @ correction
-    gain = now.gains.reshape(m, 2 * n + d)
-    wanted = now.action + correction
+    tip, target, planar = np.empty(3), np.empty(3), is_planar(table)
+    in_space(tip_seen, planar, tip)
+    in_space(target_seen, planar, target)
+    rest = resting(table, law, target, held, curvature)
+    gain, still = rest.gains.reshape(m, 2 * n + d), rest.curvature
+    wanted = rest.action.copy()
     for j in range(m):
         for i in range(n):
-            wanted[j] -= gain[j, i] * (curvature[i] - rest[i]) + gain[j, n + i] * rate[i]
+            wanted[j] -= gain[j, i] * (curvature[i] - still[i]) + gain[j, n + i] * rate[i]
         for i in range(d):
             wanted[j] -= gain[j, 2 * n + i] * integral[i]
-    step = law.period * (table.directions @ (tip - target))
-    integrated = wanted - np.ascontiguousarray(gain[:, 2 * n :]) @ step
-    if _beyond(integrated) <= max(_beyond(wanted), 0.0):
+    step, integrated = np.zeros(d), wanted.copy()
+    for i in range(d):
+        for x in range(3):
+            step[i] += directions[i, x] * (tip[x] - target[x])
+        step[i] *= law.period
+        for j in range(m):
+            integrated[j] -= gain[j, 2 * n + i] * step[i]
+    if rest.integrates and _beyond(integrated) <= max(_beyond(wanted), 0.0):
         integral += step
         wanted = integrated
     tighten(law, curvature, wanted)
-    return conclude(law, wanted, previous, np.sqrt(np.sum(gap**2)), memory)
+    return conclude(law, wanted, previous, rest.doubt, memory)
+
+
+class Resting(NamedTuple):
+    """Where a law wants to be.
+
+    Attributes:
+        action: (m,) [1], which holds the tip at the reference, or near it.
+        curvature: (n,) [1/m], at rest under that.
+        gains: Of the law.
+        doubt: Why the law may do otherwise than is wanted, a code of `status`.
+        integrates: Whether the error may be integrated.
+    """
+
+    action: np.ndarray
+    curvature: np.ndarray
+    gains: np.ndarray
+    doubt: int
+    integrates: bool
+
+
+def resting(table: Any, law: Any, target: Any, held: Any, curvature: Any) -> Any:
+    """`Resting` with the tip at a target (3,) [m].
+
+    Args:
+        table: The operating points.
+        law: Whose they are.
+        target: (3,) [m].
+        held: (m,) [1], actions of the equilibrium before, updated.
+        curvature: (n,) [1/m], now.
+    """
+    raise NotImplementedError
+
+
+@implementation(resting, Table)
+@kernel
+def _looked_up(
+    table: Table, law: Law, target: np.ndarray, held: np.ndarray, curvature: np.ndarray
+) -> Resting:
+    now = look_up(table, target, held)
+    held[:] = now.action
+    to_action = inverse_of(now.jacobian @ now.by_action, table.directions, _DAMPING)
+    correction = -(to_action @ (now.tip - target))
+    rest = now.curvature + now.by_action @ correction
+    doubt = doubt_of(law, table.directions @ (now.tip - target))
+    return Resting(now.action + correction, rest, now.gains, doubt, True)
 
 
 @kernel
@@ -139,19 +192,10 @@ class Integral:
         n, first = len(point.curvature), timing.first
         a, b, tip = point.model.state_space()
         size = np.repeat([1.0, 1 / first], n)  # of states, so that they are of like order
-        place, m = directions @ tip, b.shape[1]
+        place = directions @ tip
         k = len(place)
-        # x. = A x + B a, e. = C x in the time of the first mode: integrated errors are states.
-        a = np.block(
-            [
-                [first * a * size / size[:, None], np.zeros((2 * n, k))],
-                [place * size, -_LEAK * np.eye(k)],
-            ]
-        )
-        b = np.vstack([first * b / size[:, None], np.zeros((k, m))])
         gain = np.linalg.norm(place[:, :n] @ point.by_action) / np.sqrt(k)  # m
-        weights = np.diag([0.0] * (2 * n) + [1.0] * k)
-        inputs = _INPUT_WEIGHT * gain**2
-        riccati = solve_continuous_are(a, b, weights, inputs * np.eye(m))
-        found = b.T @ riccati / inputs
+        # In the time of the first mode.
+        system = first * a * size / size[:, None], first * b / size[:, None]
+        found = integral_gains(system, place * size, _INPUT_WEIGHT * gain**2, leak=_LEAK)
         return (found / np.concatenate([size, np.full(k, first)])).ravel()

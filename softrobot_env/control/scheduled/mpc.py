@@ -102,7 +102,7 @@ class Program(NamedTuple):
         hessian: H (c m, c m).
         lower, upper: (c m,) [1].
         fine: Whether the plan keeps all limits.
-        gap: [m], see `Aim`.
+        doubt: See `Aim`.
     """
 
     wanted: np.ndarray
@@ -110,7 +110,7 @@ class Program(NamedTuple):
     lower: np.ndarray
     upper: np.ndarray
     fine: bool
-    gap: float
+    doubt: int
 
 
 class ScheduledMPC(AimingLaw):
@@ -171,7 +171,7 @@ class ScheduledMPC(AimingLaw):
         if best is None:
             return kept(seen[-1]), Memory(state.values, NOT_COMPUTED)
         m = self._law.table.m
-        action, memory, code = conclude(self._law, best[:m], seen[-1], program.gap, memory)
+        action, memory, code = conclude(self._law, best[:m], seen[-1], program.doubt, memory)
         missed = np.abs(best[:m] - program.wanted[:m]).max() > _AT_BOUND
         return action, Memory(memory, SATURATED if missed else code)
 
@@ -208,7 +208,7 @@ def _program(
     previous: np.ndarray,
 ) -> Program:
     """What is to be optimised; the memory is updated."""
-    aim = aimed(law, adaptive, memory, curvature, rate, tip, target, preview, previous)
+    aim = aimed(law.table, law, adaptive, memory, curvature, rate, tip, target, preview, previous)
     plan = planned(law, aim)
     count, m = plan.shape
     for c in range(count):
@@ -228,7 +228,7 @@ def _program(
         periods = (law.nodes[c] - law.nodes[c - 1]) / law.period
         for j in range(m):
             fine &= abs(plan[c, j] - plan[c - 1, j]) <= periods * law.speed[j]
-    return Program(plan.ravel(), hessian, lower, upper, fine, aim.gap)
+    return Program(plan.ravel(), hessian, lower, upper, fine, aim.doubt)
 
 
 @kernel

@@ -11,12 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, reference
-from softrobot_env.control.scheduled.linear_model import Linearizer, LinearModel
 from softrobot_env.control.scheduled.table import Table, look_up
 from softrobot_env.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Ground, Held, InverseStatics
+from softrobot_env.scene.linearised import Linearizer, LinearModel
 from softrobot_env.scene.registry import model_scene
 from softrobot_env.scene.workspace import workspace_of
 

@@ -113,7 +113,7 @@ def plan_gains(regulator: Regulator, timing: Timing, directions: np.ndarray) -> 
         timing: Of the law.
         directions: (d, 3).
     """
-    ahead, nodes = _costates(regulator, timing), _periods(timing, timing.nodes)
+    ahead, nodes = costates(regulator, timing), _periods(timing, timing.nodes)
     a, b, size = regulator.a, regulator.b, regulator.size
     count, m = b.shape
     states = np.eye(count, count + ahead.shape[2])
@@ -159,7 +159,7 @@ def _periods(timing: Timing, times: tuple[float, ...]) -> list[int]:
     return [round(time / timing.period) for time in times]
 
 
-def _costates(regulator: Regulator, timing: Timing) -> np.ndarray:
+def costates(regulator: Regulator, timing: Timing) -> np.ndarray:
     """(steps + 1, N, k d): p_1, p_2 and so on by the reference at the knots; the last stays."""
     count, outputs = len(regulator.a), len(regulator.position)
     closed = regulator.a - regulator.b @ regulator.feedback

@@ -7,11 +7,11 @@ import numpy as np
 
 from softrobot_env.artifacts import check_robot, find_artifact, fingerprint, read_arrays
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
-from softrobot_env.control.arm import lq_preview as arm
-from softrobot_env.control.arm import lqi as arm_lqi
-from softrobot_env.control.arm.timing import is_arm
+from softrobot_env.control.arm.operating_points import read_grid
+from softrobot_env.control.arm.timing import TIMING, is_arm
+from softrobot_env.control.base import state_sizes
 from softrobot_env.control.mpc import controller as closed_mpc
-from softrobot_env.control.scheduled.law import read_table, table_arrays
+from softrobot_env.control.scheduled.law import ScheduledLaw, read_table, table_arrays
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.lqi import LQI, Integral
 from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
@@ -38,9 +38,9 @@ def make_lq_preview(
         FileNotFoundError: No such file.
     """
     if is_arm(robot):
-        return arm.LQPreview(
-            robot, control_period, adaptive, None if gains is None else Path(gains)
-        )
+        columns = 2 * robot.pieces, 2 * len(TIMING.knots)
+        table = read_grid(robot, "lq_preview", columns, None if gains is None else Path(gains))
+        return _of_arm(LQPreview(robot, control_period, table, adaptive, TIMING), robot)
     return LQPreview(
         robot, control_period, _table(robot, "lq_preview", Preview(robot), gains), adaptive
     )
@@ -49,8 +49,18 @@ def make_lq_preview(
 def make_lqi(robot: RobotParams, control_period: float, gains: str | Path | None = None) -> Policy:
     """LQI with gain scheduling: as `make_lq_preview`."""
     if is_arm(robot):
-        return arm_lqi.LQI(robot, control_period, None if gains is None else Path(gains))
+        columns = (2 * robot.pieces + 2,)
+        table = read_grid(robot, "lqi", columns, None if gains is None else Path(gains))
+        return _of_arm(LQI(robot, control_period, table, TIMING), robot)
     return LQI(robot, control_period, _table(robot, "lqi", Integral(robot), gains))
+
+
+def _of_arm(law: ScheduledLaw, robot: RobotParams) -> ScheduledLaw:
+    """A law of the arm, which knows the sizes of all that it reads."""
+    sizes = state_sizes(robot) | {"reference_preview": 2 * len(TIMING.knots)}
+    law.sizes = {name: sizes[name] for name in law.requires}
+    law.preview = TIMING.knots if "reference_preview" in law.requires else None
+    return law
 
 
 def make_mpc(

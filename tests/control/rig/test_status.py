@@ -7,8 +7,9 @@ import pytest
 from support.flexible_plan import plan
 from support.servo_law import ServoLaw
 
+from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.control.rig.feedforward import RigFeedforward
-from softrobot_env.control.rig.inverse import TOTAL, Motion, OnePiece, SeveralPieces
+from softrobot_env.control.rig.inverse import TOTAL, OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
 from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.robots import LENGTH_SCALE, RIG, SERVO_SPEED

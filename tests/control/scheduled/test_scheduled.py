@@ -5,10 +5,9 @@ import pytest
 import scipy.linalg
 
 from softrobot_env.artifacts import artifact_name
-from softrobot_env.control.arm.observer import OutputFeedback
+from softrobot_env.control.observers import OutputFeedback
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.control.scheduled.law import build_table
-from softrobot_env.control.scheduled.linear_model import Linearizer
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.lqi import LQI, Integral
 from softrobot_env.control.scheduled.operating_points import find_points
@@ -20,6 +19,7 @@ from softrobot_env.robots import find_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.linearised import Linearizer
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.workspace import workspace_of
 from softrobot_env.tasks.generic import generic_tasks

@@ -124,16 +124,16 @@ def piece_output(piece: RigPiece, y: np.ndarray) -> np.ndarray:
     return point
 
 
-def beam_statics(contestant: Contestant, n: int, robot: RobotParams = ROBOT) -> Solve:
+def beam_statics(contestant: Contestant, n: int) -> Solve:
     """A beam model that carries the head as a dead load."""
-    weight = robot.head.mass * np.array(robot.gravity)
-    end = robot.length
+    weight = ROBOT.head.mass * np.array(ROBOT.gravity)
+    end = ROBOT.length
     loads = (
         Load("head", end, force=tuple(weight)),
         Load("lever_x", end, moment=(1.0, 0.0, 0.0)),
         Load("lever_y", end, moment=(0.0, 1.0, 0.0)),
     )
-    model = contestant.build(replace(robot, head=None), n, loads, "spatial", drive="length")
+    model = contestant.build(replace(ROBOT, head=None), n, loads, "spatial", drive="length")
 
     def solve(pulled: np.ndarray) -> np.ndarray:
         q, moment = model.rest(), np.zeros(2)
@@ -146,29 +146,29 @@ def beam_statics(contestant: Contestant, n: int, robot: RobotParams = ROBOT) -> 
                 return model.equilibrium(u, near, check_stability=False)
 
             def missing(moment: np.ndarray, posture: Callable = posture) -> np.ndarray:
-                lever = robot.head.centre * end_axis(model, posture(moment))
+                lever = ROBOT.head.centre * end_axis(model, posture(moment))
                 return np.cross(lever, weight)[:2] - moment
 
             moment = root(missing, moment, tol=_TOLERANCE).x
             q = posture(moment)
-        return model.tip(q) + robot.head.output * end_axis(model, q)
+        return model.tip(q) + ROBOT.head.output * end_axis(model, q)
 
     return solve
 
 
 def end_axis(model: BeamModel, q: np.ndarray) -> np.ndarray:
     """Unit vectors (..., 3) along a head that is fixed to the end, at q (n,) or (T, n)."""
-    radius = model.robot.outer_radius
+    radius = model.ROBOT.outer_radius
     places = np.array([[0.0, 0.0], [radius, 0.0], [0.0, radius]])
-    points = model.positions(q, np.full(3, model.robot.length), places)
+    points = model.positions(q, np.full(3, model.ROBOT.length), places)
     centre, x, y = np.moveaxis(points, -2, 0)
     axis = np.cross(x - centre, y - centre)
     return axis / np.linalg.norm(axis, axis=-1, keepdims=True)
 
 
-def chain_statics(rule: str, n: int, robot: RobotParams = ROBOT) -> Solve:
+def chain_statics(rule: str, n: int) -> Solve:
     """The MuJoCo chain on n joints."""
-    scene = chain_scene(robot, rule, n, **CHAIN)
+    scene = chain_scene(ROBOT, rule, n, **CHAIN)
 
     def solve(pulled: np.ndarray) -> np.ndarray:
         return scene.tip(scene.equilibrium(pulled, load_steps=_LOAD_STEPS))

@@ -1,4 +1,4 @@
-"""A small network as controller, trained by imitation and reinforcement learning."""
+"""A small network as controller of any robot, trained by imitation and reinforcement learning."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -273,7 +273,7 @@ class NeuralPolicy(Memoryless):
     def compiled(self) -> Decide:
         """`neural_kernel.decide` with this network and these scales."""
         from softrobot_env.beams.numerics.compilation import reference
-        from softrobot_env.control.arm.neural_kernel import NeuralLaw, decide
+        from softrobot_env.control.learned.neural_kernel import NeuralLaw, decide
         from softrobot_env.learned.inference import parameters_of
 
         view = self.view

@@ -89,7 +89,7 @@ class QuasiStaticNetwork(Memoryless):
 
     def compiled(self) -> Decide:
         """`qs_nn_kernel.decide` with this network and workspace."""
-        from softrobot_env.control.arm.qs_nn_kernel import decide
+        from softrobot_env.control.learned.qs_nn_kernel import decide
         from softrobot_env.learned.inference import parameters_of
 
         return partial(decide, *parameters_of(absorbed(self._network)), self._workspace)

@@ -1,0 +1,327 @@
+"""Output feedback: policies of the full state, given tip and curvatures only.
+
+A Kalman filter on a robot's equations of motion estimates the curvature rates.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from math import ceil
+from typing import Annotated, Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_discrete_are
+
+from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, inertia_forces, make_planar_arm
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.control.arm.operating_points import linear_model
+from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.limits import finite
+from softrobot_env.control.linear_quadratic import discretized
+from softrobot_env.fields import Positive, Range, check_argument
+from softrobot_env.interfaces import Observation
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import TendonMap
+from softrobot_env.scene.linearised import Linearizer, LinearModel
+from softrobot_env.scene.workspace import workspace_of
+
+#: [s], longest step of the prediction by the closed form of the arm.
+_STEP = 1e-3
+
+#: Standard deviations between prediction and measurement that make an outlier; at least a
+#: hundredth of the curvature limit has to lie between them.
+_OUTLIER = 10.0
+
+#: Outliers in a row that are ignored.
+_PATIENCE = 3
+
+#: Of the arm: standard deviation [1/m] of measured curvatures; growth [1/s^0.5] of the deviation of
+#: unexplained forces, over the full actuation: more follows a wrong model faster and lets more
+#: noise through; and the process' own noise over the measured one: rounding needs some.
+_ARM_NOISE, _ARM_WALK, _ARM_PROCESS = 1e-2, 0.5, 1e-2
+
+#: Of other robots: the same, the first one over 1 / length, of a shift of the curvatures.
+_NOISE, _WALK, _PROCESS = 5e-3, 0.5, 1e-4
+
+#: Standard deviations, of which the squares can be computed with.
+_Deviation = Annotated[float, Range("in (0, 1e6]", lambda x: 0 < x <= 1e6)]
+
+#: An estimate (4, n), as of `RateObserver`, a period later under what was applied (m,).
+Prediction = Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+class Filter(NamedTuple):
+    """A stationary Kalman filter.
+
+    Attributes:
+        ahead, by_input: (3 n, 3 n) and (3 n, m), exact over a period.
+        gain: (3 n, n), of what was measured less what was predicted.
+        deviation: [1/m], largest standard deviation of that.
+    """
+
+    ahead: np.ndarray
+    by_input: np.ndarray
+    gain: np.ndarray
+    deviation: float
+
+
+def stationary_filter(
+    model: LinearModel, shift: np.ndarray, period: float, noise: float, walk: float, process: float
+) -> Filter:
+    """The filter of curvatures, rates and what shifts them, a random walk.
+
+    Args:
+        model: The robot.
+        shift: (n, n), force [N m2] by what shifts the curvatures.
+        period: [s] between two updates.
+        noise: [1/m], standard deviation of measured curvatures.
+        walk: [1/s^0.5], growth of the deviation of what shifts them.
+        process: Deviation [1] of the curvatures' own noise, over the measured one.
+    """
+    a, b, _ = model.state_space()
+    n, m = len(model.mass), b.shape[1]
+    force = np.vstack([np.zeros((n, n)), np.linalg.solve(model.mass, shift)])
+    a, both = discretized(a, np.hstack([b, force]), period)
+    ahead = np.block([[a, both[:, m:]], [np.zeros((n, 2 * n)), np.eye(n)]])
+    own = np.diag(np.repeat([(process * noise) ** 2, 0.0, walk**2 * period], n))
+    seen, measured = np.eye(n, 3 * n), noise**2 * np.eye(n)
+    covariance = solve_discrete_are(ahead.T, seen.T, own, measured)
+    expected = seen @ covariance @ seen.T + measured
+    gain = covariance @ seen.T @ np.linalg.inv(expected)
+    by_input = np.vstack([both[:, :m], np.zeros((n, m))])
+    return Filter(ahead, by_input, gain, float(np.sqrt(np.diag(expected).max())))
+
+
+class RateObserver:
+    """Estimates curvatures, their rates and what shifts them, with the stationary Kalman gain.
+
+    What shifts them, forces or a change of the curvatures at rest, is a random walk, so that the
+    estimates have no offset where the model is wrong. A curvature far from its prediction is taken
+    for an outlier, up to three times in a row; then the estimate begins anew from what is measured,
+    at rest.
+
+    Attributes:
+        in_force: Observable that says what was applied.
+    """
+
+    def __init__(
+        self, robot: RobotParams, predicted: Prediction, known: Filter, in_force: str
+    ) -> None:
+        """Put the parts together; see `arm_observer` and `chain_observer`."""
+        self._predicted, self._gain, self.in_force = predicted, known.gain, in_force
+        self._limit = max(_OUTLIER * known.deviation, 0.01 * robot.curvature_limit)
+
+    def start(self, curvature: np.ndarray) -> np.ndarray:
+        """Estimate (4, n), at rest: curvature [1/m], rate [1/(m s)], shift, outliers in a row."""
+        estimate = np.zeros((4, len(curvature)))
+        estimate[0] = usable(curvature)
+        return estimate
+
+    def update(
+        self, estimate: np.ndarray, applied: np.ndarray, curvature: np.ndarray
+    ) -> np.ndarray:
+        """Next estimate (4, n).
+
+        Args:
+            estimate: (4, n), the one before.
+            applied: (m,), since then, as the observable `in_force` says it.
+            curvature: (n,) [1/m], measured now; where it is not finite it is predicted only.
+        """
+        ahead = self._predicted(estimate, usable(applied))
+        return _corrected(self._gain, self._limit, ahead, np.ascontiguousarray(curvature))
+
+
+def arm_observer(
+    robot: RobotParams,
+    control_period: float,
+    curvature_noise: float = _ARM_NOISE,
+    force_walk: float = _ARM_WALK,
+) -> RateObserver:
+    """Of a planar arm: predicts with its nonlinear model, and estimates unexplained forces [N m2].
+
+    By the linearly implicit Euler method, whose steps the stiffness does not limit. The gain is
+    that of the straight arm.
+
+    Args:
+        robot: Nominal robot.
+        control_period: [s] between two updates.
+        curvature_noise, force_walk: See `_ARM_NOISE`.
+
+    Raises:
+        ValueError: The robot is no planar arm.
+    """
+    check_argument("control_period", control_period, Positive)
+    check_argument("curvature_noise", curvature_noise, _Deviation)
+    check_argument("force_walk", force_walk, _Deviation)
+    arm, limit = make_planar_arm(robot), TendonMap(robot).input_scale
+    walk = force_walk * np.max(arm.inputs @ limit)
+    model = linear_model(arm, np.zeros(arm.n))
+    noise = curvature_noise, walk, _ARM_PROCESS
+    known = stationary_filter(model, np.eye(arm.n), control_period, *noise)
+    steps = ceil(control_period / _STEP - 1e-9)
+    return RateObserver(
+        robot, partial(_arm_later, arm, limit, control_period, steps), known, "previous_action"
+    )
+
+
+def chain_observer(robot: RobotParams, control_period: float) -> RateObserver:
+    """Of any robot: predicts with its chain linearised in the middle of its ground.
+
+    What a linear model does not know, far from there too, is a shift [1/m] of the curvatures at
+    rest.
+    """
+    check_argument("control_period", control_period, Positive)
+    space = workspace_of(robot)
+    linearizer, inputs = Linearizer(space.scene), space.ground.inputs
+    angles = space.inverse.posture(inputs)
+    model, length = linearizer.about(angles, inputs), robot.drive.kind == "length"
+    full = np.abs(np.linalg.solve(model.stiffness, model.inputs)).sum(axis=1).max()
+    noise = _NOISE / robot.length, _WALK * full, _PROCESS
+    known = stationary_filter(model, model.stiffness, control_period, *noise)
+    scale = linearizer.inputs.input_scale if length else np.ones(len(inputs))
+    middle, rest = linearizer.mean @ angles, linearizer.action(inputs)
+    ahead = partial(_chain_later, known.ahead, known.by_input / scale, middle, rest * scale)
+    return RateObserver(robot, ahead, known, "tendon_length" if length else "previous_action")
+
+
+def rate_observer(robot: RobotParams, control_period: float) -> RateObserver:
+    """The observer of a robot called every control period [s]: of planar arms in closed form."""
+    try:
+        return arm_observer(robot, control_period)
+    except ValueError:
+        return chain_observer(robot, control_period)
+
+
+class ObservedState(NamedTuple):
+    """State of `OutputFeedback`.
+
+    Attributes:
+        estimate: (4, n), of the observer; the second row are the rates.
+        inner: State of the policy.
+    """
+
+    estimate: np.ndarray
+    inner: Any
+
+    @property
+    def status(self) -> str | None:
+        """Why the action is not the one wanted, or None."""
+        return getattr(self.inner, "status", None)
+
+
+class OutputFeedback(Controller):
+    """A policy whose curvature rates come from an observer.
+
+    The observer goes on in every control period, also while the policy holds its action.
+    Policies that estimate unexplained forces themselves then do so in series with the observer:
+    `mpc_preview` oscillates if the robot is a third as heavy as it was told.
+    """
+
+    def __init__(self, policy: Controller, robot: RobotParams, control_period: float) -> None:
+        """Of a policy for a nominal robot, called every control period [s]."""
+        self._policy, self._observer = policy, rate_observer(robot, control_period)
+        self.hold = policy.hold
+        self._in_force = self._observer.in_force
+        measured = ("curvature", self._in_force)
+        others = (n for n in policy.requires if n not in (*measured, "curvature_rate"))
+        self.requires = (*measured, *others)
+        self.sizes = {k: v for k, v in policy.sizes.items() if k in self.requires}
+
+    def start(self, observation: Observation) -> ObservedState:
+        """At rest, with the policy yet to start."""
+        return ObservedState(np.empty(0), None)
+
+    def act(
+        self, observation: Observation, state: ObservedState
+    ) -> tuple[np.ndarray, ObservedState]:
+        """The policy's action with estimated rates."""
+        estimate = self._estimate(state, observation[self._in_force], observation["curvature"])
+        full = {**observation, "curvature_rate": estimate[1]}
+        action, inner = self._policy.predict(full, state.inner)
+        return action, ObservedState(estimate, inner)
+
+    def _estimate(
+        self, state: ObservedState | None, action: np.ndarray, curvature: np.ndarray
+    ) -> np.ndarray:
+        """Estimate (4, n), at the start of an episode that of rest."""
+        if state is None or state.inner is None:
+            return self._observer.start(curvature)
+        return self._observer.update(state.estimate, action, curvature)
+
+    def _decide_stacked(
+        self, observation: Observation, states: list[ObservedState | None]
+    ) -> tuple[np.ndarray, list[ObservedState]]:
+        """One observer after the other, and the policy as it serves many."""
+        seen = observation["previous_action"], observation["curvature"]
+        estimates = [self._estimate(*one) for one in zip(states, *seen, strict=True)]
+        full = {**observation, "curvature_rate": np.stack([one[1] for one in estimates])}
+        inner = [None if state is None else state.inner for state in states]
+        actions, inner = self._policy.predict(full, inner)
+        return actions, [ObservedState(*both) for both in zip(estimates, inner, strict=True)]
+
+    # The policy itself holds its actions.
+    _go_on = _decide = act
+
+
+@kernel
+def _arm_later(
+    arm: PlanarArm,
+    limit: np.ndarray,
+    period: float,
+    steps: int,
+    estimate: np.ndarray,
+    action: np.ndarray,
+) -> np.ndarray:
+    n = arm.n
+    out = estimate.copy()
+    q, v, force = out[0], out[1], out[2]
+    mass, gyroscopic, right = np.empty((n, n)), np.empty(n), np.empty(n)
+    h = period / steps
+    for _ in range(steps):
+        inertia_forces(arm, q, v, mass, gyroscopic)
+        for i in range(n):
+            right[i] = h * (force[i] - gyroscopic[i] - arm.stiffness * q[i])
+            for j in range(len(action)):
+                right[i] += h * arm.inputs[i, j] * action[j] * limit[j]
+            for k in range(n):
+                right[i] += mass[i, k] * v[k]
+        for i in range(n):
+            mass[i, i] += h * (arm.damping_time + h) * arm.stiffness
+        v[:] = np.linalg.solve(mass, right)
+        q += h * v
+    return out
+
+
+@kernel
+def _chain_later(
+    by_state: np.ndarray,
+    by_input: np.ndarray,
+    middle: np.ndarray,
+    rest: np.ndarray,
+    estimate: np.ndarray,
+    applied: np.ndarray,
+) -> np.ndarray:
+    n, out = len(middle), estimate.copy()
+    out[0] -= middle
+    out[:3] = (by_state @ out[:3].ravel() + by_input @ (applied - rest)).reshape(3, n)
+    out[0] += middle
+    return out
+
+
+@kernel
+def _corrected(gain: np.ndarray, limit: float, out: np.ndarray, measured: np.ndarray) -> np.ndarray:
+    """The estimate after a measurement (n,), from the predicted one (4, n), which is changed."""
+    n = len(measured)
+    error = measured - out[0]
+    for k in range(n):
+        fine = abs(error[k]) <= limit
+        out[3, k] = 0.0 if fine else out[3, k] + 1
+        if out[3, k] > _PATIENCE and finite(measured):
+            out[:] = 0.0
+            out[0] = measured
+            return out
+    for k in range(n):
+        if abs(error[k]) <= limit:
+            for x in range(3):
+                for i in range(n):
+                    out[x, i] += gain[x * n + i, k] * error[k]
+    return out
