@@ -59,7 +59,7 @@ FRICTION_STEP = 2e-3
 CONTACT_STEP, CONTACT_ACCURACY = 5e-4, 1 / 2000
 
 #: Pieces up to which they hold: shorter links are lighter, and what touches them moves them faster.
-CONTACT_PIECES = 12
+STEP_PIECES = 12
 
 #: Those that take contacts. `discrete` makes them stiffer than asked for, the more the longer the
 #: timestep, and RK4 takes four times the work to be as inaccurate.
@@ -273,7 +273,7 @@ def choose_timestep(
     *,
     friction: bool = False,
     contacts: float | None = None,
-    pieces: int = CONTACT_PIECES,
+    pieces: int = STEP_PIECES,
 ) -> TimestepChoice:
     """Apply the rule of this module, or check what the caller fixed.
 
@@ -293,7 +293,7 @@ def choose_timestep(
     accurate = min(ACCURACY * period, control_period)
     touching = contacts is not None
     if touching:
-        light = max(1.0, pieces / CONTACT_PIECES) ** 2
+        light = max(1.0, pieces / STEP_PIECES) ** 2
         accurate = min(CONTACT_ACCURACY * period, CONTACT_STEP, control_period) / light
         accurate = max(min(accurate, contacts), accurate / MAX_SUBSTEPS_RATIO)
     if integrator is None and touching:
