@@ -133,7 +133,8 @@ class SceneConfig:
     Attributes:
         robot: The robot.
         pieces: Pieces the robot is cut into, equal in each section: in total (shared out by
-            length, one or more a section), or one number per section; the robot's own unless given.
+            length, one or more a section), or one number per section; unless given the robot's
+            own, with contacts as many times that as make `CONTACT_PIECES`.
             A section's end is a piece's end, and a channel's end has to be one.
         rule: Hinge rule, a key of `softrobot_env.scene.quadrature.RULES`; unless given "chord2"
             where tendons run through guides, all at ends of pieces, else for a chain that twists

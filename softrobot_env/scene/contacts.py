@@ -362,7 +362,7 @@ def prepare(option: mujoco.MjOption) -> None:
 
 
 def longest_step(model: mujoco.MjModel, pairs: Sequence[Pair]) -> float:
-    """Timestep [s] that resolves the contacts whose stiffness was asked for; inf without any."""
+    """Timestep [s] that resolves contacts whose stiffness was asked for; inf without any."""
     return min((_longest(model, pair) for pair in pairs if pair.asked), default=inf)
 
 

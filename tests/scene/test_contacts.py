@@ -341,6 +341,7 @@ def test_newton_and_cg_find_the_same_forces():
     np.testing.assert_allclose(found[0], found[1], atol=1e-4 * np.abs(found[0]).max())
 
 
+@pytest.mark.slow
 def test_refined_runs_agree():
     """Half the timestep, twice: the arm against a post comes nearer to the finest run."""
     config = SceneConfig(ARM, contacts=Contacts(), objects=(POST,))
