@@ -16,7 +16,7 @@ from softrobot_env.benchmarks.laps import (
     run_laps,
 )
 from softrobot_env.benchmarks.laws.demand import demand, feasible_task, inputs_of_lap
-from softrobot_env.benchmarks.laws.goals import LIMITS, ROOM, best_laws, goal_rows
+from softrobot_env.benchmarks.laws.goals import LIMITS, ROOM, goal_rows, ranked_laws
 from softrobot_env.benchmarks.laws.plots import plot
 from softrobot_env.benchmarks.laws.rows import TASKS, prepare
 from softrobot_env.benchmarks.laws.tables import tables
@@ -105,9 +105,16 @@ def test_what_differs_is_told():
 
 def test_the_best_law_is_that_of_the_worst_path(row):
     rows = made_up(row, {"hold": (0, 0, 0), "a": (0.001, 0.009, 0.05), "b": (0.002, 0.012, 0.01)})
-    assert best_laws(rows) == {FINGER.name: "b"}
+    assert ranked_laws(rows) == {FINGER.name: ["b", "a"]}
     lost = [replace(r, share_mean=None, failure="folded") if r.policy == "b" else r for r in rows]
-    assert best_laws(lost) == {FINGER.name: "a"}
+    assert ranked_laws(lost) == {FINGER.name: ["a", "b"]}
+
+
+def test_the_best_law_stands_a_softer_robot(row):
+    """What is nearly perfect on the nominal robot, and lost on another, comes second."""
+    rows = made_up(row, {"a": (0.0001, 0.0001, 0.0001), "b": (0.002, 0.002, 0.002), "c": (0, 0, 0)})
+    rows += made_up(row, {"a": (0.1, 0.1, 0.1), "b": (0.004, 0.004, 0.004)}, "E x 0.75")
+    assert ranked_laws(rows) == {FINGER.name: ["b", "a", "c"]}
 
 
 def test_goals_compare_the_worst_path_with_limits(row):

@@ -39,26 +39,34 @@ class GoalRow(Record):
     met: bool
 
 
-def best_laws(rows: Iterable[LapsRow]) -> dict[str, str]:
-    """Robot -> the law that is farthest below the limits, on the path where it is least so."""
-    nominal = [row for row in select(rows, what="") if row.policy != HOLD]
-    found: dict[str, str] = {}
-    for (robot,), mine in groups(nominal, "robot").items():
+def ranked_laws(rows: Iterable[LapsRow]) -> dict[str, list[str]]:
+    """Robot -> its laws, first that which is farthest below the limits where it is least so.
+
+    Laws that failed somewhere, or were not run in all that others were, come later.
+    """
+    known = [row for row in rows if row.what in ROOM and row.policy != HOLD]
+    found: dict[str, list[str]] = {}
+    for (robot,), mine in groups(known, "robot").items():
         laws = groups(mine, "policy")
-        paths = max(map(len, laws.values()))
-        (found[robot],) = min(laws, key=lambda law: (paths - len(laws[law]), _worst(laws[law])))
+        most = max(map(len, laws.values()))
+        order = sorted(laws, key=lambda law: (most - len(laws[law]), _worst(laws[law])))
+        found[robot] = [law for (law,) in order]
     return found
 
 
 def _worst(rows: list[LapsRow]) -> tuple[int, float]:
     """Number of failures, and largest error over its limit."""
-    shares = [row.share_mean / LIMITS[row.frequency] for row in rows if row.failure is None]
+    shares = [
+        row.share_mean / (ROOM[row.what] * LIMITS[row.frequency])
+        for row in rows
+        if row.failure is None
+    ]
     return len(rows) - len(shares), max(shares, default=inf)
 
 
 def goal_rows(rows: list[LapsRow]) -> Iterator[GoalRow]:
     """Goals of the best laws, for all that was run."""
-    for robot, law in best_laws(rows).items():
+    for robot, (law, *_) in ranked_laws(rows).items():
         mine = select(rows, robot=robot, policy=law)
         for (frequency,), nominal in groups(select(mine, what=""), "frequency").items():
             for what, room in ROOM.items():

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from softrobot_env.benchmarks.laps import LapsRow
-from softrobot_env.benchmarks.laws.goals import LIMITS, best_laws
+from softrobot_env.benchmarks.laws.goals import LIMITS, ranked_laws
 from softrobot_env.benchmarks.laws.run import Row
 from softrobot_env.benchmarks.records import groups, of_kind, select
 from softrobot_env.rendering.figures import (
@@ -22,8 +22,10 @@ _COLUMNS = 3
 
 def plot(rows: list[Row], path: Path | str) -> None:
     """Draw the mean error over the length on the worst path against the frequency, as PNG."""
-    laps = select(of_kind(rows, LapsRow), what="")
-    robots, best = groups(laps, "robot"), best_laws(laps)
+    every = of_kind(rows, LapsRow)
+    laps = select(every, what="")
+    robots = groups(laps, "robot")
+    best = {robot: laws[0] for robot, laws in ranked_laws(every).items()}
     lines = -(-len(robots) // _COLUMNS)
     figure, axes = new_figure(lines, _COLUMNS, (13, 1.5 + 3.4 * lines))
     figure.suptitle("Every law on its worst path: mean error at full rate; the best law is thick")

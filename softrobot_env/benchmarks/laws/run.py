@@ -9,13 +9,13 @@ from typing import Any
 
 from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.laps import OBSERVER, ROBOTS, LapsRow, RefusedRow, laps_case, run_all
-from softrobot_env.benchmarks.laws.goals import GoalRow, best_laws, goal_rows
+from softrobot_env.benchmarks.laws.goals import GoalRow, goal_rows, ranked_laws
 from softrobot_env.benchmarks.laws.rows import FREQUENCIES, TASKS, PathRow, Prepared, prepare
 from softrobot_env.benchmarks.records import of_kind, select
 from softrobot_env.evaluation.runner import Case
 
-#: Factors on Young's modulus that the best law of a robot meets.
-MODULI = (0.75, 1.25)
+#: Factors on Young's modulus that the best laws of a robot meet, and how many laws they are.
+MODULI, BEST = (0.75, 1.25), 3
 
 #: Robots, tasks and frequencies, and those of a quick run.
 _ALL = (ROBOTS, TASKS, FREQUENCIES)
@@ -25,7 +25,7 @@ Row = LapsRow | RefusedRow | PathRow | GoalRow
 
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
-    """Run all laws that fit on all robots, and the best of each on other robots and feedback.
+    """Run all laws that fit on all robots, and the best of each on varied robots and with observers.
 
     Args:
         quick: Two robots, one path.
@@ -60,9 +60,10 @@ def _run(
 def _varied(
     known: dict[str, Prepared], rows: list[LapsRow], progress: Progress | None
 ) -> list[LapsRow | RefusedRow]:
-    """The best law of each robot on softer and stiffer ones, and with an observer."""
+    """The best laws of each robot on softer and stiffer ones, and with an observer."""
     cases, unchanged = [], []
-    for name, law in best_laws(rows).items():
+    best = [(name, law) for name, laws in ranked_laws(rows).items() for law in laws[:BEST]]
+    for name, law in best:
         ways: list[dict[str, Any]] = [{"variation": {"youngs_modulus": f}} for f in MODULI]
         if _reads_rates(laps_case(known[name].tasks[0], law)):
             ways.append({"feedback": "output"})
