@@ -25,7 +25,7 @@ Row = LapsRow | RefusedRow | PathRow | GoalRow
 
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
-    """Run all laws that fit on all robots, and the best of each on varied robots and with observers.
+    """Run all laws that fit on all robots, and the best of each on other robots and with observers.
 
     Args:
         quick: Two robots, one path.
