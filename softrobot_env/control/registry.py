@@ -122,6 +122,11 @@ RIG_POLICIES: dict[str, PolicySpec] = {
             "make_hybrid",
             {"model": "calibrated", "ahead": True, "backlash": True},
         ),
+        (
+            "hybrid_feedback",
+            "make_hybrid",
+            {"model": "calibrated", "ahead": True, "backlash": True, "feedback": True},
+        ),
     )
 }
 

@@ -218,11 +218,16 @@ class InverseStatics:
         return self._held(inputs) if posture is None else self._at(inputs, posture)
 
     def softened(self, linear: Linear) -> np.ndarray:
-        """Way (k,) [m] of the tip per share by which the robot last linearised is softer.
+        """Way (k,) [m] of the tip under its inputs per share by which the robot is softer.
 
-        Its springs hold what is applied, so a share less of them is like that share of it more.
+        Of the robot last linearised. Its springs hold what is applied, so a share less of them is
+        like that share of it more.
         """
-        return linear.tip_by_turns @ np.linalg.solve(linear.stiffness, self._forces.applied)
+        stiffness = linear.stiffness
+        if self._pulled:  # tendons hold their lengths, not their tensions
+            arms = self._forces.by_controls()[:, : len(self._full)]
+            stiffness = stiffness + (arms * self._elastic[1]) @ arms.T
+        return linear.tip_by_turns @ np.linalg.solve(stiffness, self._forces.applied)
 
     def tip(self, posture: np.ndarray) -> np.ndarray:
         """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
@@ -540,16 +545,20 @@ class InverseStatics:
         error = np.linalg.norm(self.directions @ self.tip(posture) - point)
         return Place(action, inputs, posture, float(error))
 
-    def linearised(self, action: np.ndarray, posture: np.ndarray) -> Linear | None:
+    def linearised(
+        self, action: np.ndarray, posture: np.ndarray, stiffer: float = 0.0
+    ) -> Linear | None:
         """The statics near actions (m,) of tensions and a posture (nq,).
 
-        None where the stiffness is singular or not finite.
+        Of the robot, or of one whose springs are stiffer by a share. None where the stiffness is
+        singular or not finite.
         """
-        forces = self._forces
-        force = forces.force(posture, _controls(self._by_tension, self._command(action)))
+        forces, factor = self._forces, 1 + stiffer
+        controls = _controls(self._by_tension, self._command(action))
+        force = factor * forces.force(posture, controls, 1 / factor)
         by_action = self._by_action(action)
         right = forces.by_controls()[:, : len(by_action)] @ by_action
-        stiffness = -forces.tangent()
+        stiffness = -factor * forces.tangent()
         try:
             found = np.linalg.solve(stiffness, np.column_stack([force, right]))
         except np.linalg.LinAlgError:

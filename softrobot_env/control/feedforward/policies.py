@@ -63,6 +63,7 @@ def make_hybrid(
     model: str = "one piece",
     ahead: bool = False,
     backlash: bool = False,
+    feedback: bool = False,
 ) -> Policy:
     """Statics of a network and the dynamic part of a model.
 
@@ -75,6 +76,7 @@ def make_hybrid(
             that one does; "calibrated", several pieces of the rig as identified; or "none".
         ahead: Of a rig, see `RigFeedforward`.
         backlash: Of a rig, whether to make up for the servos' delay and the backlash identified.
+        feedback: Of a rig, whether to feed the tip back by the chain of the rig as identified.
 
     Raises:
         ValueError: No network of this robot, another model, or one that only a rig has.
@@ -87,8 +89,8 @@ def make_hybrid(
         known = learnt
         if not isinstance(learnt, IdentifiedParameters):
             known = IdentifiedParameters.load(robot, learnt)
-        return rig.make_hybrid(robot, control_period, known, model, ahead, backlash)
-    if model != "one piece" or backlash:
+        return rig.make_hybrid(robot, control_period, known, model, ahead, backlash, feedback)
+    if model != "one piece" or backlash or feedback:
         raise ValueError(
             f"robot {robot.name!r} has no identified model in pieces: it needs a head and three "
             "elastic tendons round it, as the rig has; take 'hybrid'"
