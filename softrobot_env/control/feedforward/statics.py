@@ -253,8 +253,7 @@ class ChainStatics:
         axes = self.axes(len(change))
         gap = change - (linear.tip_by_turns @ linear.balance)[axes]
         step, _ = least_step(linear.tip_by_actions[axes], gap, place.action, 0.0, self._damping)
-        posture = self.world.moved(place.posture, linear.balance + linear.by_actions @ step)
-        inputs = self.world.inputs_for(place.action + step, posture)
+        inputs = rest.inputs + self.world.inputs_by(place.action, step)
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
         return inputs, bool(limited.any() or np.any(np.abs(place.action + step) >= 1.0))
 
@@ -266,7 +265,9 @@ class ChainStatics:
     def _stiffer(self, rest: Rest, share: float) -> Linear | None:
         """Of a robot that is stiffer by a share, about where its model is at rest."""
         place = rest.place
-        return None if place is None else self.world.linearised(place.action, place.posture, share)
+        if place is None:
+            return None
+        return self.world.linearised(place.action, place.posture, share, driven=True)
 
     def first_mode(self) -> tuple[float, float]:
         """See `Statics`: of the chain linearised under the action 0, its drives at rest."""
