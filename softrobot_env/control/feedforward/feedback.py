@@ -11,7 +11,7 @@ from softrobot_env.fields import NotNegative, Positive, check_argument
 _PROPORTIONAL, _INTEGRAL, _BESIDE, _LARGEST = 0.4, 0.45, 0.2, 2.0
 
 #: Rate at which a stiffness is learnt, over the frequency of the first mode.
-_LEARNING = 0.5
+_LEARNING = 0.3
 
 #: Way of a softer robot's tip, as a share of the reach, below which little is learnt from it.
 LEAST_WAY = 0.02
@@ -67,7 +67,7 @@ class Feedback:
     way of the tip per share by which the robot is softer, and G the first mode with the delay, what
     would be left without any correction is r = e + G(K_P e + K_I int e dt + s c), and that of a
     robot stiffer by s is s G(c); the share follows by s' = k (c_G . (r - s c_G)) / (c_G . c_G +
-    c_0^2), c_G = G(c). As G foretells when a correction will be seen, k may be as fast as the mode.
+    c_0^2), c_G = G(c). G foretells when a correction will be seen, so k is not limited by the mode.
     """
 
     def __init__(
@@ -76,7 +76,7 @@ class Feedback:
         control_period: float,
         proportional: float | None = None,
         integral: float | None = None,
-        delay: float = 0.0,
+        tip_delay: float = 0.0,
         least_way: float | None = None,
     ) -> None:
         """Set the gains.
@@ -86,15 +86,15 @@ class Feedback:
             control_period: [s] between calls.
             proportional: K_P [1]; by default 0.4 of its limit, at most 2.
             integral: K_I [1/s]; by default 0.45 of its limit, 0.2 where a stiffness is learnt.
-            delay: d [s], rounded to whole control periods, as environments do.
+            tip_delay: d [s], rounded to whole control periods, as environments do.
             least_way: c_0 [m], way below which little is learnt of s; None: nothing ever.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative | None)
         check_argument("integral", integral, NotNegative | None)
-        check_argument("delay", delay, NotNegative)
+        check_argument("tip_delay", tip_delay, NotNegative)
         self._statics, self._period, self._least_way = statics, control_period, least_way
-        self._late = round(delay / control_period)
+        self._late = round(tip_delay / control_period)
         frequency, damping_time = statics.first_mode()
         limit = damping_time / (control_period * (0.5 + self._late))
         gain = min(_LARGEST, _PROPORTIONAL * limit)
@@ -104,11 +104,6 @@ class Feedback:
         self._integral = rate if integral is None else integral
         self._mode = _held(frequency, damping_time, control_period)
         self._learning = _LEARNING * frequency
-        import os
-        if "FB" in os.environ:
-            a,b,c=eval(os.environ["FB"])
-            dr=damping_time*frequency**2
-            self._proportional=min(2,a*limit); self._integral=b*dr; self._learning=c*frequency
 
     def start(self, reference: np.ndarray) -> Felt:
         """Begin with a reference (k,) [m] that was there before."""

@@ -151,7 +151,7 @@ class FeedforwardPI(Feedforward):
         proportional: float | None = None,
         integral: float | None = None,
         weights: str | Path | None = None,
-        delay: float = 0.0,
+        tip_delay: float = 0.0,
     ) -> None:
         """Set the gains.
 
@@ -160,12 +160,12 @@ class FeedforwardPI(Feedforward):
             control_period: [s] between calls.
             proportional, integral: See `Feedback`.
             weights: As of `Feedforward`.
-            delay: [s], how late the tip is seen.
+            tip_delay: [s], how late the tip is seen.
         """
         check_argument("control_period", control_period, Positive)
         super().__init__(robot, control_period, weights=weights)
         self._feedback = Feedback(
-            self._statics, control_period, proportional, integral, delay, self._least_way()
+            self._statics, control_period, proportional, integral, tip_delay, self._least_way()
         )
 
     def _least_way(self) -> float | None:

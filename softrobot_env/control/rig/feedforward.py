@@ -99,7 +99,7 @@ class RigFeedforward(Controller):
         ahead: bool = False,
         backlash: float | None = None,
         believed: RobotParams | None = None,
-        delay: float = FRAME,
+        tip_delay: float = FRAME,
     ) -> None:
         """Put the parts together.
 
@@ -112,7 +112,7 @@ class RigFeedforward(Controller):
             backlash: [m], see `IdentifiedParameters`; unless given, the servos are taken as ideal.
             believed: The rig by whose chain the tip is fed back, see `Feedback`; unless given, it
                 is not.
-            delay: [s], how late the tip is seen.
+            tip_delay: [s], how late the tip is seen.
 
         Raises:
             ValueError: Neither statics nor a model are given, or the period is not positive and
@@ -131,7 +131,9 @@ class RigFeedforward(Controller):
         if believed is not None:
             self._chain = ChainStatics(believed)
             least = LEAST_WAY * believed.reach
-            self._feedback = Feedback(self._chain, control_period, delay=delay, least_way=least)
+            self._feedback = Feedback(
+                self._chain, control_period, tip_delay=tip_delay, least_way=least
+            )
             self.requires, self.sizes = (*self.requires, _TIP), self.sizes | {_TIP: 2}
 
     def start(self, observation: Observation) -> RigState:
@@ -151,7 +153,8 @@ class RigFeedforward(Controller):
         except (OutOfReachError, InversionError):
             return _keep(observation, state, _UNREACHABLE)
         more, correction = self._correction(observation, now, state)
-        action = (self._driven(wanted, state.wanted) + more) / LENGTH_SCALE
+        wanted = wanted + more
+        action = self._driven(wanted, state.wanted) / LENGTH_SCALE
         limited, before = np.clip(action, -1.0, 1.0), observation["previous_action"]
         if blind or not np.isfinite(before).all():
             status = _NOT_FINITE
@@ -245,12 +248,13 @@ def make_hybrid(
     ahead: bool,
     backlash: bool,
     feedback: bool,
+    tip_delay: float,
 ) -> RigFeedforward:
     """Network plus the dynamic part of an inverse model, see `feedforward.policies.make_hybrid`."""
     made = _MODELS.find(model)(robot, known)
     width = known.backlash if backlash else None
     believed = known.believed(robot) if feedback else None
-    return RigFeedforward(robot, control_period, known, made, ahead, width, believed)
+    return RigFeedforward(robot, control_period, known, made, ahead, width, believed, tip_delay)
 
 
 def _finite(lengths: np.ndarray) -> np.ndarray:
