@@ -18,7 +18,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from softrobot_env.control.feedforward.feedback import LEAST_WAY
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI, FeedforwardState
 from softrobot_env.control.feedforward.motion import Motion, on_time
 from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
@@ -200,5 +199,5 @@ class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
 
     requires = (*InverseDynamics.requires, "tip_position")
 
-    def _least_way(self) -> float:
-        return LEAST_WAY * self._near / _NEAR
+    def _learning(self, robot: RobotParams) -> RobotParams:
+        return robot

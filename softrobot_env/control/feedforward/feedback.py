@@ -6,15 +6,16 @@ import numpy as np
 
 from softrobot_env.control.feedforward.statics import Rest, Statics
 from softrobot_env.fields import NotNegative, Positive, check_argument
+from softrobot_env.robots import RobotParams
 
 #: Shares of the limits of K_P and K_I, alone and with a stiffness learnt; the largest K_P.
 _PROPORTIONAL, _INTEGRAL, _BESIDE, _LARGEST = 0.4, 0.45, 0.2, 2.0
 
 #: Rate at which a stiffness is learnt, over the frequency of the first mode.
-_LEARNING = 0.3
+_LEARNING = 0.5
 
 #: Way of a softer robot's tip, as a share of the reach, below which little is learnt from it.
-LEAST_WAY = 0.02
+_LEAST_WAY = 0.02
 
 
 class Sent(NamedTuple):
@@ -64,10 +65,13 @@ class Feedback:
     so that a step swings longer.
 
     A wrong stiffness is made up for all over the workspace, not at the last point alone: with c the
-    way of the tip per share by which the robot is softer, and G the first mode with the delay, what
-    would be left without any correction is r = e + G(K_P e + K_I int e dt + s c), and that of a
-    robot stiffer by s is s G(c); the share follows by s' = k (c_G . (r - s c_G)) / (c_G . c_G +
-    c_0^2), c_G = G(c). G foretells when a correction will be seen, so k is not limited by the mode.
+    way of the tip per share by which the robot is softer, and G the first mode with the delay,
+    r = e + G(K_P e + K_I int e dt + s c) would be left without any
+    correction, and of a robot stiffer by s that is s G(c). The share follows by
+
+        s' = k c_G . (r - s c_G) / (c_G . c_G + c_0^2),   c_G = G(c).
+
+    G foretells when a correction will be seen, so k is not limited by the mode.
     """
 
     def __init__(
@@ -77,7 +81,7 @@ class Feedback:
         proportional: float | None = None,
         integral: float | None = None,
         tip_delay: float = 0.0,
-        least_way: float | None = None,
+        learning: RobotParams | None = None,
     ) -> None:
         """Set the gains.
 
@@ -87,23 +91,24 @@ class Feedback:
             proportional: K_P [1]; by default 0.4 of its limit, at most 2.
             integral: K_I [1/s]; by default 0.45 of its limit, 0.2 where a stiffness is learnt.
             tip_delay: d [s], rounded to whole control periods, as environments do.
-            least_way: c_0 [m], way below which little is learnt of s; None: nothing ever.
+            learning: The robot of the statics, of its chain, to learn s; it stays 0 unless given.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative | None)
         check_argument("integral", integral, NotNegative | None)
         check_argument("tip_delay", tip_delay, NotNegative)
-        self._statics, self._period, self._least_way = statics, control_period, least_way
+        self._statics, self._period = statics, control_period
         self._late = round(tip_delay / control_period)
         frequency, damping_time = statics.first_mode()
         limit = damping_time / (control_period * (0.5 + self._late))
         gain = min(_LARGEST, _PROPORTIONAL * limit)
         self._proportional = gain if proportional is None else proportional
-        share = _INTEGRAL if least_way is None else _BESIDE
-        rate = share * damping_time * frequency**2
-        self._integral = rate if integral is None else integral
-        self._mode = _held(frequency, damping_time, control_period)
-        self._learning = _LEARNING * frequency
+        share, rate = _INTEGRAL if learning is None else _BESIDE, damping_time * frequency**2
+        self._integral = share * rate if integral is None else integral
+        self._learning = 0.0 if learning is None else _LEARNING * frequency
+        if learning is not None:
+            self._least_way = _LEAST_WAY * learning.reach
+            self._mode = _held(frequency, damping_time, control_period)
 
     def start(self, reference: np.ndarray) -> Felt:
         """Begin with a reference (k,) [m] that was there before."""
@@ -133,7 +138,7 @@ class Feedback:
 
     def _learnt(self, error: np.ndarray, moved: np.ndarray, stiffer: float) -> float:
         """The share s after an error (k,) [m] was seen."""
-        if self._least_way is None:
+        if not self._learning:
             return stiffer
         corrected, way = moved
         left = error + corrected - stiffer * way
@@ -144,7 +149,7 @@ class Feedback:
         self, rest: Rest, change: np.ndarray, stiffer: float, mode: np.ndarray
     ) -> np.ndarray:
         """The first mode a period later."""
-        if self._least_way is None:
+        if not self._learning:
             return mode
         way = self._statics.softened(rest, len(change), stiffer)
         free, forced = self._mode

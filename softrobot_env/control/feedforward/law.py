@@ -165,8 +165,8 @@ class FeedforwardPI(Feedforward):
         check_argument("control_period", control_period, Positive)
         super().__init__(robot, control_period, weights=weights)
         self._feedback = Feedback(
-            self._statics, control_period, proportional, integral, tip_delay, self._least_way()
+            self._statics, control_period, proportional, integral, tip_delay, self._learning(robot)
         )
 
-    def _least_way(self) -> float | None:
-        """[m], see `Feedback`: a stiffness is not learnt."""
+    def _learning(self, robot: RobotParams) -> RobotParams | None:
+        """The robot whose stiffness is learnt, if it is."""

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.control.base import Controller
-from softrobot_env.control.feedforward.feedback import LEAST_WAY, Feedback, Felt
+from softrobot_env.control.feedforward.feedback import Feedback, Felt
 from softrobot_env.control.feedforward.motion import Motion, on_time
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
@@ -71,7 +71,8 @@ class RigState(NamedTuple):
 class RigFeedforward(Controller):
     """s = network(z_ref) + dynamic part of a model, or all of it by the model.
 
-    Decides from the reference, its velocity and acceleration alone. When these are not finite, the
+    Decides from the reference, its velocity and acceleration alone, unless the tip is fed back; one
+    that is not finite counts as where it should be. When these are not finite, the
     reference goes on with the acceleration it had, for a tenth of a second; after that, and when
     it is out of the model's reach, the action in force is kept. Beyond the points that the network
     was trained with, it is asked for the farthest place in that direction.
@@ -130,9 +131,8 @@ class RigFeedforward(Controller):
         self._chain = self._feedback = None
         if believed is not None:
             self._chain = ChainStatics(believed)
-            least = LEAST_WAY * believed.reach
             self._feedback = Feedback(
-                self._chain, control_period, tip_delay=tip_delay, least_way=least
+                self._chain, control_period, tip_delay=tip_delay, learning=believed
             )
             self.requires, self.sizes = (*self.requires, _TIP), self.sizes | {_TIP: 2}
 
@@ -144,7 +144,8 @@ class RigFeedforward(Controller):
         """Lengths for the motion wanted."""
         now = Motion(*(np.array(observation[name]) for name in _MOTION))
         blind = 0.0 if np.isfinite(now).all() else state.blind + self._period
-        if blind > _BLIND or (blind and state.now is None):
+        unseen = self._feedback is not None and not np.isfinite(observation[_TIP]).all()
+        if blind > _BLIND or ((blind or unseen) and state.now is None):
             return _keep(observation, state, _NOT_FINITE)
         if blind:
             now = state.now.after(self._period, np.zeros(2))
@@ -156,7 +157,7 @@ class RigFeedforward(Controller):
         wanted = wanted + more
         action = self._driven(wanted, state.wanted) / LENGTH_SCALE
         limited, before = np.clip(action, -1.0, 1.0), observation["previous_action"]
-        if blind or not np.isfinite(before).all():
+        if blind or unseen or not np.isfinite(before).all():
             status = _NOT_FINITE
         elif (limited != action).any():
             status = _LIMITED
