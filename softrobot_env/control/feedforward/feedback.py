@@ -66,8 +66,8 @@ class Feedback:
 
     A wrong stiffness is made up for all over the workspace, not at the last point alone: with c the
     way of the tip per share by which the robot is softer, and G the first mode with the delay,
-    r = e + G(K_P e + K_I int e dt + s c) would be left without any
-    correction, and of a robot stiffer by s that is s G(c). The share follows by
+    r = e + G(K_P e + K_I int e dt + s c) would be left without any correction, and of a robot
+    stiffer by s that is s G(c). The share follows by
 
         s' = k c_G . (r - s c_G) / (c_G . c_G + c_0^2),   c_G = G(c).
 

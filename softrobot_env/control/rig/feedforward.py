@@ -6,7 +6,8 @@
 
 and beyond the thesis: the reference half a control period ahead, as an input that is held for a
 period lags by half of it; the model in several pieces; that model calibrated by the data that the
-network was trained with; and what is known of the servos, their speed and backlash.
+network was trained with; and what is known of the servos, their speed and backlash. All may be
+corrected by feedback of the tip.
 """
 
 from typing import Any, NamedTuple
@@ -71,9 +72,9 @@ class RigState(NamedTuple):
 class RigFeedforward(Controller):
     """s = network(z_ref) + dynamic part of a model, or all of it by the model.
 
-    Decides from the reference, its velocity and acceleration alone, unless the tip is fed back; one
-    that is not finite counts as where it should be. When these are not finite, the
-    reference goes on with the acceleration it had, for a tenth of a second; after that, and when
+    Decides from the reference, its velocity and acceleration alone, and from the tip where it is
+    fed back: one that is not finite then counts as where it should be. When the reference is not
+    finite, it goes on with the acceleration it had, for a tenth of a second; after that, and when
     it is out of the model's reach, the action in force is kept. Beyond the points that the network
     was trained with, it is asked for the farthest place in that direction.
 
