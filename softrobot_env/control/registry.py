@@ -14,6 +14,7 @@ from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Policy
 from softrobot_env.registries import Registry, is_path, load, load_given
 from softrobot_env.robots import ARM, RobotParams, find_robot
+from softrobot_env.robots.twin import Twin
 
 #: What policies may measure: the full state, or tip and curvatures alone, with an observer.
 FEEDBACKS = ("state", "output")
@@ -51,6 +52,10 @@ class PolicySpec:
         """Whether the factory has a keyword argument of this name."""
         made = self.loaded()
         return callable(made) and option in signature(made).parameters
+
+    def told(self, twin: Twin | None) -> dict[str, Any]:
+        """What the factory is told of the camera, by `tip_delay` [s], if it asks for it."""
+        return {"tip_delay": twin.camera_delay} if twin and self.takes("tip_delay") else {}
 
 
 def _learned_environment(policy: str, robot: RobotParams) -> dict[str, Any]:
@@ -121,6 +126,11 @@ RIG_POLICIES: dict[str, PolicySpec] = {
             "hybrid_calibrated",
             "make_hybrid",
             {"model": "calibrated", "ahead": True, "backlash": True},
+        ),
+        (
+            "hybrid_feedback",
+            "make_hybrid",
+            {"model": "calibrated", "ahead": True, "backlash": True, "feedback": True},
         ),
     )
 }
@@ -233,7 +243,8 @@ def make_policy(
 
     Args:
         name: One of `EVERY_POLICY`, or one's own as `package.module:name` or `file.py:name`.
-        robot: The nominal robot, which the policy may know; or an environment that has one.
+        robot: The nominal robot, which the policy may know; or an environment that has one, and
+            perhaps a camera, of which a factory that has an argument `tip_delay` is told.
         control_period: [s] between calls of `predict`; the environment's unless given.
         feedback: One of `FEEDBACKS`. Policies that use curvature rates get them from an observer
             under "output"; the others are the same under both.
@@ -251,6 +262,7 @@ def make_policy(
         own = robot.unwrapped
         _check_interface(name, own)
         control_period = own.control_period if control_period is None else control_period
+        options = spec.told(getattr(own, "twin", None)) | options
         robot = own.task.robot
     check_argument("control_period", control_period, Positive)
     policy = _made(name, spec, robot, control_period, options)

@@ -12,6 +12,7 @@ from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.registry import (
     FEEDBACKS,
     RIG_POLICIES,
+    find_policy,
     make_policy,
     policy_environment,
     policy_name,
@@ -30,7 +31,7 @@ from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.run import run_episode, warm_up
 from softrobot_env.interfaces import Policy
 from softrobot_env.robots import RIG
-from softrobot_env.robots.twin import twin_or_ideal
+from softrobot_env.robots.twin import Twin, twin_or_ideal
 from softrobot_env.tasks import Task
 
 if TYPE_CHECKING:
@@ -97,13 +98,19 @@ class Case:
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
         if self.task.robot == RIG:
-            return RigEnv(self.task, twin=twin_or_ideal(self.twin), observe="all", **options)
+            return RigEnv(self.task, observe="all", **{"twin": self._built} | options)
         return TrackingEnv(self.task, observe="all", **options)
+
+    @property
+    def _built(self) -> Twin | None:
+        """The robot as built; None where it is as its parameters say."""
+        return self.scene.get("twin", twin_or_ideal(self.twin) if self.task.robot == RIG else None)
 
     def make_policy(self, control_period: float) -> Policy:
         """The policy, which decides every `control_period` [s]."""
         known = self.identified if acts_on_identified(self.policy) else None
-        options = dict(self.given) | ({} if known is None else {"learnt": known})
+        options = find_policy(self.policy).told(self._built) | dict(self.given)
+        options |= {} if known is None else {"learnt": known}
         feedback = self.feedback or FEEDBACKS[0]
         return make_policy(self.policy, self.task.robot, control_period, feedback, **options)
 

@@ -94,6 +94,7 @@ STYLES = {
     "hybrid_ahead": Style("#C8A415", marker=">"),
     "hybrid_flexible": Style("#AA4499", marker="s"),
     "hybrid_calibrated": Style("#666600", marker="P"),
+    "hybrid_feedback": Style("#D95F02", marker="X"),
     "mujoco_chain": Style(BLUE, "-", "o", "MuJoCo chain"),
     "pcc": Style(ORANGE, _DASHED, "s", "PCC"),
     "pcc/lumped": Style(ORANGE, "-", "s", "PCC, lumped mass"),

@@ -224,6 +224,12 @@ class InverseStatics:
         """
         return linear.tip_by_turns @ np.linalg.solve(linear.stiffness, self._forces.applied)
 
+    def inputs_by(self, action: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Change (n_inputs,) of the inputs that is a change (m,) of actions in a held posture."""
+        if not self._pulled:
+            return step * self._tensions.input_scale
+        return (self._command(action + step) - self._command(action)) / self._elastic[1]
+
     def tip(self, posture: np.ndarray) -> np.ndarray:
         """Tip (3,) [m] in a posture (nq,), in a fiftieth of the time of `Scene.tip`."""
         return self._forces.tip(posture)
@@ -540,16 +546,27 @@ class InverseStatics:
         error = np.linalg.norm(self.directions @ self.tip(posture) - point)
         return Place(action, inputs, posture, float(error))
 
-    def linearised(self, action: np.ndarray, posture: np.ndarray) -> Linear | None:
+    def linearised(
+        self, action: np.ndarray, posture: np.ndarray, stiffer: float = 0.0, driven: bool = False
+    ) -> Linear | None:
         """The statics near actions (m,) of tensions and a posture (nq,).
 
         None where the stiffness is singular or not finite.
+
+        Args:
+            action, posture: Where.
+            stiffer: Share by which springs are stiffer than the robot's.
+            driven: Whether by its inputs: where these are lengths, tensions change with the
+                posture, and a change of an action is the one that `inputs_by` makes of it.
         """
-        forces = self._forces
-        force = forces.force(posture, _controls(self._by_tension, self._command(action)))
-        by_action = self._by_action(action)
-        right = forces.by_controls()[:, : len(by_action)] @ by_action
-        stiffness = -forces.tangent()
+        forces, factor = self._forces, 1 + stiffer
+        controls = _controls(self._by_tension, self._command(action))
+        force = factor * forces.force(posture, controls, 1 / factor)
+        by_action, arms = self._by_action(action), forces.by_controls()
+        arms = arms[:, : len(by_action)]
+        right, stiffness = arms @ by_action, -factor * forces.tangent()
+        if driven and self._pulled:
+            stiffness = stiffness + (arms * self._elastic[1]) @ arms.T
         try:
             found = np.linalg.solve(stiffness, np.column_stack([force, right]))
         except np.linalg.LinAlgError:

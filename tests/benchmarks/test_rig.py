@@ -34,6 +34,7 @@ ERRORS = {
     "hybrid_ahead": (0.9, 6),
     "hybrid_flexible": (0.8, 5),
     "hybrid_calibrated": (0.5, 1),
+    "hybrid_feedback": (0.4, 1.5),
 }
 
 

@@ -88,7 +88,7 @@ def test_integral_rests_while_an_action_is_saturated():
         action, state = policy.predict(observation, state)
     assert np.max(np.abs(action)) == 1.0
     assert state.status == "tension limit reached"
-    np.testing.assert_array_equal(state.integral, 0.0)
+    np.testing.assert_array_equal(state.felt.integral, 0.0)
 
 
 def test_integral_accumulates_the_error_otherwise():
@@ -96,7 +96,7 @@ def test_integral_accumulates_the_error_otherwise():
     state = None
     for _ in range(10):
         _, state = policy.predict(observe((0.2, 0.44), tip=(0.199, 0.442)), state)
-    np.testing.assert_allclose(state.integral, [10 * PERIOD * 1e-3, -10 * PERIOD * 2e-3])
+    np.testing.assert_allclose(state.felt.integral, [10 * PERIOD * 1e-3, -10 * PERIOD * 2e-3])
 
 
 def test_hold_keeps_the_arm_where_it_is():

@@ -36,9 +36,6 @@ _FIRST, _SECOND = np.array([1.5, -2.0, 0.5, 0.0]), np.array([2.0, -5.0, 4.0, -1.
 #: Way of the tip, over `_NEAR` of the reach, that a part of the tensions left out must be worth.
 _FELT = 1.0
 
-#: Of `_NEAR` of the reach: a way of a softer robot's tip below which little is learnt from it.
-_WAY = 4.0
-
 _SLOW, _FAST = "servo too slow", "reference too fast for the internal dynamics"
 
 
@@ -198,25 +195,9 @@ class InverseDynamics(Feedforward):
 
 
 class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
-    """The inverse dynamics with feedback that learns how much stiffer the robot is than its model.
-
-    To the K_P e + K_I int e dt of `FeedforwardPI` it adds s c, the way by which the tip of a robot
-    stiffer by a share s would fall short, with s' = K_I (c . e) / (c . c + c_0^2). A wrong
-    stiffness is so made up for all over the workspace, not at the last point alone.
-    """
+    """The inverse dynamics with `Feedback` that learns how much stiffer the robot is."""
 
     requires = (*InverseDynamics.requires, "tip_position")
-    _learnt = 1
 
-    def _corrected(
-        self, observation: Observation, rest: Rest, inputs: np.ndarray, integral: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, bool]:
-        """See `FeedforwardPI`; the last entry of the integral is s."""
-        error = observation["reference"] - observation["tip_position"]
-        way = self._statics.softened(rest, len(error))
-        rate = self._integral * (way @ error) / (way @ way + _WAY**2 * self._near**2)
-        integrated = integral + self._period * np.append(error, rate)
-        change = self._proportional * error + self._integral * integrated[:-1]
-        shifted, limited = self._statics.shifted(rest, change + integrated[-1] * way)
-        inputs = inputs + (shifted - rest.inputs)
-        return inputs, integral if limited else integrated, limited
+    def _learning(self, robot: RobotParams) -> RobotParams:
+        return robot

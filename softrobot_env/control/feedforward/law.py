@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.control.base import Controller, usable
+from softrobot_env.control.feedforward.feedback import Feedback, Felt
 from softrobot_env.control.feedforward.statics import Rest, statics_of
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED
-from softrobot_env.fields import NotNegative, Positive, check_argument
+from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
@@ -22,14 +23,14 @@ class FeedforwardState:
         target: (k,) [m], point that `rest` belongs to.
         rest: Where the tip rests on it, or comes nearest.
         memory: Of what is added to the statics.
-        integral: (k,) [m s], integrated tip error; zero without feedback.
+        felt: Of the feedback; None without.
         status: Why the action is not the one wanted, or None.
     """
 
     target: np.ndarray
     rest: Rest
     memory: Any
-    integral: np.ndarray
+    felt: Felt | None
     status: str | None
 
 
@@ -42,7 +43,7 @@ class Feedforward(Controller):
     """
 
     requires = ("reference", "previous_action")
-    _learnt = 0  # numbers that the feedback integrates besides the error
+    _feedback: Feedback | None = None
 
     def __init__(
         self,
@@ -90,8 +91,8 @@ class Feedforward(Controller):
         inputs = self._inputs.input_centre + action * self._inputs.input_scale
         size = sizes.pop()
         rest, memory = self._statics.begin(inputs), self._remembered()
-        integral = np.zeros(size + self._learnt)
-        return FeedforwardState(np.full(size, np.nan), rest, memory, integral, None)
+        felt = None if self._feedback is None else self._feedback.start(observation["reference"])
+        return FeedforwardState(np.full(size, np.nan), rest, memory, felt, None)
 
     def _remembered(self) -> Any:
         """The memory of a motion that begins."""
@@ -107,15 +108,15 @@ class Feedforward(Controller):
         if not np.array_equal(target, state.target):  # it rests most of the time
             rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
         inputs, memory, reason = self._added(observation, rest, state)
-        inputs, integral, limited = self._corrected(observation, rest, inputs, state.integral)
+        inputs, felt, limited = self._corrected(observation, rest, inputs, state.felt)
         wanted = (inputs - self._inputs.input_centre) / self._inputs.input_scale
         action = np.clip(wanted, -1.0, 1.0)
         if reason is not None:  # what is missed for that reason is not for feedback to make up
-            integral = state.integral
+            felt = None if felt is None else felt.unlearnt(state.felt)
         limited = limited or np.any(np.abs(wanted) > 1 + 1e-9)
         reason = REASONS[SATURATED] if limited else reason
         status = reason if rest.reached else self._statics.missed
-        return action, FeedforwardState(target, rest, memory, integral, status)
+        return action, FeedforwardState(target, rest, memory, felt, status)
 
     def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
         """Where the tip should be, (k,) [m]."""
@@ -128,24 +129,18 @@ class Feedforward(Controller):
         return rest.inputs, state.memory, None
 
     def _corrected(
-        self, observation: Observation, rest: Rest, inputs: np.ndarray, integral: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, bool]:
-        """Inputs (n_inputs,) after feedback, integrated error (k,) [m s], if one is limited."""
-        return inputs, integral, False
+        self, observation: Observation, rest: Rest, inputs: np.ndarray, felt: Felt | None
+    ) -> tuple[np.ndarray, Felt | None, bool]:
+        """Inputs (n_inputs,) after feedback, what it remembers, and if one is limited."""
+        if self._feedback is None:
+            return inputs, None, False
+        seen = observation["reference"], observation["tip_position"]
+        more, felt, limited = self._feedback.added(rest, *seen, felt)
+        return inputs + more, felt, limited
 
 
 class FeedforwardPI(Feedforward):
-    """u = u_ff(z_ref) + J+ (K_P e + K_I int e dt), e = z_ref - z.
-
-    J is the static tip Jacobian at u_ff; J+ is damped, because J loses rank in the straight pose.
-    The error is integrated only while no input is at its limit (no wind-up).
-
-    Quasi-statically the plant from J+ e to e has unit gain, and its first mode (frequency w,
-    damping rate mu w^2) limits both gains: an action held for a period T acts T / 2 late on
-    average, which takes K_P w^2 T / 2 from the damping rate, so K_P < 2 mu / T; pure integral
-    action needs K_I < mu w^2. The default gains are fractions of these limits, and K_P at most 2.
-    They track better than feedforward alone but damp nothing, so that a step swings longer.
-    """
+    """u = u_ff(z_ref) + J+ (K_P e + K_I int e dt), see `Feedback`."""
 
     requires = ("reference", "previous_action", "tip_position")
 
@@ -156,33 +151,22 @@ class FeedforwardPI(Feedforward):
         proportional: float | None = None,
         integral: float | None = None,
         weights: str | Path | None = None,
+        tip_delay: float = 0.0,
     ) -> None:
         """Set the gains.
 
         Args:
             robot: Nominal robot.
             control_period: [s] between calls.
-            proportional: K_P [1]; by default 0.4 of its limit, at most 2.
-            integral: K_I [1/s]; by default 0.45 of its limit.
+            proportional, integral: See `Feedback`.
             weights: As of `Feedforward`.
+            tip_delay: [s], how late the tip is seen.
         """
         check_argument("control_period", control_period, Positive)
-        check_argument("proportional", proportional, NotNegative | None)
-        check_argument("integral", integral, NotNegative | None)
         super().__init__(robot, control_period, weights=weights)
-        self._period = control_period
-        frequency, damping_time = self._statics.first_mode()
-        gain = min(2.0, 0.8 * damping_time / control_period)
-        self._proportional = gain if proportional is None else proportional
-        self._integral = 0.45 * damping_time * frequency**2 if integral is None else integral
+        self._feedback = Feedback(
+            self._statics, control_period, proportional, integral, tip_delay, self._learning(robot)
+        )
 
-    def _corrected(
-        self, observation: Observation, rest: Rest, inputs: np.ndarray, integral: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, bool]:
-        """See `Feedforward`; the integral stays as it is where an input is limited."""
-        error = observation["reference"] - observation["tip_position"]
-        integrated = integral + self._period * error
-        change = self._proportional * error + self._integral * integrated
-        shifted, limited = self._statics.shifted(rest, change)
-        inputs = inputs + (shifted - rest.inputs)
-        return inputs, integral if limited else integrated, limited
+    def _learning(self, robot: RobotParams) -> RobotParams | None:
+        """The robot whose stiffness is learnt, if it is."""

@@ -12,6 +12,7 @@ from softrobot_env.interfaces import Policy
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.three_tendons import elastic_tendons
+from softrobot_env.robots.twin import FRAME
 
 
 def make_network(
@@ -63,6 +64,8 @@ def make_hybrid(
     model: str = "one piece",
     ahead: bool = False,
     backlash: bool = False,
+    feedback: bool = False,
+    tip_delay: float = FRAME,
 ) -> Policy:
     """Statics of a network and the dynamic part of a model.
 
@@ -75,6 +78,8 @@ def make_hybrid(
             that one does; "calibrated", several pieces of the rig as identified; or "none".
         ahead: Of a rig, see `RigFeedforward`.
         backlash: Of a rig, whether to make up for the servos' delay and the backlash identified.
+        feedback: Of a rig, whether to feed the tip back by the chain of the rig as identified.
+        tip_delay: [s], how late feedback sees the tip; unless given, by a frame of the camera.
 
     Raises:
         ValueError: No network of this robot, another model, or one that only a rig has.
@@ -87,8 +92,9 @@ def make_hybrid(
         known = learnt
         if not isinstance(learnt, IdentifiedParameters):
             known = IdentifiedParameters.load(robot, learnt)
-        return rig.make_hybrid(robot, control_period, known, model, ahead, backlash)
-    if model != "one piece" or backlash:
+        own = model, ahead, backlash, feedback, tip_delay
+        return rig.make_hybrid(robot, control_period, known, *own)
+    if model != "one piece" or backlash or feedback:
         raise ValueError(
             f"robot {robot.name!r} has no identified model in pieces: it needs a head and three "
             "elastic tendons round it, as the rig has; take 'hybrid'"

@@ -75,8 +75,13 @@ class Statics(Protocol):
         For the first target they may be anywhere.
         """
 
-    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
-        """Inputs (n_inputs,) that move the tip by (k,) [m] to first order; if one is limited."""
+    def shifted(
+        self, rest: Rest, change: np.ndarray, stiffer: float = 0.0
+    ) -> tuple[np.ndarray, bool]:
+        """Inputs (n_inputs,) that move the tip by (k,) [m] to first order; if one is limited.
+
+        Those of a robot that is stiffer by a share, where the statics know what that asks for.
+        """
 
     def first_mode(self) -> tuple[float, float]:
         """Angular frequency [rad/s] and damping time [s] of the slowest mode."""
@@ -121,7 +126,9 @@ class ClosedStatics:
         found = least_norm(self._statics, target, before.inputs)
         return Rest(found.reduced, found.residual, found.converged)
 
-    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+    def shifted(
+        self, rest: Rest, change: np.ndarray, stiffer: float = 0.0
+    ) -> tuple[np.ndarray, bool]:
         """See `Statics`."""
         jacobian = self._statics.jacobian(rest.inputs)
         square = jacobian @ jacobian.T + _DAMPING**2 * np.eye(2)
@@ -166,7 +173,9 @@ class NetworkStatics:
         inputs = self.inputs.input_centre + action * self.inputs.input_scale
         return Rest(inputs, away, away <= self._spacing, target=target)
 
-    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+    def shifted(
+        self, rest: Rest, change: np.ndarray, stiffer: float = 0.0
+    ) -> tuple[np.ndarray, bool]:
         """See `Statics`: what the network gives for a place shifted by that."""
         inputs = self.hold(rest.target + change[: self._size], rest, False).inputs
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
@@ -234,24 +243,31 @@ class ChainStatics:
         """About a rest, along the directions that hold it there."""
         return self.solver(rest.spatial).linearised(rest.place.action, rest.place.posture)
 
-    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+    def shifted(
+        self, rest: Rest, change: np.ndarray, stiffer: float = 0.0
+    ) -> tuple[np.ndarray, bool]:
         """See `Statics`. Actions at their bound stay there, and the others make up for them."""
-        place = rest.place
-        linear = None if place is None else self.world.linearised(place.action, place.posture)
+        place, linear = rest.place, self._stiffer(rest, stiffer)
         if linear is None:
             return rest.inputs, True
-        jacobian = linear.tip_by_actions[self.axes(len(change))]
-        step, _ = least_step(jacobian, change, place.action, 0.0, self._damping)
-        posture = self.world.moved(place.posture, linear.by_actions @ step)
-        inputs = self.world.inputs_for(place.action + step, posture)
+        axes = self.axes(len(change))
+        gap = change - (linear.tip_by_turns @ linear.balance)[axes]
+        step, _ = least_step(linear.tip_by_actions[axes], gap, place.action, 0.0, self._damping)
+        inputs = rest.inputs + self.world.inputs_by(place.action, step)
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
         return inputs, bool(limited.any() or np.any(np.abs(place.action + step) >= 1.0))
 
-    def softened(self, rest: Rest, size: int) -> np.ndarray:
-        """Way (size,) [m] of the tip at rest per share by which the robot is softer."""
-        place = rest.place
-        linear = None if place is None else self.world.linearised(place.action, place.posture)
+    def softened(self, rest: Rest, size: int, stiffer: float = 0.0) -> np.ndarray:
+        """Way (size,) [m] of the tip at rest per share by which a robot is softer than that."""
+        linear = self._stiffer(rest, stiffer)
         return np.zeros(size) if linear is None else self.world.softened(linear)[self.axes(size)]
+
+    def _stiffer(self, rest: Rest, share: float) -> Linear | None:
+        """Of a robot that is stiffer by a share, about where its model is at rest."""
+        place = rest.place
+        if place is None:
+            return None
+        return self.world.linearised(place.action, place.posture, share, driven=True)
 
     def first_mode(self) -> tuple[float, float]:
         """See `Statics`: of the chain linearised under the action 0, its drives at rest."""

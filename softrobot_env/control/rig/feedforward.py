@@ -6,7 +6,8 @@
 
 and beyond the thesis: the reference half a control period ahead, as an input that is held for a
 period lags by half of it; the model in several pieces; that model calibrated by the data that the
-network was trained with; and what is known of the servos, their speed and backlash.
+network was trained with; and what is known of the servos, their speed and backlash. All may be
+corrected by feedback of the tip.
 """
 
 from typing import Any, NamedTuple
@@ -14,7 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.control.base import Controller
+from softrobot_env.control.feedforward.feedback import Feedback, Felt
 from softrobot_env.control.feedforward.motion import Motion, on_time
+from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
@@ -24,15 +27,24 @@ from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.registries import Registry
 from softrobot_env.robots import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
+from softrobot_env.robots.twin import FRAME
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
 _TURNING = 2e-3  # m/s, below which it is not clear on which side of its backlash a servo is
 _BLIND = 0.1  # s without a finite reference, after which it is given up
 
+_TIP = "tip_position"
 _MOTION = ("reference", "reference_velocity", "reference_acceleration")
 _LIMITED, _OUTSIDE = "length limit reached", "outside the trained workspace"
 _UNREACHABLE, _NOT_FINITE = REASONS[UNREACHABLE], REASONS[NOT_FINITE]
 _SLACK, _SLOW = "tendon would slacken", "servo too slow"
+
+
+class Correction(NamedTuple):
+    """Memory of the feedback: where the statics it goes by are at rest, and what it felt."""
+
+    rest: Rest
+    felt: Felt
 
 
 class RigState(NamedTuple):
@@ -45,6 +57,7 @@ class RigState(NamedTuple):
         blind: [s] since the last reference that was finite.
         action: (3,) [1], the last one; None at the start.
         status: Why action or motion is not the one wanted, or None; see `RigFeedforward`.
+        correction: Of the feedback; None without, and before its first decision.
     """
 
     memory: Any = None
@@ -53,13 +66,15 @@ class RigState(NamedTuple):
     blind: float = 0.0
     action: np.ndarray | None = None
     status: str | None = None
+    correction: Correction | None = None
 
 
 class RigFeedforward(Controller):
     """s = network(z_ref) + dynamic part of a model, or all of it by the model.
 
-    Decides from the reference, its velocity and acceleration alone. When these are not finite, the
-    reference goes on with the acceleration it had, for a tenth of a second; after that, and when
+    Decides from the reference, its velocity and acceleration alone, and from the tip where it is
+    fed back: one that is not finite then counts as where it should be. When the reference is not
+    finite, it goes on with the acceleration it had, for a tenth of a second; after that, and when
     it is out of the model's reach, the action in force is kept. Beyond the points that the network
     was trained with, it is asked for the farthest place in that direction.
 
@@ -85,6 +100,8 @@ class RigFeedforward(Controller):
         model: OnePiece | SeveralPieces | None = None,
         ahead: bool = False,
         backlash: float | None = None,
+        believed: RobotParams | None = None,
+        tip_delay: float = FRAME,
     ) -> None:
         """Put the parts together.
 
@@ -95,6 +112,9 @@ class RigFeedforward(Controller):
             model: Dynamics; the controller is quasi-static unless given.
             ahead: Take the reference half a control period ahead.
             backlash: [m], see `IdentifiedParameters`; unless given, the servos are taken as ideal.
+            believed: The rig by whose chain the tip is fed back, see `Feedback`; unless given, it
+                is not.
+            tip_delay: [s], how late the tip is seen.
 
         Raises:
             ValueError: Neither statics nor a model are given, or the period is not positive and
@@ -108,8 +128,14 @@ class RigFeedforward(Controller):
         self._model, self._period, self._backlash = model, control_period, backlash
         self._lead = control_period / 2 if ahead else 0.0
         self._reach = SERVO_SPEED * control_period / LENGTH_SCALE  # of an action, in a period
-        self._tendons = len(robot.tendons)
-        self.sizes = dict.fromkeys(_MOTION, 2) | {"previous_action": self._tendons}
+        self.sizes = dict.fromkeys(_MOTION, 2) | {"previous_action": len(robot.tendons)}
+        self._chain = self._feedback = None
+        if believed is not None:
+            self._chain = ChainStatics(believed)
+            self._feedback = Feedback(
+                self._chain, control_period, tip_delay=tip_delay, learning=believed
+            )
+            self.requires, self.sizes = (*self.requires, _TIP), self.sizes | {_TIP: 2}
 
     def start(self, observation: Observation) -> RigState:
         """Begin at rest."""
@@ -119,7 +145,8 @@ class RigFeedforward(Controller):
         """Lengths for the motion wanted."""
         now = Motion(*(np.array(observation[name]) for name in _MOTION))
         blind = 0.0 if np.isfinite(now).all() else state.blind + self._period
-        if blind > _BLIND or (blind and state.now is None):
+        unseen = self._feedback is not None and not np.isfinite(observation[_TIP]).all()
+        if blind > _BLIND or ((blind or unseen) and state.now is None):
             return _keep(observation, state, _NOT_FINITE)
         if blind:
             now = state.now.after(self._period, np.zeros(2))
@@ -127,28 +154,52 @@ class RigFeedforward(Controller):
             wanted, tension, memory = self._lengths(now, state)
         except (OutOfReachError, InversionError):
             return _keep(observation, state, _UNREACHABLE)
+        more, correction = self._correction(observation, now, state)
+        wanted = wanted + more
         action = self._driven(wanted, state.wanted) / LENGTH_SCALE
         limited, before = np.clip(action, -1.0, 1.0), observation["previous_action"]
-        if blind or not np.isfinite(before).all():
+        if blind or unseen or not np.isfinite(before).all():
             status = _NOT_FINITE
         elif (limited != action).any():
             status = _LIMITED
         else:
             status = self._doubt(now, tension, action - before)
-        return limited, RigState(memory, now, wanted, blind, limited.copy(), status)
+        if correction is not None and status is not None and state.correction is not None:
+            felt = correction.felt.unlearnt(state.correction.felt)  # not for it to make up
+            correction = correction._replace(felt=felt)
+        return limited, RigState(memory, now, wanted, blind, limited.copy(), status, correction)
+
+    def _correction(
+        self, observation: Observation, now: Motion, state: RigState
+    ) -> tuple[np.ndarray | float, Correction | None]:
+        """Lengths (3,) [m] that feedback adds, and its memory."""
+        if self._feedback is None:
+            return 0.0, None
+        tip, place, before = observation[_TIP], self._then(now, state).position, state.correction
+        if before is None:
+            begun = self._chain.begin(np.zeros(len(observation["previous_action"])))
+            before = Correction(begun, self._feedback.start(now.position))
+        first = state.correction is None
+        rest = self._chain.hold(place, before.rest, first)
+        more, felt, _ = self._feedback.added(rest, now.position, tip, before.felt)
+        return more, Correction(rest, felt)
 
     def _lengths(self, now: Motion, state: RigState) -> tuple[np.ndarray, np.ndarray | None, Any]:
         """Lengths (3,) [m] wanted of the servos' horns, tensions (3,) [N], the model's memory."""
-        then = now
-        if self._lead:
-            before = None if state.now is None else state.now.acceleration
-            then = now.ahead(self._lead, before, self._period)
+        then = self._then(now, state)
         if self._model is None:
             return self._statics(then.position), None, None
         pull, memory = self._model.step(state.memory, now, then, self._period)
         if self._network is None:
             return _finite(pull.total), pull.tension, memory
         return self._statics(then.position) + _finite(pull.dynamic), pull.tension, memory
+
+    def _then(self, now: Motion, state: RigState) -> Motion:
+        """The reference as far ahead as it is looked for."""
+        if not self._lead:
+            return now
+        before = None if state.now is None else state.now.acceleration
+        return now.ahead(self._lead, before, self._period)
 
     def _statics(self, place: np.ndarray) -> np.ndarray:
         """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
@@ -198,11 +249,14 @@ def make_hybrid(
     model: str,
     ahead: bool,
     backlash: bool,
+    feedback: bool,
+    tip_delay: float,
 ) -> RigFeedforward:
     """Network plus the dynamic part of an inverse model, see `feedforward.policies.make_hybrid`."""
     made = _MODELS.find(model)(robot, known)
     width = known.backlash if backlash else None
-    return RigFeedforward(robot, control_period, known, made, ahead, width)
+    believed = known.believed(robot) if feedback else None
+    return RigFeedforward(robot, control_period, known, made, ahead, width, believed, tip_delay)
 
 
 def _finite(lengths: np.ndarray) -> np.ndarray:
@@ -213,9 +267,9 @@ def _finite(lengths: np.ndarray) -> np.ndarray:
 
 
 def _keep(observation: Observation, state: RigState, status: str) -> tuple[np.ndarray, RigState]:
-    """The action in force, and a state that begins anew."""
+    """The action in force, and a state that begins anew but for the feedback."""
     before = observation["previous_action"]
     if not np.isfinite(before).all():
         before = np.zeros_like(before) if state.action is None else state.action
     kept = np.clip(before, -1.0, 1.0)
-    return kept, RigState(action=kept.copy(), status=status)
+    return kept, RigState(action=kept.copy(), status=status, correction=state.correction)

@@ -53,3 +53,16 @@ def test_fast_laps_need_the_dynamics_and_their_damping():
     assert errors("hybrid_calibrated", FAST).mean() < 4e-3
     light = replace(learnt, damping=0.8 * learnt.damping)
     assert errors("hybrid_calibrated", FAST, learnt=light).mean() > 5e-3
+
+
+@pytest.mark.slow
+def test_feedback_learns_another_stiffness():
+    """A tenth of the error is left, although the camera sees the tip a period late."""
+    env = RigEnv("triangle", period=SLOW, twin=0, observe="all")
+    wrong, learnt = (
+        run_episode(env, make_policy(name, env), options={"vary": {"youngs_modulus": 0.75}})
+        for name in ("hybrid_calibrated", "hybrid_feedback")
+    )
+    late = wrong.time > env.task.trajectory.approach
+    assert learnt.failure is None
+    assert learnt.error[late].mean() < 0.1 * wrong.error[late].mean()
