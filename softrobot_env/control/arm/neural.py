@@ -187,15 +187,17 @@ def features(observation: Mapping[str, np.ndarray], view: View) -> np.ndarray:
     return np.clip(np.concatenate(parts, axis=-1), -_LARGEST, _LARGEST).astype(np.float32)
 
 
-def environment_of(policy: str, robot: RobotParams) -> dict[str, Any]:
+def environment_of(
+    policy: str, robot: RobotParams, weights: str | Path | None = None
+) -> dict[str, Any]:
     """What a trained policy of a robot needs of an environment: its control period and preview.
 
     That of the arm unless the robot has a file of the policy, which `make_policy` asks for.
     """
-    if robot == ARM:
+    if robot == ARM and weights is None:
         return arm_view().environment
     try:
-        _, about = Network.load(find_artifact(robot, policy))
+        _, about = Network.load(find_artifact(robot, policy) if weights is None else weights)
     except (OSError, ValueError):
         return arm_view().environment
     return view_in(about, ARM).environment
