@@ -121,12 +121,15 @@ class Lesson:
         return {"control_period": period, "preview": tuple(own.get("preview", ()))}
 
     def view(self) -> neural.View:
-        """Of the network, which decides as often as the teacher, or after several times."""
-        usual, own = view_for(self.robot), policy_environment(self.teacher, self.robot)
+        """Of the network, which decides as often as the teacher.
+
+        Laws with gains change the inputs by what suits their own period: held for longer, the same
+        changes would move servos, and integrate errors, too slowly.
+        """
+        own = policy_environment(self.teacher, self.robot)
         if self.is_thesis or "control_period" not in own:
-            return usual
-        period = own["control_period"]
-        return view_for(self.robot, period * max(1, round(usual.period / period)))
+            return view_for(self.robot)
+        return view_for(self.robot, own["control_period"])
 
 
 _THESIS = Lesson()

@@ -18,6 +18,7 @@ from softrobot_env.learned.network import Network, check_ends, load_for
 from softrobot_env.learned.plain_inference import PlainInference, absorbed
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots.actuation import robot_inputs
 
 #: Time [s] between two decisions on the arm.
 PERIOD = 0.01
@@ -34,6 +35,9 @@ _AHEAD_TIMES = (1 / 24, 1 / 12, 1 / 6, 1 / 3)
 #: outputs of +-1 change the action by +-1.
 _FINE = 0.01
 _STEEPNESS = float(np.arcsinh(1 / _FINE))
+
+#: Scale [1] of the inputs in force.
+_ACTION = 0.15
 
 #: Largest feature [1], of either sign.
 _LARGEST = 10.0
@@ -125,7 +129,7 @@ def arm_view(robot: RobotParams = ARM) -> View:
         fine=0.001,
         velocity=0.1,
         ahead=0.02,
-        action=0.15,
+        action=_ACTION,
     )
 
 
@@ -149,6 +153,8 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
         period = max((p for p in _PERIODS if _DECISIONS * p <= first), default=_PERIODS[0])
     rate, bend = 2 * pi / first, 1.5 / robot.length
     scales = {"curvature": bend, "curvature_rate": 1.3 * bend * rate}
+    if robot.drive.kind == "length":  # where the servos are, which may lag behind the inputs
+        scales["tendon_length"] = _ACTION * float(robot_inputs(robot).input_scale.max())
     ahead = dict.fromkeys(max(1, round(share * first / period)) for share in _AHEAD_TIMES)
     return View(
         period=period,
@@ -162,7 +168,7 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
         fine=0.002 * robot.reach,
         velocity=0.04 * robot.reach * rate,
         ahead=0.04 * robot.reach,
-        action=0.15,
+        action=_ACTION,
     )
 
 
