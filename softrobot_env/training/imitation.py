@@ -59,7 +59,7 @@ class ImitationConfig:
         randomization: Ranges of the robot's parameters.
         varied: Share of the episodes with a robot drawn from them.
         pushed: Share of the steps at which a random change of the action is added.
-        push: Standard deviation [1] of that change.
+        push: Standard deviation of that change, over the network's own scale of changes [1].
         epochs: Passes over all data so far after each round but the last.
         last_epochs: Passes after the last round.
         batch: Samples per gradient step.
@@ -77,7 +77,7 @@ class ImitationConfig:
     randomization: Randomization = ROBOTS
     varied: Share = 0.7
     pushed: Share = 0.03
-    push: NotNegative = 0.03
+    push: NotNegative = 3.0
     epochs: Count = 6
     last_epochs: Count = 40
     batch: Count = 512
@@ -233,7 +233,7 @@ def _collect(
     while len(seen) < config.samples / config.shares:
         for one, action in _episode(config, lesson, network, rng):
             seen.append(neural.features(one, view))
-            wanted.append(neural.output_of(action - one["previous_action"]))
+            wanted.append(view.output_of(action - one["previous_action"]))
     return Dataset(np.array(seen, np.float32), np.array(wanted, np.float32))
 
 
@@ -256,7 +256,7 @@ def _episode(
             yield mine, chosen
             action = chosen if actor is None else actor.predict(mine)[0]
             if rng.uniform() < config.pushed:
-                action = action + rng.normal(0, config.push, action.shape)
+                action = action + rng.normal(0, config.push * view.change, action.shape)
             action = np.clip(action, -1, 1).astype(np.float32)
         observation, _, terminated, truncated, _ = env.step(action)
         over, step = terminated or truncated, step + 1

@@ -25,7 +25,8 @@ _HARMONICS, _SPEEDS = 3, (0.03, 0.6)
 #: Of any robot: share of set points among the tasks, and how long they are held, in periods of the
 #: first mode; sizes of random paths over the default, and laps in a period of the first mode.
 _REACHES, _HOLDS = 0.25, (1.0, 4.0)
-_RADII, _PACES = (0.4, 0.7, 1.0), (0.05, 0.5)
+#: A random path gets as far as its size at one point only; the largest ones are often that far out.
+_RADII, _PACES = (0.4, 0.7, 1.0, 1.4), (0.05, 0.5)
 
 #: Laps of the circle in a period of the first mode on which networks are judged.
 _CHECKED = (0.1, 0.3)
@@ -100,9 +101,9 @@ def any_task(rng: np.random.Generator, robot: RobotParams) -> Task:
     if site.ground.radius == 0 or rng.uniform() < _REACHES:
         hold = rng.uniform(*_HOLDS) / site.frequency
         return generic_task("reach", robot, seed=seed, hold=hold)
-    radius = rng.choice(_RADII) * _whole_path(robot)
-    pace = rng.uniform(*_PACES)
-    return generic_task("random", robot, seed=seed, radius=float(radius), frequency=pace)
+    size = float(rng.choice(_RADII))
+    radius, pace = size * _whole_path(robot), rng.uniform(*_PACES) / max(size, 1.0)
+    return generic_task("random", robot, seed=seed, radius=radius, frequency=pace)
 
 
 def generic_task(name: str, robot: RobotParams, **options: float) -> Task:

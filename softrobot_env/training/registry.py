@@ -13,9 +13,13 @@ from statistics import median
 from typing import Any
 
 from softrobot_env.artifacts import artifact_folder, artifact_name
+from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.interfaces import Show
 from softrobot_env.registries import Registry, load
 from softrobot_env.robots import ARM, RIG, RobotParams
+
+#: The last operating points, by robot, plant and whether they are few.
+_FOUND: dict[tuple[RobotParams, str, bool], Any] = {}
 
 #: What a training found, as pairs of a quantity and its value with unit.
 Figures = list[tuple[str, str]]
@@ -156,12 +160,10 @@ def _plan(design: str, order: Order, show: Show) -> Figures:
 def _table(design: str, order: Order, show: Show) -> Figures:
     """Gains at operating points all over the workspace of a robot, by their design."""
     from softrobot_env.control.scheduled.law import build_table
-    from softrobot_env.control.scheduled.operating_points import find_points
     from softrobot_env.control.scheduled.policies import save_table
 
-    robot = order.robot
-    size = {"most": 40, "candidates": 120} if "quick" in order.settings else {}
-    points = find_points(robot, progress=partial(show, "equilibria"), **size)
+    robot, plant = order.robot, order.settings.get("plant", MUJOCO)
+    points = _points(robot, plant, "quick" in order.settings, show)
     made = load(design)(robot)
     table = build_table(robot, made, points, partial(show, "gains"))
     save_table(order.path, table, robot, points.errors)
@@ -171,6 +173,19 @@ def _table(design: str, order: Order, show: Show) -> Figures:
         ("error of the tip between them", f"{100 * off:.3g} % of the reach"),
         ("gains per point", str(table.rows.shape[1])),
     ]
+
+
+def _points(robot: RobotParams, plant: str, quick: bool, show: Show) -> Any:
+    """Operating points of a robot; those that were found last are kept for its other tables."""
+    from softrobot_env.control.scheduled.operating_points import find_points
+
+    asked = robot, plant, quick
+    if asked not in _FOUND:
+        size = {"most": 40, "candidates": 120} if quick else {}
+        found = find_points(robot, progress=partial(show, "equilibria"), plant=plant, **size)
+        _FOUND.clear()
+        _FOUND[asked] = found
+    return _FOUND[asked]
 
 
 def _closed_gains(design: str, order: Order, show: Show) -> Figures:

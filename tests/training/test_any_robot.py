@@ -139,7 +139,7 @@ def test_the_view_of_a_file_is_the_view_it_was_trained_with(mine):
     assert policy.view == view_for(mine)
     observation, _ = env.reset(seed=0)
     change = untrained(policy.view)(neural.features(observation, policy.view)[None])[0]
-    wanted = observation["previous_action"] + neural.increment(change)
+    wanted = observation["previous_action"] + policy.view.increment(change)
     np.testing.assert_allclose(policy.predict(observation)[0], wanted, atol=1e-6)
 
 

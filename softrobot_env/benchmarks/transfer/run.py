@@ -10,10 +10,16 @@ from softrobot_env.benchmarks.jobs import Job, Progress, run_in_processes
 from softrobot_env.benchmarks.laps import HOLD, ROBOTS, LapsRow, RefusedRow, laps_case, run_laps
 from softrobot_env.benchmarks.laws.rows import Prepared, prepare
 from softrobot_env.benchmarks.records import of_kind, one
-from softrobot_env.benchmarks.transfer.trainings import TRAININGS
+from softrobot_env.benchmarks.transfer.trainings import (
+    NETWORKS,
+    OTHER,
+    Trained,
+    train_network,
+    tune_tables,
+)
 from softrobot_env.benchmarks.transfer.worlds import PLANT, World, worlds
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.robots import ARM, find_robot
+from softrobot_env.robots import find_robot
 
 #: The path, and its laps per second over the first frequency.
 TASK, FREQUENCY = "figure_eight", 0.3
@@ -67,36 +73,43 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
             for name in robots
         ]
         known = dict(zip(robots, run_in_processes(jobs, progress), strict=True))
-        files = {} if quick else _trained(Path(folder), progress)
+        trained, others = ([], []) if quick else _trained(Path(folder), progress)
         jobs = [
             job
             for name, prepared in known.items()
             for world in worlds(find_robot(name))
             if not quick or world.name in _QUICK_WORLDS
-            for job in _jobs(prepared, world, files if name == ARM.name else {})
+            for job in _jobs(prepared, world, [one for one in trained if one.robot == name])
         ]
         rows = run_in_processes(jobs, progress)
     found = of_kind(rows, TransferRow)
     refused = [row for p in known.values() for row in of_kind(p.rows, RefusedRow)]
-    return [*refused, *of_kind(rows, RefusedRow), *(_with_ratio(row, found) for row in found)]
-
-
-def _trained(folder: Path, progress: Progress | None) -> dict[tuple[str, str], Path]:
-    """Files of the policies that are trained for this study, by policy and plant."""
-    wanted = {
-        (policy, plant): (train, folder / f"{policy}_{plant}.npz")
-        for policy, (train, plants) in TRAININGS.items()
-        for plant in plants
-    }
-    jobs = [
-        (f"training {policy} on {plant}", partial(train, plant, path))
-        for (policy, plant), (train, path) in wanted.items()
+    return [
+        *refused,
+        *others,
+        *of_kind(rows, RefusedRow),
+        *(_with_ratio(row, found) for row in found),
     ]
-    run_in_processes(jobs, progress)
-    return {key: path for key, (_, path) in wanted.items()}
 
 
-def _jobs(prepared: Prepared, world: World, files: dict[tuple[str, str], Path]) -> list[Job]:
+def _trained(folder: Path, progress: Progress | None) -> tuple[list[Trained], list[RefusedRow]]:
+    """What is trained for this study, and what cannot be."""
+    jobs: list[Job] = [
+        (f"tables of {name} on {OTHER}", partial(tune_tables, name, folder))
+        for name in reversed(ROBOTS)  # the slowest first
+    ]
+    count = len(jobs)
+    jobs += [
+        (f"training {policy} on {plant}", partial(train_network, policy, plant, folder))
+        for policy, (_, plants) in NETWORKS.items()
+        for plant in plants
+    ]
+    found = run_in_processes(jobs, progress)
+    made = [*(one for some in found[:count] for one in some), *found[count:]]
+    return of_kind(made, Trained), of_kind(made, RefusedRow)
+
+
+def _jobs(prepared: Prepared, world: World, trained: list[Trained]) -> list[Job]:
     """Episodes of all policies in a world."""
     told, out = {"world": world.name, "group": world.group}, []
     for task in prepared.tasks:
@@ -104,10 +117,10 @@ def _jobs(prepared: Prepared, world: World, files: dict[tuple[str, str], Path]) 
             if policy != HOLD:
                 own = told | {"tuned_on": MUJOCO, "trained_here": False}
                 out.append(_job(laps_case(task, policy, **world.case), own))
-        for (policy, plant), path in files.items():
-            own = told | {"tuned_on": plant, "trained_here": True}
-            given = {"weights": path}
-            out.append(_job(laps_case(task, policy, given=given, **world.case), own))
+        for made in trained:
+            own = told | {"tuned_on": made.plant, "trained_here": True}
+            case = laps_case(task, made.policy, given={made.option: made.file}, **world.case)
+            out.append(_job(case, own))
     return out
 
 

@@ -31,10 +31,9 @@ PREVIEW = (0.05, 0.1, 0.2, 0.4)
 _DECISIONS, _PERIODS = 60, (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 _AHEAD_TIMES = (1 / 24, 1 / 12, 1 / 6, 1 / 3)
 
-#: Change of the action [1] up to which `increment` is nearly linear, and its steepness, by which
-#: outputs of +-1 change the action by +-1.
-_FINE = 0.01
-_STEEPNESS = float(np.arcsinh(1 / _FINE))
+#: Change of the action [1] up to which that by an output is nearly linear, of the arm; and largest
+#: change of an action of servos over what they can do in a period.
+_FINE, _ROOM = 0.01, 2.0
 
 #: Scale [1] of the inputs in force.
 _ACTION = 0.15
@@ -43,6 +42,9 @@ _ACTION = 0.15
 _LARGEST = 10.0
 
 _VIEW = "view_"
+
+#: What earlier files do not tell.
+_LATER = ("change", "most")
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,8 @@ class View:
         velocity: [m/s], scale of the reference's velocity.
         ahead: [m], scale of the preview less the reference.
         action: Scale [1] of the inputs in force.
+        change, most: [1], change of an action up to which it is nearly linear in the output, and
+            that by an output of 1.
     """
 
     period: Positive
@@ -75,6 +79,8 @@ class View:
     velocity: Positive
     ahead: Positive
     action: Positive
+    change: Positive = _FINE
+    most: Positive = 1.0
 
     def __post_init__(self) -> None:
         check_fields(self, "view")
@@ -83,6 +89,19 @@ class View:
     def environment(self) -> dict[str, Any]:
         """Keyword arguments of the environment that the policy needs."""
         return {"control_period": self.period, "preview": self.preview}
+
+    @property
+    def steepness(self) -> float:
+        """s [1], an output o changes an action by `change` sinh(s o)."""
+        return float(np.arcsinh(self.most / self.change))
+
+    def increment(self, output: np.ndarray) -> np.ndarray:
+        """Change of the action [1] of outputs in [-1, 1]: fine about zero, coarse far away."""
+        return self.change * np.sinh(self.steepness * np.clip(output, -1.0, 1.0))
+
+    def output_of(self, change: np.ndarray) -> np.ndarray:
+        """Inverse of `increment`, limited to [-1, 1]."""
+        return np.clip(np.arcsinh(change / self.change) / self.steepness, -1.0, 1.0)
 
     @property
     def count(self) -> int:
@@ -111,7 +130,8 @@ def view_in(about: Arrays, robot: RobotParams) -> View:
     names = [field.name for field in fields(View)]
     if f"{_VIEW}{names[0]}" not in about:
         return arm_view(robot)
-    return View(**{name: about[f"{_VIEW}{name}"].tolist() for name in names})
+    told = [n for n in names if n not in _LATER or f"{_VIEW}{n}" in about]
+    return View(**{name: about[f"{_VIEW}{name}"].tolist() for name in told})
 
 
 def arm_view(robot: RobotParams = ARM) -> View:
@@ -155,6 +175,9 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
     scales = {"curvature": bend, "curvature_rate": 1.3 * bend * rate}
     if robot.drive.kind == "length":  # where the servos are, which may lag behind the inputs
         scales["tendon_length"] = _ACTION * float(robot_inputs(robot).input_scale.max())
+    most = min(
+        1.0, _ROOM * robot.drive.speed * period / float(robot_inputs(robot).input_scale.min())
+    )
     ahead = dict.fromkeys(max(1, round(share * first / period)) for share in _AHEAD_TIMES)
     return View(
         period=period,
@@ -169,6 +192,8 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
         velocity=0.04 * robot.reach * rate,
         ahead=0.04 * robot.reach,
         action=_ACTION,
+        change=min(_FINE * _DECISIONS * period / first, most / 10),
+        most=most,
     )
 
 
@@ -209,18 +234,8 @@ def environment_of(
     return view_in(about, ARM).environment
 
 
-def increment(output: np.ndarray) -> np.ndarray:
-    """Change of the action [1] of outputs in [-1, 1]: fine about zero, coarse far away."""
-    return _FINE * np.sinh(_STEEPNESS * np.clip(output, -1.0, 1.0))
-
-
-def output_of(change: np.ndarray) -> np.ndarray:
-    """Inverse of `increment`, limited to [-1, 1]."""
-    return np.clip(np.arcsinh(change / _FINE) / _STEEPNESS, -1.0, 1.0)
-
-
 class NeuralPolicy(Memoryless):
-    """u_k+1 = u_k + increment(g(features)), g a small tanh network.
+    """u_k+1 = u_k + View.increment(g(features)), g a small tanh network.
 
     As the network only changes the action in force, it integrates: a steady error moves on. It
     decides as often as its `View` says, which also tells the preview that the environment must
@@ -271,7 +286,9 @@ class NeuralPolicy(Memoryless):
 
     def plain(self, observed: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """What the network gives, within the tension limit."""
-        changes = increment(self._infer.batch(features(observed, self.view).astype(float)))
+        changes = self.view.increment(
+            self._infer.batch(features(observed, self.view).astype(float))
+        )
         wanted = np.clip(observed["previous_action"], -1.0, 1.0) + changes
         actions = np.clip(wanted, -1.0, 1.0)
         codes = np.where((actions != wanted).any(axis=1), SATURATED, FINE)
@@ -295,8 +312,8 @@ class NeuralPolicy(Memoryless):
             ahead=view.ahead,
             action=view.action,
             largest=_LARGEST,
-            gain=_FINE,
-            steepness=_STEEPNESS,
+            gain=view.change,
+            steepness=view.steepness,
             base=self._base,
             reach=self._reach,
             parameters=parameters,
