@@ -76,7 +76,7 @@ def run(args: argparse.Namespace) -> int:
     training, settings = TRAININGS[name], _settings(args)
     _check_settings(training, settings)
     robot = (training.robot or ARM) if args.robot is None else find_robot(args.robot)
-    training.check(name, robot)
+    training.check(name, robot, settings)
     order = Order(robot, _path(args, name, robot), args.seed, settings)
     if order.path.exists() and not (args.overwrite or settings.get("resume")):
         raise ValueError(

@@ -7,14 +7,16 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 import torch
 
+from softrobot_env.artifacts import artifact_name
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.arm import neural
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
-from softrobot_env.control.registry import make_policy, policy_environment
+from softrobot_env.control.registry import find_policy, make_policy, policy_environment
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.fields import Count, NotNegative, Positive, Share, Whole, check_fields
@@ -26,6 +28,7 @@ from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import Task
 from softrobot_env.training.artifacts import as_network, new_layers
 from softrobot_env.training.references import draw_task
+from softrobot_env.training.registry import usual_teacher
 from softrobot_env.training.views import view_for
 
 #: The controller to imitate on the arm: `mpc_preview`, deciding as often as the network.
@@ -35,9 +38,6 @@ TEACHER: MPCSettings = replace(
     steps=(0.01, 0.01, 0.02, 0.02, 0.04, 0.04, 0.08),
     moves=(1,) * 7,
 )
-
-#: Of the arm, and of other robots.
-_TEACHERS = ("mpc_preview", "lq_preview")
 
 #: Robots that the teacher is watched with.
 ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_time=(0.45, 2.2))
@@ -97,20 +97,26 @@ class Lesson:
     Attributes:
         robot: That is driven.
         teacher: Name of the policy that is imitated.
+        file: What it has learned, where that lies elsewhere than policies look.
     """
 
     robot: RobotParams = ARM
-    teacher: str = _TEACHERS[0]
+    teacher: str = usual_teacher(ARM)
+    file: Path | None = None
 
     @classmethod
-    def of(cls, robot: RobotParams, teacher: str | None = None) -> "Lesson":
-        """With the robot's usual teacher unless one is given."""
-        return cls(robot, teacher or _TEACHERS[robot != ARM])
+    def of(
+        cls, robot: RobotParams, teacher: str | None = None, folder: Path | None = None
+    ) -> "Lesson":
+        """With the robot's usual teacher unless one is given, and its file if a folder has it."""
+        teacher = teacher or usual_teacher(robot)
+        file = None if folder is None else folder / artifact_name(robot, teacher)
+        return cls(robot, teacher, file if file is not None and file.is_file() else None)
 
     @property
     def is_thesis(self) -> bool:
         """Whether it is the arm's, whose teacher decides as often as the network."""
-        return self.robot == ARM and self.teacher == _TEACHERS[0]
+        return self.robot == ARM and self.teacher == usual_teacher(ARM)
 
     def environment(self) -> dict[str, object]:
         """What the teacher needs of an environment."""
@@ -142,7 +148,9 @@ def _teacher(lesson: Lesson) -> Policy:
         from softrobot_env.control.mpc.controller import MPC
 
         return MPC(ARM, neural.PERIOD, TEACHER)
-    return make_policy(lesson.teacher, lesson.robot, lesson.environment()["control_period"])
+    option = "gains" if find_policy(lesson.teacher).takes("gains") else "weights"
+    own = {} if lesson.file is None else {option: lesson.file}
+    return make_policy(lesson.teacher, lesson.robot, lesson.environment()["control_period"], **own)
 
 
 def settings_of(lesson: Lesson, quick: bool = False) -> ImitationConfig:
