@@ -8,11 +8,12 @@ import numpy as np
 import torch
 
 from softrobot_env.artifacts import artifact_name, find_artifact, fingerprint
-from softrobot_env.control.arm.neural import View, arm_view
+from softrobot_env.control.arm.neural import View, arm_view, view_in
 from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.training.closed_loop_check import check
+from softrobot_env.vector_reading import reading_in
 
 _START = "imitation"
 
@@ -105,15 +106,26 @@ def _acting(model: Any) -> tuple[torch.nn.Module, ...]:
     return modules
 
 
-def load_start(path: Path, robot: RobotParams = ARM) -> Network:
-    """The imitating network: the one in the folder of `path`, else where policies look.
+def load_start(path: Path, robot: RobotParams = ARM, start: str = _START) -> tuple[Network, View]:
+    """The network that a training starts from, and its view.
+
+    Args:
+        path: The network; by default its folder is where the imitating one is, unless that is
+            where policies look.
+        robot: Of the network.
+        start: "imitation" for that one, anything else for the file itself.
 
     Raises:
-        ValueError: There is neither; the message tells the command that makes it.
+        ValueError: There is none; the message tells the command that makes it. Or it reads vectors.
     """
-    beside = path.with_name(artifact_name(robot, _START))
-    found = beside if beside.is_file() else find_artifact(robot, _START)
-    return load_for(found, robot, _START)[0]
+    found = path
+    if start == _START:
+        beside = path.with_name(artifact_name(robot, _START))
+        found = beside if beside.is_file() else find_artifact(robot, _START)
+    network, about = load_for(found, robot, _START)
+    if reading_in(about) is not None:
+        raise ValueError(f"{found} reads vectors: trainings start from networks like imitation's")
+    return network, view_in(about, robot)
 
 
 def figures(

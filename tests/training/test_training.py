@@ -423,7 +423,8 @@ def test_shipped_network_is_small_and_says_what_it_is():
     assert path.stat().st_size < 1e6
     network, about = Network.load(path)
     assert network.sizes[0] == VIEW.count and str(about["robot"]) == "arm"
-    assert len(artifacts.load_start(path).parameters) == len(network.parameters)
+    start, view = artifacts.load_start(path)
+    assert len(start.parameters) == len(network.parameters) and view == VIEW
 
 
 def test_shipped_network_meets_its_figures():

@@ -18,8 +18,10 @@ _TITLES = {PLANT: "other plants", VARIED: "other robots", TWIN: "twins"}
 _NOTES = (
     f"Mean error over two laps at full rate of {TASK}, {FREQUENCY:g} laps per period of the first "
     "mode, in % of the length, and after a stroke over that on the plant of the tuning: the chain, "
-    "unless the name says on which plant it was trained for this study, with less data than what "
-    "is shipped. Drawn robots vary in E, density and damping at once; twins have errors of "
+    "unless the name says on which plant it was trained or tuned for this study: networks of the "
+    "arm with less data than what is shipped, PPO with 120 000 steps on random paths, tables as "
+    "`softrobot train` makes them, from equilibria and linear models of pieces of constant "
+    "curvature. Drawn robots vary in E, density and damping at once; twins have errors of "
     "manufacturing, servos and camera; the rig is twin 0 wherever no other is named. A dash: "
     "refused, see below."
 )
