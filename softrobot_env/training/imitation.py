@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.arm import neural
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.control.registry import find_policy, make_policy, policy_environment
+from softrobot_env.control.scheduled.timing import timing_of
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.fields import Count, NotNegative, Positive, Share, Whole, check_fields
@@ -46,6 +48,10 @@ ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_
 _NEAR = Randomization(youngs_modulus=(0.7, 1.35), density=(0.8, 1.25), damping_time=(0.6, 1.6))
 
 
+#: Samples of other robots than the arm in a period of the first mode.
+_APART = 30
+
+
 @dataclass(frozen=True)
 class ImitationConfig:
     """Size and settings of an imitation.
@@ -53,7 +59,8 @@ class ImitationConfig:
     Attributes:
         hidden: Neurons of the hidden layers.
         rounds: Rounds of data; in the first one the teacher acts, in later ones the network.
-        samples: Decisions per round.
+        samples: Decisions per round that are learned from.
+        every: One out of so many decisions is; neighbours in a fast robot's motion tell the same.
         shares: Of a round, each of whole episodes; the data do not depend on `processes`.
         duration: [s] of the longest episode on a random reference.
         randomization: Ranges of the robot's parameters.
@@ -72,6 +79,7 @@ class ImitationConfig:
     hidden: tuple[Count, ...] = (128, 128)
     rounds: Count = 12
     samples: Count = 30_000
+    every: Count = 1
     shares: Count = 16
     duration: Positive = 3.0
     randomization: Randomization = ROBOTS
@@ -157,11 +165,26 @@ def settings_of(lesson: Lesson, quick: bool = False) -> ImitationConfig:
     """Size of an imitation: that of what is shipped for the arm, else minutes; or a tiny one."""
     config = ImitationConfig()
     if not lesson.is_thesis:
+        first = timing_of(lesson.robot).first
         config = replace(
-            config, rounds=6, samples=16_000, shares=8, last_epochs=30, randomization=_NEAR
+            config,
+            rounds=6,
+            samples=16_000,
+            every=max(1, round(first / _APART / lesson.view().period)),
+            shares=8,
+            last_epochs=30,
+            randomization=_NEAR,
         )
     if quick:
-        small = {"rounds": 2, "samples": 1000, "shares": 2, "epochs": 2, "last_epochs": 4}
+        small = {
+            "rounds": 2,
+            "samples": 1000,
+            "shares": 2,
+            "epochs": 2,
+            "last_epochs": 4,
+            "every": 1,
+        }
+
         config = replace(config, **small, processes=0)
     return config
 
@@ -239,7 +262,8 @@ def _collect(
     seen: list[np.ndarray] = []
     wanted: list[np.ndarray] = []
     while len(seen) < config.samples / config.shares:
-        for one, action in _episode(config, lesson, network, rng):
+        decisions = _episode(config, lesson, network, rng)
+        for one, action in islice(decisions, int(rng.integers(config.every)), None, config.every):
             seen.append(neural.features(one, view))
             wanted.append(view.output_of(action - one["previous_action"]))
     return Dataset(np.array(seen, np.float32), np.array(wanted, np.float32))

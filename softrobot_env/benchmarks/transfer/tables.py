@@ -16,7 +16,7 @@ from softrobot_env.rendering.tables import number, pivot_table
 _TITLES = {PLANT: "other plants", VARIED: "other robots", TWIN: "twins"}
 
 _NOTES = (
-    f"Mean error over two laps at full rate of {TASK}, {FREQUENCY:g} laps per period of the first "
+    f"Mean error over a lap at full rate of {TASK}, {FREQUENCY:g} laps per period of the first "
     "mode, in % of the length, and after a stroke over that on the plant of the tuning: the chain, "
     "unless the name says on which plant it was trained or tuned for this study: networks of the "
     "arm with less data than what is shipped, PPO with 120 000 steps on random paths, tables as "
