@@ -263,7 +263,8 @@ def _collect(
     wanted: list[np.ndarray] = []
     while len(seen) < config.samples / config.shares:
         decisions = _episode(config, lesson, network, rng)
-        for one, action in islice(decisions, int(rng.integers(config.every)), None, config.every):
+        first = int(rng.integers(config.every)) if config.every > 1 else 0
+        for one, action in islice(decisions, first, None, config.every):
             seen.append(neural.features(one, view))
             wanted.append(view.output_of(action - one["previous_action"]))
     return Dataset(np.array(seen, np.float32), np.array(wanted, np.float32))
