@@ -34,7 +34,10 @@ def plot(rows: list[Row], path: Path | str) -> None:
         style_axes(axis)
         own = {row.label: row.policy for row in mine}
         texts = [
-            [_text(row, (robot, own[p], w) in refused) for row, w in zip(line, worlds, strict=True)]
+            [
+                _text(row, bool({(robot, own[p], w), (robot, p, w)} & refused))
+                for row, w in zip(line, worlds, strict=True)
+            ]
             for p, line in zip(labels, cells, strict=True)
         ]
         heatmap(axis, np.array(values), texts, labels, worlds, _COLOURS)
