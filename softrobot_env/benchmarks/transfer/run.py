@@ -112,14 +112,14 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         rows = run_in_processes([_job(*each) for each in rest], progress)
         slow, left_out = _able(slow, of_kind(rows, TransferRow))
         rows += [*left_out, *run_in_processes([_job(*each) for each in slow], progress)]
-    found = of_kind(rows, TransferRow)
+    order = {world.name: k for name in robots for k, world in enumerate(worlds(find_robot(name)))}
+    found = sorted(
+        of_kind(rows, TransferRow), key=lambda r: (robots.index(r.robot), order[r.world])
+    )
     refused = [row for p in known.values() for row in of_kind(p.rows, RefusedRow)]
-    return [
-        *refused,
-        *others,
-        *of_kind(rows, RefusedRow),
-        *(_with_ratio(row, found) for row in found),
-    ]
+    refused += [*others, *of_kind(rows, RefusedRow)]
+    told = [replace(row, reason=row.reason.replace(f"{folder}/", "")) for row in refused]
+    return [*told, *(_with_ratio(row, found) for row in found)]
 
 
 def _trained(folder: Path, progress: Progress | None) -> tuple[list[Trained], list[RefusedRow]]:

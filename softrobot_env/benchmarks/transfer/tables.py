@@ -49,4 +49,10 @@ def cell(row: TransferRow | None, stroke: str = " / ") -> str:
     """Error and ratio of an episode, or what there is in their place."""
     if row is None or row.failure is not None:
         return "-" if row is None else "failed"
-    return f"{number(row.share_mean, '.2g', '%')}{stroke}{number(row.ratio, '.2g')}"
+    percent = None if row.share_mean is None else 100 * row.share_mean
+    return f"{_short(percent)}{stroke}{_short(row.ratio)}"
+
+
+def _short(value: float | None) -> str:
+    """Two digits, or all before the point."""
+    return number(value, ".2g" if value is None or value < 99.5 else ".0f")
