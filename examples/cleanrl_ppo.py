@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import nn
 
-import softrobot_env  # noqa: F401  (registers the ids)
+from softrobot_env.training.artifacts import save_vector_policy
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
 parser.add_argument("--env", default="SoftRobot/ArmStep-v0")
@@ -112,6 +112,8 @@ args.out.parent.mkdir(parents=True, exist_ok=True)
 torch.save(actor.state_dict(), args.out)
 
 env = gymnasium.make(args.env, observe_as="vector")
+# For `softrobot evaluate --policies FILE.npz` and `make_policy`.
+save_vector_policy(args.out.with_name(f"{args.out.stem}_network.npz"), actor, env, args.seed)
 seen, _ = env.reset(seed=args.seed + 1)
 errors, over = [], False
 while not over:

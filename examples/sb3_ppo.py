@@ -14,6 +14,7 @@ import numpy as np
 from stable_baselines3 import PPO
 from stable_baselines3.common.evaluation import evaluate_policy
 
+from softrobot_env.training.artifacts import save_vector_policy
 from softrobot_env.training.vec_env import make_vec_env
 
 parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -28,6 +29,8 @@ model = PPO("MlpPolicy", train_env, seed=args.seed, device="cpu", verbose=1)
 model.learn(args.steps)
 args.out.mkdir(parents=True, exist_ok=True)
 model.save(args.out / "model.zip")
+# The same for `softrobot evaluate --policies out/sb3/sb3_ppo.npz` and `make_policy`.
+save_vector_policy(args.out / "sb3_ppo.npz", model, train_env, args.seed)
 train_env.close()
 
 # From the file, in environments that were not trained in: first the return, then the error.

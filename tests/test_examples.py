@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from softrobot_env.cli import main
+
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
 
 
@@ -29,3 +31,5 @@ def test_ppo_in_one_file(monkeypatch, tmp_path, capsys):
     saved = torch.load(tmp_path / "new" / "ppo.pt")
     assert all(torch.equal(saved[k], v) for k, v in ran["actor"].state_dict().items())
     assert "mean error:" in capsys.readouterr().out
+    given = ["--tasks", "step", "--policies", str(tmp_path / "new" / "ppo_network.npz")]
+    assert main(["evaluate", *given, "--no-plots", "--out", str(tmp_path / "out")]) == 0

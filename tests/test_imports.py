@@ -32,6 +32,7 @@ FOUNDATION = {
     "fields",
     "toml_text",
     "artifacts",
+    "vector_reading",
     "registration",
     "loads",
     "twin",

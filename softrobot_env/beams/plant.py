@@ -169,7 +169,7 @@ class SteppedModel:
             for k, s in enumerate(edges[1:])
             for d, axis in enumerate(axes)
         ]
-        model = self._build(_bare(self._whole), loads)
+        model = self.bare(loads)
 
         def posture(bending: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
             moments = stiffness * bending.reshape(-1, directions)
@@ -197,6 +197,10 @@ class SteppedModel:
         except (EquilibriumError, np.linalg.LinAlgError) as reason:
             raise ValueError(self._cannot_bend(wanted)) from reason
         raise ValueError(self._cannot_bend(wanted))
+
+    def bare(self, loads: Sequence[Load] = ()) -> BeamModel:
+        """The model of the robot without tendons and weight: its springs, and loads."""
+        return self._build(_bare(self._whole), loads)
 
     def _cannot_bend(self, curvature: np.ndarray) -> str:
         return (

@@ -6,7 +6,7 @@ from math import inf, isfinite, nan
 from pathlib import Path
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, policy_environment
+from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
 from softrobot_env.registries import is_path
 from softrobot_env.robots import ROBOTS, RobotParams
@@ -204,10 +204,10 @@ def names_or_all(known: list[str]) -> Callable[[str], str]:
 
 def policy(text: str) -> str:
     """A policy's name, or the path of one's own."""
-    if not is_path(text) and text not in EVERY_POLICY:
+    if not is_path(text) and not text.endswith(NETWORK) and text not in EVERY_POLICY:
         raise argparse.ArgumentTypeError(
             f"unknown policy {text!r}; choose from {', '.join(EVERY_POLICY)}, or give "
-            "package.module:name or file.py:name"
+            f"package.module:name, file.py:name or the file{NETWORK} of a trained network"
         )
     return text
 

@@ -74,9 +74,9 @@ def run(args: argparse.Namespace) -> int:
         )
     name = args.what or args.algo
     training, settings = TRAININGS[name], _settings(args)
-    _check_settings(training, settings)
     robot = (training.robot or ARM) if args.robot is None else find_robot(args.robot)
-    training.check(name, robot)
+    training.check(name, robot, settings)
+    _check_settings(training, settings)
     order = Order(robot, _path(args, name, robot), args.seed, settings)
     if order.path.exists() and not (args.overwrite or settings.get("resume")):
         raise ValueError(

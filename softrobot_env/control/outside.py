@@ -62,13 +62,18 @@ def as_policy(made: Any, name: str) -> Policy:
     """An object as a policy.
 
     Raises:
-        ValueError: It has neither `predict` nor `act`.
+        ValueError: It has neither `predict` nor `act`, or reads a vector of it knows not what.
     """
     if not is_policy(made):
         raise ValueError(f"policy {name!r}: {no_policy(made)}")
     if not callable(getattr(made, "predict", None)):
         return Acting(made)
     known = getattr(made, "observation_space", None)
+    if not hasattr(made, "requires") and len(getattr(known, "shape", None) or ()) == 1:
+        raise ValueError(
+            f"policy {name!r} reads one vector of {known.shape[0]} entries and does not tell of "
+            "what: write it by `training.artifacts.save_vector_policy`, and give that file"
+        )
     if hasattr(made, "requires") or not hasattr(known, "spaces"):
         return made
     return Model(made)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
 from inspect import signature
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -15,6 +16,9 @@ from softrobot_env.interfaces import Policy
 from softrobot_env.registries import Registry, is_path, load, load_given
 from softrobot_env.robots import ARM, RobotParams, find_robot
 from softrobot_env.robots.twin import Twin
+
+#: Ending of the files of trained networks.
+NETWORK = ".npz"
 
 #: What policies may measure: the full state, or tip and curvatures alone, with an observer.
 FEEDBACKS = ("state", "output")
@@ -58,9 +62,15 @@ class PolicySpec:
         return {"tip_delay": twin.camera_delay} if twin and self.takes("tip_delay") else {}
 
 
-def _learned_environment(policy: str, robot: RobotParams) -> dict[str, Any]:
+_LEARNED = "softrobot_env.control.learned.vector_network:make_learned"
+
+
+def _learned_environment(
+    policy: str, robot: RobotParams, weights: Path | None = None
+) -> dict[str, Any]:
     """What a trained network needs of an environment."""
-    return load("softrobot_env.control.learned.neural:environment_of")(policy, robot)
+    needed = load("softrobot_env.control.learned.vector_network:learned_environment")
+    return needed(policy, robot, weights)
 
 
 #: Policies of the arm; the first ones are those of any robot.
@@ -101,7 +111,7 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     **{
         name: PolicySpec(
-            "softrobot_env.control.learned.neural:NeuralPolicy",
+            _LEARNED,
             {"policy": name},
             environment=partial(_learned_environment, name),
         )
@@ -191,12 +201,14 @@ def _one_of(robots: tuple[str | RobotParams, ...]) -> Callable[[RobotParams], st
 
 
 def find_policy(which: str) -> PolicySpec:
-    """The policy of a name, or one's own as `package.module:name` or `file.py:name`.
+    """The policy of a name, or one's own as `package.module:name`, `file.py:name` or `file.npz`.
 
     Raises:
-        ValueError: Unknown name, the message lists the known ones; or there is no such object, or
-            it makes no policy.
+        ValueError: Unknown name, the message lists the known ones; or there is no such object or
+            file, or it makes no policy.
     """
+    if which.endswith(NETWORK):
+        return _network_file(Path(which))
     if not is_path(which):
         return EVERY_POLICY.find(which)
     found = load_given("policy", which)
@@ -205,9 +217,21 @@ def find_policy(which: str) -> PolicySpec:
     return PolicySpec(found, environment=None)
 
 
+def _network_file(path: Path) -> PolicySpec:
+    """The policy of a trained network's file, which says what it reads."""
+    if not path.is_file():
+        raise ValueError(f"no policy at {path}")
+    own = {"policy": path.stem, "weights": path.resolve()}
+    return PolicySpec(
+        _LEARNED,
+        own,
+        environment=lambda robot: _learned_environment(path.stem, robot, own["weights"]),
+    )
+
+
 def policy_name(which: str) -> str:
-    """What a policy is called in reports: its name, or that in its module or file."""
-    return which.rpartition(":")[2]
+    """What a policy is called in reports: its name, or that in its module or file, or its file."""
+    return Path(which).stem if which.endswith(NETWORK) else which.rpartition(":")[2]
 
 
 def fitting_policies(robot: RobotParams, control_period: float = 0.01) -> dict[str, str | None]:
@@ -242,7 +266,8 @@ def make_policy(
     So what it has to compile or load is done before the first decision that matters.
 
     Args:
-        name: One of `EVERY_POLICY`, or one's own as `package.module:name` or `file.py:name`.
+        name: One of `EVERY_POLICY`, or one's own as `package.module:name`, `file.py:name` or
+            `file.npz` of a trained network.
         robot: The nominal robot, which the policy may know; or an environment that has one, and
             perhaps a camera, of which a factory that has an argument `tip_delay` is told.
         control_period: [s] between calls of `predict`; the environment's unless given.
@@ -320,7 +345,8 @@ def policy_environment(name: str, robot: RobotParams | str = ARM) -> dict[str, A
     `gymnasium.make("SoftRobot/ArmSwing-v0", **policy_environment("lqi"))` suits the policy.
 
     Args:
-        name: One of `EVERY_POLICY`, or one's own as `package.module:name` or `file.py:name`.
+        name: One of `EVERY_POLICY`, or one's own as `package.module:name`, `file.py:name` or
+            `file.npz` of a trained network.
         robot: The robot that it drives, whose own time some policies go by; or its name or file.
 
     Raises:

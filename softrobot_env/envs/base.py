@@ -45,6 +45,7 @@ class EpisodeEnv(gymnasium.Env[Seen, np.ndarray]):
         axes: The coordinates out of x, y and z that positions have, a slice of (3,).
         observe_as, act_as: As given, or what is usual.
         vector_layout: Slices of an observation by name, where it is one vector; else None.
+        reading: What a file tells of that vector, see `vector_reading`.
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 
@@ -64,7 +65,7 @@ class EpisodeEnv(gymnasium.Env[Seen, np.ndarray]):
         self.axes = setting.axes
         self.observation_space = setting.observation_space
         self.action_space = setting.action_space
-        self.vector_layout = setting.vector_layout
+        self.vector_layout, self.reading = setting.vector_layout, setting.reading
         self.observe_as, self.act_as = setting.observe_as, setting.act_as
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}

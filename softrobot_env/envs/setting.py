@@ -4,6 +4,7 @@ Single and vectorised environments of a robot hold the same setting.
 """
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -50,6 +51,7 @@ from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.servos import Servos
 from softrobot_env.tasks import OPTIONS, Task, make_task, options_of
+from softrobot_env.vector_reading import Reading
 
 DEFAULT_ACCURACY = DEFAULT_SHARE
 
@@ -151,6 +153,14 @@ class Setting:
     def vector_layout(self) -> dict[str, slice] | None:
         """Slices of the vector by name; None where observations are dicts."""
         return None if self.view is None else self.view.layout
+
+    @property
+    def reading(self) -> Reading | None:
+        """What a file tells of the vector and of what actions do; None where there is none."""
+        if self.view is None:
+            return None
+        told = {"period": self.control_period, "preview": self._preview}
+        return replace(self.view.reading, **told, change=self.change or 0.0)
 
     def observer(self, sources: Sources) -> Callable[[], Seen]:
         """Function that makes a new observation, as the environment is seen."""

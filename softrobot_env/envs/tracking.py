@@ -126,6 +126,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
         input_scale: (n_inputs,) [N] or [m], input of a full-scale action.
         observe_as, act_as: As given, or what is usual.
         vector_layout: Slices of an observation by name, where it is one vector; else None.
+        reading: What a file tells of that vector, see `vector_reading`.
         model, data: The MuJoCo objects of the running scene; None with another plant.
     """
 

@@ -123,7 +123,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
 
     Attributes:
         simulation: Of all robots, a `BatchSimulation`.
-        task, twin, control_period, input_scale, vector_layout: As of `TrackingEnv`.
+        task, twin, control_period, input_scale, vector_layout, reading: As of `TrackingEnv`.
     """
 
     spec = EpisodeSpec()
@@ -208,7 +208,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         self._most_steps = max_episode_steps
         self.single_observation_space = setting.observation_space
         self.single_action_space = setting.action_space
-        self.vector_layout = setting.vector_layout
+        self.vector_layout, self.reading = setting.vector_layout, setting.reading
         self.observe_as, self.act_as = setting.observe_as, setting.act_as
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)

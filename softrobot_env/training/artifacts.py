@@ -2,15 +2,18 @@
 
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
 from softrobot_env.artifacts import artifact_name, find_artifact, fingerprint
-from softrobot_env.control.learned.neural import View, arm_view
-from softrobot_env.learned.network import Network, Scaling, load_for
+from softrobot_env.control.learned.neural import View, arm_view, view_in
+from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.training.closed_loop_check import check
+from softrobot_env.vector_reading import reading_in
 
 _START = "imitation"
 
@@ -59,15 +62,70 @@ def save(
     single.save(path, {**fingerprint(robot), **seen.about(), "seed": seed})
 
 
-def load_start(path: Path, robot: RobotParams = ARM) -> Network:
-    """The imitating network: the one in the folder of `path`, else where policies look.
+def save_vector_policy(path: Path | str, model: Any, env: Any, seed: int = 0) -> None:
+    """Write what learned on vectors as a policy that `make_policy` and `softrobot evaluate` run.
+
+    Args:
+        path: File to write, `.npz`.
+        model: A model of stable-baselines3, or layers of torch from vector to action.
+        env: That it learned in: an environment with `observe_as="vector"`, or several of them.
+        seed: Of the training.
 
     Raises:
-        ValueError: There is neither; the message tells the command that makes it.
+        ValueError: The environment shows no vectors, or the model is no network of linear layers
+            with tanh between them that sees them as they are.
     """
-    beside = path.with_name(artifact_name(robot, _START))
-    found = beside if beside.is_file() else find_artifact(robot, _START)
-    return load_for(found, robot, _START)[0]
+    owner = getattr(env, "parts", [env])[0].unwrapped
+    reading = getattr(owner, "reading", None)
+    if reading is None:
+        raise ValueError('the environment shows no vectors: make it with observe_as="vector"')
+    network, robot = as_network(*_acting(model)), owner.task.robot
+    check_ends(network, (len(reading.take), robot_inputs(robot).n_inputs), "the model")
+    single = network.with_parameters(network.parameters.astype(np.float32))
+    single.save(path, {**fingerprint(robot), **reading.about(), "seed": seed})
+
+
+def _acting(model: Any) -> tuple[torch.nn.Module, ...]:
+    """Modules of the mean action of a model, which have tanh between linear layers and no more."""
+    modules = (model,)
+    if hasattr(model, "policy"):
+        if model.get_vec_normalize_env() is not None:
+            raise ValueError(
+                "the model sees what VecNormalize scales: vectors need no such scaling"
+            )
+        if not hasattr(model.policy, "action_net"):
+            raise ValueError(
+                f"{type(model).__name__} has no action_net of linear layers, as PPO has"
+            )
+        modules = (model.policy.mlp_extractor.policy_net, model.policy.action_net)
+    parts = [part for module in modules for part in module.modules() if not list(part.children())]
+    known = [torch.nn.Linear if k % 2 == 0 else torch.nn.Tanh for k in range(len(parts))]
+    if len(parts) % 2 == 0 or any(type(p) is not k for p, k in zip(parts, known, strict=True)):
+        names = ", ".join(type(part).__name__ for part in parts)
+        raise ValueError(f"networks here are linear layers with tanh between them, not {names}")
+    return modules
+
+
+def load_start(path: Path, robot: RobotParams = ARM, start: str = _START) -> tuple[Network, View]:
+    """The network that a training starts from, and its view.
+
+    Args:
+        path: The network; by default its folder is where the imitating one is, unless that is
+            where policies look.
+        robot: Of the network.
+        start: "imitation" for that one, anything else for the file itself.
+
+    Raises:
+        ValueError: There is none; the message tells the command that makes it. Or it reads vectors.
+    """
+    found = path
+    if start == _START:
+        beside = path.with_name(artifact_name(robot, _START))
+        found = beside if beside.is_file() else find_artifact(robot, _START)
+    network, about = load_for(found, robot, _START)
+    if reading_in(about) is not None:
+        raise ValueError(f"{found} reads vectors: trainings start from networks like imitation's")
+    return network, view_in(about, robot)
 
 
 def figures(

@@ -7,14 +7,18 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import torch
 
+from softrobot_env.artifacts import artifact_name
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.learned import neural
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
-from softrobot_env.control.registry import make_policy, policy_environment
+from softrobot_env.control.registry import find_policy, make_policy, policy_environment
+from softrobot_env.control.scheduled.timing import timing_of
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.fields import Count, NotNegative, Positive, Share, Whole, check_fields
@@ -26,6 +30,7 @@ from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import Task
 from softrobot_env.training.artifacts import as_network, new_layers
 from softrobot_env.training.references import draw_task
+from softrobot_env.training.registry import usual_teacher
 from softrobot_env.training.views import view_for
 
 #: The controller to imitate on the arm: `mpc_preview`, deciding as often as the network.
@@ -36,14 +41,15 @@ TEACHER: MPCSettings = replace(
     moves=(1,) * 7,
 )
 
-#: Of the arm, and of other robots.
-_TEACHERS = ("mpc_preview", "lq_preview")
-
 #: Robots that the teacher is watched with.
 ROBOTS = Randomization(youngs_modulus=(0.45, 1.7), density=(0.55, 1.6), damping_time=(0.45, 2.2))
 
 #: And those of other robots than the arm, which may be soft for their weight.
 _NEAR = Randomization(youngs_modulus=(0.7, 1.35), density=(0.8, 1.25), damping_time=(0.6, 1.6))
+
+
+#: Samples of other robots than the arm in a period of the first mode.
+_APART = 30
 
 
 @dataclass(frozen=True)
@@ -53,13 +59,14 @@ class ImitationConfig:
     Attributes:
         hidden: Neurons of the hidden layers.
         rounds: Rounds of data; in the first one the teacher acts, in later ones the network.
-        samples: Decisions per round.
+        samples: Decisions per round that are learned from.
+        every: One out of so many decisions is; neighbours in a fast robot's motion tell the same.
         shares: Of a round, each of whole episodes; the data do not depend on `processes`.
         duration: [s] of the longest episode on a random reference.
         randomization: Ranges of the robot's parameters.
         varied: Share of the episodes with a robot drawn from them.
         pushed: Share of the steps at which a random change of the action is added.
-        push: Standard deviation [1] of that change.
+        push: Standard deviation of that change, over the network's own scale of changes [1].
         epochs: Passes over all data so far after each round but the last.
         last_epochs: Passes after the last round.
         batch: Samples per gradient step.
@@ -72,12 +79,13 @@ class ImitationConfig:
     hidden: tuple[Count, ...] = (128, 128)
     rounds: Count = 12
     samples: Count = 30_000
+    every: Count = 1
     shares: Count = 16
     duration: Positive = 3.0
     randomization: Randomization = ROBOTS
     varied: Share = 0.7
     pushed: Share = 0.03
-    push: NotNegative = 0.03
+    push: NotNegative = 3.0
     epochs: Count = 6
     last_epochs: Count = 40
     batch: Count = 512
@@ -97,20 +105,26 @@ class Lesson:
     Attributes:
         robot: That is driven.
         teacher: Name of the policy that is imitated.
+        file: What it has learned, where that lies elsewhere than policies look.
     """
 
     robot: RobotParams = ARM
-    teacher: str = _TEACHERS[0]
+    teacher: str = usual_teacher(ARM)
+    file: Path | None = None
 
     @classmethod
-    def of(cls, robot: RobotParams, teacher: str | None = None) -> "Lesson":
-        """With the robot's usual teacher unless one is given."""
-        return cls(robot, teacher or _TEACHERS[robot != ARM])
+    def of(
+        cls, robot: RobotParams, teacher: str | None = None, folder: Path | None = None
+    ) -> "Lesson":
+        """With the robot's usual teacher unless one is given, and its file if a folder has it."""
+        teacher = teacher or usual_teacher(robot)
+        file = None if folder is None else folder / artifact_name(robot, teacher)
+        return cls(robot, teacher, file if file is not None and file.is_file() else None)
 
     @property
     def is_thesis(self) -> bool:
         """Whether it is the arm's, whose teacher decides as often as the network."""
-        return self.robot == ARM and self.teacher == _TEACHERS[0]
+        return self.robot == ARM and self.teacher == usual_teacher(ARM)
 
     def environment(self) -> dict[str, object]:
         """What the teacher needs of an environment."""
@@ -121,12 +135,15 @@ class Lesson:
         return {"control_period": period, "preview": tuple(own.get("preview", ()))}
 
     def view(self) -> neural.View:
-        """Of the network, which decides as often as the teacher, or after several times."""
-        usual, own = view_for(self.robot), policy_environment(self.teacher, self.robot)
+        """Of the network, which decides as often as the teacher.
+
+        Laws with gains change the inputs by what suits their own period: held for longer, the same
+        changes would move servos, and integrate errors, too slowly.
+        """
+        own = policy_environment(self.teacher, self.robot)
         if self.is_thesis or "control_period" not in own:
-            return usual
-        period = own["control_period"]
-        return view_for(self.robot, period * max(1, round(usual.period / period)))
+            return view_for(self.robot)
+        return view_for(self.robot, own["control_period"])
 
 
 _THESIS = Lesson()
@@ -139,18 +156,35 @@ def _teacher(lesson: Lesson) -> Policy:
         from softrobot_env.control.mpc.controller import MPC
 
         return MPC(ARM, neural.PERIOD, TEACHER)
-    return make_policy(lesson.teacher, lesson.robot, lesson.environment()["control_period"])
+    option = "gains" if find_policy(lesson.teacher).takes("gains") else "weights"
+    own = {} if lesson.file is None else {option: lesson.file}
+    return make_policy(lesson.teacher, lesson.robot, lesson.environment()["control_period"], **own)
 
 
 def settings_of(lesson: Lesson, quick: bool = False) -> ImitationConfig:
     """Size of an imitation: that of what is shipped for the arm, else minutes; or a tiny one."""
     config = ImitationConfig()
     if not lesson.is_thesis:
+        first = timing_of(lesson.robot).first
         config = replace(
-            config, rounds=6, samples=16_000, shares=8, last_epochs=30, randomization=_NEAR
+            config,
+            rounds=6,
+            samples=16_000,
+            every=max(1, round(first / _APART / lesson.view().period)),
+            shares=8,
+            last_epochs=30,
+            randomization=_NEAR,
         )
     if quick:
-        small = {"rounds": 2, "samples": 1000, "shares": 2, "epochs": 2, "last_epochs": 4}
+        small = {
+            "rounds": 2,
+            "samples": 1000,
+            "shares": 2,
+            "epochs": 2,
+            "last_epochs": 4,
+            "every": 1,
+        }
+
         config = replace(config, **small, processes=0)
     return config
 
@@ -228,9 +262,11 @@ def _collect(
     seen: list[np.ndarray] = []
     wanted: list[np.ndarray] = []
     while len(seen) < config.samples / config.shares:
-        for one, action in _episode(config, lesson, network, rng):
+        decisions = _episode(config, lesson, network, rng)
+        first = int(rng.integers(config.every)) if config.every > 1 else 0
+        for one, action in islice(decisions, first, None, config.every):
             seen.append(neural.features(one, view))
-            wanted.append(neural.output_of(action - one["previous_action"]))
+            wanted.append(view.output_of(action - one["previous_action"]))
     return Dataset(np.array(seen, np.float32), np.array(wanted, np.float32))
 
 
@@ -253,7 +289,7 @@ def _episode(
             yield mine, chosen
             action = chosen if actor is None else actor.predict(mine)[0]
             if rng.uniform() < config.pushed:
-                action = action + rng.normal(0, config.push, action.shape)
+                action = action + rng.normal(0, config.push * view.change, action.shape)
             action = np.clip(action, -1, 1).astype(np.float32)
         observation, _, terminated, truncated, _ = env.step(action)
         over, step = terminated or truncated, step + 1

@@ -6,6 +6,7 @@ from functools import lru_cache
 import numpy as np
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
+from softrobot_env.envs.observations.table import REFERENCE_SPEED
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import generic_tasks, site_of
@@ -25,7 +26,14 @@ _HARMONICS, _SPEEDS = 3, (0.03, 0.6)
 #: Of any robot: share of set points among the tasks, and how long they are held, in periods of the
 #: first mode; sizes of random paths over the default, and laps in a period of the first mode.
 _REACHES, _HOLDS = 0.25, (1.0, 4.0)
-_RADII, _PACES = (0.4, 0.7, 1.0), (0.05, 0.5)
+#: A random path gets as far as its size at one point only; the largest ones are often that far out.
+_RADII, _PACES = (0.4, 0.7, 1.0, 1.4), (0.05, 0.5)
+
+#: Share of circles among the paths: random ones are seldom far out for long.
+_CIRCLES = 0.3
+
+#: Largest speed of such a path, over that which environments take.
+_SPEED = 0.99
 
 #: Laps of the circle in a period of the first mode on which networks are judged.
 _CHECKED = (0.1, 0.3)
@@ -95,14 +103,20 @@ def draw_task(rng: np.random.Generator, duration: float, robot: RobotParams = AR
 
 
 def any_task(rng: np.random.Generator, robot: RobotParams) -> Task:
-    """A random path at a random pace, or set points, of any robot."""
+    """A random path or a circle at a random size and pace, or set points, of any robot."""
     site, seed = site_of(robot), int(rng.integers(2**31))
     if site.ground.radius == 0 or rng.uniform() < _REACHES:
         hold = rng.uniform(*_HOLDS) / site.frequency
         return generic_task("reach", robot, seed=seed, hold=hold)
-    radius = rng.choice(_RADII) * _whole_path(robot)
-    pace = rng.uniform(*_PACES)
-    return generic_task("random", robot, seed=seed, radius=float(radius), frequency=pace)
+    name = "circle" if rng.uniform() < _CIRCLES else "random"
+    own = {"seed": seed} if name == "random" else {}
+    size = float(rng.choice(_RADII))
+    own["radius"], pace = size * _usual_radius(name, robot), rng.uniform(*_PACES) / max(size, 1.0)
+    task = generic_task(name, robot, frequency=pace, **own)
+    most = _SPEED * REFERENCE_SPEED * robot.reach
+    if task.trajectory.speed <= most:
+        return task
+    return generic_task(name, robot, frequency=pace * most / task.trajectory.speed, **own)
 
 
 def generic_task(name: str, robot: RobotParams, **options: float) -> Task:
@@ -111,9 +125,9 @@ def generic_task(name: str, robot: RobotParams, **options: float) -> Task:
 
 
 @lru_cache(maxsize=8)
-def _whole_path(robot: RobotParams) -> float:
-    """Default radius [m] of a random path."""
-    return float(generic_task("random", robot).option("radius"))
+def _usual_radius(name: str, robot: RobotParams) -> float:
+    """Default radius [m] of a path."""
+    return float(generic_task(name, robot).option("radius"))
 
 
 def check_tasks(robot: RobotParams) -> list[Task]:

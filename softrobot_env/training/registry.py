@@ -10,12 +10,17 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from statistics import median
+from types import MappingProxyType
 from typing import Any
 
 from softrobot_env.artifacts import artifact_folder, artifact_name
+from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.interfaces import Show
 from softrobot_env.registries import Registry, load
 from softrobot_env.robots import ARM, RIG, RobotParams
+
+#: The last operating points, by robot, plant and whether they are few.
+_FOUND: dict[tuple[RobotParams, str, bool], Any] = {}
 
 #: What a training found, as pairs of a quantity and its value with unit.
 Figures = list[tuple[str, str]]
@@ -47,14 +52,18 @@ class Training:
         options: Names of the settings that it takes.
         packages: That it needs beyond the package's own, of the extras `rl` and `mpc`.
         robot: The only robot it is of, None of any.
+        also: Further packages that it needs for some robots and settings.
     """
 
     run: Callable[[Order, Show], Figures]
     options: tuple[str, ...] = ()
     packages: tuple[str, ...] = ()
     robot: RobotParams | None = None
+    also: Callable[[RobotParams, Mapping[str, Any]], tuple[str, ...]] = lambda robot, settings: ()
 
-    def check(self, name: str, robot: RobotParams) -> None:
+    def check(
+        self, name: str, robot: RobotParams, settings: Mapping[str, Any] = MappingProxyType({})
+    ) -> None:
         """Say what is missing before any work is done.
 
         Raises:
@@ -65,7 +74,8 @@ class Training:
             raise ValueError(
                 f"{name} is trained for the robot {self.robot.name!r} alone, not for {robot.name!r}"
             )
-        missing = [package for package in self.packages if find_spec(package) is None]
+        packages = (*self.packages, *self.also(robot, settings))
+        missing = [package for package in packages if find_spec(package) is None]
         if missing:
             raise ImportError(
                 f'{name} needs {", ".join(missing)}: pip install "softrobot_env[rl,mpc]"'
@@ -156,12 +166,10 @@ def _plan(design: str, order: Order, show: Show) -> Figures:
 def _table(design: str, order: Order, show: Show) -> Figures:
     """Gains at operating points all over the workspace of a robot, by their design."""
     from softrobot_env.control.scheduled.law import build_table
-    from softrobot_env.control.scheduled.operating_points import find_points
     from softrobot_env.control.scheduled.policies import save_table
 
-    robot = order.robot
-    size = {"most": 40, "candidates": 120} if "quick" in order.settings else {}
-    points = find_points(robot, progress=partial(show, "equilibria"), **size)
+    robot, plant = order.robot, order.settings.get("plant", MUJOCO)
+    points = _points(robot, plant, "quick" in order.settings, show)
     made = load(design)(robot)
     table = build_table(robot, made, points, partial(show, "gains"))
     save_table(order.path, table, robot, points.errors)
@@ -171,6 +179,19 @@ def _table(design: str, order: Order, show: Show) -> Figures:
         ("error of the tip between them", f"{100 * off:.3g} % of the reach"),
         ("gains per point", str(table.rows.shape[1])),
     ]
+
+
+def _points(robot: RobotParams, plant: str, quick: bool, show: Show) -> Any:
+    """Operating points of a robot; those that were found last are kept for its other tables."""
+    from softrobot_env.control.scheduled.operating_points import find_points
+
+    asked = robot, plant, quick
+    if asked not in _FOUND:
+        size = {"most": 40, "candidates": 120} if quick else {}
+        found = find_points(robot, progress=partial(show, "equilibria"), plant=plant, **size)
+        _FOUND.clear()
+        _FOUND[asked] = found
+    return _FOUND[asked]
 
 
 def _closed_gains(design: str, order: Order, show: Show) -> Figures:
@@ -188,12 +209,29 @@ def _closed_gains(design: str, order: Order, show: Show) -> Figures:
     ]
 
 
+def usual_teacher(robot: RobotParams) -> str:
+    """The policy that is imitated unless another one is asked for.
+
+    That of other robots than the arm needs no further package, and its gains, made in a minute,
+    track about as well as the model predictive ones.
+    """
+    return "mpc_preview" if robot == ARM else "lq_preview"
+
+
+def _teachers_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """What the teacher of an imitation needs."""
+    from softrobot_env.control.registry import find_policy
+
+    package = find_policy(settings.get("teacher") or usual_teacher(robot)).package
+    return () if package is None else (package,)
+
+
 def _imitation(order: Order, show: Show) -> Figures:
     """Network that imitates a policy; of the arm the model predictive one with preview."""
     from softrobot_env.training.artifacts import figures, save
     from softrobot_env.training.imitation import Lesson, imitate, settings_of
 
-    lesson = Lesson.of(order.robot, order.settings.get("teacher"))
+    lesson = Lesson.of(order.robot, order.settings.get("teacher"), order.path.parent)
     config = settings_of(lesson, "quick" in order.settings)
     network, view = imitate(config, order.seed, show, lesson), lesson.view()
     save(network, order.path, order.seed, order.robot, view)
@@ -268,7 +306,7 @@ TRAININGS: Registry[Training] = Registry(
             ("daqp",),
         ),
         "rig_nn": Training(_rig_network, ("twin",), robot=RIG),
-        "imitation": Training(_imitation, ("teacher", "quick"), ("torch", "daqp")),
+        "imitation": Training(_imitation, ("teacher", "quick"), ("torch",), also=_teachers_package),
         **{
             name: Training(
                 partial(_reinforcement, *how),

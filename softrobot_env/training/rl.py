@@ -14,10 +14,11 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
 from softrobot_env.artifacts import fingerprint, read_facts
+from softrobot_env.control.learned.neural import View
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.interfaces import Show
-from softrobot_env.learned.network import Network, load_for
+from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import site_of
@@ -64,6 +65,7 @@ def train(
     resume: bool = False,
     log: Path | None = None,
     robot: RobotParams = ARM,
+    view: View | None = None,
 ) -> tuple[Network, list[Point]]:
     """Train from a network, or from scratch.
 
@@ -77,6 +79,7 @@ def train(
             episodes, and the learning rate that so many of all steps are left for.
         log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
         robot: To train for; `tasks` of the settings are its own.
+        view: Of the networks; that of the robot unless given.
 
     Returns:
         The network that did best in the checks, the one to start from among them, and the
@@ -88,17 +91,20 @@ def train(
             folder holds one that is not finished, or the network to start from does not fit.
     """
     torch.set_num_threads(config.threads)
+    view = view_for(robot) if view is None else view
     logs = None if log is None else str(log)
-    watch = Watch(config, show, lambda model: _save(model, config, seed, checkpoint, robot), robot)
+    keep = partial(_save, config=config, seed=seed, folder=checkpoint, robot=robot)
+    watch = Watch(config, show, keep, robot, view)
     if resume:
         _check_same(config, seed, checkpoint, robot)
         watch.load(checkpoint)
-        model = _load(config, seed, checkpoint, watch.steps, robot)
+        env = make_training_env(config, seed, robot, view)
+        model = _load(config, seed, checkpoint, watch.steps, env)
         model.tensorboard_log = logs
     else:
         _check_free(checkpoint)
         set_random_seed(seed)
-        model = make_model(config, make_training_env(config, seed, robot), seed, logs)
+        model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
         begin(model, config, start)
     watch.folder = checkpoint
     left = config.steps - (model.num_timesteps if resume else 0)
@@ -117,20 +123,22 @@ def run(algorithm: str, order: Order, show: Show) -> Figures:
     """
     settings, robot, path = order.settings, order.robot, order.path
     config = config_of(algorithm, settings, robot)
+    start, view = _start(settings, path, robot)
     network, curve = train(
         config,
         order.seed,
         show,
-        _start(settings, path, robot),
+        start,
         checkpoint=settings.get("checkpoint", Path("out") / "train" / path.stem),
         resume=settings.get("resume", False),
         log=settings.get("log"),
         robot=robot,
+        view=view,
     )
-    save(network, path, order.seed, robot, view_for(robot))
+    save(network, path, order.seed, robot, view)
     written = path.with_name(f"{path.stem}_curve.json")
     written.write_text(json.dumps(curve, indent=1) + "\n", encoding="utf-8")
-    told = figures(network, config.trials, robot, view_for(robot))
+    told = figures(network, config.trials, robot, view)
     return [*told, ("learning curve", str(written))]
 
 
@@ -162,27 +170,34 @@ def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -
     return replace(config, **wanted)
 
 
-def _start(settings: Mapping[str, Any], path: Path, robot: RobotParams) -> Network | None:
-    """The network to start from, if any."""
+def _start(
+    settings: Mapping[str, Any], path: Path, robot: RobotParams
+) -> tuple[Network | None, View]:
+    """The network to start from, if any, and the view of all networks: its own, else the robot's.
+
+    A training that goes on has its network, but still the view of the one that it started from.
+    """
     start = settings.get("start", IMITATION)
-    if start == NO_START or settings.get("resume"):
-        return None
-    if start == IMITATION:
-        return load_start(path, robot)
-    return load_for(Path(start), robot, IMITATION)[0]
+    if start == NO_START:
+        return None, view_for(robot)
+    network, view = load_start(path if start == IMITATION else Path(start), robot, start)
+    return None if settings.get("resume") else network, view
 
 
-def make_training_env(config: RLConfig, seed: int, robot: RobotParams = ARM) -> NetworkVecEnv:
-    """All tasks of a training at once, robots drawn anew for every episode."""
+def make_training_env(
+    config: RLConfig, seed: int, robot: RobotParams = ARM, view: View | None = None
+) -> NetworkVecEnv:
+    """All tasks of a training at once, robots drawn anew for every episode, seen in a view."""
+    view = view_for(robot) if view is None else view
     rng = np.random.default_rng([seed, 1])  # the environments have streams of `seed` itself
     tasks = _thesis_tasks if robot == ARM else partial(_tasks, robot)
     parts = [
-        _part(config, robot, task, **options)
+        _part(config, robot, view, task, **options)
         for name in config.tasks
         for task, options in tasks(config, name, rng)
     ]
     scale = 1 - config.discount
-    env = NetworkVecEnv(parts, view_for(robot), stagger=True, reward_scale=scale)
+    env = NetworkVecEnv(parts, view, stagger=True, reward_scale=scale)
     env.seed(seed)
     return env
 
@@ -213,9 +228,9 @@ def _tasks(
 
 
 def _part(
-    config: RLConfig, robot: RobotParams, task: Task | str, **options: float
+    config: RLConfig, robot: RobotParams, view: View, task: Task | str, **options: float
 ) -> VectorTrackingEnv:
-    view, share = view_for(robot), robot.reach / ARM.reach
+    share = robot.reach / ARM.reach
     named = {"robot": robot} if isinstance(task, str) else {}
     return VectorTrackingEnv(
         config.envs_per_task,
@@ -257,10 +272,9 @@ def _save(
 
 
 def _load(
-    config: RLConfig, seed: int, folder: Path, steps: int, robot: RobotParams
+    config: RLConfig, seed: int, folder: Path, steps: int, env: NetworkVecEnv
 ) -> BaseAlgorithm:
     """The learner of a checkpoint, with draws that depend on the steps done."""
-    env = make_training_env(config, seed, robot)
     model = LEARNERS[config.algorithm].model.load(folder / _MODEL, env=env, device="cpu")
     model.set_random_seed(int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1))
     if hasattr(model, "load_replay_buffer"):

@@ -204,7 +204,7 @@ class NetworkVecEnv(TrackingVecEnv):
     """The environment in which networks of `NeuralPolicy` are trained.
 
     Agents see `neural.features` (k,) float32 and choose the network's output in [-1, 1], by which
-    `neural.increment` changes the action in force.
+    `View.increment` changes the action in force.
     """
 
     def __init__(
@@ -221,4 +221,4 @@ class NetworkVecEnv(TrackingVecEnv):
         return neural.features(seen, self.view)
 
     def _action(self, chosen: np.ndarray, seen: Observation) -> np.ndarray:
-        return np.clip(seen["previous_action"] + neural.increment(chosen), -1.0, 1.0)
+        return np.clip(seen["previous_action"] + self.view.increment(chosen), -1.0, 1.0)

@@ -10,6 +10,7 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from softrobot_env.artifacts import read_facts
+from softrobot_env.control.learned.neural import View
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
@@ -62,6 +63,7 @@ class Watch(BaseCallback):
         show: Show,
         save: Callable[[BaseAlgorithm], None],
         robot: RobotParams = ARM,
+        view: View | None = None,
     ) -> None:
         """Watch a training.
 
@@ -70,9 +72,10 @@ class Watch(BaseCallback):
             show: Told the progress.
             save: Called after every check.
             robot: To train for.
+            view: Of its networks; that of the robot unless given.
         """
         super().__init__()
-        self._robot = robot
+        self._robot, self._view = robot, view_for(robot) if view is None else view
         self._config, self._show, self._save = config, show, save
         self.best: Network | None = None
         self.curve: list[Point] = []
@@ -104,7 +107,7 @@ class Watch(BaseCallback):
         """Try the present network."""
         config = self._config
         network = actor_of(self.model, config)
-        robot, view, score = self._robot, view_for(self._robot), score_of(self._robot)
+        robot, view, score = self._robot, self._view, score_of(self._robot)
         rows = check(network, config.trials, config.trial_duration, score, robot, view)
         failures = sum(row.failure is not None for row in rows.values())
         mean = float(np.mean([row.reward for row in rows.values()]))

@@ -15,9 +15,10 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.registries import is_path, load
 from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot, read_robot, write_robot
+from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import make_task
 from softrobot_env.training.references import generic_task
-from softrobot_env.training.registry import TRAININGS, file_of
+from softrobot_env.training.registry import TRAININGS, Order, file_of
 from softrobot_env.training.views import view_for
 
 FINGER = ROBOTS["planar_finger"]
@@ -139,7 +140,7 @@ def test_the_view_of_a_file_is_the_view_it_was_trained_with(mine):
     assert policy.view == view_for(mine)
     observation, _ = env.reset(seed=0)
     change = untrained(policy.view)(neural.features(observation, policy.view)[None])[0]
-    wanted = observation["previous_action"] + neural.increment(change)
+    wanted = observation["previous_action"] + policy.view.increment(change)
     np.testing.assert_allclose(policy.predict(observation)[0], wanted, atol=1e-6)
 
 
@@ -213,3 +214,80 @@ def test_every_training_says_of_which_robots_it_is():
         else:
             with pytest.raises(ValueError, match="alone, not for 'planar_finger'"):
                 training.check(name, FINGER)
+
+
+# ---------------------------------------------------------------- imitation
+
+
+def test_packages_are_asked_for_by_the_teacher(monkeypatch, capsys, mine):
+    """Only model predictive teachers need a solver, and nothing long comes before that is said."""
+    from softrobot_env.training import registry
+
+    monkeypatch.setattr(registry, "find_spec", lambda package: None if package == "daqp" else 1)
+    training = TRAININGS["imitation"]
+    training.check("imitation", FINGER)
+    for robot, settings in ((ARM, {}), (FINGER, {"teacher": "mpc_preview"})):
+        with pytest.raises(ImportError, match="imitation needs daqp: pip install"):
+            training.check("imitation", robot, settings)
+    began = time.process_time()
+    given = ["--robot", str(mine.file), "--teacher", "mpc", "--out", str(mine.file.parent)]
+    assert main(["train", "imitation", *given]) == 2
+    assert "imitation needs daqp" in capsys.readouterr().err and time.process_time() - began < 1
+
+
+def test_a_network_decides_as_often_as_its_teacher_and_moves_as_far_as_servos_can():
+    pytest.importorskip("torch")
+    from softrobot_env.training.imitation import Lesson
+
+    for name in ("planar_finger", "silicone_rod", "hanging_trunk"):
+        robot = find_robot(name)
+        view = Lesson.of(robot).view()
+        assert view.period == policy_environment("lq_preview", robot)["control_period"]
+        np.testing.assert_allclose(view.increment(np.ones(1)), view.most)
+        np.testing.assert_allclose(view.output_of(view.increment(np.array([-0.3]))), -0.3)
+    rod = find_robot("silicone_rod")
+    view, travel = view_for(rod), robot_inputs(rod).input_scale
+    turned = rod.drive.speed * view.period / travel.min()
+    assert turned < view.most < 3 * turned and "tendon_length" in view.state
+    assert view_for(FINGER).most == 1 and "tendon_length" not in view_for(FINGER).state
+
+
+def test_files_from_before_changes_had_a_scale_are_read(mine):
+    view, path = view_for(mine), file_of(mine, "ppo")
+    about = {n: v for n, v in view.about().items() if n not in ("view_change", "view_most")}
+    untrained(view).save(path, {**fingerprint(mine), **about, "seed": 0})
+    read = make_policy("ppo", mine, view.period).view
+    assert (read.change, read.most) == (0.01, 1.0) and read.scales == view.scales
+
+
+def test_the_teachers_table_is_found_where_the_network_is_written(tmp_path):
+    pytest.importorskip("torch")
+    from softrobot_env.training.imitation import Lesson
+
+    assert Lesson.of(FINGER, None, tmp_path).file is None
+    table = tmp_path / artifact_name(FINGER, "lq_preview")
+    table.write_bytes(b"")
+    assert Lesson.of(FINGER, None, tmp_path).file == table
+    assert Lesson.of(FINGER, "static", tmp_path).file is None
+
+
+def test_tables_of_a_robot_share_their_operating_points(monkeypatch, tmp_path):
+    from softrobot_env.control.scheduled import operating_points
+    from softrobot_env.training import registry
+
+    found = []
+
+    def few(robot, **options):
+        found.append(options["plant"])
+        return find_points(robot, most=5, candidates=20, plant=options["plant"])
+
+    find_points = operating_points.find_points
+    monkeypatch.setattr(operating_points, "find_points", few)
+    monkeypatch.setattr(registry, "_FOUND", {})
+    for plant in ("mujoco", "pcc"):
+        for policy in ("lqi", "lq_preview"):
+            order = Order(FINGER, tmp_path / f"{policy}_{plant}.npz", 0, {"plant": plant})
+            TRAININGS[policy].run(order, lambda *_: None)
+    assert found == ["mujoco", "pcc"]
+    rows = [np.load(tmp_path / f"lqi_{plant}.npz")["rows"] for plant in ("mujoco", "pcc")]
+    assert not np.array_equal(*rows)

@@ -92,9 +92,9 @@ def test_features_of_a_batch_are_those_of_its_members(observation):
 
 def test_outputs_and_increments_are_inverse():
     outputs = np.linspace(-1, 1, 21)
-    np.testing.assert_allclose(neural.output_of(neural.increment(outputs)), outputs, atol=1e-12)
-    assert neural.increment(np.ones(1))[0] == pytest.approx(1)
-    assert neural.increment(np.array([3.0]))[0] == pytest.approx(1)
+    np.testing.assert_allclose(VIEW.output_of(VIEW.increment(outputs)), outputs, atol=1e-12)
+    assert VIEW.increment(np.ones(1))[0] == pytest.approx(1)
+    assert VIEW.increment(np.array([3.0]))[0] == pytest.approx(1)
 
 
 # ---------------------------------------------------------------------- adapter
@@ -110,7 +110,7 @@ def test_the_adapter_steps_as_the_single_environment():
     for _ in range(4):
         output = np.full((3, 3), 0.2, np.float32)
         seen, reward, done, infos = env.step(output)
-        change = neural.increment(output[0].astype(float))
+        change = VIEW.increment(output[0].astype(float))
         one, expected, *_ = single.step(one["previous_action"] + change)
         np.testing.assert_allclose(seen[0], neural.features(one, VIEW), atol=1e-6)
         assert reward[0] == pytest.approx(expected) and not done.any()
@@ -426,7 +426,8 @@ def test_shipped_network_is_small_and_says_what_it_is():
     assert path.stat().st_size < 1e6
     network, about = Network.load(path)
     assert network.sizes[0] == VIEW.count and str(about["robot"]) == "arm"
-    assert len(artifacts.load_start(path).parameters) == len(network.parameters)
+    start, view = artifacts.load_start(path)
+    assert len(start.parameters) == len(network.parameters) and view == VIEW
 
 
 def test_shipped_network_meets_its_figures():

@@ -234,11 +234,17 @@ def limit_rows(
     return rows
 
 
-def jobs(family: Family, dampings: tuple[float, ...]) -> Iterator[Job]:
+def jobs(
+    family: Family,
+    dampings: tuple[float, ...],
+    timesteps: tuple[float, ...] = TIMESTEPS,
+    stiffnesses: tuple[float, ...] = STIFFNESSES,
+    ratios: tuple[float, ...] = LIMIT_RATIOS,
+) -> Iterator[Job]:
     """Map of a model; of a chain also the rule and the limit."""
     for damping in dampings:
         name = f"{family.model} {family.n}, damping {damping:.2g}"
-        yield name, lambda z=damping: map_rows(family, z, TIMESTEPS, STIFFNESSES)
+        yield name, lambda z=damping: map_rows(family, z, timesteps, stiffnesses)
         if family.model == CHAIN:
-            yield f"{name}, rule", lambda z=damping: rule_rows(family, z, STIFFNESSES)
-            yield f"{name}, limit", lambda z=damping: limit_rows(family, z, LIMIT_RATIOS)
+            yield f"{name}, rule", lambda z=damping: rule_rows(family, z, stiffnesses)
+            yield f"{name}, limit", lambda z=damping: limit_rows(family, z, ratios)

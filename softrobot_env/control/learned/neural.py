@@ -18,6 +18,7 @@ from softrobot_env.learned.network import Network, check_ends, load_for
 from softrobot_env.learned.plain_inference import PlainInference, absorbed
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots.actuation import robot_inputs
 
 #: Time [s] between two decisions on the arm.
 PERIOD = 0.01
@@ -30,15 +31,20 @@ PREVIEW = (0.05, 0.1, 0.2, 0.4)
 _DECISIONS, _PERIODS = 60, (1e-3, 2e-3, 5e-3, 1e-2, 2e-2)
 _AHEAD_TIMES = (1 / 24, 1 / 12, 1 / 6, 1 / 3)
 
-#: Change of the action [1] up to which `increment` is nearly linear, and its steepness, by which
-#: outputs of +-1 change the action by +-1.
-_FINE = 0.01
-_STEEPNESS = float(np.arcsinh(1 / _FINE))
+#: Change of the action [1] up to which that by an output is nearly linear, of the arm; and largest
+#: change of an action of servos over what they can do in a period.
+_FINE, _ROOM = 0.01, 2.0
+
+#: Scale [1] of the inputs in force.
+_ACTION = 0.15
 
 #: Largest feature [1], of either sign.
 _LARGEST = 10.0
 
 _VIEW = "view_"
+
+#: What earlier files do not tell.
+_LATER = ("change", "most")
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,8 @@ class View:
         velocity: [m/s], scale of the reference's velocity.
         ahead: [m], scale of the preview less the reference.
         action: Scale [1] of the inputs in force.
+        change, most: [1], change of an action up to which it is nearly linear in the output, and
+            that by an output of 1.
     """
 
     period: Positive
@@ -71,6 +79,8 @@ class View:
     velocity: Positive
     ahead: Positive
     action: Positive
+    change: Positive = _FINE
+    most: Positive = 1.0
 
     def __post_init__(self) -> None:
         check_fields(self, "view")
@@ -79,6 +89,19 @@ class View:
     def environment(self) -> dict[str, Any]:
         """Keyword arguments of the environment that the policy needs."""
         return {"control_period": self.period, "preview": self.preview}
+
+    @property
+    def steepness(self) -> float:
+        """s [1], an output o changes an action by `change` sinh(s o)."""
+        return float(np.arcsinh(self.most / self.change))
+
+    def increment(self, output: np.ndarray) -> np.ndarray:
+        """Change of the action [1] of outputs in [-1, 1]: fine about zero, coarse far away."""
+        return self.change * np.sinh(self.steepness * np.clip(output, -1.0, 1.0))
+
+    def output_of(self, change: np.ndarray) -> np.ndarray:
+        """Inverse of `increment`, limited to [-1, 1]."""
+        return np.clip(np.arcsinh(change / self.change) / self.steepness, -1.0, 1.0)
 
     @property
     def count(self) -> int:
@@ -107,7 +130,8 @@ def view_in(about: Arrays, robot: RobotParams) -> View:
     names = [field.name for field in fields(View)]
     if f"{_VIEW}{names[0]}" not in about:
         return arm_view(robot)
-    return View(**{name: about[f"{_VIEW}{name}"].tolist() for name in names})
+    told = [n for n in names if n not in _LATER or f"{_VIEW}{n}" in about]
+    return View(**{name: about[f"{_VIEW}{name}"].tolist() for name in told})
 
 
 def arm_view(robot: RobotParams = ARM) -> View:
@@ -125,7 +149,7 @@ def arm_view(robot: RobotParams = ARM) -> View:
         fine=0.001,
         velocity=0.1,
         ahead=0.02,
-        action=0.15,
+        action=_ACTION,
     )
 
 
@@ -149,6 +173,11 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
         period = max((p for p in _PERIODS if _DECISIONS * p <= first), default=_PERIODS[0])
     rate, bend = 2 * pi / first, 1.5 / robot.length
     scales = {"curvature": bend, "curvature_rate": 1.3 * bend * rate}
+    if robot.drive.kind == "length":  # where the servos are, which may lag behind the inputs
+        scales["tendon_length"] = _ACTION * float(robot_inputs(robot).input_scale.max())
+    most = min(
+        1.0, _ROOM * robot.drive.speed * period / float(robot_inputs(robot).input_scale.min())
+    )
     ahead = dict.fromkeys(max(1, round(share * first / period)) for share in _AHEAD_TIMES)
     return View(
         period=period,
@@ -162,7 +191,9 @@ def view_of(robot: RobotParams, sizes: Mapping[str, int], period: float | None =
         fine=0.002 * robot.reach,
         velocity=0.04 * robot.reach * rate,
         ahead=0.04 * robot.reach,
-        action=0.15,
+        action=_ACTION,
+        change=min(_FINE * _DECISIONS * period / first, most / 10),
+        most=most,
     )
 
 
@@ -187,32 +218,24 @@ def features(observation: Mapping[str, np.ndarray], view: View) -> np.ndarray:
     return np.clip(np.concatenate(parts, axis=-1), -_LARGEST, _LARGEST).astype(np.float32)
 
 
-def environment_of(policy: str, robot: RobotParams) -> dict[str, Any]:
+def environment_of(
+    policy: str, robot: RobotParams, weights: str | Path | None = None
+) -> dict[str, Any]:
     """What a trained policy of a robot needs of an environment: its control period and preview.
 
     That of the arm unless the robot has a file of the policy, which `make_policy` asks for.
     """
-    if robot == ARM:
+    if robot == ARM and weights is None:
         return arm_view().environment
     try:
-        _, about = Network.load(find_artifact(robot, policy))
+        _, about = Network.load(find_artifact(robot, policy) if weights is None else weights)
     except (OSError, ValueError):
         return arm_view().environment
     return view_in(about, ARM).environment
 
 
-def increment(output: np.ndarray) -> np.ndarray:
-    """Change of the action [1] of outputs in [-1, 1]: fine about zero, coarse far away."""
-    return _FINE * np.sinh(_STEEPNESS * np.clip(output, -1.0, 1.0))
-
-
-def output_of(change: np.ndarray) -> np.ndarray:
-    """Inverse of `increment`, limited to [-1, 1]."""
-    return np.clip(np.arcsinh(change / _FINE) / _STEEPNESS, -1.0, 1.0)
-
-
 class NeuralPolicy(Memoryless):
-    """u_k+1 = u_k + increment(g(features)), g a small tanh network.
+    """u_k+1 = u_k + View.increment(g(features)), g a small tanh network.
 
     As the network only changes the action in force, it integrates: a steady error moves on. It
     decides as often as its `View` says, which also tells the preview that the environment must
@@ -263,7 +286,9 @@ class NeuralPolicy(Memoryless):
 
     def plain(self, observed: Mapping[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
         """What the network gives, within the tension limit."""
-        changes = increment(self._infer.batch(features(observed, self.view).astype(float)))
+        changes = self.view.increment(
+            self._infer.batch(features(observed, self.view).astype(float))
+        )
         wanted = np.clip(observed["previous_action"], -1.0, 1.0) + changes
         actions = np.clip(wanted, -1.0, 1.0)
         codes = np.where((actions != wanted).any(axis=1), SATURATED, FINE)
@@ -287,8 +312,8 @@ class NeuralPolicy(Memoryless):
             ahead=view.ahead,
             action=view.action,
             largest=_LARGEST,
-            gain=_FINE,
-            steepness=_STEEPNESS,
+            gain=view.change,
+            steepness=view.steepness,
             base=self._base,
             reach=self._reach,
             parameters=parameters,

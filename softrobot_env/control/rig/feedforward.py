@@ -184,6 +184,43 @@ class RigFeedforward(Controller):
         more, felt, _ = self._feedback.added(rest, now.position, tip, before.felt)
         return more, Correction(rest, felt)
 
+    def _decide_stacked(
+        self, observation: Observation, states: list[Any]
+    ) -> tuple[np.ndarray, list[Any]]:
+        """As of any controller; the statics of all that is finite in one call."""
+        sound = np.all([np.isfinite(observation[n]).all(axis=1) for n in self.requires], axis=0)
+        if self._model is not None or self._backlash is not None or self._lead or not sound.any():
+            return super()._decide_stacked(observation, states)
+        actions, then = self._statics_stacked({n: observation[n][sound] for n in self.requires})
+        if sound.all():
+            return actions, then
+        out, rest = np.empty((len(sound), self._tendons), np.float32), ~sound
+        left = {name: observation[name][rest] for name in self.requires}
+        out[sound] = actions
+        out[rest], others = super()._decide_stacked(
+            left, [state for state, bad in zip(states, rest, strict=True) if bad]
+        )
+        fine, bad = iter(then), iter(others)
+        return out, [next(fine) if one else next(bad) for one in sound]
+
+    def _statics_stacked(self, observation: Observation) -> tuple[np.ndarray, list[RigState]]:
+        """Actions float32 (k, 3) of the network alone, and states, for finite observations."""
+        motion = [np.array(observation[name], dtype=float) for name in _MOTION]
+        distance = np.hypot(*motion[0].T)
+        share = np.minimum(1.0, (WORKSPACE + _MARGIN) / np.maximum(distance, WORKSPACE))
+        wanted = self._network.batch(motion[0] * share[:, None])
+        action = wanted / LENGTH_SCALE
+        limited = np.clip(action, -1.0, 1.0)
+        change = np.abs(action - observation["previous_action"]).max(axis=1)
+        status = np.select(
+            [(limited != action).any(axis=1), distance > WORKSPACE + _MARGIN, change > self._reach],
+            [_LIMITED, _OUTSIDE, _SLOW],
+            "",
+        )
+        rows = zip(*motion, wanted, limited, status.tolist(), strict=True)
+        states = [RigState(None, Motion(*m), w, 0.0, a, said or None) for *m, w, a, said in rows]
+        return limited.astype(np.float32), states
+
     def _lengths(self, now: Motion, state: RigState) -> tuple[np.ndarray, np.ndarray | None, Any]:
         """Lengths (3,) [m] wanted of the servos' horns, tensions (3,) [N], the model's memory."""
         then = self._then(now, state)

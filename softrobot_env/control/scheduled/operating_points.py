@@ -11,7 +11,9 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import kernel, reference
+from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.control.scheduled.table import Table, look_up
+from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
@@ -32,6 +34,9 @@ _DAMPING = 1e-2
 #: Parts of the candidates that lie where tasks take place, and what errors elsewhere count.
 _ON_GROUND, _OUTSIDE = 0.5, 0.2
 
+
+#: [1], distance as actions below which two equilibria are one and the same.
+_ALIKE = 1e-6
 
 #: Neighbours, for each of its terms, that the second order of an equilibrium is fitted to.
 _PER_TERM = 3
@@ -87,6 +92,7 @@ def find_points(
     tolerance: float = TOLERANCE,
     candidates: int = CANDIDATES,
     progress: Callable[[int, int], None] = lambda done, total: None,
+    plant: str = MUJOCO,
 ) -> OperatingPoints:
     """Operating points of a robot, where the need is largest first.
 
@@ -96,18 +102,27 @@ def find_points(
         tolerance: Error of the tip at rest, over the reach, at which no more points are taken.
         candidates: Number of equilibria that they are chosen from.
         progress: Called with the numbers of candidates done and of all.
+        plant: Whose equilibria they are, one of `beams.registry.PLANTS`; they are looked for under
+            the inputs that hold the chain all over the workspace.
 
     Raises:
-        ValueError: The robot has no tendons, or is not driven by its length or tension alone.
+        ValueError: The robot has no tendons, or is not driven by its length or tension alone; or
+            the plant cannot model it.
         EquilibriumError: It does not rest under the action 0.
     """
     inverse = InverseStatics(build_scene(model_scene(robot)))
-    linearizer = Linearizer(inverse.scene)
+    look = _looking(robot, inverse, plant)
     spatial = inverse.scene.config.bending != "planar" and inverse.freedom > 2
     directions = np.eye(3) if spatial else inverse.directions
     found = []
     for held in _candidates(robot, inverse, directions, candidates, progress):
-        found.append(_equilibrium(linearizer, directions, held))
+        try:
+            found.append(_equilibrium(directions, *look(held)))
+        except EquilibriumError:  # another plant may buckle where the chain does not
+            if plant == MUJOCO:
+                raise
+    if not found:
+        raise EquilibriumError(f"robot {robot.name!r} rests nowhere as plant {plant!r} has it")
     found = _bent(found, directions)
     ground = workspace_of(robot).ground
     away = np.linalg.norm([directions @ (e.tip - ground.middle) for e in found], axis=1)
@@ -138,17 +153,37 @@ def row_of(point: Equilibrium, gains: np.ndarray) -> np.ndarray:
     return np.concatenate([np.ravel(part) for part in parts])
 
 
-def _equilibrium(linearizer: Linearizer, directions: np.ndarray, held: Held) -> Equilibrium:
-    inputs, angles = held.inputs[-1], held.postures[-1]
-    model = linearizer.about(angles, inputs)
+def _looking(
+    robot: RobotParams, inverse: InverseStatics, plant: str
+) -> Callable[[Held], tuple[np.ndarray, np.ndarray, np.ndarray, LinearModel]]:
+    """Function from what holds the chain to action, curvature, tip and model of a plant."""
+    if plant != MUJOCO:
+        from softrobot_env.control.scheduled.beam_points import BeamLinearizer
+
+        beam = BeamLinearizer(robot, plant)
+        return lambda held: beam.rest(held.inputs[-1])
+    linearizer = Linearizer(inverse.scene)
+
+    def look(held: Held) -> tuple[np.ndarray, np.ndarray, np.ndarray, LinearModel]:
+        inputs, angles = held.inputs[-1], held.postures[-1]
+        seen = linearizer.action(inputs), linearizer.mean @ angles, linearizer.scene.tip(angles)
+        return *seen, linearizer.about(angles, inputs)
+
+    return look
+
+
+def _equilibrium(
+    directions: np.ndarray,
+    action: np.ndarray,
+    curvature: np.ndarray,
+    tip: np.ndarray,
+    model: LinearModel,
+) -> Equilibrium:
     by_action = np.linalg.solve(model.stiffness, model.inputs)
     moved = directions @ model.tip @ by_action
     left, singular, right = np.linalg.svd(moved, full_matrices=False)
     gain = singular / (singular**2 + (_DAMPING * singular[0]) ** 2)
     to_action = (right.T * gain) @ left.T @ directions
-    tip = linearizer.scene.tip(angles)
-    action = linearizer.action(inputs)
-    curvature = linearizer.mean @ angles
     nothing = np.zeros((len(action) + len(curvature) + 3, len(_products(directions))))
     return Equilibrium(action, curvature, tip, model, by_action, to_action, nothing)
 
@@ -170,7 +205,7 @@ def _bent(found: list[Equilibrium], directions: np.ndarray) -> list[Equilibrium]
         bend = steps[near] @ point.by_action.T
         linear = np.hstack([steps[near], bend, bend @ point.model.tip.T])
         products = _products(directions @ (tips[near] - point.tip).T).T
-        weight = 1 / np.maximum(away[near], 1e-300)[:, None] ** 0.5
+        weight = 1 / np.maximum(away[near], _ALIKE**2)[:, None] ** 0.5
         left = (states[near] - point.state() - linear) * weight
         second = np.linalg.lstsq(products * weight, left, rcond=1e-6)[0].T
         bent.append(point._replace(second=second))

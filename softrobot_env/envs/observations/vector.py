@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 
 from softrobot_env.envs.observations.table import OBSERVABLES, Sizes
+from softrobot_env.vector_reading import Reading
 
 #: Scales of the tracking error in a vector, over the robot's reach: of far away, and of near by.
 FAR, NEAR = 0.1, 0.002
@@ -42,6 +43,7 @@ class VectorView:
     Attributes:
         space: Box (k,) of float32, with the bounds of the observables.
         layout: Slices of the vector by name.
+        reading: What makes the vector of an observation.
     """
 
     def __init__(self, observed: spaces.Dict, sizes: Sizes) -> None:
@@ -51,18 +53,21 @@ class VectorView:
         parts = _entries(observed, sizes)
         self.layout = _slices({part.label: observed[part.name].shape[0] for part in parts})
         places = {name: np.arange(own.start, own.stop) for name, own in where.items()}
-        self._take = np.concatenate([places[part.name] for part in parts])
-        self._origin, self._scale = np.zeros((2, len(self._take)))
-        self._relative, self._less = np.zeros((2, 0), dtype=int)
+        take = np.concatenate([places[part.name] for part in parts])
+        origin, scale = np.zeros((2, len(take)))
+        relative, less = np.zeros((2, 0), dtype=int)
         for part in parts:
             own = self.layout[part.label]
-            self._scale[own] = part.scale
+            scale[own] = part.scale
             if isinstance(part.origin, str):
                 here = np.arange(own.start, own.stop)
-                self._relative = np.append(self._relative, here)
-                self._less = np.append(self._less, np.resize(places[part.origin], len(here)))
+                relative = np.append(relative, here)
+                less = np.append(less, np.resize(places[part.origin], len(here)))
             else:
-                self._origin[own] = part.origin
+                origin[own] = part.origin
+        entries = np.array([box.shape[0] for box in observed.values()])
+        names = np.array(self._names)
+        self.reading = Reading(names, entries, take, origin, scale, relative, less)
         self.space = self._bounds(observed)
 
     def _bounds(self, observed: spaces.Dict) -> spaces.Box:
@@ -71,24 +76,17 @@ class VectorView:
             for end in ("low", "high")
         )
         least, most = (
-            self._scaled(*ends).astype(np.float32) for ends in ((low, high), (high, low))
+            self.reading(*ends).astype(np.float32) for ends in ((low, high), (high, low))
         )
         # Rounding may not bring a vector out of its space.
         return spaces.Box(
             np.nextafter(least, -np.float32(np.inf)), np.nextafter(most, np.float32(np.inf))
         )
 
-    def _scaled(self, flat: np.ndarray, less: np.ndarray) -> np.ndarray:
-        """Entries (..., k) of observations (..., size), relative ones less those of `less`."""
-        picked = flat[..., self._take]
-        if len(self._less):
-            picked[..., self._relative] -= less[..., self._less]
-        return np.arcsinh((picked - self._origin) / self._scale)
-
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Vectors (..., k) of observations (..., size)."""
         flat = np.concatenate([observation[name] for name in self._names], axis=-1)
-        return self._scaled(flat, flat).astype(np.float32)
+        return self.reading(flat).astype(np.float32)
 
 
 def _slices(sizes: Mapping[str, int]) -> dict[str, slice]:

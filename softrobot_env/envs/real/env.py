@@ -62,7 +62,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
       Any exception in the middle of a step is an emergency stop.
 
     Attributes:
-        task, control_period, length_scale, vector_layout: As in `RigEnv`.
+        task, control_period, length_scale, vector_layout, reading: As in `RigEnv`.
         source: "real", for records of episodes.
     """
 
@@ -135,7 +135,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
         self.task, self.control_period = setting.task, setting.control_period
         self.observation_space = setting.observation_space
         self.action_space = setting.action_space
-        self.vector_layout = setting.vector_layout
+        self.vector_layout, self.reading = setting.vector_layout, setting.reading
         self.observe_as, self.act_as = setting.observe_as, setting.act_as
         self.max_episode_steps = setting.reference.last_index
         self._max_missed, self._oldest = max_missed, oldest

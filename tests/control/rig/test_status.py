@@ -8,6 +8,7 @@ from support.flexible_plan import plan
 from support.servo_law import ServoLaw
 
 from softrobot_env.control.feedforward.motion import Motion
+from softrobot_env.control.registry import make_policy
 from softrobot_env.control.rig.feedforward import RigFeedforward
 from softrobot_env.control.rig.inverse import TOTAL, OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import ServoConstraints
@@ -145,3 +146,31 @@ def test_what_changes_the_action_is_said_first(learnt, x, status):
 def test_statics_without_a_model_know_no_tensions():
     found = statuses(RigFeedforward(RIG, PERIOD, KNOWN), laps(0.6)[1])
     assert SLACK not in found
+
+
+def test_stacked_decisions_of_the_network_are_those_of_one_after_the_other(monkeypatch):
+    """In reach and out of it, slow and too fast, and some that are not finite; twice in a row."""
+    policy, rng = make_policy("rig_nn", RIG, PERIOD), np.random.default_rng(0)
+    size = {name: 0.2 * rng.uniform(-1, 1, (60, policy.sizes[name])) for name in policy.requires}
+    size["previous_action"] *= 5
+    size["reference"][3], size["previous_action"][5, 1] = np.nan, np.inf
+    calls, batch = [], type(policy._network).batch
+
+    def counted(network, places):
+        calls.append(len(places))
+        return batch(network, places)
+
+    monkeypatch.setattr(type(policy._network), "batch", counted)
+    states, alone = None, [None] * 60
+    for _ in range(2):
+        actions, states = policy.predict(size, states)
+        for i in range(60):
+            action, alone[i] = policy.predict({n: v[i] for n, v in size.items()}, alone[i])
+            np.testing.assert_array_equal(actions[i], action)
+            assert states[i].status == alone[i].status
+    assert calls == [58, 58]
+    assert {s.status for s in states} >= {
+        SLOW,
+        "outside the trained workspace",
+        "observation not finite",
+    }

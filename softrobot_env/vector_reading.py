@@ -1,0 +1,80 @@
+"""How an observation is read as one vector of order 1, by arrays that a file can hold."""
+
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.artifacts import Arrays
+
+_READING = "vector_"
+
+
+@dataclass(frozen=True)
+class Reading:
+    """asinh((x - origin) / scale) of entries x of an observation, some less another entry.
+
+    Attributes:
+        names: Observables, one behind the other.
+        sizes: Their numbers of entries.
+        take: (k,), which of all these entries the vector has.
+        origin, scale: (k,), in the unit of each.
+        relative: Entries of the vector that are differences.
+        less: Of each of these, the entry of the observables that is taken off.
+        period: [s] between two decisions.
+        preview: [s], times ahead at which the reference is seen.
+        change: [1], by which an action of 1 changes the input in force; 0 where actions are inputs.
+    """
+
+    names: np.ndarray
+    sizes: np.ndarray
+    take: np.ndarray
+    origin: np.ndarray
+    scale: np.ndarray
+    relative: np.ndarray
+    less: np.ndarray
+    period: float = 0.0
+    preview: np.ndarray | tuple[float, ...] = ()
+    change: float = 0.0
+
+    def __call__(self, flat: np.ndarray, less: np.ndarray | None = None) -> np.ndarray:
+        """Vectors (..., k) of observables (..., size), differences to those of `less` if given."""
+        picked = flat[..., self.take]
+        if len(self.less):
+            picked[..., self.relative] -= (flat if less is None else less)[..., self.less]
+        return np.arcsinh((picked - self.origin) / self.scale)
+
+    @property
+    def environment(self) -> dict[str, Any]:
+        """Keyword arguments of the environment that a policy needs."""
+        return {"control_period": float(self.period), "preview": tuple(map(float, self.preview))}
+
+    def about(self) -> dict[str, np.ndarray]:
+        """What the file of a network tells of its reading."""
+        return {f"{_READING}{f.name}": np.asarray(getattr(self, f.name)) for f in fields(self)}
+
+
+def reading_in(about: Arrays) -> Reading | None:
+    """The reading that a file tells; None of a network that does not read vectors.
+
+    Raises:
+        ValueError: It is incomplete, or its entries lie outside the observables.
+    """
+    if f"{_READING}names" not in about:
+        return None
+    told = Reading(**{f.name: about[f"{_READING}{f.name}"] for f in fields(Reading)})
+    for name in ("take", "origin", "scale", "relative", "less", "sizes", "preview"):
+        about.check_shape(f"{_READING}{name}", (None,))
+    for name in ("period", "change"):
+        about.check_shape(f"{_READING}{name}", ())
+    equal = (
+        len(told.take) == len(told.origin) == len(told.scale),
+        len(told.names) == len(told.sizes),
+    )
+    places = np.concatenate([told.take, told.less])
+    inside = len(told.relative) == len(told.less) and np.all(
+        (places >= 0) & (places < told.sizes.sum())
+    )
+    if not (all(equal) and inside and np.all(told.scale > 0) and told.period > 0):
+        raise ValueError(f"{about.path} tells no vector of its observables")
+    return told

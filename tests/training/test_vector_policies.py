@@ -1,0 +1,143 @@
+"""What learned on vectors decides by name and by file as it did where it learned."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+from softrobot_env.cli import main
+from softrobot_env.control.registry import find_policy, make_policy, policy_environment, policy_name
+from softrobot_env.robots import ARM, find_robot, read_robot, write_robot
+from softrobot_env.training.registry import file_of
+
+torch = pytest.importorskip("torch")
+pytest.importorskip("stable_baselines3")
+
+from stable_baselines3 import PPO  # noqa: E402
+
+from softrobot_env.training.artifacts import save_vector_policy  # noqa: E402
+from softrobot_env.training.vec_env import make_vec_env  # noqa: E402
+
+FINGER = {"robot": "planar_finger", "task": "circle"}
+
+
+def layers(env, hidden=torch.nn.Tanh):
+    """An untrained actor of an environment."""
+    torch.manual_seed(0)
+    seen, given = env.observation_space.shape[0], env.action_space.shape[0]
+    return torch.nn.Sequential(torch.nn.Linear(seen, 8), hidden(), torch.nn.Linear(8, given))
+
+
+def decided(actor, seen):
+    with torch.no_grad():
+        return actor(torch.as_tensor(seen)).clamp(-1, 1).numpy()
+
+
+@pytest.mark.parametrize(
+    ("env_id", "options"),
+    [
+        ("SoftRobot/ArmSwing-v0", {}),
+        ("SoftRobot/ArmSwing-v0", {"act_as": "input"}),
+        ("SoftRobot/Track-v0", FINGER | {"preview": (0.01, 0.05), "control_period": 0.002}),
+        ("SoftRobot/RigReach-v0", {}),
+    ],
+    ids=["arm", "arm, inputs", "finger", "rig"],
+)
+def test_a_policy_of_a_file_moves_as_the_network_did_where_it_learned(env_id, options, tmp_path):
+    vectors = gymnasium.make(env_id, observe_as="vector", **options)
+    actor, file = layers(vectors), tmp_path / "mine.npz"
+    save_vector_policy(file, actor, vectors)
+    own = {k: v for k, v in options.items() if k != "act_as"}
+    dicts = gymnasium.make(env_id, observe="all", **own)
+    policy = make_policy(str(file), dicts)
+    (seen, _), (shown, _) = vectors.reset(seed=3), dicts.reset(seed=3)
+    state = None
+    for _ in range(20):
+        seen, *_ = vectors.step(decided(actor, seen))
+        action, state = policy.predict({n: shown[n] for n in policy.requires}, state)
+        shown, *_ = dicts.step(action)
+    np.testing.assert_allclose(
+        shown["previous_action"], dicts.unwrapped._action_array, rtol=1e-6, atol=1e-6
+    )
+    both = vectors.unwrapped._action_array, dicts.unwrapped._action_array
+    np.testing.assert_allclose(*both, rtol=1e-4, atol=1e-5)
+
+
+def test_numpy_and_machine_code_decide_alike(tmp_path):
+    env = gymnasium.make("SoftRobot/ArmStep-v0", observe_as="vector")
+    save_vector_policy(tmp_path / "mine.npz", layers(env), env)
+    policy = make_policy(str(tmp_path / "mine.npz"), ARM, 0.01)
+    rng = np.random.default_rng(0)
+    seen = {name: rng.normal(0, 0.3, (50, policy.sizes[name])) for name in policy.requires}
+    fast, _ = policy.predict(seen)
+    np.testing.assert_allclose(fast, policy.plain(seen)[0], atol=1e-6)
+    seen["tip_position"][7] = np.nan
+    actions, states = policy.predict(seen)
+    assert "not finite" in states[7].status and states[8].status is None
+    kept = np.clip(seen["previous_action"][7], -1, 1)
+    np.testing.assert_allclose(actions[7], kept, atol=1e-6)
+
+
+def test_a_model_is_found_beside_its_robot_and_evaluated(tmp_path):
+    """One of stable-baselines3, under the name that policies are looked for by."""
+    write_robot(find_robot("planar_finger"), tmp_path / "mine.toml")
+    robot = read_robot(tmp_path / "mine.toml")
+    options = {"robot": str(robot.file), "task": "circle", "control_period": 0.002}
+    env = make_vec_env("SoftRobot/Track-v0", 2, observe_as="vector", **options)
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=16, seed=0, device="cpu")
+    save_vector_policy(file_of(robot, "ppo"), model, env)
+    assert policy_environment("ppo", robot)["control_period"] == 0.002
+    policy, seen = make_policy("ppo", robot, 0.002), env.reset()
+    assert policy.sizes["previous_action"] == 2 and seen.shape[1] == len(policy._reading.take)
+    given = ["--robot", str(robot.file), "--tasks", "circle", "--policies", "ppo"]
+    assert main(["evaluate", *given, "--duration", "0.05", "--out", str(tmp_path / "out")]) == 0
+
+
+def test_what_cannot_be_written_says_why(tmp_path):
+    file = tmp_path / "mine.npz"
+    dicts, vectors = (
+        gymnasium.make("SoftRobot/ArmStep-v0", observe_as=how) for how in ("dict", "vector")
+    )
+    with pytest.raises(ValueError, match="shows no vectors"):
+        save_vector_policy(file, torch.nn.Linear(3, 3), dicts)
+    with pytest.raises(ValueError, match="not Linear, ReLU, Linear"):
+        save_vector_policy(file, layers(vectors, torch.nn.ReLU), vectors)
+    with pytest.raises(ValueError, match=r"must have \d+ inputs and 3 outputs, it has 3 and 3"):
+        save_vector_policy(file, torch.nn.Linear(3, 3), vectors)
+    assert not file.exists()
+
+
+def test_what_cannot_be_read_says_why(tmp_path, capsys):
+    env = gymnasium.make("SoftRobot/ArmStep-v0", observe_as="vector")
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu")
+    from softrobot_env.control.outside import as_policy
+
+    with pytest.raises(ValueError, match=r"reads one vector of \d+ .*save_vector_policy"):
+        as_policy(model, "mine")
+    save_vector_policy(tmp_path / "mine.npz", model, env)
+    assert policy_name(str(tmp_path / "mine.npz")) == "mine"
+    with pytest.raises(ValueError, match="mine has not been trained for robot 'planar_finger'"):
+        make_policy(str(tmp_path / "mine.npz"), find_robot("planar_finger"), 0.01)
+    with pytest.raises(ValueError, match=r"decides every 0\.01 s"):
+        make_policy(str(tmp_path / "mine.npz"), ARM, 0.02)
+    with pytest.raises(ValueError, match="no policy at"):
+        find_policy(str(tmp_path / "other.npz"))
+    given = ["--tasks", "step", "--policies", str(tmp_path / "other.npz")]
+    assert main(["evaluate", *given, "--out", str(tmp_path / "out")]) == 2
+    assert "no policy at" in capsys.readouterr().err
+
+
+def test_a_damaged_reading_is_refused_by_file(tmp_path):
+    env = gymnasium.make("SoftRobot/ArmStep-v0", observe_as="vector")
+    save_vector_policy(tmp_path / "mine.npz", layers(env), env)
+    values = dict(np.load(tmp_path / "mine.npz"))
+    np.savez(
+        tmp_path / "mine.npz", **(values | {"about_vector_take": values["about_vector_take"] + 99})
+    )
+    with pytest.raises(ValueError, match=r"mine\.npz tells no vector"):
+        make_policy(str(tmp_path / "mine.npz"), ARM, 0.01)
+
+
+def test_files_of_networks_that_read_features_are_policies_too(tmp_path):
+    """As `softrobot train` writes them; the arm's shipped one."""
+    policy = make_policy(str(file_of(ARM, "ppo")), ARM, 0.01)
+    assert type(policy) is type(make_policy("ppo", ARM, 0.01))
