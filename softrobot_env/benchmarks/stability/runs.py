@@ -115,7 +115,6 @@ class ChainSystem:
         config: The scene; its timestep and integrator are replaced in every run.
         posture: (nq,) [rad] at the start.
         controls: (nu,), constant; or their function of time, held for a control period.
-        speed: (nv,) [rad/s] at the start, zero unless given.
     """
 
     def __init__(
@@ -123,9 +122,8 @@ class ChainSystem:
         config: SceneConfig,
         posture: np.ndarray,
         controls: np.ndarray | Controls,
-        speed: np.ndarray | None = None,
     ) -> None:
-        self.scene, self.posture, self.speed = neutral_scene(config), posture, speed
+        self.scene, self.posture = neutral_scene(config), posture
         self.controls = controls
         self.axes = [0, 2] if config.bending == "planar" else [0, 1, 2]
         self.linear: LinearChain = linearize(self.scene.model)
@@ -137,8 +135,6 @@ class ChainSystem:
         model.opt.integrator = mujoco_integrator(plan.integrator)
         data = mujoco.MjData(model)
         data.qpos[:] = self.posture
-        if self.speed is not None:
-            data.qvel[:] = self.speed
         with silent_warnings():
             return self._step(model, data, plan)
 
