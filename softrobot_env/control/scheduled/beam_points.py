@@ -2,7 +2,7 @@
 
 So that laws can be tuned on one model of a robot and tried on another. What is observed, the mean
 curvatures of the robot's own pieces and the tip, follows the velocities of the model exactly
-linearly, which gives the maps that `linear_model` restricts to.
+linearly, which gives the maps that `scene.linearised` restricts to.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.linearised import LinearModel
 from softrobot_env.scene.registry import model_scene
 
-#: [1], step of an action to both sides, as of `linear_model`.
+#: [1], step of an action to both sides, as of `scene.linearised`.
 _SHIFT = 1e-7
 
 
