@@ -15,7 +15,6 @@ from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Policy
 from softrobot_env.registries import Registry, is_path, load, load_given
 from softrobot_env.robots import ARM, RobotParams, find_robot
-from softrobot_env.robots.twin import Twin
 
 #: Ending of the files of trained networks.
 NETWORK = ".npz"
@@ -57,9 +56,10 @@ class PolicySpec:
         made = self.loaded()
         return callable(made) and option in signature(made).parameters
 
-    def told(self, twin: Twin | None) -> dict[str, Any]:
-        """What the factory is told of the camera, by `tip_delay` [s], if it asks for it."""
-        return {"tip_delay": twin.camera_delay} if twin and self.takes("tip_delay") else {}
+    def told(self, twin: Any) -> dict[str, Any]:
+        """How late [s] the camera of a twin sees, as `tip_delay`, if the factory asks for it."""
+        asked = twin is not None and self.takes("tip_delay")
+        return {"tip_delay": twin.camera_delay} if asked else {}
 
 
 _LEARNED = "softrobot_env.control.learned.vector_network:make_learned"

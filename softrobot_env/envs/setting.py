@@ -36,10 +36,9 @@ from softrobot_env.envs.simulation.beam_plant import BeamPlant
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import PlantFactory, Seen
-from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots import CAMERA_PERIOD, RIG, RobotParams
 from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
 from softrobot_env.robots.twin import (
-    FRAME,
     LARGEST_ERROR,
     LARGEST_NOISE,
     Twin,
@@ -372,7 +371,8 @@ def sizes_of(
         **common,
         pulled=float(robot_inputs(robot).input_scale.max()) + LARGEST_ERROR,
         tip_room=FARTHEST * LARGEST_NOISE,
-        speed_room=4 * FARTHEST * LARGEST_NOISE / FRAME,  # pictures are half a frame apart or more
+        # Pictures are half a period of the camera apart, or more.
+        speed_room=4 * FARTHEST * LARGEST_NOISE / CAMERA_PERIOD,
     )
 
 

@@ -111,9 +111,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     that errs `info` also holds the true tip_position, and curvature.
 
     A camera without noise and delay sees the true position and velocity. Otherwise it takes a
-    picture every `twin.FRAME` (90 a second, or one per control period where that is longer), each
-    at the control instant that follows, and the velocity is the difference of its last two over
-    the time between them. Potentiometers know neither offset nor backlash of a servo.
+    picture every `robots.CAMERA_PERIOD` (90 a second, or one per control period where that is
+    longer), each at the control instant that follows, and the velocity is the difference of its
+    last two over the time between them. Potentiometers know neither offset nor backlash of a servo.
 
     A task that is drawn from a seed (`random`, `reach`) and given by name without one is drawn anew
     for every episode, by `np_random`, and keeps its duration; with `seed=` it stays.

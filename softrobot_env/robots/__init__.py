@@ -21,6 +21,7 @@ from softrobot_env.robots.parameters import (
 )
 from softrobot_env.robots.registry import (
     ARM,
+    CAMERA_PERIOD,
     CANTILEVER_STIFF,
     CANTILEVER_WEAK,
     EQUIVALENT,
@@ -39,6 +40,7 @@ from softrobot_env.robots.tendons import Tendon
 
 __all__ = [
     "ARM",
+    "CAMERA_PERIOD",
     "CANTILEVER_STIFF",
     "CANTILEVER_WEAK",
     "EQUIVALENT",

@@ -65,6 +65,9 @@ LENGTH_SCALE = 0.03
 #: Speed [m/s] at which a servo winds: 0.16 s for 60 degrees (CHASERVO DS20) on a horn of 20 mm (S).
 SERVO_SPEED = pi / 3 / 0.16 * 0.020
 
+#: [s] between two pictures of the webcam of the rig (T).
+CAMERA_PERIOD = 1 / 90
+
 #: Spatial test rig of ch. 3 and 5, upright under gravity. EI, damping and the masses are printed
 #: (Tab. 5.1; audit: damping in N s, inertia in 1e-6 kg m2): 40 g of silicone per 60 mm with the
 #: inertia of a cylinder of 14 mm radius, and 55 g more at 198 mm, the cube with the markers (I: the

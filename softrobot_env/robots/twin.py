@@ -26,14 +26,11 @@ import numpy as np
 
 from softrobot_env.fields import NotNegative, Range, check_fields
 from softrobot_env.robots.parameters import RobotParams, Tendon
-from softrobot_env.robots.registry import EQUIVALENT, EQUIVALENT_RIG, RIG
+from softrobot_env.robots.registry import CAMERA_PERIOD, EQUIVALENT, EQUIVALENT_RIG, RIG
 
 #: Largest standard deviation [m] of a camera's noise, and largest error [m] of a servo: offset plus
 #: half of the backlash. Observation spaces leave room for them.
 LARGEST_NOISE, LARGEST_ERROR = 2e-3, 5e-3
-
-#: A frame [s] of the webcam (T).
-FRAME = 1 / 90
 
 #: Spreads of `rig3d_twin`: of the logarithm of Young's modulus [1] the standard deviation, of the
 #: others the largest deviation. The tip of the straight rig moves by L (L / 2 + output) per
@@ -133,7 +130,7 @@ def _drawn(robot: RobotParams, seed: int, equivalent: float) -> Twin:
         servo_offset=offset,
         backlash=backlash,
         camera_noise=CAMERA_NOISE,
-        camera_delay=FRAME,
+        camera_delay=CAMERA_PERIOD,
         seed=int(seed),
     )
 

@@ -5,7 +5,8 @@ import pytest
 
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.simulation.virtual_rig import VirtualRig
-from softrobot_env.robots.twin import FRAME, rig3d_twin
+from softrobot_env.robots import CAMERA_PERIOD
+from softrobot_env.robots.twin import rig3d_twin
 
 TWIN = rig3d_twin(3)
 
@@ -68,8 +69,8 @@ def test_pictures_come_at_their_rate_and_late(rig):
     for _ in range(1000):
         rig.advance(np.zeros(3))
         ages += [rig.picture[0]] if rig.picture else []
-    assert len(ages) == pytest.approx(1 / FRAME, abs=2)
-    assert min(ages) >= FRAME - 1e-9 and max(ages) <= FRAME + rig.tick + 1e-9
+    assert len(ages) == pytest.approx(1 / CAMERA_PERIOD, abs=2)
+    assert min(ages) >= CAMERA_PERIOD - 1e-9 and max(ages) <= CAMERA_PERIOD + rig.tick + 1e-9
 
 
 def test_pictures_are_noisy_around_the_tip(rig):

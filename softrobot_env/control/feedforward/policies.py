@@ -10,9 +10,8 @@ from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.interfaces import Policy
 from softrobot_env.learned.network import Network
-from softrobot_env.robots import RobotParams
+from softrobot_env.robots import CAMERA_PERIOD, RobotParams
 from softrobot_env.robots.three_tendons import elastic_tendons
-from softrobot_env.robots.twin import FRAME
 
 
 def make_network(
@@ -65,7 +64,7 @@ def make_hybrid(
     ahead: bool = False,
     backlash: bool = False,
     feedback: bool = False,
-    tip_delay: float = FRAME,
+    tip_delay: float = CAMERA_PERIOD,
 ) -> Policy:
     """Statics of a network and the dynamic part of a model.
 

@@ -26,8 +26,14 @@ from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
 from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
 from softrobot_env.registries import Registry
-from softrobot_env.robots import EQUIVALENT, LENGTH_SCALE, SERVO_SPEED, WORKSPACE, RobotParams
-from softrobot_env.robots.twin import FRAME
+from softrobot_env.robots import (
+    CAMERA_PERIOD,
+    EQUIVALENT,
+    LENGTH_SCALE,
+    SERVO_SPEED,
+    WORKSPACE,
+    RobotParams,
+)
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
 _TURNING = 2e-3  # m/s, below which it is not clear on which side of its backlash a servo is
@@ -101,7 +107,7 @@ class RigFeedforward(Controller):
         ahead: bool = False,
         backlash: float | None = None,
         believed: RobotParams | None = None,
-        tip_delay: float = FRAME,
+        tip_delay: float = CAMERA_PERIOD,
     ) -> None:
         """Put the parts together.
 
@@ -189,12 +195,13 @@ class RigFeedforward(Controller):
     ) -> tuple[np.ndarray, list[Any]]:
         """As of any controller; the statics of all that is finite in one call."""
         sound = np.all([np.isfinite(observation[n]).all(axis=1) for n in self.requires], axis=0)
-        if self._model is not None or self._backlash is not None or self._lead or not sound.any():
+        alone = (self._model, self._backlash, self._feedback) == (None, None, None)
+        if not alone or self._lead or not sound.any():
             return super()._decide_stacked(observation, states)
         actions, then = self._statics_stacked({n: observation[n][sound] for n in self.requires})
         if sound.all():
             return actions, then
-        out, rest = np.empty((len(sound), self._tendons), np.float32), ~sound
+        out, rest = np.empty((len(sound), self.sizes["previous_action"]), np.float32), ~sound
         left = {name: observation[name][rest] for name in self.requires}
         out[sound] = actions
         out[rest], others = super()._decide_stacked(

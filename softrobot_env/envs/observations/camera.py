@@ -6,7 +6,7 @@ from math import ceil
 import numpy as np
 
 from softrobot_env.envs.observations.readouts import BatchReadout, ChainReadout, SensedReadout
-from softrobot_env.robots.twin import FRAME
+from softrobot_env.robots import CAMERA_PERIOD
 
 #: Standard deviations at which a camera's noise ends, so that it has bounds.
 FARTHEST = 6.0
@@ -16,10 +16,11 @@ _BLOCK = 64
 
 
 class Camera:
-    """A camera that sees late and not exactly, one picture per `FRAME` on average.
+    """A camera that sees late and not exactly, one picture per `CAMERA_PERIOD` on average.
 
     Each is taken at the first control instant after it is due: from one to the next it is a whole
-    number of control periods, the one below or above a `FRAME`, and one where a period is longer.
+    number of control periods, the one below or above a `CAMERA_PERIOD`, and one where a control
+    period is longer.
 
     Attributes:
         position: (coordinates,) [m], what the newest picture at hand says.
@@ -34,7 +35,7 @@ class Camera:
         It sees so many coordinates.
         """
         self._noise, self._delay, self._period = noise, delay, control_period
-        self._frame = FRAME / control_period
+        self._frame = CAMERA_PERIOD / control_period
         self._generator = np.random.default_rng(seed)
         self._instant, self._due = -1, 0.0
         self._undeveloped: deque[tuple[int, np.ndarray]] = deque()
@@ -84,7 +85,7 @@ class Cameras:
     ) -> None:
         """Cameras that are to be started; arguments as `Camera`'s."""
         self._noise, self._delay, self._period = noise, delay, control_period
-        self._frame = FRAME / control_period
+        self._frame = CAMERA_PERIOD / control_period
         self._everyone = np.arange(count)
         self._generators: list[np.random.Generator | None] = [None] * count
         self._normal = np.zeros((count, _BLOCK, coordinates))
