@@ -25,16 +25,20 @@ def first_frequency(model):
 @pytest.mark.parametrize(
     ("robot", "plant", "left"),
     [
-        (FINGER, "pcc", 2e-3),
-        (ROD, "pcc", 2e-3),
-        # The tip also follows stretch, and shapes within a piece, which curvatures do not tell.
-        pytest.param(ROD, "cosserat", 0.03, marks=pytest.mark.slow),
-        pytest.param(ARM, "ancf", 0.03, marks=pytest.mark.slow),
+        (FINGER, "pcc", (2e-3, 2e-3)),
+        (ROD, "pcc", (2e-3, 2e-3)),
+        # The tip also follows stretch, along the axis, and shapes within a piece, which curvatures
+        # do not tell.
+        pytest.param(ROD, "cosserat", (0.03, 0.12), marks=pytest.mark.slow),
+        pytest.param(ARM, "ancf", (0.03, 0.12), marks=pytest.mark.slow),
     ],
     ids=lambda x: getattr(x, "name", x),
 )
 def test_shape_and_tip_follow_the_actions_as_equilibria_do(robot, plant, left):
-    """Shapes by 2e-3, the error of the differences, and the tip but for what is left."""
+    """Shapes by 2e-3, the error of the differences, and the tip but for what is left to it.
+
+    `left` is a share of the largest motion, across the axis and along it.
+    """
     beam, scale = BeamLinearizer(robot, plant), robot_inputs(robot).input_scale
     inputs = 0.2 * scale * np.array([1.0, -0.6, 0.4])[: len(scale)]
     inputs = robot_inputs(robot).input_centre + inputs
@@ -46,9 +50,8 @@ def test_shape_and_tip_follow_the_actions_as_equilibria_do(robot, plant, left):
         bend = (above.curvature - below.curvature) / (2 * step)
         np.testing.assert_allclose(slope[:, j], bend, atol=2e-3 * np.abs(bend).max())
         moved = (above.tip - below.tip) / (2 * step)
-        np.testing.assert_allclose(
-            at.model.tip @ slope[:, j], moved, atol=left * np.abs(moved).max()
-        )
+        error = np.abs(at.model.tip @ slope[:, j] - moved) / np.abs(moved).max()
+        assert (error <= [left[0], left[0], left[1]]).all(), error
 
 
 @pytest.mark.parametrize("robot", [FINGER, ROD], ids=lambda robot: robot.name)
