@@ -14,6 +14,9 @@ _PROPORTIONAL, _INTEGRAL, _BESIDE, _LARGEST = 0.4, 0.45, 0.2, 2.0
 #: Rate at which a stiffness is learnt, over the frequency of the first mode.
 _LEARNING = 0.5
 
+#: Least and largest share by which a robot is taken to be stiffer than its model.
+_SOFTEST, _STIFFEST = -0.5, 1.0
+
 #: Way of a softer robot's tip, as a share of the reach, below which little is learnt from it.
 _LEAST_WAY = 0.02
 
@@ -71,7 +74,8 @@ class Feedback:
 
         s' = k c_G . (r - s c_G) / (c_G . c_G + c_0^2),   c_G = G(c).
 
-    G foretells when a correction will be seen, so k is not limited by the mode.
+    G foretells when a correction will be seen, so k is not limited by the mode. The share stays
+    between a robot of half and of twice the stiffness.
     """
 
     def __init__(
@@ -143,7 +147,7 @@ class Feedback:
         corrected, way = moved
         left = error + corrected - stiffer * way
         gain = self._period * self._learning / (way @ way + self._least_way**2)
-        return stiffer + gain * float(way @ left)
+        return min(max(stiffer + gain * float(way @ left), _SOFTEST), _STIFFEST)
 
     def _moving(
         self, rest: Rest, change: np.ndarray, stiffer: float, mode: np.ndarray
