@@ -217,12 +217,25 @@ class InverseStatics:
         """
         return self._held(inputs) if posture is None else self._at(inputs, posture)
 
-    def softened(self, linear: Linear) -> np.ndarray:
-        """Way (k,) [m] of the tip per share by which the robot last linearised is softer.
+    def ways(self, linear: Linear) -> np.ndarray:
+        """Ways (n_inputs + 2, 3) [m] of the tip in the world, of the robot last linearised.
 
-        Its springs hold what is applied, so a share less of them is like that share of it more.
+        By a full scale of each input, per share by which the robot is stiffer, and by its own
+        weight once more, at the tip. Springs hold what is applied, so a share more of them is like
+        that share of it less.
         """
-        return linear.tip_by_turns @ np.linalg.solve(linear.stiffness, self._forces.applied)
+        _, by_turns = self._forces.tip_by_turns()
+        model = self.scene.model
+        weight = model.body_mass.sum() * by_turns.T @ model.opt.gravity
+        forces = np.column_stack([self._by_inputs(linear), -self._forces.applied, weight])
+        return (by_turns @ np.linalg.solve(linear.stiffness, forces)).T
+
+    def _by_inputs(self, linear: Linear) -> np.ndarray:
+        """Generalised force (nv, n_inputs) [N m] by a full scale of each input."""
+        if not self._pulled:
+            return linear.stiffness @ linear.by_actions
+        arms = self._forces.by_controls()[:, : self.inputs.n_inputs]
+        return arms * (self._elastic[1] * self.inputs.input_scale)
 
     def inputs_by(self, action: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Change (n_inputs,) of the inputs that is a change (m,) of actions in a held posture."""

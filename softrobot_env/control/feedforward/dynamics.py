@@ -195,7 +195,7 @@ class InverseDynamics(Feedforward):
 
 
 class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
-    """The inverse dynamics with `Feedback` that learns how much stiffer the robot is."""
+    """The inverse dynamics with `Feedback` that learns how the robot differs from its model."""
 
     requires = (*InverseDynamics.requires, "tip_position")
 

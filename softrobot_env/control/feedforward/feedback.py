@@ -4,21 +4,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from softrobot_env.control.feedforward.differences import DifferenceFilter, Differences
 from softrobot_env.control.feedforward.statics import Rest, Statics
 from softrobot_env.fields import NotNegative, Positive, check_argument
 from softrobot_env.robots import RobotParams
 
-#: Shares of the limits of K_P and K_I, alone and with a stiffness learnt; the largest K_P.
-_PROPORTIONAL, _INTEGRAL, _BESIDE, _LARGEST = 0.4, 0.45, 0.2, 2.0
-
-#: Rate at which a stiffness is learnt, over the frequency of the first mode.
-_LEARNING = 0.5
-
-#: Least and largest share by which a robot is taken to be stiffer than its model.
-_SOFTEST, _STIFFEST = -0.5, 1.0
-
-#: Way of a softer robot's tip, as a share of the reach, below which little is learnt from it.
-_LEAST_WAY = 0.02
+#: Shares of the limits of K_P and K_I; the largest K_P.
+_PROPORTIONAL, _INTEGRAL, _LARGEST = 0.4, 0.45, 2.0
 
 
 class Sent(NamedTuple):
@@ -26,7 +18,8 @@ class Sent(NamedTuple):
 
     Attributes:
         reference: (k,) [m].
-        moved: (2, k) [m], how far corrections, and the ways c, have moved the tip by then.
+        moved: (1 + n, k) [m], how far corrections, and the ways of n differences, have moved the
+            tip by then.
     """
 
     reference: np.ndarray
@@ -38,23 +31,24 @@ class Felt(NamedTuple):
 
     Attributes:
         integral: (k,) [m s], of the tip's error.
-        stiffer: s [1], the share by which the robot is stiffer than its model.
-        mode: (2, 2, k), place [m] and rate [m/s] of the first mode, by corrections and by c.
+        differs: How the robot differs from its model; None where that is not learned.
+        mode: (2, 1 + n, k), place [m] and rate [m/s] of the first mode, by corrections and by the
+            ways of n differences.
         sent: The last decisions whose tip was not seen yet, oldest first.
     """
 
     integral: np.ndarray
-    stiffer: float
+    differs: Differences | None
     mode: np.ndarray
     sent: tuple[Sent, ...]
 
     def unlearnt(self, before: "Felt") -> "Felt":
-        """The same without what was integrated since `before`."""
-        return self._replace(integral=before.integral, stiffer=before.stiffer)
+        """The same without what was learned since `before`."""
+        return self._replace(integral=before.integral, differs=before.differs)
 
 
 class Feedback:
-    """Inputs that are added: J+ (K_P e + K_I int e dt), and what a robot stiffer by s needs.
+    """Inputs that are added: J+ (K_P e + K_I int e dt), or what a robot that differs needs.
 
     The error e = z_ref(t - d) - z is that of the time t - d when the tip was seen. J is the static
     tip Jacobian; J+ is damped, because J loses rank in the straight pose. Nothing is integrated
@@ -67,15 +61,11 @@ class Feedback:
     of these limits, and K_P at most 2. They track better than feedforward alone but damp nothing,
     so that a step swings longer.
 
-    A wrong stiffness is made up for all over the workspace, not at the last point alone: with c the
-    way of the tip per share by which the robot is softer, and G the first mode with the delay,
-    r = e + G(K_P e + K_I int e dt + s c) would be left without any correction, and of a robot
-    stiffer by s that is s G(c). The share follows by
-
-        s' = k c_G . (r - s c_G) / (c_G . c_G + c_0^2),   c_G = G(c).
-
-    G foretells when a correction will be seen, so k is not limited by the mode. The share stays
-    between a robot of half and of twice the stiffness.
+    An integral makes up for what is wrong at the last point alone. In its place a Kalman filter
+    learns what is wrong all over the workspace: offsets of the inputs, a stiffness, a weight at the
+    tip (`Differences`). With G the first mode with the delay, u the way that all corrections should
+    move the tip by, and Phi the ways by each difference, e + G(u) is what the error would be
+    without them, -G(Phi) times the differences. G foretells when a correction will be seen.
     """
 
     def __init__(
@@ -93,9 +83,9 @@ class Feedback:
             statics: Of the robot as its model says.
             control_period: [s] between calls.
             proportional: K_P [1]; by default 0.4 of its limit, at most 2.
-            integral: K_I [1/s]; by default 0.45 of its limit, 0.2 where a stiffness is learnt.
+            integral: K_I [1/s]; by default 0.45 of its limit, 0 where differences are learned.
             tip_delay: d [s], rounded to whole control periods, as environments do.
-            learning: The robot of the statics, of its chain, to learn s; it stays 0 unless given.
+            learning: The robot of the statics, of its chain, to learn how another differs from it.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative | None)
@@ -107,18 +97,20 @@ class Feedback:
         limit = damping_time / (control_period * (0.5 + self._late))
         gain = min(_LARGEST, _PROPORTIONAL * limit)
         self._proportional = gain if proportional is None else proportional
-        share, rate = _INTEGRAL if learning is None else _BESIDE, damping_time * frequency**2
-        self._integral = share * rate if integral is None else integral
-        self._learning = 0.0 if learning is None else _LEARNING * frequency
+        share = _INTEGRAL * damping_time * frequency**2 if learning is None else 0.0
+        self._integral = share if integral is None else integral
+        self._filter = None
         if learning is not None:
-            self._least_way = _LEAST_WAY * learning.reach
+            n_inputs = statics.inputs.n_inputs
+            self._filter = DifferenceFilter(n_inputs, learning.reach, frequency, control_period)
             self._mode = _held(frequency, damping_time, control_period)
 
     def start(self, reference: np.ndarray) -> Felt:
         """Begin with a reference (k,) [m] that was there before."""
         k = len(reference)
-        sent = self._late * (Sent(reference.copy(), np.zeros((2, k))),)
-        return Felt(np.zeros(k), 0.0, np.zeros((2, 2, k)), sent)
+        differs = None if self._filter is None else self._filter.begin()
+        mode = np.zeros((2, 1 + (0 if differs is None else len(differs.mean)), k))
+        return Felt(np.zeros(k), differs, mode, self._late * (Sent(reference.copy(), mode[0]),))
 
     def added(
         self, rest: Rest, reference: np.ndarray, tip: np.ndarray, felt: Felt
@@ -128,37 +120,36 @@ class Feedback:
         Args:
             rest: Of the model.
             reference, tip: (k,) [m], at the present and as seen; a tip that is not finite counts as
-                where it should be.
+                where it should be, and nothing is learned from it.
             felt: What the last call returned.
         """
         sent = (*felt.sent, Sent(reference.copy(), felt.mode[0]))
         error = np.where(np.isfinite(tip), sent[0].reference - tip, 0.0)
         integral = felt.integral + self._period * error
-        stiffer = self._learnt(error, sent[0].moved, felt.stiffer)
         change = self._proportional * error + self._integral * integral
-        shifted, limited = self._statics.shifted(rest, change, stiffer)
-        now = Felt(integral, stiffer, self._moving(rest, change, stiffer, felt.mode), sent[1:])
+        now = felt._replace(integral=integral, sent=sent[1:])
+        if self._filter is None:
+            shifted, limited = self._statics.shifted(rest, change)
+        else:
+            if np.isfinite(tip).all():
+                corrected, ways = sent[0].moved[0], sent[0].moved[1:]
+                differs = self._filter.updated(felt.differs, error + corrected, ways)
+                now = now._replace(differs=differs)
+            shifted, now, limited = self._made_up(rest, change, now)
         return shifted - rest.inputs, now.unlearnt(felt) if limited else now, limited
 
-    def _learnt(self, error: np.ndarray, moved: np.ndarray, stiffer: float) -> float:
-        """The share s after an error (k,) [m] was seen."""
-        if not self._learning:
-            return stiffer
-        corrected, way = moved
-        left = error + corrected - stiffer * way
-        gain = self._period * self._learning / (way @ way + self._least_way**2)
-        return min(max(stiffer + gain * float(way @ left), _SOFTEST), _STIFFEST)
-
-    def _moving(
-        self, rest: Rest, change: np.ndarray, stiffer: float, mode: np.ndarray
-    ) -> np.ndarray:
-        """The first mode a period later."""
-        if not self._learning:
-            return mode
-        way = self._statics.softened(rest, len(change), stiffer)
+    def _made_up(self, rest: Rest, change: np.ndarray, felt: Felt) -> tuple[np.ndarray, Felt, bool]:
+        """Inputs (n_inputs,) of a robot that differs, what is felt, and whether one is limited."""
+        differs, inputs = felt.differs, self._statics.inputs
+        ways = self._statics.ways(rest, len(change), differs.stiffer)
+        lifted = change - differs.weight * ways[-1]
+        shifted, limited = self._statics.shifted(rest, lifted, differs.stiffer)
+        shifted = shifted - differs.offset * inputs.input_scale
+        beyond = np.abs(shifted - inputs.input_centre) >= inputs.input_scale
         free, forced = self._mode
-        pulls = np.array([change + stiffer * way, way])
-        return np.tensordot(free, mode, 1) + forced[:, None, None] * pulls
+        pulls = np.vstack([change - differs.mean @ ways, ways])
+        mode = np.tensordot(free, felt.mode, 1) + forced[:, None, None] * pulls
+        return shifted, felt._replace(mode=mode), limited or bool(beyond.any())
 
 
 def _held(frequency: float, damping_time: float, period: float) -> tuple[np.ndarray, np.ndarray]:

@@ -257,10 +257,12 @@ class ChainStatics:
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
         return inputs, bool(limited.any() or np.any(np.abs(place.action + step) >= 1.0))
 
-    def softened(self, rest: Rest, size: int, stiffer: float = 0.0) -> np.ndarray:
-        """Way (size,) [m] of the tip at rest per share by which a robot is softer than that."""
+    def ways(self, rest: Rest, size: int, stiffer: float = 0.0) -> np.ndarray:
+        """Ways (n_inputs + 2, size) [m], see `InverseStatics.ways`, of a robot stiffer by that."""
         linear = self._stiffer(rest, stiffer)
-        return np.zeros(size) if linear is None else self.world.softened(linear)[self.axes(size)]
+        if linear is None:
+            return np.zeros((self.inputs.n_inputs + 2, size))
+        return self.world.ways(linear)[:, self.axes(size)]
 
     def _stiffer(self, rest: Rest, share: float) -> Linear | None:
         """Of a robot that is stiffer by a share, about where its model is at rest."""
