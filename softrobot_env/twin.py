@@ -1,5 +1,6 @@
 """`softrobot_env.robots.twin` under its public name."""
 
+from softrobot_env.robots.registry import CAMERA_PERIOD as FRAME
 from softrobot_env.robots.registry import SERVO_SPEED
 from softrobot_env.robots.twin import (
     ANISOTROPY,
@@ -7,7 +8,6 @@ from softrobot_env.robots.twin import (
     BACKLASH,
     CAMERA_NOISE,
     DAMPING_SPREAD,
-    FRAME,
     FRICTION,
     FRICTION_SPREAD,
     LARGEST_ERROR,
