@@ -34,6 +34,7 @@ def test_verdicts_say_how_a_run_ended(own, error, known, verdict):
     assert verdict in Verdict
 
 
+@pytest.mark.slow
 def test_a_rule_that_is_not_kept_is_found_out(monkeypatch):
     """Many times the rule's timestep is far off, and not warned of it would be wrong."""
     monkeypatch.setattr(judging, "_REFINED", (2, 4))

@@ -93,6 +93,7 @@ def test_statics_of_plants_agree(plant):
     assert np.linalg.norm(trainings._statics(plant)(inputs) - wanted) < 0.01 * ARM.length
 
 
+@pytest.mark.slow
 def test_a_network_of_another_plant_drives_the_arm(tmp_path, monkeypatch):
     monkeypatch.setattr(trainings, "_PAIRS", 150)
     trainings.train_qs_nn("pcc", tmp_path / "qs_nn.npz")

@@ -111,7 +111,10 @@ def test_variations_and_several_tasks_are_told_apart(tmp_path, mine, capsys):
 
 @pytest.mark.parametrize(
     ("name", "pictures"),
-    [("hanging_trunk", {"tip", "inputs", "path"}), ("silicone_rod", {"tip", "lengths", "path"})],
+    [
+        pytest.param("hanging_trunk", {"tip", "inputs", "path"}, marks=pytest.mark.slow),
+        ("silicone_rod", {"tip", "lengths", "path"}),
+    ],
 )
 def test_pictures_are_of_what_a_robot_has(name, pictures, tmp_path):
     arguments = ["--robot", name, "--tasks", "reach", "--policies", "hold", "--duration", "0.1"]

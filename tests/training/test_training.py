@@ -209,7 +209,8 @@ def test_reinforcement_learning_is_reproducible(algorithm):
     assert steps[0] == 0 and steps[-1] >= 128 and len(steps) >= 3
 
 
-@pytest.mark.parametrize("algorithm", ONE_ALGORITHM)
+@pytest.mark.slow
+@pytest.mark.parametrize("algorithm", ALGORITHMS)
 def test_reinforcement_learning_goes_on_from_a_checkpoint(algorithm, tmp_path):
     whole = replace(TINY, algorithm=algorithm)
     half = replace(whole, steps=72)
