@@ -127,6 +127,8 @@ RIG_POLICIES: dict[str, PolicySpec] = {
     name: PolicySpec(f"softrobot_env.control.feedforward.policies:{make}", options)
     for name, make, options in (
         ("rig_nn", "make_hybrid", {"model": "none"}),
+        ("rig_nn_p", "make_network_feedback", {"integral": 0.0}),
+        ("rig_nn_pi", "make_network_feedback", {}),
         ("inverse_dynamics", "make_inverse", {}),
         ("inverse_dynamics_ahead", "make_inverse", {"ahead": True}),
         ("hybrid", "make_hybrid", {}),

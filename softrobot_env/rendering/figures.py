@@ -88,6 +88,8 @@ STYLES = {
     "ppo_randomized": Style("#FB8072", _DOTTED, "p"),
     "sac_randomized": Style("#8DA0CB", _DOTTED, "d"),
     "rig_nn": Style("#CC6677", marker="D"),
+    "rig_nn_p": Style("#17A2B8", marker="v"),
+    "rig_nn_pi": Style("#4B0082", marker="p"),
     "inverse_dynamics": Style("#332288", marker="^"),
     "inverse_dynamics_ahead": Style("#88CCEE", marker="<"),
     "hybrid": Style("#117733", marker="o"),

@@ -30,7 +30,7 @@ from softrobot_env.robots.registry import CAMERA_PERIOD, EQUIVALENT, EQUIVALENT_
 
 #: Largest standard deviation [m] of a camera's noise, and largest error [m] of a servo: offset plus
 #: half of the backlash. Observation spaces leave room for them.
-LARGEST_NOISE, LARGEST_ERROR = 2e-3, 5e-3
+LARGEST_NOISE, LARGEST_ERROR = 2e-3, 8e-3
 
 #: Spreads of `rig3d_twin`: of the logarithm of Young's modulus [1] the standard deviation, of the
 #: others the largest deviation. The tip of the straight rig moves by L (L / 2 + output) per

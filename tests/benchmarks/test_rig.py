@@ -28,6 +28,8 @@ from softrobot_env.robots import RIG
 #: Made-up mean errors [mm] on twin 0, slow and fast; each twin has 1 mm more than the one before.
 ERRORS = {
     "rig_nn": (4, 36),
+    "rig_nn_p": (3.5, 37),
+    "rig_nn_pi": (3, 38),
     "inverse_dynamics": (12, 20),
     "inverse_dynamics_ahead": (11, 18),
     "hybrid": (1, 7),

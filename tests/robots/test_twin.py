@@ -159,7 +159,7 @@ def test_bad_seeds_are_named(seed):
         ({"backlash": (0.0, 0.0)}, "each of 3 tendons"),
         ({"servo_speed": 0.0}, "servo_speed"),
         ({"servo_offset": (0.0, np.nan, 0.0)}, r"servo_offset\[1\] must be a finite number"),
-        ({"servo_offset": (0.0, 0.0, 6e-3)}, "at most 0.005 m"),
+        ({"servo_offset": (0.0, 0.0, 9e-3)}, "at most 0.008 m"),
         ({"backlash": (-1e-4, 0.0, 0.0)}, "zero or more"),
         ({"camera_delay": -0.01}, "zero or more"),
         ({"camera_delay": np.inf}, "zero or more"),

@@ -13,6 +13,9 @@ from softrobot_env.learned.network import Network
 from softrobot_env.robots import CAMERA_PERIOD, RobotParams
 from softrobot_env.robots.three_tendons import elastic_tendons
 
+#: [m], how far beyond its points feedback may ask a network: the tip stays nearer.
+_SHIFTED = 0.04
+
 
 def make_network(
     robot: RobotParams, control_period: float, weights: str | Path | None = None
@@ -88,11 +91,8 @@ def make_hybrid(
     from softrobot_env.control.rig import feedforward as rig
 
     if is_rig(robot):
-        known = learnt
-        if not isinstance(learnt, IdentifiedParameters):
-            known = IdentifiedParameters.load(robot, learnt)
         own = model, ahead, backlash, feedback, tip_delay
-        return rig.make_hybrid(robot, control_period, known, *own)
+        return rig.make_hybrid(robot, control_period, _identified(robot, learnt), *own)
     if model != "one piece" or backlash or feedback:
         raise ValueError(
             f"robot {robot.name!r} has no identified model in pieces: it needs a head and three "
@@ -103,6 +103,45 @@ def make_hybrid(
         raise ValueError(f"robot {robot.name!r} takes a network of its statics, not of a rig")
     weights = find_artifact(robot, "qs_nn") if learnt is None else learnt
     return InverseDynamics(robot, control_period, weights=weights)
+
+
+def make_network_feedback(
+    robot: RobotParams,
+    control_period: float,
+    learnt: IdentifiedParameters | str | Path | None = None,
+    proportional: float = 0.2,
+    integral: float = 1.0,
+    tip_delay: float = CAMERA_PERIOD,
+) -> Policy:
+    """Feedback of the tip around the statics of a network, by default with the thesis' gains.
+
+    Args:
+        robot, control_period, learnt, tip_delay: As of `make_hybrid`.
+        proportional: K_P [1].
+        integral: K_I [1/s].
+
+    Raises:
+        ValueError, FileNotFoundError: As there.
+    """
+    from softrobot_env.control.feedforward.reference_feedback import ReferenceFeedback
+    from softrobot_env.control.rig.feedforward import RigFeedforward
+
+    if not is_rig(robot):
+        raise ValueError(
+            f"robot {robot.name!r} is no rig with identified parameters: take 'feedforward_pi'"
+        )
+    known = _identified(robot, learnt)
+    network = RigFeedforward(robot, control_period, known, margin=_SHIFTED)
+    return ReferenceFeedback(network, control_period, proportional, integral, tip_delay)
+
+
+def _identified(
+    robot: RobotParams, learnt: IdentifiedParameters | str | Path | None
+) -> IdentifiedParameters:
+    """Identified parameters of a rig, or those of a file, or those shipped."""
+    if isinstance(learnt, IdentifiedParameters):
+        return learnt
+    return IdentifiedParameters.load(robot, learnt)
 
 
 def is_rig(robot: RobotParams) -> bool:

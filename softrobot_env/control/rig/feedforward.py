@@ -108,6 +108,7 @@ class RigFeedforward(Controller):
         backlash: float | None = None,
         believed: RobotParams | None = None,
         tip_delay: float = CAMERA_PERIOD,
+        margin: float = _MARGIN,
     ) -> None:
         """Put the parts together.
 
@@ -121,6 +122,8 @@ class RigFeedforward(Controller):
             believed: The rig by whose chain the tip is fed back, see `Feedback`; unless given, it
                 is not.
             tip_delay: [s], how late the tip is seen.
+            margin: [m], by which a reference may lie beyond the points that the network was
+                trained with.
 
         Raises:
             ValueError: Neither statics nor a model are given, or the period is not positive and
@@ -132,6 +135,7 @@ class RigFeedforward(Controller):
             raise ValueError("a feedforward controller needs identified statics, a model or both")
         self._network = None if learnt is None else learnt.statics
         self._model, self._period, self._backlash = model, control_period, backlash
+        self._farthest = WORKSPACE + margin
         self._lead = control_period / 2 if ahead else 0.0
         self._reach = SERVO_SPEED * control_period / LENGTH_SCALE  # of an action, in a period
         self.sizes = dict.fromkeys(_MOTION, 2) | {"previous_action": len(robot.tendons)}
@@ -214,13 +218,13 @@ class RigFeedforward(Controller):
         """Actions float32 (k, 3) of the network alone, and states, for finite observations."""
         motion = [np.array(observation[name], dtype=float) for name in _MOTION]
         distance = np.hypot(*motion[0].T)
-        share = np.minimum(1.0, (WORKSPACE + _MARGIN) / np.maximum(distance, WORKSPACE))
+        share = np.minimum(1.0, (self._farthest) / np.maximum(distance, WORKSPACE))
         wanted = self._network.batch(motion[0] * share[:, None])
         action = wanted / LENGTH_SCALE
         limited = np.clip(action, -1.0, 1.0)
         change = np.abs(action - observation["previous_action"]).max(axis=1)
         status = np.select(
-            [(limited != action).any(axis=1), distance > WORKSPACE + _MARGIN, change > self._reach],
+            [(limited != action).any(axis=1), distance > self._farthest, change > self._reach],
             [_LIMITED, _OUTSIDE, _SLOW],
             "",
         )
@@ -248,7 +252,7 @@ class RigFeedforward(Controller):
     def _statics(self, place: np.ndarray) -> np.ndarray:
         """Lengths (3,) [m] that hold the output at (2,) [m], or as far that way as was trained."""
         distance = np.hypot(*place)
-        return self._network(place * min(1.0, (WORKSPACE + _MARGIN) / max(distance, WORKSPACE)))
+        return self._network(place * min(1.0, (self._farthest) / max(distance, WORKSPACE)))
 
     def _driven(self, wanted: np.ndarray, before: np.ndarray | None) -> np.ndarray:
         """Commands (3,) [m] with which the horns are on average where they should be."""
@@ -266,7 +270,7 @@ class RigFeedforward(Controller):
             tension: (3,) [N] wanted, or None.
             change: (3,) [1], of the action.
         """
-        if self._network is not None and np.hypot(*now.position) > WORKSPACE + _MARGIN:
+        if self._network is not None and np.hypot(*now.position) > self._farthest:
             return _OUTSIDE
         # Lists of three are several times quicker than arrays.
         if tension is not None and min(tension.tolist()) < 0:
