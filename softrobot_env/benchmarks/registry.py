@@ -55,6 +55,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "accuracy": _in_folder("accuracy"),
         "contacts": _in_folder("contacts"),
         "controllers": _in_folder("controllers"),
+        "feedback": _in_folder("feedback"),
         "generalization": _in_folder("generalization"),
         "laws": _in_folder("laws"),
         "learning": _in_folder("learning"),

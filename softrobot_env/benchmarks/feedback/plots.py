@@ -1,0 +1,34 @@
+"""Figs. 6.3 and 6.4 of the thesis anew."""
+
+from pathlib import Path
+
+from softrobot_env.benchmarks.feedback.run import LapRow, Row
+from softrobot_env.benchmarks.records import groups, of_kind
+from softrobot_env.rendering.curves import policy_curves
+from softrobot_env.rendering.figures import REFERENCE, add_legend, new_figure, save
+
+
+def plot(rows: list[Row], path: Path | str) -> None:
+    """Draw paths of the tip, and errors over time, a column for each disturbance.
+
+    Args:
+        rows: Rows of `benchmarks.feedback.run`.
+        path: The PNG.
+    """
+    laps = [row for row in of_kind(rows, LapRow) if row.trace is not None]
+    cases = groups(laps, "disturbance")
+    figure, axes = new_figure(2, len(cases), (3.6 * len(cases), 7.0))
+    for above, below, ((name,), mine) in zip(*axes, cases.items(), strict=True):
+        curves = policy_curves({row.policy: row.trace for row in mine})
+        reference = 1e3 * curves[0].rollout.reference
+        above.plot(*reference[:, :2].T, **REFERENCE)
+        for curve in curves:
+            tip = 1e3 * curve.rollout.tip
+            above.plot(*tip[:, :2].T, label=curve.label, **curve.line)
+            below.plot(curve.rollout.time, 1e3 * curve.rollout.error, **curve.line)
+        above.set(title=name or "undisturbed", xlabel="x [mm]", aspect="equal")
+        below.set(xlabel="time [s]", yscale="log", ylim=(0.05, None))
+    axes[0][0].set_ylabel("y [mm]")
+    axes[1][0].set_ylabel("error [mm]")
+    add_legend(figure, axes[0][0])
+    save(figure, path)

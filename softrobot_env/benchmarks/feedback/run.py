@@ -1,0 +1,123 @@
+"""The circle of sec. 6.1 with disturbances, laps of a second, and the largest stable gains."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softrobot_env.benchmarks.feedback.gains import GainRow, gain_rows
+from softrobot_env.benchmarks.feedback.rigs import DISTURBANCES, disturbed
+from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
+from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.runner import Case
+from softrobot_env.evaluation.runner import run as run_episode
+from softrobot_env.tasks import Task, make_task
+from softrobot_env.tasks.rig_trajectories import LapCircle
+
+#: Policies of sec. 6.1, and ours.
+THESIS, OURS = ("rig_nn", "rig_nn_p", "rig_nn_pi"), ("hybrid_calibrated", "hybrid_feedback")
+
+#: Seeds of the twins; networks and parameters that policies know are those of the first.
+TWINS, SHOWN = (0, 1, 2), 0
+
+#: The thesis' RMS errors [m] by policy, of the first offset and of its weight.
+PRINTED = {
+    ("rig_nn", "offset 2 mm"): 31.3e-3,
+    ("rig_nn_p", "offset 2 mm"): 26.9e-3,
+    ("rig_nn_pi", "offset 2 mm"): 3.1e-3,
+    ("rig_nn", "weight 40 g"): 39.2e-3,
+    ("rig_nn_p", "weight 40 g"): 30.6e-3,
+    ("rig_nn_pi", "weight 40 g"): 7.9e-3,
+}
+
+#: Laps of a second: [m], laps, and [s] to speed up and to slow down.
+_FAST = {"radius": 0.12, "speed": 2 * np.pi * 0.12, "laps": 6, "ramp": 2.0}
+
+
+@dataclass(frozen=True)
+class LapRow(Record):
+    """A circle.
+
+    Attributes:
+        path: "thesis", one lap at 50 mm/s, or "laps of 1 s".
+        policy: Its name.
+        twin: Seed of the twin.
+        disturbance: One of `rigs.DISTURBANCES`.
+        rms, mean, largest: Error [m] of the tip over the lap, or the laps at full speed; None where
+            the episode failed.
+        thesis: The RMS error [m] that the thesis prints, or None.
+        failure: What went wrong, or None.
+        trace: The episode.
+    """
+
+    path: str
+    policy: str
+    twin: int
+    disturbance: str
+    rms: float | None
+    mean: float | None
+    largest: float | None
+    thesis: float | None
+    failure: str | None
+    trace: Rollout | None = drawn()  # noqa: RUF009
+
+
+Row = LapRow | GainRow
+
+
+def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
+    """Let the policies of sec. 6.1 and ours follow circles on disturbed twins.
+
+    Args:
+        quick: One twin and one policy of each kind.
+        progress: Called with (description, done, total), or None.
+
+    Returns:
+        Rows of the circles, and of gains.
+    """
+    twins = TWINS[:1] if quick else TWINS
+    policies = (THESIS[-1], OURS[-1]) if quick else THESIS + OURS
+    slow = make_task("rig_circle")
+    jobs = [
+        _job("thesis", slow, policy, twin, disturbance)
+        for twin in twins
+        for disturbance in (DISTURBANCES[1:2] if quick else DISTURBANCES)
+        for policy in policies
+    ]
+    if not quick:
+        fast = _laps(slow)
+        jobs += [
+            _job("laps of 1 s", fast, p, t, d) for t in twins for d in DISTURBANCES for p in OURS
+        ]
+    return run_jobs([*jobs, ("gains", gain_rows)], progress)
+
+
+def _laps(task: Task) -> Task:
+    """Laps of a second on the same circle."""
+    circle = LapCircle(**_FAST)
+    return replace(task, trajectory=circle, duration=circle.end_time)
+
+
+def _job(path: str, task: Task, policy: str, twin: int, disturbance: str) -> Job:
+    name = f"{path}, {policy}, twin {twin} {disturbance}".rstrip()
+    return name, lambda: [_lap_row(path, task, policy, twin, disturbance)]
+
+
+def _lap_row(path: str, task: Task, policy: str, twin: int, disturbance: str) -> LapRow:
+    case = Case(task, policy, scene={"twin": disturbed(twin, disturbance)})
+    rollout, run = run_episode(case).rollout, task.trajectory
+    begin, end = run.lap_time
+    on_lap = (rollout.time >= begin + run.ramp) & (rollout.time <= end - run.ramp)
+    error, failed = rollout.error[on_lap], rollout.failure is not None
+    return LapRow(
+        path=path,
+        policy=policy,
+        twin=twin,
+        disturbance=disturbance,
+        rms=None if failed else float(np.sqrt(np.mean(error**2))),
+        mean=None if failed else float(error.mean()),
+        largest=None if failed else float(error.max()),
+        thesis=PRINTED.get((policy, disturbance)) if path == "thesis" else None,
+        failure=rollout.failure,
+        trace=rollout if twin == SHOWN and path == "thesis" else None,
+    )

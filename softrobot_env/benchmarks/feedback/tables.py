@@ -1,0 +1,61 @@
+"""Tables of `benchmarks.feedback`."""
+
+from statistics import median
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from softrobot_env.benchmarks.feedback.gains import GainRow
+from softrobot_env.benchmarks.feedback.rigs import LATE
+from softrobot_env.benchmarks.feedback.run import LapRow, Row
+from softrobot_env.benchmarks.records import groups, names, of_kind, one, select
+from softrobot_env.rendering.tables import Column, make_table, new_table
+
+_NOTE = (
+    f"The tip is seen {1e3 * LATE:g} ms late, by a camera with the errors of the twin. Policies "
+    "know the parameters of twin 0 and no disturbance. An offset of 7 mm is what makes the thesis' "
+    "feedforward err as printed; its weight is not told, 40 g are ours."
+)
+
+
+def tables(rows: list[Row]) -> Group:
+    """Errors by disturbance beside the thesis', and gains."""
+    laps = of_kind(rows, LapRow)
+    parts = [_errors(path, mine) for (path,), mine in groups(laps, "path").items()]
+    failed = [Text(f"{r.policy}, {r.disturbance}: {r.failure}") for r in laps if r.failure]
+    return Group(*parts, _gains(of_kind(rows, GainRow)), Text(_NOTE), *failed)
+
+
+def _errors(path: str, rows: list[LapRow]) -> Table:
+    """RMS errors: twin 0, median of the others, and the thesis'."""
+    disturbances = [d for (d,) in groups(rows, "disturbance")]
+    title = (
+        f"Circle of 120 mm, {path}: RMS error in mm of twin {rows[0].twin} / median of the others "
+        "(thesis)"
+    )
+    out = new_table(title, ("policy",), [d or "undisturbed" for d in disturbances])
+    for policy in names(rows):
+        mine = [select(rows, policy=policy, disturbance=d) for d in disturbances]
+        out.add_row(policy, *map(_cell, mine))
+    return out
+
+
+def _cell(rows: list[LapRow]) -> str:
+    values = [row.rms for row in rows]
+    if not values or None in values:
+        return "failed" if values else "-"
+    first, *others = (1e3 * value for value in values)
+    text = f"{first:.2g}" + (f" / {median(others):.2g}" if others else "")
+    printed = one(rows, twin=rows[0].twin).thesis
+    return text if printed is None else f"{text} ({1e3 * printed:.1f})"
+
+
+def _gains(rows: list[GainRow]) -> Table:
+    columns = (
+        Column("K_P", "proportional", ".2f"),
+        Column("K_I 1/s", "integral", ".2f"),
+        Column("rings for s", "decay", ".2f"),
+        Column("", lambda row: "largest stable in this ratio" if row.limit else "thesis"),
+    )
+    return make_table("P and PI feedback by the first mode alone: what is stable", columns, rows)
