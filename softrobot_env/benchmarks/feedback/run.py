@@ -17,6 +17,9 @@ from softrobot_env.tasks.rig_trajectories import LapCircle
 #: Policies of sec. 6.1, and ours.
 THESIS, OURS = ("rig_nn", "rig_nn_p", "rig_nn_pi"), ("hybrid_calibrated", "hybrid_feedback")
 
+#: Names of the paths.
+SLOW, FAST = "a lap at 50 mm/s", "laps of 1 s"
+
 #: Seeds of the twins; networks and parameters that policies know are those of the first.
 TWINS, SHOWN = (0, 1, 2), 0
 
@@ -39,7 +42,7 @@ class LapRow(Record):
     """A circle.
 
     Attributes:
-        path: "thesis", one lap at 50 mm/s, or "laps of 1 s".
+        path: `SLOW`, the thesis', or `FAST`.
         policy: Its name.
         twin: Seed of the twin.
         disturbance: One of `rigs.DISTURBANCES`.
@@ -79,16 +82,14 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     policies = (THESIS[-1], OURS[-1]) if quick else THESIS + OURS
     slow = make_task("rig_circle")
     jobs = [
-        _job("thesis", slow, policy, twin, disturbance)
+        _job(SLOW, slow, policy, twin, disturbance)
         for twin in twins
         for disturbance in (DISTURBANCES[1:2] if quick else DISTURBANCES)
         for policy in policies
     ]
     if not quick:
         fast = _laps(slow)
-        jobs += [
-            _job("laps of 1 s", fast, p, t, d) for t in twins for d in DISTURBANCES for p in OURS
-        ]
+        jobs += [_job(FAST, fast, p, t, d) for t in twins for d in DISTURBANCES for p in OURS]
     return run_jobs([*jobs, ("gains", gain_rows)], progress)
 
 
@@ -117,7 +118,7 @@ def _lap_row(path: str, task: Task, policy: str, twin: int, disturbance: str) ->
         rms=None if failed else float(np.sqrt(np.mean(error**2))),
         mean=None if failed else float(error.mean()),
         largest=None if failed else float(error.max()),
-        thesis=PRINTED.get((policy, disturbance)) if path == "thesis" else None,
+        thesis=PRINTED.get((policy, disturbance)) if path == SLOW else None,
         failure=rollout.failure,
-        trace=rollout if twin == SHOWN and path == "thesis" else None,
+        trace=rollout if twin == SHOWN and path == SLOW else None,
     )

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from softrobot_env.benchmarks.feedback.gains import GainRow
 from softrobot_env.benchmarks.feedback.rigs import LATE
-from softrobot_env.benchmarks.feedback.run import LapRow, Row
+from softrobot_env.benchmarks.feedback.run import SLOW, LapRow, Row
 from softrobot_env.benchmarks.records import groups, names, of_kind, one, select
 from softrobot_env.rendering.tables import Column, make_table, new_table
 
@@ -31,8 +31,8 @@ def _errors(path: str, rows: list[LapRow]) -> Table:
     """RMS errors: twin 0, median of the others, and the thesis'."""
     disturbances = [d for (d,) in groups(rows, "disturbance")]
     title = (
-        f"Circle of 120 mm, {path}: RMS error in mm of twin {rows[0].twin} / median of the others "
-        "(thesis)"
+        f"Circle of 120 mm, {path}: RMS error in mm of twin {rows[0].twin} / median of the others"
+        + (" (thesis)" if path == SLOW else "")
     )
     out = new_table(title, ("policy",), [d or "undisturbed" for d in disturbances])
     for policy in names(rows):
