@@ -31,7 +31,7 @@ from softrobot_env.scene.build import (
     spec_xml,
 )
 from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
-from softrobot_env.scene.config import Camera, SceneConfig
+from softrobot_env.scene.config import Camera, SceneConfig, contact_pieces
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from softrobot_env.scene.objects import Contacts, Object
 from softrobot_env.scene.statics import finite
@@ -97,8 +97,13 @@ class Member:
         """Of the names of its parts."""
         return self.name + SEPARATOR
 
-    def placed(self, gravity: tuple[float, float, float] | None) -> SceneConfig:
-        """Its scene, clamped where it shall be, under a gravity (3,) [m/s2] unless None."""
+    def placed(
+        self, gravity: tuple[float, float, float] | None, touches: bool = False
+    ) -> SceneConfig:
+        """Its scene, clamped where it shall be, under a gravity (3,) [m/s2] unless None.
+
+        Where it touches things it has as many pieces as a robot with contacts.
+        """
         robot = self.config.robot
         base = self.base or robot.base
         if self.mount is not None and base is None:
@@ -106,7 +111,10 @@ class Member:
         robot = replace(robot, base=base, gravity=robot.gravity if gravity is None else gravity)
         look = self.config.appearance
         look = None if look is None else replace(look, surroundings=False)  # those of all
-        return replace(self.config, robot=robot, appearance=look)
+        pieces = self.config.pieces
+        if touches and pieces is None:
+            pieces = contact_pieces(robot)
+        return replace(self.config, robot=robot, appearance=look, pieces=pieces)
 
 
 @dataclass(frozen=True)
@@ -160,7 +168,8 @@ class Assembly:
     @cached_property
     def placed(self) -> tuple[SceneConfig, ...]:
         """The members' scenes as they are built."""
-        return tuple(member.placed(self.gravity) for member in self.members)
+        touches = self.contacts is not None
+        return tuple(member.placed(self.gravity, touches) for member in self.members)
 
     @property
     def control_period(self) -> float:

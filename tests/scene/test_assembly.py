@@ -16,7 +16,7 @@ from softrobot_env.scene.objects import Contacts, Sphere
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
 
-FINGER = scene_of(ROBOTS["planar_finger"])
+FINGER = replace(scene_of(ROBOTS["planar_finger"]), pieces=6)
 WEIGHT = (0.0, 0.0, -9.81)
 
 
