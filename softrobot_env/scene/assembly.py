@@ -30,7 +30,7 @@ from softrobot_env.scene.build import (
     is_extrapolated,
     spec_xml,
 )
-from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
+from softrobot_env.scene.chain import BASE_BODY, SEPARATOR, TIP_SITE
 from softrobot_env.scene.config import Camera, SceneConfig, contact_pieces
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from softrobot_env.scene.objects import Contacts, Object
@@ -45,6 +45,9 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
     from softrobot_env.scene.simulation import SceneMotion
+
+#: Name of a member's sensor of the force between it and an object.
+FELT = "felt"
 
 #: What the scenes of all members have in common.
 _SHARED = ("control_period", "timestep", "integrator")
@@ -129,6 +132,7 @@ class Assembly:
         objects: What they can touch. Free ones have DOFs, after those of the robots.
         cameras: That look at them.
         surroundings: Whether there are lights and a wall behind them.
+        felt: An object whose force on each member its sensor `FELT` tells; none without.
     """
 
     name: str
@@ -138,6 +142,7 @@ class Assembly:
     objects: tuple[Object, ...] = ()
     cameras: tuple[Camera, ...] = ()
     surroundings: bool = False
+    felt: str | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, f"assembly {self.name!r}")
@@ -155,6 +160,8 @@ class Assembly:
             )
         if self.objects and self.contacts is None:
             raise ValueError("objects are there to be touched: give contacts=Contacts(), too")
+        if self.felt not in (None, *(thing.name for thing in self.objects)):
+            raise ValueError(f"assembly {self.name!r}: there is no object {self.felt!r} to feel")
         self._check_mounts()
 
     def _check_mounts(self) -> None:
@@ -467,7 +474,25 @@ def _attached(assembly: Assembly) -> tuple[mujoco.MjSpec, list[contacts.Pair]]:
         return spec, []
     contacts.prepare(spec.option)
     surfaces += contacts.add_objects(spec, assembly.objects)
+    if assembly.felt is not None:
+        for member in assembly.members:
+            _feel(spec, member.prefix, assembly.felt)
     return spec, contacts.pair_surfaces(spec, surfaces, assembly.contacts)
+
+
+def _feel(spec: mujoco.MjSpec, prefix: str, thing: str) -> None:
+    """Sensor of the sum (3,) [N], in world axes, of the forces of a member on an object."""
+    force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3
+    first = spec.body(f"{prefix}{BASE_BODY}") or spec.body(f"{prefix}link0")
+    spec.add_sensor(
+        name=prefix + FELT,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=first.name,
+        reftype=mujoco.mjtObj.mjOBJ_BODY,
+        refname=thing,
+        intprm=[force, net, 1],
+    )
 
 
 def _add_surroundings(spec: mujoco.MjSpec, assembly: Assembly) -> None:

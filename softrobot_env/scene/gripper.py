@@ -66,6 +66,7 @@ def gripper_scene(
         objects=(*_palm(gripper), *objects),
         cameras=cameras,
         surroundings=bool(cameras),
+        felt=objects[-1].name if objects else None,
     )
 
 
