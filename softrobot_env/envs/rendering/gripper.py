@@ -1,5 +1,7 @@
 """Pictures of a gripper, with the shapes that its sensors tell over the true ones."""
 
+from itertools import pairwise
+
 import mujoco
 import numpy as np
 
@@ -66,7 +68,7 @@ class GripperRenderer:
         option = mujoco.MjvOption()
         mujoco.mjv_updateScene(model, data, option, None, self._camera, everything, self._drawn)
         for points in sensed_shapes(self._gripper, curvature):
-            for one, other in zip(points[:-1], points[1:], strict=True):
+            for one, other in pairwise(points):
                 self._line(one, other)
         return self._context.draw(self._drawn)
 
