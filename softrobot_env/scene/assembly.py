@@ -178,6 +178,14 @@ class Assembly:
         touches = self.contacts is not None
         return tuple(member.placed(self.gravity, touches) for member in self.members)
 
+    def with_timestep(self, timestep: float | None) -> "Assembly":
+        """The same one whose members have a timestep [s], None for the rule's."""
+        members = (
+            replace(member, config=replace(member.config, timestep=timestep))
+            for member in self.members
+        )
+        return replace(self, members=tuple(members))
+
     @property
     def control_period(self) -> float:
         """[s]"""
@@ -263,12 +271,14 @@ class AssembledScene(CompiledModel):
         timestep: Integrator and timestep, and why.
         model: The compiled model of all.
         parts: The members by name.
+        pairs: What can touch, and how stiff it is.
     """
 
     config: Assembly
     timestep: TimestepChoice
     model: mujoco.MjModel
     parts: dict[str, Part]
+    pairs: tuple[contacts.Pair, ...] = ()
 
     def __getitem__(self, name: str) -> Part:
         """A member by its name."""
@@ -430,7 +440,7 @@ def build_assembly(assembly: Assembly) -> AssembledScene:
     model, choice = compile_spec(spec, pairs, partial(_mujocos, assembly, alone, pairs))
     if assembly.is_extrapolated:
         choice = _strictest([scene.timestep for scene in alone])
-    return AssembledScene(assembly, choice, model, _parts(assembly, alone, model))
+    return AssembledScene(assembly, choice, model, _parts(assembly, alone, model), tuple(pairs))
 
 
 def assembly_xml(assembly: Assembly) -> str:

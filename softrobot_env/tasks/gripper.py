@@ -72,7 +72,7 @@ GRIP_TASKS = Registry(
     {
         "enclose": GripTask("enclose", free=False),
         "hold": GripTask(
-            "hold", free=True, duration=2.4, pull=(0.0, 1.5), shake=(0.0, 3.0), within=0.015
+            "hold", free=True, duration=2.4, pull=(0.0, 4.0), shake=(0.0, 6.0), within=0.015
         ),
     },
 )
