@@ -56,6 +56,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "contacts": _in_folder("contacts"),
         "controllers": _in_folder("controllers"),
         "generalization": _in_folder("generalization"),
+        "gripper": _in_folder("gripper"),
         "laws": _in_folder("laws"),
         "learning": _in_folder("learning"),
         "ppo_defaults": _in_folder("ppo_defaults"),

@@ -1,0 +1,47 @@
+"""Grips of the thesis' objects, sizes told by curvatures, holds, and what they cost."""
+
+from functools import partial
+
+from softrobot_env.benchmarks.gripper.episodes import MIDDLE, QUICK, RULE, holds, sizes, speeds
+from softrobot_env.benchmarks.gripper.grips import grips, things
+from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.benchmarks.records import Record
+
+#: Policies of holds.
+POLICIES = ("scripted 15", "scripted 20", "scripted 30", "scripted 40", "sized")
+
+#: Bars that sizes are fitted to and tested on, held bars, and those held with the rule's timestep.
+EXAMPLES, TESTED, HELD, HELD_BY_RULE = 300, 60, 200, 20
+
+
+def run(quick: bool = False, progress: Progress | None = None) -> list[Record]:
+    """Measure, in a process for each core.
+
+    Args:
+        quick: Few bars, and coarse fingers.
+        progress: Called with (description, done, total), or None.
+    """
+    tasks = _quick() if quick else _whole()
+    return [row for rows in run_in_processes(tasks, progress) for row in rows]
+
+
+def _quick() -> list:
+    name = next(iter(things()))
+    return [
+        ("grips", partial(grips, name, 4.0, 6)),
+        ("sizes", partial(sizes, QUICK, QUICK, 60, 20)),
+        ("holds", partial(holds, QUICK, "scripted 30", 20, 0)),
+        ("speed", partial(speeds, "hold", (QUICK,), 4)),
+    ]
+
+
+def _whole() -> list:
+    tasks = [(name, partial(grips, name)) for name in things()]
+    tasks += [
+        (f"sizes, {label}", partial(sizes, MIDDLE, test, EXAMPLES, TESTED))
+        for label, test in (("as fitted", MIDDLE), ("rule", RULE))
+    ]
+    tasks += [(f"holds, {p}", partial(holds, MIDDLE, p, HELD, EXAMPLES)) for p in POLICIES]
+    tasks.append(("holds, rule", partial(holds, RULE, "scripted 30", HELD_BY_RULE, 0)))
+    settings = (RULE, MIDDLE, QUICK)
+    return tasks + [(f"speed, {t}", partial(speeds, t, settings, 16)) for t in ("enclose", "hold")]
