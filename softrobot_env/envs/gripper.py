@@ -297,6 +297,8 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         self.simulation.push(*self._disturbances())
         diverged = self._advance(ended)
         self._index += 1
+        if ended is not None and ended.any():
+            self._begin(np.flatnonzero(ended))
         return self._result(previous, diverged, ended)
 
     def _disturbances(self) -> tuple[np.ndarray, np.ndarray]:
@@ -310,15 +312,12 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         return self._drawn["pull"] * share, self._drawn["shake"] * wave
 
     def _advance(self, ended: np.ndarray | None) -> np.ndarray:
-        """Integrate all but the ended, which start anew; whether each (n,) diverged."""
+        """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
         if ended is None or not ended.any():
             return self.simulation.advance().copy()
         running = np.flatnonzero(~ended)
-        diverged = np.zeros(self.num_envs, dtype=bool)
-        if len(running):
-            diverged = self.simulation.advance(running) & ~ended
-        self._begin(np.flatnonzero(ended))
-        return diverged
+        nobody = np.zeros(self.num_envs, dtype=bool)
+        return self.simulation.advance(running) & ~ended if len(running) else nobody
 
     def _error(self) -> np.ndarray:
         """(n,) [1], over what counts as success."""

@@ -157,7 +157,8 @@ class GripperBatch(Batch):
     def push(self, forces: np.ndarray, accelerations: np.ndarray) -> None:
         """Pull at the bars by forces (n, 3) [N], and accelerate the palms by (n, 3) [m/s2].
 
-        In the axes of a palm that accelerates, everything feels the opposite.
+        In the axes of a palm that accelerates, everything feels the opposite: from the second
+        timestep of the next period on, as the first takes the gravity with which it was prepared.
         """
         self._forces[:, 6 * self._body : 6 * self._body + 3] = forces
         self.gravity[:] = np.array(self.gripper.gravity) - accelerations
