@@ -180,7 +180,7 @@ def _size(
 
 
 def holds(setting: Setting, policy: str, count: int, examples: int) -> list[Hold]:
-    """Episodes under a policy: "scripted 20 N", ..., or "sized"."""
+    """Episodes under a policy: "scripted 20 N" and the like, or "sized"."""
     made = ScriptedGrip(GRIPPER, 0.02, 20.0)
     if policy == "sized":
         made = SizedGrip(GRIPPER, 0.02, size=fitted_size(setting, examples))

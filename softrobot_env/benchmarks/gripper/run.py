@@ -8,7 +8,7 @@ from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.records import Record
 
 #: Policies of holds.
-POLICIES = ("scripted 15", "scripted 20", "scripted 30", "scripted 40", "sized")
+POLICIES = ("scripted 20 N", "scripted 30 N", "scripted 40 N", "sized")
 
 #: Bars that sizes are fitted to and tested on, held bars, and those held with the rule's timestep.
 EXAMPLES, TESTED, HELD, HELD_BY_RULE = 300, 60, 200, 20
@@ -30,7 +30,7 @@ def _quick() -> list:
     return [
         ("grips", partial(grips, name, 4.0, 6)),
         ("sizes", partial(sizes, QUICK, QUICK, 60, 20)),
-        ("holds", partial(holds, QUICK, "scripted 30", 20, 0)),
+        ("holds", partial(holds, QUICK, "scripted 30 N", 20, 0)),
         ("speed", partial(speeds, "hold", (QUICK,), 4)),
     ]
 
@@ -42,6 +42,6 @@ def _whole() -> list:
         for label, test in (("as fitted", MIDDLE), ("rule", RULE))
     ]
     tasks += [(f"holds, {p}", partial(holds, MIDDLE, p, HELD, EXAMPLES)) for p in POLICIES]
-    tasks.append(("holds, rule", partial(holds, RULE, "scripted 30", HELD_BY_RULE, 0)))
+    tasks.append(("holds, rule", partial(holds, RULE, "scripted 30 N", HELD_BY_RULE, 0)))
     settings = (RULE, MIDDLE, QUICK)
     return tasks + [(f"speed, {t}", partial(speeds, t, settings, 16)) for t in ("enclose", "hold")]
