@@ -15,9 +15,10 @@ from softrobot_env.scene.gripper import gripper_scene
 
 _CAMERA = "front"
 _MAX_GEOMS = 2000
-_SENSED = np.array([0.05, 0.30, 0.90, 1.0], dtype=np.float32)
-_BAR_RGBA = (0.55, 0.65, 0.6, 0.6)
-_LINE = 0.0012  # m
+_SENSED = np.array([0.80, 0.05, 0.10, 1.0], dtype=np.float32)
+_BAR_RGBA = (0.55, 0.65, 0.6, 0.3)
+_LINE = 0.0010  # m
+_BEFORE = 0.0045  # m towards the camera, so that a line is seen before its finger
 _POINTS = 6  # of a piece
 
 
@@ -32,7 +33,7 @@ class GripperRenderer:
         self.diameter = diameter
         gripper, task, config = batch.gripper, batch.task, batch.scene.config
         reach = max(finger.robot.reach for finger in gripper.fingers)
-        camera = Camera(_CAMERA, (0.0, 0.45 * reach), 2.0 * reach, 0.5)
+        camera = Camera(_CAMERA, (0.0, 0.45 * reach), 1.6 * reach, 0.25)
         own = config.members[0].config
         self._scene = build_assembly(
             gripper_scene(
@@ -68,6 +69,7 @@ class GripperRenderer:
         option = mujoco.MjvOption()
         mujoco.mjv_updateScene(model, data, option, None, self._camera, everything, self._drawn)
         for points in sensed_shapes(self._gripper, curvature):
+            points[:, 1] -= _BEFORE
             for one, other in pairwise(points):
                 self._line(one, other)
         return self._context.draw(self._drawn)
