@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.benchmarks.gripper.rows import Hold, Size, Speed
+from softrobot_env.benchmarks.gripper.rows import Outcome, Size, Speed
 from softrobot_env.control.gripper.policies import CALM, ScriptedGrip, SizedGrip
 from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
 from softrobot_env.envs.gripper import VectorGripperEnv
@@ -24,8 +24,17 @@ TELLING = 16.0
 #: Seeds of the examples that estimators are fitted to, of bars they are tested on, and of holds.
 _FITTED, _TESTED, _HELD = 10_000, 20_000, 30_000
 
-#: Grippers at once.
-_TOGETHER = 50
+#: Grippers at once, and those of which a policy learns.
+_TOGETHER, _LEARNERS = 50, 16
+
+#: [s], control period.
+PERIOD = 0.02
+
+#: How what learns sees grippers.
+VIEW: dict[str, Any] = {
+    "observe": ("curvature", "tendon_tension", "contact", "previous_action"),
+    "observe_as": "vector",
+}
 
 
 @dataclass(frozen=True)
@@ -35,8 +44,8 @@ class Setting:
     pieces: int | None
     timestep: float | None
 
-    def make(self, task: str, count: int, threads: int = 1) -> VectorGripperEnv:
-        """So many grippers."""
+    def make(self, task: str, count: int, threads: int = 1, **options: Any) -> VectorGripperEnv:
+        """So many grippers, with other options of the environment."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", TimestepWarning)
             return VectorGripperEnv(
@@ -45,6 +54,7 @@ class Setting:
                 pieces=self.pieces,
                 timestep=self.timestep,
                 threads=threads,
+                **options,
             )
 
 
@@ -60,7 +70,7 @@ class Played:
         drawn: `info` at their starts.
         curvature: (n, pieces) [1/m], at the end.
         success, lost: (n,) bool.
-        worst: (n,), largest error over what counts as success.
+        worst: (n,), error over what counts as success: of holds the largest, else the last.
         tension: (n,) [N], mean of the fingers at the end.
         time_per_step: [s], of the processor, for one gripper.
     """
@@ -75,11 +85,22 @@ class Played:
 
 
 def played(
-    setting: Setting, task: str, policy: Any, first: int, count: int, seconds: float | None = None
+    setting: Setting,
+    task: str,
+    policy: Any,
+    first: int,
+    count: int,
+    seconds: float | None = None,
+    **options: Any,
 ) -> Played:
-    """Episodes of seeds from `first` on under a policy, whole ones unless so many seconds."""
+    """Episodes of seeds from `first` on under a policy, whole ones unless so many seconds.
+
+    Options are those of the environment.
+    """
     parts = [
-        _played(setting, task, policy, first + k, min(_TOGETHER, count - k), seconds)
+        _played(
+            setting.make(task, min(_TOGETHER, count - k), **options), policy, first + k, seconds
+        )
         for k in range(0, count, _TOGETHER)
     ]
     drawn = {n: np.concatenate([p.drawn[n] for p in parts]) for n in parts[0].drawn}
@@ -88,25 +109,24 @@ def played(
     return Played(drawn, **arrays, time_per_step=float(np.mean([p.time_per_step for p in parts])))
 
 
-def _played(
-    setting: Setting, task: str, policy: Any, first: int, count: int, seconds: float | None
-) -> Played:
-    env = setting.make(task, count)
+def _played(env: VectorGripperEnv, policy: Any, first: int, seconds: float | None) -> Played:
+    count = env.num_envs
     observation, drawn = env.reset(seed=first)
     steps = env.max_episode_steps if seconds is None else round(seconds / env.control_period)
     lost, success, worst = np.zeros(count, bool), np.zeros(count, bool), np.zeros(count)
-    state, first_ones, last = None, np.ones(count, bool), observation["curvature"]
-    tension = observation["tendon_tension"].mean(axis=1)
+    simulation, holding = env.simulation, env.task.free
+    state, first_ones = None, np.ones(count, bool)
+    last, tension = simulation.curvature, np.zeros(count)
     begin = process_time()
     for _ in range(steps):
-        action, state = policy.predict(observation, state)
+        action, state = policy.predict(observation, state, deterministic=True)
         observation, _, failed, over, info = env.step(action)
-        worst = np.where(first_ones, np.maximum(worst, info["error"]), worst)
+        error = np.maximum(worst, info["error"]) if holding else info["error"]
+        worst = np.where(first_ones, error, worst)
         lost |= failed & first_ones
         success |= info["success"] & first_ones
-        last = np.where(first_ones[:, None], observation["curvature"], last)
-        now = observation["tendon_tension"].mean(axis=1)
-        tension = np.where(first_ones, now, tension)
+        last = np.where(first_ones[:, None], simulation.curvature, last)
+        tension = np.where(first_ones, simulation.ctrl.mean(axis=1), tension)
         first_ones &= ~(failed | over)  # what follows are other episodes
     took = (process_time() - begin) / steps / count
     return Played(drawn, last, success, lost, worst, tension, took)
@@ -117,7 +137,7 @@ def _played(
 
 def told_bends(setting: Setting, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
     """Curvatures (n, pieces) [1/m] of fingers round bars of diameters (n,) [m]."""
-    policy = ScriptedGrip(GRIPPER, 0.02, TELLING)
+    policy = ScriptedGrip(GRIPPER, PERIOD, TELLING)
     runs = played(setting, "enclose", policy, first, count, CALM)
     return runs.curvature, runs.drawn["diameter"]
 
@@ -176,31 +196,67 @@ def _size(
     )
 
 
-# ---------------------------------------------------------------- holds
+# ---------------------------------------------------------------- outcomes
 
 
-def holds(setting: Setting, policy: str, count: int, examples: int) -> list[Hold]:
-    """Episodes under a policy: "scripted 20 N" and the like, or "sized"."""
-    made = ScriptedGrip(GRIPPER, 0.02, 20.0)
-    if policy == "sized":
-        made = SizedGrip(GRIPPER, 0.02, size=fitted_size(setting, examples))
+def outcomes(
+    setting: Setting, task: str, policy: str, count: int, examples: int = 0
+) -> list[Outcome]:
+    """Episodes under a policy: "scripted 20 N" and the like, "sized", or "ppo".
+
+    Args:
+        setting: How finely grippers are simulated.
+        task: Name of the task.
+        policy: The policy.
+        count: Number of episodes.
+        examples: Bars to which "sized" is fitted, or steps with which "ppo" is trained.
+    """
+    if policy == "ppo":
+        made, how = learned(task, examples), VIEW
+    elif policy == "sized":
+        made, how = SizedGrip(GRIPPER, PERIOD, size=fitted_size(setting, examples)), {}
     else:
-        made.tension = float(policy.split()[1])
-    runs = played(setting, "hold", made, _HELD, count)
-    env = setting.make("hold", 1)
+        made, how = ScriptedGrip(GRIPPER, PERIOD, float(policy.split()[1])), {}
+    runs = played(setting, task, made, _HELD, count, **how)
+    timestep = setting.make(task, 1).simulation.scene.timestep.timestep
     return [
-        Hold(
-            policy=policy,
+        Outcome(
+            task=task,
+            policy=f"ppo, {examples} steps" if policy == "ppo" else policy,
             pieces=_pieces(setting),
-            timestep=env.simulation.scene.timestep.timestep,
+            timestep=timestep,
             count=count,
             success=float(runs.success.mean()),
             lost=float(runs.lost.mean()),
-            way=float(np.median(runs.worst) * env.task.within),
+            error=float(np.median(runs.worst)),
             tension=float(runs.tension.mean()),
             ms_per_step=1e3 * runs.time_per_step,
         )
     ]
+
+
+def learned(task: str, steps: int) -> Any:
+    """A policy of stable-baselines3's PPO, trained in the quickest setting."""
+    import torch
+    from stable_baselines3 import PPO
+
+    from softrobot_env.training.vec_env import TrackingVecEnv
+
+    torch.set_num_threads(1)
+    env = TrackingVecEnv([QUICK.make(task, _LEARNERS, autoreset_mode="SameStep", **VIEW)])
+    env.seed(0)
+    model = PPO(
+        "MlpPolicy",
+        env,
+        n_steps=256,
+        batch_size=512,
+        gamma=0.98,
+        learning_rate=1e-3,
+        policy_kwargs={"log_std_init": -1.0},
+        seed=0,
+        device="cpu",
+    )
+    return model.learn(steps)
 
 
 # ---------------------------------------------------------------- speed
@@ -211,7 +267,7 @@ def speeds(task: str, settings: Sequence[Setting], many: int) -> list[Speed]:
     rows, truth = [], None
     for setting in settings:
         env = setting.make(task, 1)
-        runs = played(setting, task, ScriptedGrip(GRIPPER, 0.02, TELLING), _TESTED, 1, CALM)
+        runs = played(setting, task, ScriptedGrip(GRIPPER, PERIOD, TELLING), _TESTED, 1, CALM)
         truth = runs.curvature if truth is None else truth
         robot = GRIPPER.fingers[0].robot
         off = np.degrees(np.abs(runs.curvature - truth).max()) * robot.length / robot.pieces

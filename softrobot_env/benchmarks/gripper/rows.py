@@ -55,28 +55,31 @@ class Size(Record):
 
 
 @dataclass(frozen=True)
-class Hold(Record):
-    """Episodes of the hold task with random bars, fingers, pulls and shaking.
+class Outcome(Record):
+    """Episodes of a task with random bars and fingers, and pulls and shaking where bars are held.
 
     Attributes:
+        task: Its name.
         policy: Its name.
         pieces: Of each finger.
         timestep: [s].
         count: Number of episodes.
         success: Share [1] that succeeded.
         lost: Share [1] in which the bar was lost.
-        way: [m], median of the bars' farthest way.
+        error: Median, over what counts as success [1]: of holds the largest of each episode, of
+            enclosing grips the last.
         tension: [N], mean at the end.
         ms_per_step: Of one gripper.
     """
 
+    task: str
     policy: str
     pieces: int
     timestep: float
     count: int
     success: float
     lost: float
-    way: float
+    error: float
     tension: float
     ms_per_step: float
 

@@ -1,14 +1,19 @@
 """Grips of the thesis' objects, sizes told by curvatures, holds, and what they cost."""
 
 from functools import partial
+from importlib.util import find_spec
 
-from softrobot_env.benchmarks.gripper.episodes import MIDDLE, QUICK, RULE, holds, sizes, speeds
+from softrobot_env.benchmarks.gripper.episodes import MIDDLE, QUICK, RULE, outcomes, sizes, speeds
 from softrobot_env.benchmarks.gripper.grips import grips, things
 from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.records import Record
 
-#: Policies of holds.
-POLICIES = ("scripted 20 N", "scripted 30 N", "scripted 40 N", "sized")
+#: Policies that hold, and that enclose.
+HOLDERS = ("scripted 20 N", "scripted 30 N", "scripted 40 N", "sized")
+CLOSERS = ("scripted 12 N", "scripted 16 N", "scripted 20 N")
+
+#: Steps with which reinforcement learning is trained to enclose.
+LEARNED = 80_000
 
 #: Bars that sizes are fitted to and tested on, held bars, and those held with the rule's timestep.
 EXAMPLES, TESTED, HELD, HELD_BY_RULE = 300, 60, 200, 20
@@ -30,7 +35,7 @@ def _quick() -> list:
     return [
         ("grips", partial(grips, name, 4.0, 6)),
         ("sizes", partial(sizes, QUICK, QUICK, 60, 20)),
-        ("holds", partial(holds, QUICK, "scripted 30 N", 20, 0)),
+        ("hold", partial(outcomes, QUICK, "hold", "scripted 30 N", 20)),
         ("speed", partial(speeds, "hold", (QUICK,), 4)),
     ]
 
@@ -41,7 +46,10 @@ def _whole() -> list:
         (f"sizes, {label}", partial(sizes, MIDDLE, test, EXAMPLES, TESTED))
         for label, test in (("as fitted", MIDDLE), ("rule", RULE))
     ]
-    tasks += [(f"holds, {p}", partial(holds, MIDDLE, p, HELD, EXAMPLES)) for p in POLICIES]
-    tasks.append(("holds, rule", partial(holds, RULE, "scripted 30 N", HELD_BY_RULE, 0)))
+    tasks += [(f"hold, {p}", partial(outcomes, MIDDLE, "hold", p, HELD, EXAMPLES)) for p in HOLDERS]
+    tasks.append(("hold, rule", partial(outcomes, RULE, "hold", "scripted 30 N", HELD_BY_RULE)))
+    tasks += [(f"enclose, {p}", partial(outcomes, QUICK, "enclose", p, HELD)) for p in CLOSERS]
+    if find_spec("stable_baselines3") is not None:
+        tasks.append(("ppo", partial(outcomes, QUICK, "enclose", "ppo", HELD, LEARNED)))
     settings = (RULE, MIDDLE, QUICK)
     return tasks + [(f"speed, {t}", partial(speeds, t, settings, 16)) for t in ("enclose", "hold")]
