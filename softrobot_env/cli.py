@@ -8,6 +8,7 @@ from softrobot_env.commands import (
     benchmark,
     evaluate,
     export,
+    grip,
     inspect,
     listing,
     render,
@@ -26,6 +27,7 @@ COMMANDS: Registry[Command] = Registry(
             evaluate, "run policies on tasks; write report.json, report.md and plots"
         ),
         "render": Command(render, "write a video of a policy on a task"),
+        "grip": Command(grip, "close a gripper on a bar; write a video"),
         "benchmark": Command(benchmark, "measure accuracy and speed"),
         "train": Command(train, "make the trained artifacts that policies load"),
         "inspect": Command(inspect, "print what a scene contains and what it leaves out"),

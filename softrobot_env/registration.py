@@ -24,6 +24,12 @@ RIG_ENVIRONMENTS = {
     "SoftRobot/RigReach-v0": "reach",
 }
 
+#: of a gripper,
+GRIPPER_ENVIRONMENTS = {
+    "SoftRobot/GripperEnclose-v0": "enclose",
+    "SoftRobot/GripperHold-v0": "hold",
+}
+
 #: and of the rig over a serial line, with the task it has unless told otherwise.
 REAL_ENVIRONMENTS = {"SoftRobot/RealRig-v0": "triangle"}
 
@@ -39,6 +45,11 @@ def register_envs() -> None:
         RIG_ENVIRONMENTS,
         entry_point="softrobot_env.envs.rig:RigEnv",
         vector_entry_point="softrobot_env.envs.rig:VectorRigEnv",
+    )
+    _register(
+        GRIPPER_ENVIRONMENTS,
+        entry_point="softrobot_env.envs.gripper:GripperEnv",
+        vector_entry_point="softrobot_env.envs.gripper:VectorGripperEnv",
     )
     _register(
         REAL_ENVIRONMENTS, entry_point="softrobot_env.envs.real:RealRigEnv", nondeterministic=True

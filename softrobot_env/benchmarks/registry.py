@@ -57,6 +57,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "controllers": _in_folder("controllers"),
         "feedback": _in_folder("feedback"),
         "generalization": _in_folder("generalization"),
+        "gripper": _in_folder("gripper"),
         "laws": _in_folder("laws"),
         "learning": _in_folder("learning"),
         "ppo_defaults": _in_folder("ppo_defaults"),

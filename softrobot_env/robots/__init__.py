@@ -4,7 +4,8 @@ The names here are what other parts import; `robots.twin`, `robots.actuation` an
 `robots.three_tendons` hold the rest.
 """
 
-from softrobot_env.robots.file import read_robot, write_robot
+from softrobot_env.robots.file import read_gripper, read_robot, write_gripper, write_robot
+from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import (
     MAY_VANISH,
@@ -27,11 +28,13 @@ from softrobot_env.robots.registry import (
     EQUIVALENT,
     EQUIVALENT_RIG,
     EXAMPLES,
+    GRIPPERS,
     LENGTH_SCALE,
     RIG,
     ROBOTS,
     SERVO_SPEED,
     WORKSPACE,
+    find_gripper,
     find_robot,
     register_robot,
 )
@@ -46,6 +49,7 @@ __all__ = [
     "EQUIVALENT",
     "EQUIVALENT_RIG",
     "EXAMPLES",
+    "GRIPPERS",
     "LENGTH_SCALE",
     "MAY_VANISH",
     "NEUTRAL",
@@ -58,6 +62,8 @@ __all__ = [
     "Base",
     "Disc",
     "Drive",
+    "Finger",
+    "Gripper",
     "Head",
     "Load",
     "RobotParams",
@@ -66,8 +72,11 @@ __all__ = [
     "as_number",
     "centerline",
     "check_number",
+    "find_gripper",
     "find_robot",
+    "read_gripper",
     "read_robot",
     "register_robot",
+    "write_gripper",
     "write_robot",
 ]

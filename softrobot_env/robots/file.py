@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from softrobot_env.fields import Positive, check_argument
+from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.parameters import Base, Disc, Drive, DriveKind, Head, RobotParams
 from softrobot_env.robots.sections import Section
 from softrobot_env.robots.tendons import Tendon
@@ -63,6 +64,8 @@ KEYS: dict[type, dict[str, str]] = {
         "stiffness": "stiffness_N_m",
     },
     Disc: {"station": "station_m", "mass": "mass_kg", "inertia": "inertia_kg_m2"},
+    Gripper: {"name": "name", "gravity": "gravity_m_s2", "palm": "palm_m"},
+    Finger: {"name": "name"},
 }
 
 #: Keys of a drive, which stand in the tables of the tendons.
@@ -80,6 +83,8 @@ _SHORT: dict[type, dict[str, Any]] = {
         "travel_m": Positive,
     },
     Disc: {"radius_m": Positive, "thickness_m": Positive},
+    Gripper: {"finger": list},
+    Finger: {"robot": str, "base": dict},
 }
 
 
@@ -97,6 +102,38 @@ def read_robot(path: Path | str) -> RobotParams:
 def write_robot(robot: RobotParams, path: Path | str) -> None:
     """Write a file that is read as the same robot."""
     Path(path).write_text(_text(robot), "utf-8")
+
+
+def read_gripper(path: Path | str) -> Gripper:
+    """The gripper that a file describes; the files of its fingers' robots are told beside it.
+
+    Raises:
+        ValueError: A file says what is not allowed; one line with file and key.
+        OSError: A file cannot be read.
+    """
+    path = Path(path)
+    with _told_of(f"{path}: "):
+        table = read_table(path)
+        _check(Gripper, table, "", needed=("name", "finger"))
+        fingers = tuple(_finger(*x, path.parent) for x in _tables(table, "finger"))
+        return Gripper(**_fields(Gripper, table), fingers=fingers, file=path.resolve())
+
+
+def write_gripper(gripper: Gripper, path: Path | str) -> None:
+    """Write a file that is read as the same gripper, and beside it those of its robots."""
+    blocks = [lines(_table_of(gripper))]
+    for finger in gripper.fingers:
+        robot = f"{finger.robot.name}.toml"
+        write_robot(finger.robot, Path(path).parent / robot)
+        said = lines({"name": finger.name, "robot": robot})
+        blocks.append(f"[[finger]]\n{said}\n[finger.base]\n{lines(_table_of(finger.base))}")
+    Path(path).write_text("\n".join(blocks), "utf-8")
+
+
+def _finger(where: str, table: Mapping[str, Any], folder: Path) -> Finger:
+    _check(Finger, table, f"{where}.", needed=("name", "robot", "base"))
+    robot, base = read_robot(folder / table["robot"]), _made(Base, table["base"], f"{where}.base")
+    return Finger(**_fields(Finger, table), robot=robot, base=base)
 
 
 def _text(robot: RobotParams) -> str:

@@ -169,7 +169,8 @@ class Base:
                 [-x, -y, z],
             ]
         )
-        c, s = cos(self.roll), sin(self.roll)
+        # Pi is rounded: what is left of a cosine or sine that vanishes would leave the plane.
+        c, s = (x if abs(x) > 1e-15 else 0.0 for x in (cos(self.roll), sin(self.roll)))
         return turn @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 

@@ -10,7 +10,8 @@ from pathlib import Path
 
 from softrobot_env.paths import assets_dir
 from softrobot_env.registries import Registry
-from softrobot_env.robots.file import read_robot
+from softrobot_env.robots.file import read_gripper, read_robot
+from softrobot_env.robots.gripper import Gripper
 from softrobot_env.robots.parameters import Drive, Head, RobotParams, Tendon
 
 #: Cantilevers of Tab. 2.1 (T), horizontal under gravity; damping of the spiral runs (T). Poisson
@@ -120,10 +121,13 @@ WORKSPACE = 0.121
 #: Robots of assets/robots/, described by files as a user's own.
 EXAMPLES = ("planar_finger", "silicone_rod", "hanging_trunk", "ftdcr_v4")
 
+#: The finger of the gripper, a file as well.
+FINGER = read_robot(assets_dir() / "robots" / "gripper_finger.toml")
+
 #: The named robots.
 ROBOTS = Registry(
     "robot",
-    {r.name: r for r in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG, EQUIVALENT_RIG)}
+    {r.name: r for r in (ARM, CANTILEVER_WEAK, CANTILEVER_STIFF, RIG, EQUIVALENT_RIG, FINGER)}
     | {name: read_robot(assets_dir() / "robots" / f"{name}.toml") for name in EXAMPLES},
 )
 
@@ -160,3 +164,12 @@ def find_robot(which: str) -> RobotParams:
         OSError: The file cannot be read.
     """
     return read_robot(which) if which.endswith(".toml") else ROBOTS.find(which)
+
+
+#: The named grippers, described by files as a user's own.
+GRIPPERS = Registry("gripper", {"gripper": read_gripper(assets_dir() / "grippers/gripper.toml")})
+
+
+def find_gripper(which: str) -> Gripper:
+    """The gripper of a name, or of a file: a path that ends in .toml; errors as `find_robot`."""
+    return read_gripper(which) if which.endswith(".toml") else GRIPPERS.find(which)

@@ -30,8 +30,8 @@ from softrobot_env.scene.build import (
     is_extrapolated,
     spec_xml,
 )
-from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
-from softrobot_env.scene.config import Camera, SceneConfig
+from softrobot_env.scene.chain import BASE_BODY, SEPARATOR, TIP_SITE
+from softrobot_env.scene.config import Camera, SceneConfig, contact_pieces
 from softrobot_env.scene.mount import TURNS, Mount, Prescribed, add_drives, add_mount, followed
 from softrobot_env.scene.objects import Contacts, Object
 from softrobot_env.scene.statics import finite
@@ -45,6 +45,9 @@ if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
     from softrobot_env.scene.simulation import SceneMotion
+
+#: Name of a member's sensor of the force between it and an object.
+FELT = "felt"
 
 #: What the scenes of all members have in common.
 _SHARED = ("control_period", "timestep", "integrator")
@@ -97,8 +100,13 @@ class Member:
         """Of the names of its parts."""
         return self.name + SEPARATOR
 
-    def placed(self, gravity: tuple[float, float, float] | None) -> SceneConfig:
-        """Its scene, clamped where it shall be, under a gravity (3,) [m/s2] unless None."""
+    def placed(
+        self, gravity: tuple[float, float, float] | None, touches: bool = False
+    ) -> SceneConfig:
+        """Its scene, clamped where it shall be, under a gravity (3,) [m/s2] unless None.
+
+        Where it touches things it has as many pieces as a robot with contacts.
+        """
         robot = self.config.robot
         base = self.base or robot.base
         if self.mount is not None and base is None:
@@ -106,7 +114,10 @@ class Member:
         robot = replace(robot, base=base, gravity=robot.gravity if gravity is None else gravity)
         look = self.config.appearance
         look = None if look is None else replace(look, surroundings=False)  # those of all
-        return replace(self.config, robot=robot, appearance=look)
+        pieces = self.config.pieces
+        if touches and pieces is None:
+            pieces = contact_pieces(robot)
+        return replace(self.config, robot=robot, appearance=look, pieces=pieces)
 
 
 @dataclass(frozen=True)
@@ -121,6 +132,7 @@ class Assembly:
         objects: What they can touch. Free ones have DOFs, after those of the robots.
         cameras: That look at them.
         surroundings: Whether there are lights and a wall behind them.
+        felt: An object whose force on each member its sensor `FELT` tells; none without.
     """
 
     name: str
@@ -130,6 +142,7 @@ class Assembly:
     objects: tuple[Object, ...] = ()
     cameras: tuple[Camera, ...] = ()
     surroundings: bool = False
+    felt: str | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, f"assembly {self.name!r}")
@@ -147,6 +160,8 @@ class Assembly:
             )
         if self.objects and self.contacts is None:
             raise ValueError("objects are there to be touched: give contacts=Contacts(), too")
+        if self.felt not in (None, *(thing.name for thing in self.objects)):
+            raise ValueError(f"assembly {self.name!r}: there is no object {self.felt!r} to feel")
         self._check_mounts()
 
     def _check_mounts(self) -> None:
@@ -160,7 +175,16 @@ class Assembly:
     @cached_property
     def placed(self) -> tuple[SceneConfig, ...]:
         """The members' scenes as they are built."""
-        return tuple(member.placed(self.gravity) for member in self.members)
+        touches = self.contacts is not None
+        return tuple(member.placed(self.gravity, touches) for member in self.members)
+
+    def with_timestep(self, timestep: float | None) -> "Assembly":
+        """The same one whose members have a timestep [s], None for the rule's."""
+        members = (
+            replace(member, config=replace(member.config, timestep=timestep))
+            for member in self.members
+        )
+        return replace(self, members=tuple(members))
 
     @property
     def control_period(self) -> float:
@@ -247,12 +271,14 @@ class AssembledScene(CompiledModel):
         timestep: Integrator and timestep, and why.
         model: The compiled model of all.
         parts: The members by name.
+        pairs: What can touch, and how stiff it is.
     """
 
     config: Assembly
     timestep: TimestepChoice
     model: mujoco.MjModel
     parts: dict[str, Part]
+    pairs: tuple[contacts.Pair, ...] = ()
 
     def __getitem__(self, name: str) -> Part:
         """A member by its name."""
@@ -414,7 +440,7 @@ def build_assembly(assembly: Assembly) -> AssembledScene:
     model, choice = compile_spec(spec, pairs, partial(_mujocos, assembly, alone, pairs))
     if assembly.is_extrapolated:
         choice = _strictest([scene.timestep for scene in alone])
-    return AssembledScene(assembly, choice, model, _parts(assembly, alone, model))
+    return AssembledScene(assembly, choice, model, _parts(assembly, alone, model), tuple(pairs))
 
 
 def assembly_xml(assembly: Assembly) -> str:
@@ -458,7 +484,25 @@ def _attached(assembly: Assembly) -> tuple[mujoco.MjSpec, list[contacts.Pair]]:
         return spec, []
     contacts.prepare(spec.option)
     surfaces += contacts.add_objects(spec, assembly.objects)
+    if assembly.felt is not None:
+        for member in assembly.members:
+            _feel(spec, member.prefix, assembly.felt)
     return spec, contacts.pair_surfaces(spec, surfaces, assembly.contacts)
+
+
+def _feel(spec: mujoco.MjSpec, prefix: str, thing: str) -> None:
+    """Sensor of the sum (3,) [N], in world axes, of the forces of a member on an object."""
+    force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3
+    first = spec.body(f"{prefix}{BASE_BODY}") or spec.body(f"{prefix}link0")
+    spec.add_sensor(
+        name=prefix + FELT,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname=first.name,
+        reftype=mujoco.mjtObj.mjOBJ_BODY,
+        refname=thing,
+        intprm=[force, net, 1],
+    )
 
 
 def _add_surroundings(spec: mujoco.MjSpec, assembly: Assembly) -> None:

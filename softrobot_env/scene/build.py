@@ -390,7 +390,7 @@ def choose_for(
             None if first.integrator == EXTRAPOLATION else first.integrator,
             friction=any(config.robot.rubs for config in configs),
             contacts=longest,
-            pieces=max(config.n_pieces for config in configs),
+            links=max(config.n_hinges for config in configs),
         )
 
 

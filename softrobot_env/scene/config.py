@@ -11,6 +11,7 @@ from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces
 from softrobot_env.scene.objects import Contacts, Object, Rgba
+from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.timestep import CONTACT_INTEGRATORS, EXTRAPOLATION
 
 #: How tendons can be driven.
@@ -222,6 +223,11 @@ class SceneConfig:
         """Number of pieces really used."""
         return len(self.edges) - 1
 
+    @property
+    def n_hinges(self) -> int:
+        """Number of stations at which it bends."""
+        return self.n_pieces * len(RULES[self.hinge_rule])
+
     @cached_property
     def edges(self) -> np.ndarray:
         """Ends (n_pieces + 1,) [m] of the pieces.
@@ -231,7 +237,7 @@ class SceneConfig:
         """
         pieces = self.robot.pieces if self.pieces is None else self.pieces
         if self.pieces is None and self.contacts is not None:
-            pieces *= ceil(CONTACT_PIECES / pieces)
+            pieces = contact_pieces(self.robot)
         return self.robot.backbone.cut(pieces)
 
     @property
@@ -260,6 +266,11 @@ class SceneConfig:
         guides = np.unique([station for t in tendons for station in t.stations])
         off = np.abs(self.edges[:, None] - guides).min(axis=0)
         return bool(off.max() <= 1e-9 * self.robot.length)
+
+
+def contact_pieces(robot: RobotParams) -> int:
+    """Pieces of a robot that touches something: as many times its own as make `CONTACT_PIECES`."""
+    return robot.pieces * ceil(CONTACT_PIECES / robot.pieces)
 
 
 def parse_accuracy(accuracy: float | str, length: float) -> float:

@@ -325,8 +325,10 @@ def pair_surfaces(
 def _may_touch(one: Surface, other: Surface, contacts: Contacts) -> bool:
     if one.fixed and other.fixed:
         return False
-    if one.robot is None or one.robot != other.robot:
+    if one.robot is None or other.robot is None:
         return True
+    if one.robot != other.robot:
+        return contacts.between_robots
     gap = max(one.span[0], other.span[0]) - min(one.span[1], other.span[1])
     return contacts.self_contact and gap >= pi / 2 * (one.radius + other.radius)
 

@@ -26,12 +26,15 @@ class Contacts:
         damping_ratio: [1] of a contact; 1 does not bounce.
         friction: Coulomb's coefficient [1], with objects that have none of their own.
         self_contact: Whether the robot touches itself.
+        between_robots: Whether robots of one scene touch each other; each of n links can touch
+            every other one's, so leave it out where they cannot meet.
     """
 
     stiffness: Positive | None = None
     damping_ratio: NotNegative = 1.0
     friction: NotNegative = 0.5
     self_contact: bool = False
+    between_robots: bool = True
 
     name: ClassVar[str] = "contacts"
 
@@ -130,6 +133,35 @@ class Cylinder(Object):
 
     def _volume(self) -> float:
         return pi * self.radius**2 * self.length
+
+
+@dataclass(frozen=True, kw_only=True)
+class Capsule(Cylinder):
+    """Cylinder with half a ball on each end. MuJoCo finds its contacts in closed form."""
+
+    geom_type: ClassVar[str] = "mjGEOM_CAPSULE"
+
+    @property
+    def extent(self) -> float:
+        """Its radius [m]."""
+        return self.radius
+
+    def _volume(self) -> float:
+        return pi * self.radius**2 * (self.length + 4 / 3 * self.radius)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ellipsoid(Object):
+    """Ellipsoid of semi-axes (3,) [m] along its own axes; one of them large: an oval cylinder."""
+
+    semi_axes: tuple[Positive, Positive, Positive]
+    geom_type: ClassVar[str] = "mjGEOM_ELLIPSOID"
+
+    def _sizes(self) -> tuple[float, ...]:
+        return self.semi_axes
+
+    def _volume(self) -> float:
+        return 4 / 3 * pi * prod(self.semi_axes)
 
 
 @dataclass(frozen=True, kw_only=True)

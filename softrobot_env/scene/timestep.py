@@ -58,8 +58,8 @@ FRICTION_STEP = 2e-3
 #: contacts).
 CONTACT_STEP, CONTACT_ACCURACY = 5e-4, 1 / 2000
 
-#: Pieces up to which they hold: shorter links are lighter, and what touches them moves them faster.
-STEP_PIECES = 12
+#: Links up to which they hold: shorter ones are lighter, and what touches them moves them faster.
+STEP_LINKS = 24
 
 #: Those that take contacts. `discrete` makes them stiffer than asked for, the more the longer the
 #: timestep, and RK4 takes four times the work to be as inaccurate.
@@ -273,7 +273,7 @@ def choose_timestep(
     *,
     friction: bool = False,
     contacts: float | None = None,
-    pieces: int = STEP_PIECES,
+    links: int = STEP_LINKS,
 ) -> TimestepChoice:
     """Apply the rule of this module, or check what the caller fixed.
 
@@ -284,7 +284,7 @@ def choose_timestep(
         integrator: MuJoCo's name; None applies the rule.
         friction: Whether any tendon rubs.
         contacts: [s] that resolve what touches; None if nothing does.
-        pieces: Of a robot that touches things.
+        links: Of a robot that touches things.
 
     Warns:
         TimestepWarning: The choice is outside the stability bound, or stiffness forced discrete.
@@ -293,7 +293,7 @@ def choose_timestep(
     accurate = min(ACCURACY * period, control_period)
     touching = contacts is not None
     if touching:
-        light = max(1.0, pieces / STEP_PIECES) ** 2
+        light = max(1.0, links / STEP_LINKS) ** 2
         accurate = min(CONTACT_ACCURACY * period, CONTACT_STEP, control_period) / light
         accurate = max(min(accurate, contacts), accurate / MAX_SUBSTEPS_RATIO)
     if integrator is None and touching:

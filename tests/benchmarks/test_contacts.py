@@ -11,7 +11,6 @@ from softrobot_env.benchmarks.contacts.judge import Run, judged
 from softrobot_env.benchmarks.contacts.plots import plot
 from softrobot_env.benchmarks.contacts.tables import tables
 from softrobot_env.benchmarks.verdicts import Verdict
-from softrobot_env.scene.build import build_scene
 
 HERE = Run(1e-3, np.zeros((3, 1, 3)))
 
@@ -47,9 +46,8 @@ def test_a_rule_that_is_not_kept_is_found_out(monkeypatch):
 @pytest.mark.parametrize("name", CASES)
 def test_every_case_touches_what_it_shall(name):
     case = CASES[name]()
-    config = case.with_contacts(1e5, 0.3)
     with np.errstate(all="raise"):
-        run = judging._run(case, build_scene(config))
+        run = judging._run(case, case.build(1e5, 0.3))
     assert run.places is not None and run.most_touches
 
 

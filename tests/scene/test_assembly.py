@@ -16,7 +16,7 @@ from softrobot_env.scene.objects import Contacts, Sphere
 from softrobot_env.scene.registry import scene_of
 from softrobot_env.scene.simulation import Simulation
 
-FINGER = scene_of(ROBOTS["planar_finger"])
+FINGER = replace(scene_of(ROBOTS["planar_finger"]), pieces=6)
 WEIGHT = (0.0, 0.0, -9.81)
 
 
@@ -179,6 +179,7 @@ def test_fingers_do_not_touch_themselves_unless_asked():
     assert all(one != other for one, other in pairs())
     assert {("finger1", "finger2"), ("finger1", "finger3"), ("finger2", "finger3")} <= {*pairs()}
     assert ("finger1", "finger1") in pairs(self_contact=True)
+    assert not pairs(between_robots=False)
 
 
 def refused(match, **options):
@@ -195,6 +196,7 @@ def test_what_does_not_fit_together_is_refused_by_name():
     refused("differ in control_period", members=(Member("a", FINGER), Member("b", slow)))
     refused("different gravity", members=(Member("a", FINGER), Member("b", heavy)))
     refused("give contacts", objects=(Sphere(name="ball", radius=0.01),))
+    refused("no object 'cup' to feel", felt="cup")
     refused("bending='spatial'", gravity=(0.0, 9.81, 0.0))
     refused("gravity must", gravity=(0.0, 1.0))
     touching = gripper(contacts=Contacts())

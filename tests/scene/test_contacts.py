@@ -24,7 +24,15 @@ from softrobot_env.scene.build import build_scene, scene_xml, vary_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig, TipSensors, visible
 from softrobot_env.scene.contacts import BACKBONE, net_force, tune
-from softrobot_env.scene.objects import Box, Contacts, Cylinder, Ground, Sphere
+from softrobot_env.scene.objects import (
+    Box,
+    Capsule,
+    Contacts,
+    Cylinder,
+    Ellipsoid,
+    Ground,
+    Sphere,
+)
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning
 
@@ -168,6 +176,24 @@ def test_a_sphere_weighs_what_it_weighs():
     np.testing.assert_allclose(
         net_force(simulation.contacts(), "ball"), [0, 0, weight], atol=2e-3 * weight
     )
+
+
+@pytest.mark.parametrize(
+    "thing",
+    [
+        Sphere(name="thing", radius=0.02, density=700.0),
+        Cylinder(name="thing", radius=0.02, length=0.05, density=700.0),
+        Capsule(name="thing", radius=0.02, length=0.05, density=700.0),
+        Ellipsoid(name="thing", semi_axes=(0.01, 0.02, 0.03), density=700.0),
+        Box(name="thing", size=(0.01, 0.02, 0.03), density=700.0),
+    ],
+)
+def test_masses_are_those_of_mujocos_volumes(thing):
+    spec = mujoco.MjSpec()
+    kind = getattr(mujoco.mjtGeom, thing.geom_type)
+    body = spec.worldbody.add_body()
+    body.add_geom(type=kind, size=thing.geom_size, density=700.0)
+    assert spec.compile().body_mass[1] == pytest.approx(thing.total_mass, rel=1e-9)
 
 
 def test_a_lying_rod_and_its_clamp_carry_its_weight():

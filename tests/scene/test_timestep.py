@@ -10,6 +10,7 @@ import pytest
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.objects import Contacts, Sphere
 from softrobot_env.scene.timestep import (
     ACCURACY,
     FRICTION_STEP,
@@ -240,3 +241,15 @@ def test_extremely_stiff_undamped_robot_gets_discrete_and_a_warning():
     # At this timestep implicitfast does.
     model.opt.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     assert growth(model) > 1e4
+
+
+def test_short_links_shorten_the_timestep_with_contacts():
+    """Links are what is light: twice as many quarter it, whatever the pieces they make."""
+    far = (Sphere(name="far", radius=0.01, position=(9.0, 0.0, 0.0)),)
+
+    def step(pieces, rule):
+        config = SceneConfig(ARM, pieces=pieces, rule=rule, contacts=Contacts(), objects=far)
+        return build_scene(config).timestep.timestep
+
+    assert step(12, "balanced2") == pytest.approx(step(24, "midpoint"))
+    assert step(24, "balanced2") == pytest.approx(step(24, "midpoint") / 4, rel=0.02)

@@ -8,9 +8,12 @@ import numpy as np
 
 from softrobot_env.robots import ARM, Base, RobotParams
 from softrobot_env.robots.loads import Load
-from softrobot_env.robots.registry import find_robot
+from softrobot_env.robots.registry import GRIPPERS, find_robot
+from softrobot_env.scene.assembly import AssembledScene, Assembly, build_assembly
+from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.objects import Box, Contacts, Cylinder, Ground, Object, Sphere
+from softrobot_env.scene.gripper import gripper_scene
+from softrobot_env.scene.objects import Box, Capsule, Contacts, Cylinder, Ground, Object, Sphere
 from softrobot_env.scene.registry import scene_of
 
 _DOWN = (0.0, 0.0, -9.81)
@@ -44,7 +47,7 @@ class Case:
     """A moving scene.
 
     Attributes:
-        config: Without contacts.
+        config: Of one robot without contacts, or of several.
         full: (n_inputs,) that the inputs reach.
         rise: [s] until then, from zero.
         duration: [s].
@@ -52,17 +55,37 @@ class Case:
         self_contact: Whether the robot touches itself.
     """
 
-    config: SceneConfig
+    config: SceneConfig | Assembly
     full: tuple[float, ...]
     rise: float
     duration: float
     objects: tuple[Object, ...] = ()
     self_contact: bool = False
 
-    def with_contacts(self, stiffness: float, friction: float) -> SceneConfig:
-        """The scene with a skin of a stiffness [N/m2] and a friction coefficient."""
-        contacts = Contacts(stiffness=stiffness, friction=friction, self_contact=self.self_contact)
-        return replace(self.config, contacts=contacts, objects=self.objects)
+    @property
+    def robot(self) -> RobotParams:
+        """The robot, or the first of several, which are alike."""
+        config = self.config
+        return config.robot if isinstance(config, SceneConfig) else config.members[0].config.robot
+
+    def build(
+        self, stiffness: float, friction: float, timestep: float | None = None
+    ) -> Scene | AssembledScene:
+        """The scene with a skin of a stiffness [N/m2], a friction coefficient and a timestep [s].
+
+        Raises:
+            ValueError: The contacts are too stiff for the timestep.
+        """
+        contacts = Contacts(
+            stiffness=stiffness,
+            friction=friction,
+            self_contact=self.self_contact,
+            between_robots=False,
+        )
+        touching = replace(self.config, contacts=contacts, objects=self.objects)
+        if isinstance(touching, SceneConfig):
+            return build_scene(replace(touching, timestep=timestep))
+        return build_assembly(touching.with_timestep(timestep))
 
     def inputs(self, time: float) -> np.ndarray:
         """(n_inputs,) at a time [s]."""
@@ -107,6 +130,25 @@ def _trunk() -> Case:
     return Case(config, full, 0.1, 1.0, objects=(wall, crate, table))
 
 
+def _gripping() -> Case:
+    """Two fingers of the gripper close on a free bar that lies on the palm."""
+    gripper = GRIPPERS["gripper"]
+    left, middle, _ = gripper.fingers
+    x, _, z = left.base.position
+    left = replace(left, base=replace(left.base, position=(x, 0.0, z)))
+    pair = replace(gripper, fingers=(left, middle))
+    bar = Capsule(
+        name="bar",
+        radius=0.03,
+        length=0.06,
+        turn=_ACROSS,
+        mass=0.08,
+        position=(0.0, 0.0, gripper.seat(0.03) + 1e-4),
+    )
+    scene = gripper_scene(pair, (bar,), control_period=0.01)
+    return Case(scene, (20.0, 20.0), 0.3, 0.5, objects=scene.objects)
+
+
 #: Name -> what makes the case.
 CASES: dict[str, Callable[[], Case]] = {
     "rod falls on ground": _falling,
@@ -114,4 +156,5 @@ CASES: dict[str, Callable[[], Case]] = {
     "rod curls on itself": _curling,
     "arm pushes ball": _pushing,
     "trunk, box and wall": _trunk,
+    "gripper closes on bar": _gripping,
 }

@@ -1,8 +1,9 @@
 """Runs of a scene with contacts, and how far they are from refined ones."""
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -11,14 +12,18 @@ from softrobot_env.benchmarks.contacts.cases import CASES, Case
 from softrobot_env.benchmarks.contacts.rows import ACCURATE_SHARE, Cell
 from softrobot_env.benchmarks.verdicts import Verdict, verdict_of, with_warning
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.build import Scene, build_scene
-from softrobot_env.scene.config import SceneConfig
+from softrobot_env.scene.assembly import AssembledScene
+from softrobot_env.scene.build import Scene
+from softrobot_env.scene.chain import SEPARATOR, TIP_SITE
 from softrobot_env.scene.contacts import material_stiffness, tune
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning
 
 #: Timesteps of the refined runs, as parts of the rule's, and the least impedance of their contacts.
 _REFINED, _LEAST_IMPEDANCE = (8, 16), 0.02
+
+#: What is judged.
+Touching = Scene | AssembledScene
 
 #: A truth is good enough if it is known to this share of what is accurate, or of the error.
 _CLEAR = 0.25
@@ -48,15 +53,15 @@ class Run:
 def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> list[Cell]:
     """Cells of a scene with a stiffness and friction, one for each timestep over the rule's."""
     case = CASES[name]()
-    stiffness = ratio * _softest(case.config.robot)
-    config = case.with_contacts(stiffness, friction)
+    stiffness = ratio * _softest(case.robot)
+    build = partial(case.build, stiffness, friction)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", TimestepWarning)
-        rule = build_scene(config).timestep.timestep
-        coarse, truth = (_refined(case, config, rule / parts) for parts in _REFINED)
+        rule = build().timestep.timestep
+        coarse, truth = (_refined(case, build(rule / parts)) for parts in _REFINED)
     cells = []
     for multiple in steps:
-        own = _own_run(case, config, None if multiple == 1 else multiple * rule)
+        own = _own_run(case, build, None if multiple == 1 else multiple * rule)
         known = _distance(coarse, truth)
         error = None if own.places is None else _distance(own.places, truth)
         cells.append(
@@ -67,11 +72,11 @@ def judged(name: str, ratio: float, friction: float, steps: Sequence[int]) -> li
                 friction=friction,
                 steps_ratio=multiple,
                 timestep=multiple * rule,
-                verdict=_verdict(own, error, known, case.config.robot.length),
+                verdict=_verdict(own, error, known, case.robot.length),
                 why=own.why,
                 warning=own.warning,
                 error=error,
-                error_share=None if error is None else error / case.config.robot.length,
+                error_share=None if error is None else error / case.robot.length,
                 uncertainty=known,
                 wall_time=own.wall_time,
                 duration=case.duration,
@@ -86,12 +91,12 @@ def _softest(robot: RobotParams) -> float:
     return min(material_stiffness(section) for section in robot.backbone.sections)
 
 
-def _own_run(case: Case, config: SceneConfig, timestep: float | None) -> Run:
+def _own_run(case: Case, build: Callable[..., Touching], timestep: float | None) -> Run:
     """As a user would run it."""
 
     def build_and_run() -> Run:
         try:
-            scene = build_scene(replace(config, timestep=timestep))
+            scene = build(timestep)
         except ValueError as error:
             return Run(timestep or 0.0, why=str(error))
         return _run(case, scene)
@@ -100,18 +105,20 @@ def _own_run(case: Case, config: SceneConfig, timestep: float | None) -> Run:
     return replace(ran, warning=warning)
 
 
-def _refined(case: Case, config: SceneConfig, timestep: float) -> np.ndarray | None:
-    scene = build_scene(replace(config, timestep=timestep))
-    tune(scene.model, scene.pairs, timestep, _LEAST_IMPEDANCE)
+def _refined(case: Case, scene: Touching) -> np.ndarray | None:
+    tune(scene.model, scene.pairs, scene.timestep.timestep, _LEAST_IMPEDANCE)
     return _run(case, scene).places
 
 
-def _run(case: Case, scene: Scene) -> Run:
+def _run(case: Case, scene: Touching) -> Run:
     """Places of a run, whose contacts are counted when the time is no longer taken."""
     simulation, choice = Simulation(scene), scene.timestep
     simulation.reset(scene.model.qpos0, case.inputs(0.0))
+    model, data = scene.model, simulation.data
     names = [thing.name for thing in case.objects if thing.is_free]
-    seen = [simulation.data.site("tip").xpos, *(simulation.data.body(n).xpos for n in names)]
+    sites = [model.site(k).name for k in range(model.nsite)]
+    tips = [name for name in sites if name.rpartition(SEPARATOR)[2] == TIP_SITE]
+    seen = [*(data.site(n).xpos for n in tips), *(data.body(n).xpos for n in names)]
     places, touches = [], 0
     begin = perf_counter()
     for number in range(round(case.duration / scene.config.control_period)):

@@ -12,6 +12,7 @@ from softrobot_env.rendering.figures import (
     GREEN,
     ORANGE,
     PURPLE,
+    SKY,
     VERMILLION,
     Axes,
     add_legend,
@@ -20,7 +21,7 @@ from softrobot_env.rendering.figures import (
     save,
 )
 
-_COLOURS = (BLUE, GREEN, ORANGE, PURPLE, BLACK)
+_COLOURS = (BLUE, GREEN, ORANGE, PURPLE, BLACK, SKY)
 _MARKERS = {1: "o", 2: "s", 4: "^", 8: "v", 16: "D"}
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from softrobot_env.envs.simulation.pool import Pool
 from softrobot_env.processes import usable_cores
 from softrobot_env.robots import NEUTRAL, VARIABLE
-from softrobot_env.scene.build import Scene, rates_of, vary_scene
+from softrobot_env.scene.build import CompiledModel, Scene, rates_of, vary_scene
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE, full_length
@@ -39,7 +39,7 @@ _TIMED = 5
 _NO_CONSTRAINT = int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
 
 
-def threads_for(scene: Scene, count: int) -> int:
+def threads_for(scene: CompiledModel, count: int) -> int:
     """Threads for so many simulations of a scene: each has work worth `WORTH`, by a measured step.
 
     At most one a core that this process may run on, and one a simulation.
@@ -50,7 +50,7 @@ def threads_for(scene: Scene, count: int) -> int:
     return max(1, min(most, int(count * step_cost(scene) / WORTH)))
 
 
-def step_cost(scene: Scene) -> float:
+def step_cost(scene: CompiledModel) -> float:
     """Time [s] of a control period of one simulation near rest, the least of some."""
     simulation = Simulation(scene)
     simulation.reset(scene.model.qpos0, np.zeros(scene.model.nu))
@@ -62,19 +62,18 @@ def step_cost(scene: Scene) -> float:
     return min(times)
 
 
-class BatchSimulation:
+class Batch:
     """As `Simulation`, n times: after every call the read-outs of all are current.
 
     Attributes:
-        scene: The scene.
+        scene: The scene, of one robot or of several.
         threads: Of the pool.
         qpos, qvel: (n, nq) [rad, rad/s], hinge angles and rates.
         ctrl: (n, nu), controls in force, to be written to.
         sensordata, ten_length, actuator_force: (n, ...), as in MjData, read-only.
-        full_length: (n, n_tendons) [m], inside the straight robots, less those of `ten_length`.
     """
 
-    def __init__(self, scene: Scene, count: int, threads: int = 0) -> None:
+    def __init__(self, scene: CompiledModel, count: int, threads: int = 0) -> None:
         """Build the simulations.
 
         Args:
@@ -99,17 +98,10 @@ class BatchSimulation:
         self._no_warnings = bytes(self._warnings.nbytes)
         self._nobody = np.zeros(count, dtype=bool)
         self._nobody.flags.writeable = False
-        self._varied = self._rubs = self._warned = False
+        self._warned = False
         self._estimates = self._integration.estimates
         self._worrying = WORRYING * (scene.timestep.accuracy or inf)
         self._periods = 0
-        self._rates = rates_of(scene)
-        self.full_length = np.tile(full_length(scene.config.robot, scene.model), (count, 1))
-        first = scene.model.body("link0").id
-        links = slice(first, first + len(scene.layout.stations))
-        # What of a field follows the factors: not heads and discs.
-        self._own = {"body_mass": links, "body_inertia": links}
-        self._slopes: dict[str, np.ndarray] | None = None  # of routes, by the factor on radii
 
     def _warn(self) -> None:
         """Tell once that a robot does not keep the accuracy."""
@@ -119,6 +111,68 @@ class BatchSimulation:
             self._warned = True
             time = self._periods * self.scene.config.control_period
             warnings.warn(inaccuracy(self.scene, found, time), stacklevel=5)
+
+    @property
+    def integration_error(self) -> np.ndarray | None:
+        """Estimated errors (n,) [m] in time since the resets; None with MuJoCo's integrators."""
+        if self.scene.timestep.accuracy is None:
+            return None
+        return self._integration.estimates.copy()
+
+    @property
+    def count(self) -> int:
+        """Number of simulations."""
+        return self._batch.count
+
+    def reset(self, which: np.ndarray, qpos: np.ndarray, ctrl: np.ndarray) -> None:
+        """Set postures at rest, with controls in force.
+
+        Args:
+            which: (k,) int, increasing, the simulations to reset.
+            qpos: (k, nq) [rad].
+            ctrl: (k, nu).
+        """
+        self._batch.reset(which)
+        self.qpos[which], self.ctrl[which] = qpos, ctrl
+        self._batch.apply(which, self._integration.refresh, self._integration.header)
+        self._integration.restart(which)
+
+    def advance(self, which: np.ndarray | None = None) -> np.ndarray:
+        """Integrate over one control period with the controls in `ctrl`, or by the servos.
+
+        Args:
+            which: (k,) int, increasing, the simulations to advance; all unless given.
+
+        Returns:
+            (n,) bool, whether each has diverged; read-only.
+        """
+        self._batch.apply(which, self._integration.advance, self._integration.header)
+        self._periods += 1
+        if not self._warned and self._estimates.max() > self._worrying:
+            self._warn()
+        if self._warnings.tobytes() == self._no_warnings:
+            return self._nobody
+        return self._warnings[:, :, 1].any(axis=1)
+
+
+class BatchSimulation(Batch):
+    """A batch of one robot's simulations, each of which may be of a variation of it.
+
+    Attributes:
+        full_length: (n, n_tendons) [m], inside the straight robots, less those of `ten_length`.
+    """
+
+    def __init__(self, scene: Scene, count: int, threads: int = 0) -> None:
+        """Build the simulations; arguments as `Batch`'s."""
+        super().__init__(scene, count, threads)
+        self._varied = self._rubs = False
+        self._rates = rates_of(scene)
+        self.full_length = np.tile(full_length(scene.config.robot, scene.model), (count, 1))
+        first = scene.model.body("link0").id
+        links = slice(first, first + len(scene.layout.stations))
+        # What of a field follows the factors: not heads and discs.
+        self._own = {"body_mass": links, "body_inertia": links}
+        self._slopes: dict[str, np.ndarray] | None = None  # of routes, by the factor on radii
 
     def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
         """Let simulations be of varied robots, in posture and motion as they are.
@@ -201,18 +255,6 @@ class BatchSimulation:
         rubbing = loss.any(axis=1)
         self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * rubbing)
 
-    @property
-    def integration_error(self) -> np.ndarray | None:
-        """Estimated errors (n,) [m] in time since the resets; None with MuJoCo's integrators."""
-        if self.scene.timestep.accuracy is None:
-            return None
-        return self._integration.estimates.copy()
-
-    @property
-    def count(self) -> int:
-        """Number of simulations."""
-        return self._batch.count
-
     def drive_by(self, servos: Servos) -> None:
         """Let servos of n robots turn in every period from now on; horns are the controls.
 
@@ -221,33 +263,3 @@ class BatchSimulation:
         """
         servos.check_drives(self.scene.config.actuation, self.ctrl.shape)
         self._integration.drive_by(servos.block)
-
-    def reset(self, which: np.ndarray, qpos: np.ndarray, ctrl: np.ndarray) -> None:
-        """Set postures at rest, with controls in force.
-
-        Args:
-            which: (k,) int, increasing, the simulations to reset.
-            qpos: (k, nq) [rad].
-            ctrl: (k, nu).
-        """
-        self._batch.reset(which)
-        self.qpos[which], self.ctrl[which] = qpos, ctrl
-        self._batch.apply(which, self._integration.refresh, self._integration.header)
-        self._integration.restart(which)
-
-    def advance(self, which: np.ndarray | None = None) -> np.ndarray:
-        """Integrate over one control period with the controls in `ctrl`, or by the servos.
-
-        Args:
-            which: (k,) int, increasing, the simulations to advance; all unless given.
-
-        Returns:
-            (n,) bool, whether each has diverged; read-only.
-        """
-        self._batch.apply(which, self._integration.advance, self._integration.header)
-        self._periods += 1
-        if not self._warned and self._estimates.max() > self._worrying:
-            self._warn()
-        if self._warnings.tobytes() == self._no_warnings:
-            return self._nobody
-        return self._warnings[:, :, 1].any(axis=1)

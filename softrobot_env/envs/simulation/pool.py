@@ -16,6 +16,7 @@ _STATE = {
     "qpos": mujoco.mjtState.mjSTATE_QPOS,
     "qvel": mujoco.mjtState.mjSTATE_QVEL,
     "ctrl": mujoco.mjtState.mjSTATE_CTRL,
+    "xfrc_applied": mujoco.mjtState.mjSTATE_XFRC_APPLIED,
 }
 _ERROR = 500
 
@@ -90,7 +91,7 @@ class Pool:
             self._c.mjb_deleteBatch(self._batch)
 
     def bind(self, name: str) -> np.ndarray:
-        """Array (n, k) of a part of the state, "qpos", "qvel" or "ctrl", to be written to."""
+        """Array (n, k) of a part of the state, a key of `_STATE`, to be written to."""
         size, row = ctypes.c_int(), self._c.mjb_nstate(self._batch)
         start = self._c.mjb_stateComponent(self._batch, int(_STATE[name]), ctypes.byref(size))
         flat = _view(start, ((self.count - 1) * row + size.value,), float)

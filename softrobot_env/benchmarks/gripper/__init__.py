@@ -1,0 +1,1 @@
+"""The gripper: its grips, the size of what it encloses, holds under pulls, and what they cost."""

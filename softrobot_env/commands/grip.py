@@ -1,0 +1,91 @@
+"""`softrobot grip`: close a gripper on a bar, tell what comes of it, and write a video."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import Progress
+
+from softrobot_env.commands.arguments import positive, size
+from softrobot_env.robots import GRIPPERS
+from softrobot_env.tasks.gripper import GRIP_TASKS
+
+EXAMPLE = """softrobot grip --task enclose --diameter 0.06 --tension 20 --out grip.gif
+  softrobot grip --task hold --gripper my_gripper.toml --seed 3"""
+
+_FIXED = ("diameter", "mass", "friction")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument("--task", choices=tuple(GRIP_TASKS), default="hold")
+    parser.add_argument(
+        "--gripper",
+        default="gripper",
+        metavar="GRIPPER",
+        help=f"a gripper file (*.toml), or one out of {', '.join(GRIPPERS)}; default: gripper",
+    )
+    parser.add_argument(
+        "--tension", type=positive, default=30.0, metavar="N", help="of all tendons; default: 30"
+    )
+    for name, unit in zip(_FIXED, ("M", "KG", "1"), strict=True):
+        parser.add_argument(f"--{name}", type=positive, metavar=unit, help="default: drawn")
+    parser.add_argument("--seed", type=int, default=0, help="of what is drawn; default: 0")
+    parser.add_argument("--pieces", type=int, help="of each finger; default: by rule")
+    parser.add_argument("--timestep", type=positive, metavar="S", help="default: by rule")
+    parser.add_argument("--out", type=Path, metavar="FILE", help=".mp4 or .gif; default: no video")
+    parser.add_argument("--fps", type=int, default=25, help="frames per second; default: 25")
+    parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    from softrobot_env.control.gripper.policies import ScriptedGrip
+    from softrobot_env.envs.gripper import GripperEnv
+    from softrobot_env.evaluation.run import play
+
+    width, height = args.size
+    env = GripperEnv(
+        args.task,
+        gripper=args.gripper,
+        pieces=args.pieces,
+        timestep=args.timestep,
+        render_mode=None if args.out is None else "rgb_array",
+        width=width,
+        height=height,
+    )
+    policy = ScriptedGrip(env.gripper, env.control_period, args.tension)
+    fixed = {name: getattr(args, name) for name in _FIXED if getattr(args, name) is not None}
+    console, pictures, info = Console(), [], {}
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task(args.task, total=env.max_episode_steps)
+        for moment in play(env, policy, args.seed, fixed):
+            info = moment.info
+            progress.advance(bar)
+            if args.out is not None and info["time"] * args.fps + 1e-6 >= len(pictures):
+                pictures.append(_picture(env, args, info))
+    env.close()
+    console.print(_outcome(info))
+    if args.out is not None:
+        from softrobot_env.rendering.video import write_video
+
+        count = write_video(args.out, pictures, args.fps)
+        console.print(f"Wrote {args.out} ({count} frames)")
+    return int("failure" in info)
+
+
+def _picture(env: Any, args: argparse.Namespace, info: dict[str, Any]) -> Any:
+    from softrobot_env.rendering.video import caption
+
+    now = float(env.simulation.ctrl[0, 0])
+    told = f"{1e3 * info['diameter']:.0f} mm, t = {info['time']:.2f} s, {now:.0f} N"
+    return caption(env.render(), [args.task, told, "red: shape that the sensors tell"])
+
+
+def _outcome(info: dict[str, Any]) -> str:
+    verdict = info.get("failure") or ("success" if info["success"] else "no success")
+    return (
+        f"bar of {1e3 * info['diameter']:.1f} mm: {verdict}; error {info['error']:.2f} of what "
+        f"counts as success, after {info['time']:.2f} s"
+    )

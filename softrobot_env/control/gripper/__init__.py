@@ -1,0 +1,1 @@
+"""Policies of grippers, and the size of what they enclose."""

@@ -1,0 +1,513 @@
+"""Grippers that enclose a clamped bar, or grasp a free one and hold it: one, or many at once."""
+
+from dataclasses import dataclass
+from typing import Any, ClassVar, NoReturn
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
+from gymnasium.vector.utils import batch_space
+from numpy import float64
+
+from softrobot_env.envs.observations.fingers import GripperView
+from softrobot_env.envs.observations.table import arrays, speed_limit
+from softrobot_env.envs.options import check_rendering, checked_actions, parse_mask, parse_seeds
+from softrobot_env.envs.rendering.gripper import GripperRenderer
+from softrobot_env.envs.simulation.grippers import GripperBatch
+from softrobot_env.envs.spec import EpisodeSpec
+from softrobot_env.fields import Count, Positive, Whole, check_argument, check_fields
+from softrobot_env.interfaces import Seen
+from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
+from softrobot_env.robots.parameters import Pieces
+from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, GripTask
+
+#: [s].
+DEFAULT_PERIOD = 0.02
+
+#: Of the fingers' own quantities each has one; pulls and shaking are vectors.
+_OF_FINGERS, _VECTORS = ("modulus", "arm"), ("pull", "shake")
+
+_MASK = "reset_mask"
+
+
+@dataclass(frozen=True)
+class GripReward:
+    """Weights of the reward's terms [1], which come by their names in `info`.
+
+    With the error e of the task over what counts as success, the term grip is
+    `grip` exp(-e), effort is -`effort` times the mean square of the tensions over their limits, and
+    smoothness -`smoothness` times the mean square of the change of the actions.
+    """
+
+    grip: float = 1.0
+    effort: float = 0.05
+    smoothness: float = 0.05
+    failure: float = -10.0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "reward")
+
+    def terms(
+        self, error: np.ndarray, action: np.ndarray, previous: np.ndarray, failed: np.ndarray
+    ) -> dict[str, np.ndarray]:
+        """Terms (n,) for errors (n,), actions (n, inputs) and failures (n,) bool."""
+        terms = {
+            "reward_grip": self.grip * np.exp(-error),
+            "reward_effort": -self.effort * np.mean(((action + 1) / 2) ** 2, axis=1),
+            "reward_smoothness": -self.smoothness * np.mean((action - previous) ** 2, axis=1),
+        }
+        terms = {name: np.where(failed, 0.0, term) for name, term in terms.items()}
+        return terms | {"reward_failure": self.failure * failed}
+
+
+_TERMS = ("reward_grip", "reward_effort", "reward_smoothness", "reward_failure")
+
+
+class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
+    """Grippers on a thread pool; `GripperEnv` is one of them.
+
+    An action in [-1, 1] is the tension of a tendon between none and its limit. Observations are
+    float64 in SI units: `curvature` and `curvature_rate` (means over each piece of each finger, as
+    its sensors have them), `tendon_tension`, `contact` (size of each finger's force on the bar) and
+    `previous_action`; or, with observe_as="vector", one float32 vector of them of order 1. `info`
+    is flat: time, the terms of the reward by their names, error (over what counts as success),
+    success (only at the end), what was drawn, and the place of the bar.
+
+    Attributes:
+        gripper, task: What they are.
+        simulation: Of all.
+    """
+
+    spec = EpisodeSpec()
+    metadata: ClassVar = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        num_envs: int = 1,
+        task: str | GripTask = "hold",
+        *,
+        gripper: str | Gripper = "gripper",
+        control_period: float = DEFAULT_PERIOD,
+        observe: tuple[str, ...] | str = ("curvature", "tendon_tension"),
+        observe_as: str = "dict",
+        reward: GripReward | None = None,
+        pieces: int | None = None,
+        timestep: float | None = None,
+        threads: int = 0,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        render_mode: None = None,
+    ) -> None:
+        """Build the environments.
+
+        Args:
+            num_envs: Their number n.
+            task: A name out of `GRIP_TASKS`, or a task.
+            gripper: A name out of `GRIPPERS`, the path of a file, or a gripper.
+            control_period: [s].
+            observe: Names out of `observations.fingers.KNOWN`, or "all".
+            observe_as: "dict" or "vector".
+            reward: The usual one unless given.
+            pieces: Of each finger, as many as a robot with contacts has unless given. Few, with a
+                long timestep, are quicker and less accurate (`softrobot benchmark gripper`).
+            timestep: [s], by the rule for contacts unless given.
+            threads: Of the pool, 0 for as many as have enough to do.
+            autoreset_mode: One of `AutoresetMode`, or its value.
+            render_mode: None; many environments are not drawn.
+
+        Raises:
+            ValueError: An argument out of range; the message names what is allowed.
+
+        Warns:
+            TimestepWarning: The timestep is longer than the rule's.
+        """
+        _check_arguments(num_envs, control_period, observe_as, threads, pieces, timestep)
+        check_argument("render_mode", render_mode, type(None))
+        check_argument("reward", reward, GripReward | None)
+        self.task = GRIP_TASKS.find(task) if isinstance(task, str) else task
+        check_argument("task", self.task, GripTask)
+        self.gripper = find_gripper(gripper) if isinstance(gripper, str) else gripper
+        check_argument("gripper", self.gripper, Gripper)
+        self.num_envs, self.control_period = int(num_envs), float(control_period)
+        self.max_episode_steps = max(1, round(self.task.duration / control_period))
+        self._mode = self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.metadata = {**self.metadata, "autoreset_mode": self._mode}
+        self._reward = reward or GripReward()
+        self.simulation = GripperBatch(
+            self.gripper, self.task, control_period, self.num_envs, threads, pieces, timestep
+        )
+        self._limits = self.gripper.tension_limits
+        n = self.num_envs
+        self._action = np.full((n, len(self._limits)), -1.0)
+        self.observe_as = observe_as
+        self._view = GripperView(
+            self.simulation, observe, observe_as == "vector", lambda: self._action.copy()
+        )
+        self.vector_layout = self._view.layout
+        self.single_observation_space = self._view.space
+        self.single_action_space = gymnasium.spaces.Box(-1.0, 1.0, self._limits.shape, np.float32)
+        self.observation_space = batch_space(self.single_observation_space, n)
+        self.action_space = batch_space(self.single_action_space, n)
+        self._prepare()
+
+    def __getstate__(self) -> NoReturn:
+        raise TypeError(
+            f"a {type(self).__name__} cannot be copied or pickled, as its simulations live in "
+            "MuJoCo's memory: make another with the same arguments"
+        )
+
+    def _prepare(self) -> None:
+        n, fingers = self.num_envs, len(self.gripper.fingers)
+        shapes = dict.fromkeys(_OF_FINGERS, (n, fingers)) | dict.fromkeys(_VECTORS, (n, 3))
+        self._drawn = {name: np.zeros(shapes.get(name, n)) for name in DRAWN}
+        self._index = np.zeros(n, dtype=np.int64)
+        self._worst = np.zeros(n)
+        self._home = np.zeros((n, 3))
+        self._done = np.ones(n, dtype=bool)
+        self._started = False
+        self._generators: list[np.random.Generator] = []
+        self._observation: Seen | None = None
+        self._speed = max(speed_limit(finger.robot) for finger in self.gripper.fingers)
+        self._enclosable = np.array(
+            [(k, s) for k, f in enumerate(self.gripper.fingers) for s in _starts(f.robot)]
+        )
+
+    # ------------------------------------------------------------------ episodes
+
+    def reset(
+        self,
+        *,
+        seed: int | list[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Seen, dict[str, Any]]:
+        """Start episodes: fingers straight, a new bar and new fingers.
+
+        Args:
+            seed: Seed of the first environment, the others follow; or one each.
+            options: Values in place of draws, by names out of `tasks.gripper.DRAWN`, each a number
+                or an array of n; `modulus` and `arm` may be of the fingers, `pull` and `shake` are
+                sizes, in a drawn direction, or vectors (3,). And `reset_mask` (n,) bool, the
+                environments to reset, all unless given.
+
+        Raises:
+            ValueError: A bad option; the message names what is allowed.
+        """
+        check_argument("options", options, dict | None)
+        given = dict(options or {})
+        which = parse_mask(given.pop(_MASK, None), self.num_envs)
+        if not self._started and len(which) < self.num_envs:
+            raise ValueError("the first reset must be of all environments")
+        fixed = {name: self._parsed(name, value) for name, value in given.items()}
+        for i, one in enumerate(parse_seeds(seed, self.num_envs)):
+            if i == len(self._generators):
+                self._generators.append(seeding.np_random(one)[0])
+            elif one is not None:
+                self._generators[i] = seeding.np_random(one)[0]
+        self._begin(which, fixed)
+        self._started = True
+        self._observation = self._view()
+        return self._observation, self._info(self._error(), dict.fromkeys(_TERMS, 0.0))
+
+    def _parsed(self, name: str, value: Any) -> np.ndarray:
+        """An option as an array that broadcasts to that of what is drawn."""
+        if name not in DRAWN:
+            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(DRAWN)}, {_MASK}")
+        try:
+            values = np.asarray(value, dtype=float)
+            if name in _VECTORS and values.shape != (3,):
+                shape = (self.num_envs,)
+                values = np.broadcast_to(values, shape)
+            else:
+                values = np.broadcast_to(values, self._drawn[name].shape)
+        except (TypeError, ValueError):
+            values = np.array([np.nan])
+        least = -np.inf if name in _VECTORS and values.ndim == 2 else 0.0
+        positive = name in ("diameter", "mass", "modulus", "arm")
+        if not (np.isfinite(values).all() and (values >= least).all()) or (
+            positive and not (values > 0).all()
+        ):
+            raise ValueError(
+                f"option {name!r} must be finite and {'positive' if positive else 'zero or more'}, "
+                f"one number or one for each of {self.num_envs}, got {value!r}"
+            )
+        return values
+
+    def _begin(self, which: np.ndarray, fixed: dict[str, np.ndarray] | None = None) -> None:
+        """Start episodes of the environments `which` (k,)."""
+        for i in which:
+            for name, value in self._draw(self._generators[i]).items():
+                self._drawn[name][i] = value
+        for name, value in (fixed or {}).items():
+            own = self._drawn[name]
+            if name in _VECTORS and value.ndim == 1:
+                sizes = np.linalg.norm(own[which], axis=1, keepdims=True)
+                sizes[sizes == 0] = 1.0
+                own[which] *= value[which, None] / sizes
+            else:
+                own[which] = value[which]
+        self.simulation.start(which, {name: v[which] for name, v in self._drawn.items()})
+        self._index[which], self._worst[which], self._action[which] = 0, 0.0, -1.0
+        self._home[which] = self.simulation.place[which]
+        self._done[which] = False
+        self._set_threshold()
+
+    def _draw(self, rng: np.random.Generator) -> dict[str, Any]:
+        out: dict[str, Any] = {}
+        for name in DRAWN:
+            ends = getattr(self.task, name)
+            size = len(self.gripper.fingers) if name in _OF_FINGERS else None
+            out[name] = rng.uniform(*ends, size)
+            if name in _VECTORS:
+                direction = rng.standard_normal(3)
+                # The size is at least tiny, so that the direction is known where it is given.
+                out[name] = max(out[name], 1e-12) * direction / np.linalg.norm(direction)
+        return out
+
+    def _set_threshold(self) -> None:
+        """Which pieces (n, pieces) bool lie, straight, beyond where the bar is touched."""
+        fingers, starts = self._enclosable[:, 0].astype(int), self._enclosable[:, 1]
+        along = np.array(
+            [
+                (self.simulation.place - np.array(f.base.position)) @ f.base.axes[:, 2]
+                for f in self.gripper.fingers
+            ]
+        ).T
+        beyond = starts >= along[:, fingers] - 1e-9
+        self._beyond = beyond / np.maximum(beyond.sum(axis=1, keepdims=True), 1)
+
+    # ------------------------------------------------------------------ steps
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Apply actions (n, inputs) in [-1, 1] for one control period.
+
+        Raises:
+            ValueError: Not so many real numbers, or one beyond [-1, 1] by more than 1e-6.
+            gymnasium.error.ResetNeeded: Nothing was started, or an episode is over and autoreset
+                is disabled.
+        """
+        if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
+            raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
+        self.simulation.check_process()
+        actions, previous = checked_actions(actions, self._action.shape), self._action
+        ended = self._done.copy() if self._mode == AutoresetMode.NEXT_STEP else None
+        self._action = actions
+        self.simulation.ctrl[:] = (actions + 1) / 2 * self._limits
+        self.simulation.push(*self._disturbances())
+        diverged = self._advance(ended)
+        self._index += 1
+        if ended is not None and ended.any():
+            self._begin(np.flatnonzero(ended))
+        return self._result(previous, diverged, ended)
+
+    def _disturbances(self) -> tuple[np.ndarray, np.ndarray]:
+        """Pulls (n, 3) [N] and accelerations of the palm (n, 3) [m/s2] in this period."""
+        if not self.task.free:
+            return np.zeros((self.num_envs, 3)), np.zeros((self.num_envs, 3))
+        since = self._index * self.control_period - self.task.closing
+        rise = (self.task.duration - self.task.closing) / 2
+        share = np.clip(since / rise, 0.0, 1.0)[:, None]
+        wave = np.where(since > 0, np.sin(2 * np.pi * self._drawn["rate"] * since), 0.0)[:, None]
+        return self._drawn["pull"] * share, self._drawn["shake"] * wave
+
+    def _advance(self, ended: np.ndarray | None) -> np.ndarray:
+        """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
+        if ended is None or not ended.any():
+            return self.simulation.advance().copy()
+        running = np.flatnonzero(~ended)
+        nobody = np.zeros(self.num_envs, dtype=bool)
+        return self.simulation.advance(running) & ~ended if len(running) else nobody
+
+    def _error(self) -> np.ndarray:
+        """(n,) [1], over what counts as success."""
+        if self.task.free:
+            away = np.linalg.norm(self.simulation.place - self._home, axis=1)
+            return away / self.task.within
+        radius = self._drawn["diameter"] / 2
+        width = [f.robot.backbone.widest for f in self.gripper.fingers]
+        rho = radius[:, None] + np.array(width)[self._enclosable[:, 0].astype(int)]
+        off = np.abs(self.simulation.curvature * rho - 1)
+        return np.sum(off * self._beyond, axis=1) / self.task.within
+
+    def _result(
+        self, previous: np.ndarray, diverged: np.ndarray, ended: np.ndarray | None
+    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        before, self._observation = self._observation, self._view()
+        error = self._error()
+        speed = np.abs(self.simulation.qvel).max(axis=1)
+        lost = np.zeros_like(diverged)
+        if self.task.free:
+            lost = ~(error * self.task.within <= self.task.lost)
+        failed = diverged | lost | ~np.isfinite(speed)
+        self._worst = np.maximum(self._worst, error) if self.task.free else error
+        terms = self._reward.terms(error, self._action, previous, failed)
+        if ended is not None and ended.any():
+            failed &= ~ended
+            terms = {name: np.where(ended, 0.0, term) for name, term in terms.items()}
+        truncated = (self._index >= self.max_episode_steps) & ~failed
+        for value, last in zip(arrays(self._observation), arrays(before), strict=True):
+            value[failed] = last[failed]
+        info = self._info(error, terms, truncated & (self._worst <= 1))
+        if failed.any():
+            info |= self._failures(failed, diverged)
+        self._done = failed | truncated
+        if self._mode == AutoresetMode.SAME_STEP and self._done.any():
+            info = self._restart(info)
+        return self._observation, sum(terms.values()), failed, truncated, info
+
+    def _failures(self, failed: np.ndarray, diverged: np.ndarray) -> dict[str, np.ndarray]:
+        texts = np.full(self.num_envs, None, dtype=object)
+        for i in np.flatnonzero(failed):
+            time = self._index[i] * self.control_period
+            what = "the simulation diverged" if diverged[i] else "the bar was lost"
+            texts[i] = f"{what} by t = {time:.3f} s"
+        return {"failure": texts, "_failure": failed.copy()}
+
+    def _restart(self, last: dict[str, Any]) -> dict[str, Any]:
+        """Reset ended episodes within the step; `info` of the new ones, and that of the ends."""
+        done = self._done.copy()
+        final = {"final_obs": self._observation, "_final_obs": done}
+        final |= {"final_info": last, "_final_info": done}
+        self._begin(np.flatnonzero(done))
+        self._observation = self._view()
+        terms = {name: np.where(done, 0.0, last[name]) for name in _TERMS}
+        return self._info(self._error(), terms) | final
+
+    def _info(
+        self, error: np.ndarray, terms: dict[str, Any], success: np.ndarray | None = None
+    ) -> dict[str, Any]:
+        n = self.num_envs
+        info = {
+            "time": self._index * self.control_period,
+            "error": error,
+            "success": np.zeros(n, dtype=bool) if success is None else success,
+            "bar_position": self.simulation.place,
+            **{name: np.broadcast_to(term, n).copy() for name, term in terms.items()},
+            **{name: value.copy() for name, value in self._drawn.items()},
+        }
+        return info | {f"_{name}": np.ones(n, dtype=bool) for name in info}
+
+
+def _starts(robot: RobotParams) -> np.ndarray:
+    """Where a finger's pieces begin, (pieces,) [m]."""
+    return robot.backbone.cut(robot.pieces)[:-1]
+
+
+def _check_arguments(
+    num_envs: Any,
+    control_period: Any,
+    observe_as: Any,
+    threads: Any,
+    pieces: Any,
+    timestep: Any,
+) -> None:
+    check_argument("num_envs", num_envs, Count)
+    check_argument("control_period", control_period, Positive)
+    check_argument("threads", threads, Whole)
+    check_argument("pieces", pieces, Pieces | None)
+    check_argument("timestep", timestep, Positive | None)
+    if observe_as not in ("dict", "vector"):
+        raise ValueError(f"observe_as must be 'dict' or 'vector', got {observe_as!r}")
+
+
+class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
+    """One gripper; see `VectorGripperEnv`, whose arguments it has.
+
+    Attributes:
+        gripper, task, simulation: As there.
+    """
+
+    spec = EpisodeSpec()
+    metadata: ClassVar = {"render_modes": ["rgb_array"], "render_fps": 50}
+
+    def __init__(
+        self,
+        task: str | GripTask = "hold",
+        *,
+        render_mode: str | None = None,
+        width: int = 640,
+        height: int = 480,
+        **options: Any,
+    ) -> None:
+        """Build the environment.
+
+        Args:
+            task: As of `VectorGripperEnv`.
+            render_mode: None or "rgb_array".
+            width, height: Of a picture in pixels.
+            **options: As of `VectorGripperEnv`, but for its autoreset.
+
+        Raises:
+            ValueError: As there.
+        """
+        check_rendering(render_mode, self.metadata["render_modes"], (width, height))
+        self._all = VectorGripperEnv(
+            1, task, threads=1, autoreset_mode=AutoresetMode.DISABLED, **options
+        )
+        self.gripper, self.task = self._all.gripper, self._all.task
+        self.simulation = self._all.simulation
+        self.control_period = self._all.control_period
+        self.max_episode_steps = self._all.max_episode_steps
+        self.observe_as, self.vector_layout = self._all.observe_as, self._all.vector_layout
+        self.observation_space = self._all.single_observation_space
+        self.action_space = self._all.single_action_space
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / self.control_period))}
+        self.render_mode, self._frame = render_mode, (width, height)
+        self._renderer: GripperRenderer | None = None
+        self._diameter = 0.0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Seen, dict[str, Any]]:
+        """As of `VectorGripperEnv`, for one."""
+        super().reset(seed=seed)
+        if self._all._generators:
+            self._all._generators[0] = self.np_random
+        else:
+            self._all._generators.append(self.np_random)
+        observation, info = self._all.reset(options=options)
+        self._diameter = float(info["diameter"][0])
+        return _only(observation), _alone(info)
+
+    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        """As of `VectorGripperEnv`, for one."""
+        given = checked_actions(action, self.action_space.shape)
+        observation, reward, failed, over, info = self._all.step(given[None])
+        return _only(observation), float(reward[0]), bool(failed[0]), bool(over[0]), _alone(info)
+
+    def render(self) -> np.ndarray | None:
+        """Picture (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
+
+        The fingers' shapes as their mean curvatures tell them are drawn over the true ones.
+
+        Raises:
+            RenderError: No OpenGL; says what to install.
+            gymnasium.error.ResetNeeded: Nothing was started yet.
+        """
+        if self._diameter == 0:
+            raise gymnasium.error.ResetNeeded("call reset() before render()")
+        if self.render_mode is None:
+            return None
+        if self._renderer is None or self._renderer.diameter != self._diameter:
+            self.close()
+            self._renderer = GripperRenderer(self.simulation, self._diameter, *self._frame)
+        return self._renderer.draw(self.simulation.qpos[0], self.simulation.curvature[0])
+
+    def close(self) -> None:
+        """Free the renderer; closing twice is harmless."""
+        if self._renderer is not None:
+            self._renderer.close()
+            self._renderer = None
+
+
+def _only(observation: Seen) -> Seen:
+    if isinstance(observation, np.ndarray):
+        return observation[0]
+    return {name: value[0] for name, value in observation.items()}
+
+
+def _alone(info: dict[str, Any]) -> dict[str, Any]:
+    """`info` of one environment: its own values, without masks."""
+    out = {name: value[0] for name, value in info.items() if not name.startswith("_")}
+    return {n: float64(v) if as_number(v) is not None else v for n, v in out.items()}

@@ -1,0 +1,82 @@
+"""A gripper as data: soft fingers round a palm.
+
+Its frame has the origin in the middle of the palm and z away from it.
+"""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from softrobot_env.fields import Positive, check_fields, check_unique
+from softrobot_env.robots.parameters import Base, RobotParams
+
+
+@dataclass(frozen=True)
+class Finger:
+    """A robot that is a finger.
+
+    Attributes:
+        name: Unique name.
+        robot: The robot.
+        base: Where it is clamped; its own x axis points to what it grips.
+    """
+
+    name: str
+    robot: RobotParams
+    base: Base
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"finger {self.name!r}")
+
+
+@dataclass(frozen=True)
+class Gripper:
+    """Fingers round a palm.
+
+    Attributes:
+        name: Key in `GRIPPERS`.
+        fingers: One or more.
+        gravity: (3,) [m/s2].
+        palm: Sizes (3,) [m] of a block below z = 0; None without.
+        file: That describes it, None of others.
+    """
+
+    name: str
+    fingers: tuple[Finger, ...]
+    gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    palm: tuple[Positive, Positive, Positive] | None = None
+    file: Path | None = field(default=None, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        check_fields(self, f"gripper {self.name!r}")
+        if not self.fingers:
+            raise ValueError(f"gripper {self.name!r} needs a finger")
+        check_unique([finger.name for finger in self.fingers], f"gripper {self.name!r}: fingers")
+        for finger in self.fingers:
+            if not finger.robot.tendons or finger.robot.drive.kind != "tension":
+                raise ValueError(
+                    f"gripper {self.name!r}: finger {finger.name!r} needs tendons that are driven "
+                    "by tension"
+                )
+
+    @cached_property
+    def tension_limits(self) -> np.ndarray:
+        """(n,) [N], of all tendons, finger by finger."""
+        return np.array([t.tension_limit for f in self.fingers for t in f.robot.tendons])
+
+    def seat(self, radius: float) -> float:
+        """Height [m] at which a round thing of a radius [m] above the middle touches first.
+
+        Its axis lies across the planes in which the fingers bend. It touches the lines along which
+        the straight fingers lie, or the palm.
+        """
+        heights = [0.0 if self.palm is None else radius]
+        for finger in self.fingers:
+            inward = finger.base.axes[:, 0]
+            away = radius + float(finger.robot.backbone.widest)
+            if inward[2] > 0:
+                beyond = away + inward[:2] @ np.array(finger.base.position[:2])
+                heights.append(finger.base.position[2] + float(beyond / inward[2]))
+        return max(heights)

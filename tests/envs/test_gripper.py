@@ -1,0 +1,271 @@
+"""Environments of the gripper: contract, one and many alike, physics of what they draw."""
+
+import json
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from softrobot_env.control.gripper.policies import ScriptedGrip, SizedGrip
+from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
+from softrobot_env.envs.gripper import GripperEnv, GripReward, VectorGripperEnv
+from softrobot_env.envs.observations.fingers import KNOWN
+from softrobot_env.registration import GRIPPER_ENVIRONMENTS
+from softrobot_env.robots import GRIPPERS
+from softrobot_env.robots.file import write_gripper
+from softrobot_env.scene.assembly import build_assembly
+from softrobot_env.scene.gripper import gripper_scene
+from softrobot_env.scene.simulation import Simulation
+from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, GripTask
+
+pytestmark = pytest.mark.filterwarnings("ignore::softrobot_env.scene.timestep.TimestepWarning")
+
+GRIPPER = GRIPPERS["gripper"]
+QUICK = {"pieces": 6, "timestep": 2e-3}
+LIKE = {"modulus": 1.0, "arm": 1.0, "friction": 0.8}
+
+
+def closing(env, tension, steps, rise=20, observation=None):
+    """Step a single environment; the last result."""
+    for k in range(steps):
+        level = 2 * tension * min(1.0, (k + 1) / rise) / GRIPPER.tension_limits - 1
+        out = env.step(level.astype(np.float32))
+        if out[2] or out[3]:
+            break
+    return out
+
+
+# --- contract ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("env_id", GRIPPER_ENVIRONMENTS)
+@pytest.mark.parametrize("observe_as", ["dict", "vector"])
+def test_gymnasium_and_sb3_have_nothing_to_say(env_id, observe_as):
+    env = gymnasium.make(env_id, observe="all", observe_as=observe_as, **QUICK)
+    check_env(env.unwrapped, skip_render_check=True)
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    checker.check_env(env.unwrapped)
+    assert env.spec.max_episode_steps == env.unwrapped.max_episode_steps
+
+
+def test_info_is_flat_and_names_the_reward():
+    env = GripperEnv("hold", **QUICK)
+    observation, info = env.reset(seed=3)
+    assert env.observation_space.contains(observation)
+    *_, reward, failed, over, info = closing(env, 20.0, 5)
+    assert not failed and not over
+    assert all(isinstance(v, np.generic | np.ndarray) for v in info.values())
+    assert reward == pytest.approx(sum(v for n, v in info.items() if n.startswith("reward_")))
+    assert set(DRAWN) <= set(info) and info["success"] == np.False_
+    assert info["time"] == pytest.approx(5 * env.control_period)
+
+
+def test_observables_are_those_of_each_finger():
+    env = GripperEnv("hold", observe="all", **QUICK)
+    observation, _ = env.reset(seed=0)
+    assert set(observation) == set(KNOWN)
+    sizes = {name: value.shape[0] for name, value in observation.items()}
+    assert [sizes[name] for name in KNOWN] == [9, 9, 3, 3, 3]
+    observation, *_ = closing(env, 20.0, 40)
+    assert (observation["curvature"] > 0).all() and (observation["contact"] > 0.1).all()
+    np.testing.assert_allclose(observation["tendon_tension"], 20.0)
+    np.testing.assert_allclose(observation["previous_action"], 0.0, atol=1e-6)
+    posture = env.simulation.qpos[0]
+    for k, part in enumerate(env.simulation.scene.parts.values()):
+        own = part.curvature(posture)[:, 1].reshape(3, -1).mean(axis=1)
+        np.testing.assert_allclose(observation["curvature"][3 * k : 3 * k + 3], own, atol=1e-9)
+
+
+def test_one_is_the_first_of_many():
+    many = VectorGripperEnv(3, "hold", **QUICK)
+    seen, told = many.reset(seed=5)
+    for k in range(3):
+        one = GripperEnv("hold", **QUICK)
+        observation, info = one.reset(seed=5 + k)
+        assert info["diameter"] == told["diameter"][k]
+        np.testing.assert_array_equal(info["pull"], told["pull"][k])
+        np.testing.assert_array_equal(observation["curvature"], seen["curvature"][k])
+    rng = np.random.default_rng(0)
+    for action in rng.uniform(-1, 1, (6, 3)).astype(np.float32):
+        single = one.step(action)
+        all_of_them = many.step(np.tile(action, (3, 1)))
+        seen = all_of_them[0]["curvature"][2]
+        np.testing.assert_allclose(single[0]["curvature"], seen, rtol=1e-12)
+        assert single[1] == pytest.approx(all_of_them[1][2], rel=1e-12)
+
+
+@pytest.mark.parametrize("mode", ["NextStep", "SameStep", "Disabled"])
+def test_autoreset_is_as_gymnasium_has_it(mode):
+    task = replace(GRIP_TASKS["enclose"], duration=0.06, closing=0.02)
+    env = VectorGripperEnv(2, task, autoreset_mode=mode, **QUICK)
+    env.reset(seed=0)
+    still = np.full((2, 3), -1.0, dtype=np.float32)
+    results = [env.step(still) for _ in range(3)]
+    assert [bool(r[3].all()) for r in results] == [False, False, True]
+    info = results[-1][4]
+    if mode == "Disabled":
+        with pytest.raises(gymnasium.error.ResetNeeded):
+            env.step(still)
+        env.reset(options={"reset_mask": np.array([True, False])})
+        return
+    if mode == "SameStep":
+        assert info["_final_obs"].all() and (info["time"] == 0).all()
+        assert (info["final_info"]["time"] > 0.05).all()
+    else:
+        _, reward, failed, over, info = env.step(still)
+        assert not reward.any() and not failed.any() and not over.any()
+        assert (info["time"] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "match"),
+    [
+        ({"size": 0.06}, "unknown option 'size'; allowed are diameter"),
+        ({"diameter": -0.06}, "'diameter' must be finite and positive"),
+        ({"pull": "much"}, "'pull' must be finite"),
+        ({"mass": [0.1, 0.1]}, "one number or one for each of 1"),
+    ],
+)
+def test_bad_options_are_refused_by_name(options, match):
+    env = GripperEnv("hold", **QUICK)
+    with pytest.raises(ValueError, match=match):
+        env.reset(options=options)
+    with pytest.raises(ValueError, match=r"in \[-1, 1\]"):
+        env.reset(seed=0)
+        env.step(np.array([2.0, 0.0, 0.0]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "match"),
+    [
+        ({"task": "throw"}, "choose from enclose, hold"),
+        ({"gripper": "hand"}, "choose from gripper"),
+        ({"observe": ("curvature", "smell")}, "distinct names out of curvature"),
+        ({"observe_as": "image"}, "'dict' or 'vector'"),
+        ({"pieces": 7}, "multiple of 3 pieces"),
+        ({"control_period": 0.0}, "control_period must be"),
+    ],
+)
+def test_bad_arguments_are_refused_by_name(arguments, match):
+    with pytest.raises(ValueError, match=match):
+        GripperEnv(**QUICK | arguments)
+
+
+def test_tasks_and_rewards_are_checked():
+    with pytest.raises(ValueError, match="diameter must be a pair"):
+        GripTask("wrong", free=True, diameter=(0.1, 0.05))
+    with pytest.raises(ValueError, match="closing must be less"):
+        GripTask("wrong", free=True, closing=3.0)
+    with pytest.raises(ValueError, match="grip must be"):
+        GripReward(grip=float("nan"))
+
+
+def test_a_gripper_from_a_file_is_gripped_with(tmp_path):
+    two = replace(GRIPPER, name="two", fingers=GRIPPER.fingers[:2])
+    write_gripper(two, tmp_path / "two.toml")
+    env = GripperEnv("enclose", gripper=str(tmp_path / "two.toml"), **QUICK)
+    observation, _ = env.reset(seed=0)
+    assert env.action_space.shape == (2,) and observation["curvature"].shape == (6,)
+    assert env.step(np.zeros(2, dtype=np.float32))[0]["curvature"].all()
+
+
+# --- physics ----------------------------------------------------------------------------------
+
+
+def test_what_is_drawn_is_what_a_scene_of_it_would_be():
+    """Sizes, masses and friction that are set afterwards act as those a scene is built with."""
+    env = GripperEnv("hold", **QUICK)
+    drawn = {"diameter": 0.052, "mass": 0.14, "friction": 0.7, "modulus": 0.9, "arm": 1.04}
+    _, info = env.reset(seed=0, options=drawn | {"pull": 0.0, "shake": 0.0})
+    built = env.simulation.scene
+    radius = info["diameter"] / 2
+    bar = replace(
+        built.config.objects[-1],
+        radius=radius,
+        mass=0.14,
+        friction=0.7,
+        position=(0.0, 0.0, info["bar_position"][2]),
+    )
+    fingers = [
+        replace(f, robot=f.robot.vary(youngs_modulus=0.9, tendon_radius=1.04))
+        for f in GRIPPER.fingers
+    ]
+    scene = build_assembly(gripper_scene(replace(GRIPPER, fingers=tuple(fingers)), (bar,), **QUICK))
+    simulation = Simulation(scene)
+    simulation.reset(scene.model.qpos0, np.zeros(3))
+    for _ in range(40):
+        simulation.ctrl[:] = 15.0
+        assert simulation.advance()
+        observation, *_ = env.step(np.full(3, 2 * 15.0 / 40 - 1, dtype=np.float32))
+    found = [part.curvature(simulation.posture)[:, 1] for part in scene.parts.values()]
+    means = np.concatenate([c.reshape(3, -1).mean(axis=1) for c in found])
+    np.testing.assert_allclose(observation["curvature"], means, rtol=0.02, atol=0.05)
+    np.testing.assert_allclose(env.simulation.place[0], simulation.data.body("bar").xpos, atol=1e-4)
+
+
+def test_shaking_the_palm_is_felt_as_gravity_the_other_way():
+    """Fingers that hold nothing fast: a constant acceleration is the weight of its opposite."""
+    env = GripperEnv("hold", **QUICK)
+    env.reset(seed=0, options={"pull": 0.0, "shake": 0.0})
+    batch = env.simulation
+    batch.push(np.array([[0.0, 0.0, 1.0]]), np.array([[0.0, 0.0, 2.0]]))
+    np.testing.assert_allclose(batch.gravity[0], [0, 0, -11.81])
+    batch.qpos[0, -5] += 0.5  # where it touches nothing
+    batch.advance()
+    before = float(batch.qvel[0, -4])
+    batch.advance()
+    fall = -11.81 + 1.0 / float(env._all._drawn["mass"][0])
+    assert batch.qvel[0, -4] - before == pytest.approx(fall * env.control_period, rel=1e-3)
+
+
+def test_a_scripted_closing_encloses_and_open_fingers_do_not():
+    env = GripperEnv("enclose", **QUICK)
+    for tension, encloses in ((18.0, True), (1.0, False), (39.0, False)):
+        env.reset(seed=0, options=LIKE | {"diameter": 0.060 if encloses else 0.075})
+        *_, over, info = closing(env, tension, 200)
+        assert over and bool(info["success"]) == encloses
+
+
+def test_a_bar_is_held_or_lost():
+    env = GripperEnv("hold", **QUICK)
+    options = LIKE | {"diameter": 0.06, "mass": 0.05, "pull": np.array([0.0, 0.0, 2.0])}
+    env.reset(seed=0, options=options)
+    _, _, failed, over, info = closing(env, 25.0, 200)
+    assert over and not failed and info["success"]
+    env.reset(seed=0, options=options)
+    _, reward, failed, over, info = closing(env, 0.0, 200)
+    assert failed and not over and "the bar was lost by t =" in info["failure"]
+    assert reward == -10.0 == info["reward_failure"]
+
+
+# --- policies ---------------------------------------------------------------------------------
+
+
+def test_sizes_of_other_bars_and_fingers_are_told_from_one_grip():
+    """Fitted with 6 pieces, told of fingers of 12, which are nearer to the truth."""
+
+    def bends(count, seed, **how):
+        env, state = VectorGripperEnv(count, "enclose", **how), None
+        observation, info = env.reset(seed=seed)
+        policy = ScriptedGrip(GRIPPER, env.control_period, 16.0)
+        for _ in range(35):
+            action, state = policy.predict(observation, state)
+            observation, *_ = env.step(action)
+        return observation["curvature"], info["diameter"]
+
+    estimator = SizeEstimator.fitted(GRIPPER, 16.0, *bends(60, 100, **QUICK))
+    seen, truth = bends(8, 900, pieces=12, timestep=1e-3)
+    assert np.abs(estimator(seen) - truth).max() < 2e-3
+    assert np.abs(size_by_sensor(GRIPPER, seen) - truth).max() > 2e-3
+    env = GripperEnv("hold", **QUICK)
+    observation, info = env.reset(seed=7)
+    policy, state = SizedGrip(GRIPPER, env.control_period, size=estimator), None
+    for _ in range(60):
+        action, state = policy.predict(observation, state)
+        observation, *_ = env.step(action)
+    assert float(state["diameter"]) == pytest.approx(info["diameter"], abs=2e-3)
+    with pytest.raises(ValueError, match="need 20 examples"):
+        SizeEstimator.fitted(GRIPPER, 16.0, seen, truth)
+    assert json.dumps(estimator.weights.tolist())
