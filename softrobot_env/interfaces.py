@@ -45,10 +45,13 @@ class PlantModel(Protocol):
         robot: The robot.
         strain: Largest axial strain [1], of either sign, for which read-outs make sense; zero if
             the model is inextensible.
+        cells: (k + 1,) [m], edges of the parts whose rotation `shape` tells; needed by robots with
+            sensors only.
     """
 
     robot: RobotParams
     strain: float
+    cells: np.ndarray
 
     def rest(self) -> np.ndarray:
         """Coordinates (n,) of the straight pose."""
@@ -90,6 +93,9 @@ class PlantModel(Protocol):
 
     def strains(self, q: np.ndarray) -> np.ndarray:
         """Mean beta, gamma and torsion (robot.pieces, 3) [1/m] of the robot's pieces, to draw."""
+
+    def shape(self, q: np.ndarray) -> np.ndarray:
+        """The same (k, 3) of the parts between `cells`, for sensors."""
 
 
 class PlantFactory(Protocol):

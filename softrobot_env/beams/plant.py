@@ -37,6 +37,7 @@ Build = Callable[[RobotParams, Sequence[Load]], BeamModel]
 
 _MAX_STEPS = 20_000  # in one control period
 _SECTIONS = 4  # per piece, or more: the angle between two sections is measured modulo 2 pi
+_CELLS = 24  # at least, of a shape for sensors
 _LARGEST_TURN = 2.0  # rad, from one section to the next
 _ITERATIONS = 8
 _CURVATURE_ERROR = 1e-9  # of the curvature limit
@@ -55,7 +56,7 @@ class SteppedModel:
 
     Attributes:
         robot: The robot.
-        strain: See `interfaces.PlantModel`.
+        strain, cells: See `interfaces.PlantModel`.
         model: The beam model.
     """
 
@@ -122,16 +123,27 @@ class SteppedModel:
         edges = robot.backbone.cut(robot.pieces)
         self._sizes = np.diff(edges)
         most = robot.curvature_limit * self._sizes.max() / _LARGEST_TURN
-        number = max(_SECTIONS, ceil(most))
+        least = max(_SECTIONS, ceil(most))
+        self._probe = self._place_probe(self._stations(least))
+        number = max(least, ceil(_CELLS / robot.pieces))
+        self.cells, self._cell_probe = self._stations(number), None
+        base = robot.base or Base()
+        self._base = np.column_stack([base.axes, base.position])[self._axes]
+
+    def _stations(self, number: int) -> np.ndarray:
+        """Ends [m] of so many parts of each of the robot's pieces."""
+        robot = self.robot
         parts = np.arange(number * robot.pieces + 1) / number
-        stations = np.interp(parts, np.arange(robot.pieces + 1), edges)
+        return np.interp(parts, np.arange(robot.pieces + 1), robot.backbone.cut(robot.pieces))
+
+    def _place_probe(self, stations: np.ndarray) -> Any:
+        """Points, off the axis, of sections at stations [m], and the tip."""
+        robot = self.robot
         a = robot.backbone.widest
         around = np.array([(a, 0.0), (-a, 0.0), (0.0, a)])[: 1 + self._directions]
         places = np.append(np.tile(stations, len(around)), robot.reach)
         offsets = np.append(np.repeat(around, len(stations), axis=0), np.zeros((1, 2)), axis=0)
-        self._probe = self.model.probe(places, offsets)
-        base = robot.base or Base()
-        self._base = np.column_stack([base.axes, base.position])[self._axes]
+        return self.model.probe(places, offsets)
 
     # ------------------------------------------------------------------ postures
 
@@ -268,11 +280,24 @@ class SteppedModel:
         """Beta, gamma and torsion (pieces, 3) [1/m] in a posture (`interfaces.PlantModel`)."""
         return self._measure(q, np.zeros_like(q))[1][0]
 
+    def shape(self, q: np.ndarray) -> np.ndarray:
+        """Beta, gamma and torsion (k, 3) [1/m] of all cells (`interfaces.PlantModel`)."""
+        if self._cell_probe is None:
+            self._cell_probe = self._place_probe(self.cells)
+        sizes = np.diff(self.cells)
+        return self._seen(self._cell_probe, sizes, q, np.zeros_like(q))[1][0]
+
     def _measure(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Tip (2, axes) and strains (2, pieces, 3), each with its rate."""
-        tip, strain = np.zeros((2, len(self._base))), np.zeros((2, self.robot.pieces, 3))
+        return self._seen(self._probe, self._sizes, q, v)
+
+    def _seen(
+        self, probe: Any, sizes: np.ndarray, q: np.ndarray, v: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Tip and strains (2, parts, 3) of parts of some sizes [m], as `_measure`."""
+        tip, strain = np.zeros((2, len(self._base))), np.zeros((2, len(sizes), 3))
         measure = _measure if self._directions == 1 else _measure_in_space
-        measure(self._probe, q, v, self._sizes, self._base, tip, strain)
+        measure(probe, q, v, sizes, self._base, tip, strain)
         return tip, strain
 
 

@@ -17,13 +17,14 @@ NEUTRAL: dict[str, float] = robots.NEUTRAL | {
     "tension_gain": 1.0,
     "delay": 0.0,
     "sensor_noise": 0.0,
+    "sensor_errors": 0.0,
 }
 
 #: Values that may be zero.
-MAY_VANISH = (*robots.MAY_VANISH, "delay", "sensor_noise")
+MAY_VANISH = (*robots.MAY_VANISH, "delay", "sensor_noise", "sensor_errors")
 
-#: Largest values: [s], and [1] the noise for which observation spaces leave room.
-LARGEST = {"delay": 1.0, "sensor_noise": 10.0}
+#: Largest values: [s], [1] the noise for which observation spaces leave room, and [1].
+LARGEST = {"delay": 1.0, "sensor_noise": 10.0, "sensor_errors": 5.0}
 
 #: Standard deviations at which noise ends, so that it has bounds.
 _FARTHEST = 6.0
@@ -46,11 +47,14 @@ class Disturbance:
         tension_gain: [1], tension applied per tension commanded, up to the tendon's limit.
         delay: Control periods from an action to its effect.
         sensor_noise: [1], scale of the noise of `observations.table`.
+        sensor_errors: [1], scale of the usual imperfections of curvature sensors
+            (`robots.sensors.USUAL`), of a specimen drawn for the episode.
     """
 
     tension_gain: float = 1.0
     delay: int = 0
     sensor_noise: float = 0.0
+    sensor_errors: float = 0.0
 
     def drives(self, limit: np.ndarray, tension: np.ndarray) -> "Drives | None":
         """Started drives of one robot, None where they apply what is commanded.

@@ -22,8 +22,8 @@ class ResetOptions:
     """Options of one reset; see `RESET_OPTIONS`.
 
     In `vary` youngs_modulus, density, damping_time, tendon_radius and tension_gain are factors
-    [1], tendon_friction is in N, delay in s and sensor_noise [1] the scale of the noise of
-    `observations.table`.
+    [1], tendon_friction is in N, delay in s, sensor_noise [1] the scale of the noise of
+    `observations.table` and sensor_errors [1] that of imperfections of curvature sensors.
     """
 
     vary: dict[str, float] = field(default_factory=dict)

@@ -24,6 +24,7 @@ class Randomization:
         tendon_friction: [N], dry friction of every tendon.
         delay: [s] from an action to its effect; a draw is rounded to whole control periods.
         sensor_noise: Scale [1] of the noise of `disturbances.SENSOR_NOISE`.
+        sensor_errors: Scale [1] of the usual imperfections of curvature sensors.
     """
 
     youngs_modulus: Range = (1.0, 1.0)
@@ -34,6 +35,7 @@ class Randomization:
     tendon_friction: Range = (0.0, 0.0)
     delay: Range = (0.0, 0.0)
     sensor_noise: Range = (0.0, 0.0)
+    sensor_errors: Range = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name, ends in self._ranges().items():

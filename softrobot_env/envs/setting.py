@@ -5,7 +5,7 @@ Single and vectorised environments of a robot hold the same setting.
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
@@ -17,6 +17,7 @@ from softrobot_env.envs.observations.table import (
     SENSOR_NOISE,
     Sizes,
     Sources,
+    known_of,
     observation_space,
     observer,
     speed_limit,
@@ -36,7 +37,7 @@ from softrobot_env.envs.simulation.beam_plant import BeamPlant
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.fields import check_argument
 from softrobot_env.interfaces import PlantFactory, Seen
-from softrobot_env.robots import CAMERA_PERIOD, RIG, RobotParams
+from softrobot_env.robots import CAMERA_PERIOD, RIG, RobotParams, Sensor
 from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
 from softrobot_env.robots.twin import (
     LARGEST_ERROR,
@@ -52,6 +53,9 @@ from softrobot_env.scene.servos import Servos
 from softrobot_env.tasks import OPTIONS, Task, make_task, options_of
 from softrobot_env.vector_reading import Reading
 
+if TYPE_CHECKING:
+    from softrobot_env.sensing.bank import Bank
+
 DEFAULT_ACCURACY = DEFAULT_SHARE
 
 #: How an environment may be seen, and what its actions may stand for.
@@ -64,8 +68,8 @@ CHANGE = 1.0
 #: Beginnings of the observables that are not observed unless asked for, by drive. What is left of a
 #: robot driven by length is what a lab has of it: camera, servos and reference.
 _ASKED_FOR = {
-    "tension": ("tendon", "reference_acceleration"),
-    "length": ("curvature", "tendon_tension"),
+    "tension": ("tendon", "reference_acceleration", "sensors"),
+    "length": ("curvature", "tendon_tension", "sensors"),
 }
 
 
@@ -229,7 +233,12 @@ class SimulatedSetting(Setting):
         limits = [tendon.tension_limit for tendon in self.task.robot.tendons]
         self.most = np.array(limits) if self.twin is None else np.full(len(limits), np.inf)
         self._bends = self.noise_sizes["curvature"]
-        self._make_spaces(observe, tuple(OBSERVABLES), sizes)
+        self._make_spaces(observe, known_of(self.task.robot), sizes)
+        self._sensors = built.sensors
+        if [(s.kind, s.size) for s in built.sensors] != [
+            (s.kind, s.size) for s in self.task.robot.sensors
+        ]:
+            raise ValueError("a twin needs sensors of the same kinds as the task's robot")
 
     def servos(self, count: int | None = None) -> Servos | None:
         """Servos of the twin, for one robot or for `count`; None of a robot driven by tension."""
@@ -237,6 +246,18 @@ class SimulatedSetting(Setting):
         if twin is None:
             return None
         return Servos(twin.servo_speed, twin.servo_offset, twin.backlash, count)
+
+    def bank(self, count: int = 1) -> "Bank | None":
+        """Curvature sensors of `count` robots, if they are observed."""
+        if "sensors" not in self.observed.spaces:
+            return None
+        from softrobot_env.sensing.bank import Bank  # compiled code takes time to load
+
+        return Bank(self._sensors, self.plant.cells, self.control_period, count)
+
+    def built_sensors(self, errors: float, seed: int) -> tuple[Sensor, ...]:
+        """Sensors of a robot whose specimen is drawn, with a scale of errors [1]."""
+        return tuple(sensor.erring(errors, seed >> 32) for sensor in self._sensors)
 
     @property
     def is_drawn(self) -> bool:
@@ -260,11 +281,21 @@ class SimulatedSetting(Setting):
         """Raise ValueError for a value, or one of an array, that this robot cannot have."""
         if np.any(np.asarray(variation.get("tension_gain", 1.0)) != 1):
             self._check_gain()
+        if np.any(np.asarray(variation.get("sensor_errors", 0.0)) != 0):
+            self._check_sensors()
 
     def check_randomization(self, randomization: Randomization | None) -> None:
         """Raise ValueError for what cannot vary between episodes of this robot."""
         if randomization is not None and tuple(randomization.tension_gain) != (1, 1):
             self._check_gain()
+        if randomization is not None and tuple(randomization.sensor_errors) != (0, 0):
+            self._check_sensors()
+
+    def _check_sensors(self) -> None:
+        if not self.task.robot.sensors:
+            raise ValueError(
+                f"sensor_errors varies curvature sensors; robot {self.task.robot.name!r} has none"
+            )
 
     def _check_gain(self) -> None:
         if self.twin is not None:

@@ -17,7 +17,7 @@ from softrobot_env.envs.disturbances import (
     told_variation,
 )
 from softrobot_env.envs.observations.camera import Camera, filmed
-from softrobot_env.envs.observations.readouts import noisy
+from softrobot_env.envs.observations.readouts import fitted, noisy
 from softrobot_env.envs.observations.table import Measured
 from softrobot_env.envs.options import ResetOptions
 from softrobot_env.envs.randomization import Randomization
@@ -62,6 +62,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
     |---|---|---|---|
     | tip_position, tip_velocity | d | tip, as the camera sees it where there is one | m, m/s |
     | curvature, curvature_rate | pieces | beta; in space gamma, torsion too | 1/m, 1/(m s) |
+    | sensors | readings | curvature sensors, light over that when straight; tags | 1, rad |
     | tendon_tension | tendons | applied tension | N |
     | tendon_length | tendons | inside the robot, or pulled in as the servos read | m |
     | reference, reference_velocity, reference_acceleration | d | reference now | m, m/s, m/s2 |
@@ -212,6 +213,7 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
         setting.check_randomization(randomization)
         self._randomization = randomization
         self.twin, self._servos = setting.twin, setting.servos()
+        self._bank = setting.bank()
         self.input_scale = setting.inputs.input_scale
         self._command = setting.inputs.per_action().command
         self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
@@ -223,6 +225,9 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
             simulation.drive_by(self._servos)
             self._target = self._servos.command
         readout = self._setting.plant.readout(simulation, self._servos)
+        self._exact = readout
+        if self._bank is not None:
+            readout = fitted(readout, self._bank, 0)
         if self._camera is not None:
             readout = filmed(readout, self._camera)
         return readout if self._noise is None else noisy(readout, self._noise, 0)
@@ -270,6 +275,15 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
             self._install(simulation)
         if camera is not None:
             camera.start(np.array(self._readout.tip))
+        if self._bank is not None:
+            self._start_bank(disturbance.sensor_errors)
+
+    def _start_bank(self, errors: float) -> None:
+        """Start the curvature sensors, of a specimen drawn if it errs [1]."""
+        seed, first = noise_seed(self.np_random), np.array([0])
+        self._exact.update()
+        built = self._setting.built_sensors(errors, seed)
+        self._bank.start(first, [built], [seed], self._exact.shape())
 
     def _make_camera(self) -> Camera | None:
         """The camera of an episode; None without errors, and then nothing is drawn."""

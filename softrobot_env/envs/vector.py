@@ -20,7 +20,7 @@ from softrobot_env.envs.disturbances import (
     told_variation,
 )
 from softrobot_env.envs.observations.camera import Cameras, filmed
-from softrobot_env.envs.observations.readouts import noisy
+from softrobot_env.envs.observations.readouts import fitted, noisy
 from softrobot_env.envs.observations.table import Sources, arrays
 from softrobot_env.envs.options import (
     ResetOptions,
@@ -247,7 +247,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         self._observation: Seen | None = None
         self._exact = setting.plant.readout(self.simulation, self._servos)
         self._noise: SensorNoise | None = None
-        self._cameras = self._make_cameras()
+        self._cameras, self._bank = self._make_cameras(), setting.bank(n)
         self._measure()
         self._usual = self._beginning(setting.parse_options({}), self.task)
 
@@ -263,6 +263,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
     def _measure(self) -> None:
         """Connect to what is measured, through the sensors that there are."""
         self._readout = self._exact
+        if self._bank is not None:
+            self._readout = fitted(self._readout, self._bank, slice(None))
         if self._cameras is not None:
             self._readout = filmed(self._readout, self._cameras)
         if self._noise is not None:
@@ -399,7 +401,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
             noise = SensorNoise(self.num_envs, self._setting.noise_sizes) if scale.any() else None
             self._noise = noise
             self._measure()
-        seeds = []  # of cameras
+        seeds, sensed = [], []  # of cameras, and of curvature sensors
         for i in which.tolist():
             if self._noise is not None:
                 seed = noise_seed(self._generators[i]) if scale[i] else None
@@ -407,9 +409,16 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
             if self._cameras is not None:
                 blurred = self.twin.camera_noise > 0
                 seeds.append(noise_seed(self._generators[i]) if blurred else 0)
+            if self._bank is not None:
+                sensed.append(noise_seed(self._generators[i]))
         if self._cameras is not None:
             self._exact.update()
             self._cameras.start(which, seeds, self._exact.tip[which])
+        if self._bank is not None:
+            errors = self._variation["sensor_errors"][which].tolist()
+            pairs = zip(errors, sensed, strict=True)
+            built = [self._setting.built_sensors(*pair) for pair in pairs]
+            self._bank.start(which, built, sensed, self._exact.shape()[which])
 
     def step(
         self, actions: np.ndarray

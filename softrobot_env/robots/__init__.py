@@ -39,6 +39,7 @@ from softrobot_env.robots.registry import (
     register_robot,
 )
 from softrobot_env.robots.sections import Backbone, Section
+from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
 
 __all__ = [
@@ -68,6 +69,7 @@ __all__ = [
     "Load",
     "RobotParams",
     "Section",
+    "Sensor",
     "Tendon",
     "as_number",
     "centerline",

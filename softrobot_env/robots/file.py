@@ -16,6 +16,7 @@ from softrobot_env.fields import Positive, check_argument
 from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.parameters import Base, Disc, Drive, DriveKind, Head, RobotParams
 from softrobot_env.robots.sections import Section
+from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
 from softrobot_env.toml_text import lines, read_table
 
@@ -66,6 +67,27 @@ KEYS: dict[type, dict[str, str]] = {
     Disc: {"station": "station_m", "mass": "mass_kg", "inertia": "inertia_kg_m2"},
     Gripper: {"name": "name", "gravity": "gravity_m_s2", "palm": "palm_m"},
     Finger: {"name": "name"},
+    Sensor: {
+        "name": "name",
+        "kind": "kind",
+        "begin": "begin_m",
+        "end": "end_m",
+        "segments": "segments",
+        "offset": "offset_m",
+        "azimuth": "azimuth_rad",
+        "acceptance": "acceptance_rad",
+        "noise": "noise",
+        "rate": "rate_Hz",
+        "delay": "delay_s",
+        "temperature": "temperature_K",
+        "drift": "drift",
+        "hysteresis": "hysteresis",
+        "stretch": "stretch",
+        "stray": "stray_1_N",
+        "flicker": "flicker",
+        "spread": "spread",
+        "specimen": "specimen",
+    },
 }
 
 #: Keys of a drive, which stand in the tables of the tendons.
@@ -73,7 +95,14 @@ _DRIVE_KEYS = {"kind": "drive", "speed": "speed_m_s", "travel": "travel_m"}
 
 #: Keys that are not fields, and what they may hold.
 _SHORT: dict[type, dict[str, Any]] = {
-    RobotParams: {"base": dict, "head": dict, "section": list, "tendon": list, "disc": list},
+    RobotParams: {
+        "base": dict,
+        "head": dict,
+        "section": list,
+        "tendon": list,
+        "disc": list,
+        "sensor": list,
+    },
     Tendon: {
         "ends_at_section": int,
         "radius_m": Positive,
@@ -145,6 +174,7 @@ def _text(robot: RobotParams) -> str:
     listed = [("section", _table_of(x)) for x in robot.backbone.sections]
     listed += [("tendon", _tendon_table(x) | drive) for x in robot.tendons]
     listed += [("disc", _table_of(x)) for x in robot.discs]
+    listed += [("sensor", _table_of(x)) for x in robot.sensors]
     return "\n".join([*blocks, *(f"[[{name}]]\n{lines(table)}" for name, table in listed)])
 
 
@@ -185,6 +215,7 @@ def _robot(table: Mapping[str, Any]) -> RobotParams:
         sections=tuple(sections),
         tendons=tendons,
         discs=tuple(_disc(*x, ends[-1]) for x in _tables(table, "disc")),
+        sensors=tuple(_sensor(*x, ends[-1]) for x in _tables(table, "sensor")),
         base=_part(Base, table, "base"),
         head=_part(Head, table, "head"),
         drive=_one_drive([drive for _, drive in read]),
@@ -230,6 +261,12 @@ def _made(kind: type, table: Mapping[str, Any], where: str) -> Any:
 
 def _section(where: str, table: Mapping[str, Any]) -> Section:
     return _made(Section, {"pieces": PIECES} | dict(table), where)
+
+
+def _sensor(where: str, table: Mapping[str, Any], length: float) -> Sensor:
+    sensor = _made(Sensor, table, where)
+    _within(f"{where}.end_m", sensor.end, length)
+    return sensor
 
 
 def _disc(where: str, table: Mapping[str, Any], length: float) -> Disc:

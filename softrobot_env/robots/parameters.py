@@ -23,6 +23,7 @@ from softrobot_env.fields import (
     check_unique,
 )
 from softrobot_env.robots.sections import Backbone, Pieces, PoissonRatio, Section
+from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
 
 __all__ = ["Pieces", "Tendon"]
@@ -224,6 +225,7 @@ class RobotParams:
         discs: Rigid discs on the backbone.
         base: Where the robot is clamped; at the world's origin along +z unless given.
         drive: How its tendons are driven.
+        sensors: Curvature sensors on it; what they read is the observable `sensors`.
         file: That describes it, None of others; beside it lie its trained artifacts. Robots of
             different files may be equal.
     """
@@ -247,6 +249,7 @@ class RobotParams:
     discs: tuple[Disc, ...] = ()
     base: Base | None = None
     drive: Drive = Drive()
+    sensors: tuple[Sensor, ...] = ()
     file: Path | None = field(default=None, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -257,6 +260,7 @@ class RobotParams:
             self._set("poisson_ratio", 0.0)
         check_fields(self, f"robot {self.name!r}", but=_OF_SECTION if self.sections else ())
         check_unique([t.name for t in self.tendons], f"robot {self.name!r}: tendons")
+        check_unique([s.name for s in self.sensors], f"robot {self.name!r}: sensors")
         if not (self.sections or self.inner_radius < self.outer_radius):
             raise ValueError(f"robot {self.name!r}: need 0 <= inner_radius < outer_radius")
         _check_floats(self)
@@ -505,10 +509,16 @@ def _check_floats(robot: RobotParams) -> None:
 
 
 def _check_places(robot: RobotParams) -> None:
-    """Refuse tendons and discs that are off the robot."""
+    """Refuse tendons, sensors and discs that are off the robot."""
     most = robot.length * (1 + 1e-12)
     if any(tendon.end > most for tendon in robot.tendons):
         raise ValueError(f"robot {robot.name!r}: a tendon ends beyond the robot's length")
+    for sensor in robot.sensors:
+        if sensor.end > most:
+            raise ValueError(
+                f"robot {robot.name!r}: sensor {sensor.name!r} ends at {sensor.end} m, off the "
+                f"robot, 0 to {robot.length} m"
+            )
     for disc in robot.discs:
         if disc.station > most:
             raise ValueError(

@@ -13,6 +13,7 @@ from softrobot_env.registries import Registry
 from softrobot_env.robots.file import read_gripper, read_robot
 from softrobot_env.robots.gripper import Gripper
 from softrobot_env.robots.parameters import Drive, Head, RobotParams, Tendon
+from softrobot_env.robots.sensors import Sensor
 
 #: Cantilevers of Tab. 2.1 (T), horizontal under gravity; damping of the spiral runs (T). Poisson
 #: ratio 0 as in every model comparison (I). The thesis varies the number of pieces (S: 6).
@@ -73,7 +74,8 @@ CAMERA_PERIOD = 1 / 90
 #: (Tab. 5.1; audit: damping in N s, inertia in 1e-6 kg m2): 40 g of silicone per 60 mm with the
 #: inertia of a cylinder of 14 mm radius, and 55 g more at 198 mm, the cube with the markers (I: the
 #: third subpiece is both together). Of tendon radius and stiffness only c r_t^2 follows from the
-#: results (I: split by the 20 mm of travel). Pretension and limit (S).
+#: results (I: split by the 20 mm of travel). Pretension and limit (S). The spatial curvature sensor
+#: is in the two lower thirds (T).
 _RIG_RADIUS, _RIG_SHARE = 0.014, 0.04 / 0.06
 _RIG_EI, _RIG_DAMPING = 18.3e-3, 3.77e-3
 _RIG_TENDON_RADIUS = 5.5e-3
@@ -104,6 +106,7 @@ RIG = RobotParams(
     gravity=(0.0, 0.0, -9.81),
     head=Head(mass=0.055, centre=0.018, inertia=(6.2e-6, 6.2e-6, 6.2e-6), output=0.022),
     drive=Drive("length", SERVO_SPEED, LENGTH_SCALE),
+    sensors=(Sensor("spatial", "spatial", 0.0, 0.120),),
 )
 
 #: Young's modulus of a beam over that of the one-piece model of the same rig [1], see

@@ -14,6 +14,7 @@ A twin stands for one built rig. What it is drawn from:
   (thesis: 0.77 and 0.11); 0.1 N gives 1.2 and 0.18 mm, 0.3 N 3.1 and 0.48 mm (`softrobot
   benchmark rig_networks`). Twins are visited with dither, which more than halves these errors;
 * damping within 20 % of that, whose unit the audit had to infer, whatever the modulus drawn;
+* curvature sensors with imperfections of usual size (`robots.sensors.USUAL`);
 * everything else: assumptions of this package about a silicone body cast by hand, tendons laid by
   hand, hobby servos and a webcam of 90 frames a second.
 """
@@ -121,7 +122,7 @@ def _drawn(robot: RobotParams, seed: int, equivalent: float) -> Twin:
         raise ValueError(f"the seed of a twin must be a whole number >= 0, got {seed!r}")
     rng, count = np.random.default_rng(np.random.SeedSequence(int(seed))), len(robot.tendons)
     modulus = equivalent * MODULUS * float(np.exp(MODULUS_SPREAD * rng.standard_normal()))
-    built = _built(rng, robot.vary(youngs_modulus=modulus))
+    built = _built(rng, robot.vary(youngs_modulus=modulus), int(seed))
     offset, backlash = _each(rng, count, -OFFSET, OFFSET), _each(rng, count, *BACKLASH)
     damping = equivalent / modulus * float(1 + rng.uniform(-DAMPING_SPREAD, DAMPING_SPREAD))
     return Twin(
@@ -140,7 +141,7 @@ def twin_or_ideal(seed: int | None) -> Twin:
     return nominal_twin(EQUIVALENT_RIG) if seed is None else rig3d_twin(seed)
 
 
-def _built(rng: np.random.Generator, robot: RobotParams) -> RobotParams:
+def _built(rng: np.random.Generator, robot: RobotParams, specimen: int) -> RobotParams:
     """A robot of some material with the other errors of manufacturing."""
     bend = PRECURVATURE * np.sqrt(rng.uniform()) * np.exp(2j * pi * rng.uniform())
     return replace(
@@ -149,6 +150,7 @@ def _built(rng: np.random.Generator, robot: RobotParams) -> RobotParams:
         stiff_azimuth=float(rng.uniform(0, pi)),
         precurvature=(float(bend.real), float(bend.imag)),
         tendons=_laid(rng, robot.tendons),
+        sensors=tuple(sensor.erring(1.0, specimen) for sensor in robot.sensors),
     )
 
 

@@ -188,6 +188,23 @@ def mean_curvature(model: mujoco.MjModel, layout: HingeLayout, pieces: int) -> n
     return matrix.reshape(-1, model.nv)
 
 
+def station_strain(model: mujoco.MjModel, layout: HingeLayout, qpos: np.ndarray) -> np.ndarray:
+    """Beta, gamma and torsion (n, stations, 3) [1/m] of the parts that stations stand for.
+
+    Args:
+        model: Of the chain.
+        layout: Where its stations are; the parts lie one behind the other, as long as its weights.
+        qpos: (n, nq) postures.
+    """
+    strain, joints = np.zeros((len(qpos), len(layout.weights), 3)), _joints(model)
+    if BALL in joints:
+        strain[:] = [joint_angles(model, row) for row in qpos]
+    else:
+        angles = np.stack([qpos[:, addresses] for addresses in joints.values()], axis=2)
+        strain[:, :, : len(joints)] = angles @ _turn(model, len(joints)).T
+    return strain / layout.weights[:, None]
+
+
 def _turn(model: mujoco.MjModel, size: int) -> np.ndarray:
     """(size, size) from angles about a chain's own hinge axes to beta, gamma (and torsion)."""
     matrix = np.eye(size)

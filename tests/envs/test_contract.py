@@ -17,9 +17,10 @@ from gymnasium.vector import AsyncVectorEnv, SyncVectorEnv
 from gymnasium.wrappers import FlattenObservation, RecordEpisodeStatistics
 from support.rig_episodes import flatten
 
-from softrobot_env.envs.observations.table import OBSERVABLES
+from softrobot_env.envs.observations.table import known_of
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
+from softrobot_env.robots import ARM
 
 # ---------------------------------------------------------------- driving an episode
 
@@ -325,16 +326,16 @@ def test_tensions_are_the_pair_formula_of_the_action(env_id, make_env):
 
 #: Unless told otherwise.
 _DEFAULT = tuple(
-    name for name in OBSERVABLES if not name.startswith(("tendon", "reference_acceleration"))
+    name for name in known_of(ARM) if not name.startswith(("tendon", "reference_acceleration"))
 )
 
 
 @pytest.mark.parametrize(
     ("observe", "names"),
     [
-        ("all", tuple(OBSERVABLES)),
+        ("all", known_of(ARM)),
         (_DEFAULT, _DEFAULT),
-        *(((name,), (name,)) for name in tuple(OBSERVABLES)),
+        *(((name,), (name,)) for name in known_of(ARM)),
         (["reference", "curvature"], ("reference", "curvature")),
     ],
     ids=str,
@@ -363,7 +364,7 @@ def test_default_observables(make_env):
 def test_bad_observe_lists_the_allowed(observe, make_env):
     with pytest.raises(ValueError, match="observe") as caught:
         make_env(observe=observe)
-    assert all(name in str(caught.value) for name in tuple(OBSERVABLES))
+    assert all(name in str(caught.value) for name in known_of(ARM))
 
 
 @pytest.mark.parametrize("preview", [(), (-0.1,), (0.1, np.nan), (np.inf,)])

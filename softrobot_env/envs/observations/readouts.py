@@ -6,12 +6,13 @@ Every readout has the functions of `table.Measured`, which return new arrays, an
 * `bend`: its mean curvatures [1/m], a new array at every `update`;
 * `true_length`: function that returns a new array of tendon lengths [m] as they are;
 * `truth`: function that returns what `info` tells of the true state, None if sensors are exact;
+* `shape()`: rotation (1 or n, cells, 3) [1/m] of the parts between `cells` of its plant;
 * `update()`: measure anew; what left the documented workspace, or None.
 """
 
 from collections.abc import Callable
 from math import hypot, sqrt
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -26,9 +27,12 @@ from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.interfaces import Measurement
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene
-from softrobot_env.scene.chain import mean_curvature
+from softrobot_env.scene.chain import mean_curvature, station_strain
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
+
+if TYPE_CHECKING:  # compiled code takes time to load
+    from softrobot_env.sensing.bank import Bank
 
 
 def left_workspace(what: str, time: float) -> str:
@@ -109,7 +113,7 @@ class _ChainMeasures:
 class ChainReadout:
     """Exact measurements of a chain, through views that look nothing up in a step."""
 
-    truth = None
+    truth = sensors = None
 
     def __init__(
         self,
@@ -141,13 +145,15 @@ class ChainReadout:
         self.tip_position, self.tip_velocity = self._tip.copy, self._velocity.copy
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: mean.dot(rates)
+        scene, angles = simulation.scene, self._angles
+        self.shape = lambda: station_strain(scene.model, scene.layout, angles[None])
         self.tendon_tension = data.actuator_force.copy
         self.tendon_length, self.true_length = _tendon_lengths(
             data.ten_length[: len(robot.tendons)], simulation.full_length, servos
         )
         self.update()
 
-    def update(self) -> str | None:
+    def update(self, _which: None = None) -> str | None:
         """Measure anew; return what left the documented workspace, or None."""
         angles = self._angles
         self.tip = self._tip.tolist()
@@ -182,7 +188,7 @@ class BatchReadout:
         outside: (n,) bool, which robots left the workspace, with what `what_left` says.
     """
 
-    truth = None
+    truth = sensors = None
 
     def __init__(
         self,
@@ -207,6 +213,8 @@ class BatchReadout:
         self.tip_velocity = self._velocity.copy
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: simulation.qvel @ self._mean
+        scene = simulation.scene
+        self.shape = lambda: station_strain(scene.model, scene.layout, simulation.qpos)
         self.tendon_tension = simulation.actuator_force.copy
         self.tendon_length, self.true_length = _tendon_lengths(
             simulation.ten_length[:, : len(robot.tendons)], simulation.full_length, servos
@@ -243,7 +251,7 @@ def _largest(values: np.ndarray) -> float:
 class BeamReadout:
     """Exact measurements of a beam model's simulation."""
 
-    truth = None
+    truth = sensors = None
 
     def __init__(
         self,
@@ -264,6 +272,7 @@ class BeamReadout:
         self.tip_velocity = lambda: self._now.tip_velocity
         self.curvature = lambda: self._now.curvature
         self.curvature_rate = lambda: self._now.curvature_rate
+        self.shape = lambda: simulation.plant.shape(simulation.q)[None]
         if servos is None:
             self.tendon_tension = simulation.ctrl.copy
             # An observation and `info` may both hold it.
@@ -278,7 +287,7 @@ class BeamReadout:
         self._directions = len(most.curvature) // simulation.plant.robot.pieces
         self.update()
 
-    def update(self) -> str | None:
+    def update(self, _which: None = None) -> str | None:
         """Measure anew; return what left the documented workspace, or None."""
         simulation = self._simulation
         self._now = now = simulation.plant.measure(simulation.q, simulation.v)
@@ -306,6 +315,10 @@ class BeamReadout:
         return left_workspace(f"{name}[{k}] = {values[worst]:.4g} is outside {bounds}", time)
 
 
+#: What `info` tells where sensors show something else.
+_TRUE = ("tip_position", "curvature")
+
+
 class SensedReadout:
     """A readout some of whose sensors err; `tip`, `bend` and `true_length` stay what they are."""
 
@@ -321,18 +334,29 @@ class SensedReadout:
         for name in (*Measured.__annotations__, "true_length"):
             setattr(self, name, seen.get(name, getattr(readout, name)))
         self.tip, self.bend = readout.tip, readout.bend
+        if not seen.keys() & set(_TRUE):
+            self.truth = readout.truth
 
     def truth(self) -> dict[str, np.ndarray]:
         """Of tip position [m] and curvature [1/m] what sensors show otherwise, for `info`."""
-        true = {"tip_position": np.array(self.tip), "curvature": self.bend}
+        true = dict(zip(_TRUE, (np.array(self.tip), self.bend), strict=True))
         return {name: value for name, value in true.items() if name in self._seen}
 
     def update(self, which: np.ndarray | None = None) -> str | None:
         """Measure anew, and look at all robots or at `which` (k,); what left the workspace."""
-        outside = self._exact.update()
+        outside = self._exact.update(which)
         self.tip, self.bend = self._exact.tip, self._exact.bend
         self._look(self.tip, which)
         return outside
+
+
+def fitted(readout: Any, bank: "Bank", robots: int | slice) -> SensedReadout:
+    """An exact readout with the curvature sensors of `robots`, see `noisy`."""
+    return SensedReadout(
+        readout,
+        {"sensors": lambda: bank.reading[robots].copy()},
+        lambda _, which: bank.look(readout.shape(), which),
+    )
 
 
 def noisy(readout: Any, noise: SensorNoise, robots: int | slice) -> SensedReadout:

@@ -13,6 +13,7 @@ from softrobot_env.interfaces import Observation, Seen
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.timestep import slowest
+from softrobot_env.sensing.limits import readings
 
 #: Fastest reference an environment accepts, in lengths of the straight robot per second, and the
 #: largest acceleration, in lengths per second squared.
@@ -113,6 +114,7 @@ class Measured(Protocol):
     curvature_rate: Read
     tendon_tension: Read
     tendon_length: Read
+    sensors: Read | None
 
 
 class Sources(NamedTuple):
@@ -149,6 +151,11 @@ class Observable:
     read: Callable[[Sources], Read]
     scale: Callable[[Sizes], float | np.ndarray]
     noise: float = 0.0
+
+
+def known_of(robot: RobotParams) -> tuple[str, ...]:
+    """Names of the observables that a robot has: `sensors` only if it carries any."""
+    return tuple(name for name in OBSERVABLES if name != "sensors" or robot.sensors)
 
 
 def symmetric(size: int, bound: float | np.ndarray) -> spaces.Box:
@@ -264,6 +271,12 @@ OBSERVABLES: dict[str, Observable] = {
         lambda s: _positions(s, s.n_preview),
         lambda o: o.reference("preview"),
         _position_scale,
+    ),
+    "sensors": Observable(
+        "1 or rad",
+        lambda s: spaces.Box(*readings(s.robot.sensors), dtype=np.float64),
+        lambda o: o.measured.sensors,
+        lambda s: 0.5,
     ),
     "previous_action": Observable(
         "1", lambda s: symmetric(s.n_inputs, 1.0), lambda o: o.action, lambda s: 0.5

@@ -20,7 +20,7 @@ from softrobot_env.tasks import RIG_TASKS, Task
 TENSION = "tendon_tension"
 
 #: What a rig can measure.
-_SEEN = tuple(name for name in OBSERVABLES if not name.startswith("curvature"))
+_SEEN = tuple(name for name in OBSERVABLES if not name.startswith(("curvature", "sensors")))
 
 
 class RealSetting(Setting):

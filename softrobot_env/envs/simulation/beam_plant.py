@@ -85,6 +85,11 @@ class BeamPlant:
         return 1 if self.config.bending == "planar" else 2
 
     @property
+    def cells(self) -> np.ndarray:
+        """Edges (cells + 1,) [m] of the parts whose rotation a readout's `shape` tells."""
+        return self._nominal.cells
+
+    @property
     def strain(self) -> float:
         """Largest axial strain [1] of the model."""
         return self._nominal.strain

@@ -77,6 +77,11 @@ class MujocoPlant:
         return self.nominal.layout
 
     @property
+    def cells(self) -> np.ndarray:
+        """Edges (cells + 1,) [m] of the parts whose rotation a readout's `shape` tells."""
+        return np.append(0.0, np.cumsum(self.layout.weights))
+
+    @property
     def config(self) -> SceneConfig:
         """The scene to draw."""
         return self.nominal.config

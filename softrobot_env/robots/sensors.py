@@ -1,0 +1,122 @@
+"""Sensors that a robot carries, as data; what they read is in `softrobot_env.sensing`.
+
+"T" marks a value printed in the thesis, "I" one inferred from it, "S" an assumption.
+"""
+
+from dataclasses import dataclass, replace
+from math import radians
+from typing import Annotated, Literal
+
+from softrobot_env.fields import Count, NotNegative, Positive, Range, Whole, check_fields
+
+SensorKind = Literal["planar", "spatial", "tags"]
+
+#: Outgoing fibres of a spatial sensor (T).
+OUTPUTS = 4
+
+#: [rad], of the fibres (T).
+ACCEPTANCE = radians(20)
+
+#: Standard deviations of readings: [LSB] of fibres (T), [rad] of tags (S).
+_NOISE = {"planar": 1.4, "spatial": 1.4, "tags": 5e-3}
+
+_Below = Annotated[float, Range("in [0, 1)", lambda x: 0 <= x < 1)]
+_Angle = Annotated[float, Range("an angle in (0, pi / 2)", lambda x: 0 < x < radians(90))]
+
+
+@dataclass(frozen=True)
+class Sensor:
+    """A curvature sensor on the backbone.
+
+    * "planar": fibre segments in series; light is lost at each joint by its angle (thesis 4.1).
+      One reading, the same to all sides.
+    * "spatial": one incoming and four tilted outgoing fibres that meet at the middle (4.2).
+      Four readings.
+    * "tags": what a camera sees of markers, the turn from each to the next towards an azimuth.
+
+    Readings of fibres are light over that of the ideal straight sensor, those of tags are in rad.
+    What follows `delay` are imperfections; without them a sensor is ideal but for noise and steps
+    of its converter. They belong to a robot as it is built: give them to what is simulated.
+
+    Attributes:
+        name: Of the sensor.
+        kind: See above.
+        begin, end: [m], arc lengths between which it lies.
+        segments: Fibre segments in series, or intervals between tags (T: 3 and 2 per finger piece).
+        offset: (2,) [m] in the section, from the neutral fibre.
+        azimuth: [rad] of the first outgoing fibre, or of the direction that tags measure.
+        acceptance: [rad], angle of the fibres (T: 20 degrees).
+        noise: Standard deviation, [LSB] of the converter, or [rad] of tags; see `deviation`.
+        rate: [Hz] (T: 50), a sample is taken at the first control instant after it is due.
+        delay: [s], rounded to whole control periods.
+        temperature: [K], warming up of the diode after the start (S).
+        drift: [1], standard deviation of the slow change of each light path's gain (S).
+        hysteresis: [1], share of the bend that follows with play (I from the thesis' error of
+            0.34 degrees with polynomials of order 5).
+        stretch: [1], light lost per strain, where the sensor is off the neutral fibre (S).
+        stray: [1/N], light that leaks in per contact force on it, over that when straight (S).
+        flicker: [1], standard deviation of each sample's gain (audit: 1 to 2 %, S).
+        spread: [1], how specimens differ: gains, angles, tilts, acceptance and azimuth [rad] (S).
+        specimen: What the specimen's differences are drawn from.
+    """
+
+    name: str
+    kind: SensorKind
+    begin: NotNegative
+    end: Positive
+    segments: Count = 3
+    offset: tuple[float, float] = (0.0, 0.0)
+    azimuth: float = 0.0
+    acceptance: _Angle = ACCEPTANCE
+    noise: NotNegative | None = None
+    rate: Positive = 50.0
+    delay: NotNegative = 0.0
+    temperature: float = 0.0
+    drift: _Below = 0.0
+    hysteresis: _Below = 0.0
+    stretch: NotNegative = 0.0
+    stray: NotNegative = 0.0
+    flicker: _Below = 0.0
+    spread: Annotated[float, Range("in [0, 0.3]", lambda x: 0 <= x <= 0.3)] = 0.0
+    specimen: Whole = 0
+
+    def __post_init__(self) -> None:
+        check_fields(self, "sensor")
+        if not self.begin < self.end:
+            raise ValueError(
+                f"sensor {self.name!r}: begin must be below end, got {self.begin} and {self.end} m"
+            )
+        if self.kind == "planar" and self.segments < 2:
+            raise ValueError(f"sensor {self.name!r}: light is lost between 2 segments or more")
+
+    @property
+    def size(self) -> int:
+        """Number of readings."""
+        return {"planar": 1, "spatial": OUTPUTS, "tags": self.segments}[self.kind]
+
+    @property
+    def deviation(self) -> float:
+        """Standard deviation of a reading, its kind's own unless given."""
+        return _NOISE[self.kind] if self.noise is None else self.noise
+
+    def erring(self, scale: float, specimen: int) -> "Sensor":
+        """A specimen with `scale` times the usual imperfections, besides its own noise."""
+        if scale == 0:
+            return self
+        usual = {name: min(scale * value, LARGEST[name]) for name, value in USUAL.items()}
+        return replace(self, **usual, specimen=specimen)
+
+
+#: Imperfections of usual size; see `Sensor` for where they come from.
+USUAL = {
+    "temperature": 5.0,
+    "drift": 0.01,
+    "hysteresis": 0.07,
+    "stretch": 1.0,
+    "stray": 0.002,
+    "flicker": 0.002,
+    "spread": 0.05,
+}
+
+#: Where `Sensor.erring` ends.
+LARGEST = dict.fromkeys(USUAL, 0.3) | {"temperature": 60.0, "stretch": 10.0}

@@ -1,0 +1,115 @@
+"""Curvature sensors as observables: single, vectorised, on chain and beam, and who has none."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+from softrobot_env.beams.registry import BeamPlant
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.envs.vector import VectorTrackingEnv
+from softrobot_env.robots import ARM, RIG, Sensor, read_robot, write_robot
+from softrobot_env.robots.twin import rig3d_twin
+
+OBSERVE = ("tip_position", "reference", "sensors")
+HOW = {"observe": OBSERVE, "control_period": 0.02}
+SENSED_ARM = replace(
+    ARM,
+    name="sensed_arm",
+    sensors=(
+        Sensor("lower", "planar", 0.0, 0.25, segments=5),
+        Sensor("tags", "tags", 0.25, 0.5, segments=2, rate=30.0, delay=0.04),
+    ),
+)
+
+
+def arm(**more):
+    return TrackingEnv("circle", robot=SENSED_ARM, observe=OBSERVE, **more)
+
+
+def test_readings_lie_in_the_space_and_a_vector_view_has_them():
+    env = arm()
+    check_env(env, skip_render_check=True)
+    assert env.observation_space["sensors"].shape == (3,)
+    seen = TrackingEnv("rig_circle", observe_as="vector", **HOW)
+    observation, _ = seen.reset(seed=0)
+    assert len(observation[seen.vector_layout["sensors"]]) == 4
+    assert np.abs(observation).max() < 5
+
+
+def test_many_environments_read_what_single_ones_do():
+    vary = Randomization(sensor_errors=(0.5, 1.5), youngs_modulus=(0.8, 1.2))
+    many = VectorTrackingEnv(3, "rig_circle", randomization=vary, **HOW)
+    single = [TrackingEnv("rig_circle", randomization=vary, **HOW) for _ in range(3)]
+    stacked, _ = many.reset(seed=4)
+    alone = [env.reset(seed=4 + i)[0]["sensors"] for i, env in enumerate(single)]
+    np.testing.assert_allclose(stacked["sensors"], alone, atol=1e-12)
+    rng = np.random.default_rng(0)
+    for _ in range(8):
+        actions = rng.uniform(-0.5, 0.5, (3, 3)).astype(np.float32)
+        stacked, *_ = many.step(actions)
+        alone = [env.step(a)[0]["sensors"] for env, a in zip(single, actions, strict=True)]
+        # An LSB is 3e-3 of the straight pose at most; rounding may tip one.
+        np.testing.assert_allclose(stacked["sensors"], alone, atol=3e-3)
+
+
+@pytest.mark.parametrize("model", ["pcc", "cosserat"])
+def test_chain_and_beam_of_one_shape_read_alike(model):
+    start = {"start_curvature": np.full(2, 3.0)}
+    chain, beam = (
+        TrackingEnv("rig_circle", **HOW),
+        TrackingEnv("rig_circle", plant=BeamPlant(model), **HOW),
+    )
+    read = [env.reset(seed=0, options=start)[0]["sensors"] for env in (chain, beam)]
+    np.testing.assert_allclose(*read, atol=0.02)
+    assert np.abs(read[0] - 1).max() > 0.3
+
+
+def test_imperfections_are_the_simulated_robot_s():
+    assert RIG.sensors[0].drift == 0
+    twin = rig3d_twin(3)
+    assert twin.robot.sensors[0].drift > 0 and twin.robot.sensors[0].specimen == 3
+    env, built = TrackingEnv("rig_circle", **HOW), TrackingEnv("rig_circle", twin=twin, **HOW)
+    assert env.observation_space == built.observation_space
+    assert env.task == built.task
+    ideal, _ = env.reset(seed=0)
+    other, _ = env.reset(seed=0, options={"vary": {"sensor_errors": 1.0}})
+    assert np.abs(ideal["sensors"] - other["sensors"]).max() > 0.01
+
+
+def test_episodes_are_the_same_where_sensors_are_not_observed():
+    seen = TrackingEnv("rig_circle", twin=3, **HOW).reset(seed=1)[0]["tip_position"]
+    unseen = TrackingEnv("rig_circle", twin=3, **HOW | {"observe": ("tip_position",)})
+    np.testing.assert_array_equal(unseen.reset(seed=1)[0]["tip_position"], seen)
+
+
+def test_a_robot_without_sensors_refuses_them_by_name():
+    with pytest.raises(ValueError, match="observe needs distinct names out of tip_position"):
+        TrackingEnv("step", observe=OBSERVE)
+    with pytest.raises(ValueError, match="sensor_errors varies curvature sensors; robot 'arm'"):
+        TrackingEnv("step").reset(options={"vary": {"sensor_errors": 1.0}})
+    with pytest.raises(ValueError, match="robot 'arm' has none"):
+        TrackingEnv("step", randomization=Randomization(sensor_errors=(0.0, 1.0)))
+    twin = rig3d_twin(0)
+    blind = replace(twin, robot=replace(twin.robot, sensors=()))
+    with pytest.raises(ValueError, match="a twin needs sensors of the same kinds"):
+        TrackingEnv("rig_circle", twin=blind)
+
+
+def test_files_say_sensors_both_ways(tmp_path):
+    robot = replace(
+        SENSED_ARM, sensors=(*SENSED_ARM.sensors, RIG.sensors[0].erring(0.7, 12)), file=None
+    )
+    write_robot(robot, tmp_path / "arm.toml")
+    assert read_robot(tmp_path / "arm.toml") == robot
+    text = (tmp_path / "arm.toml").read_text()
+    for wrong, told in (
+        (("end_m = 0.25", "end_m = 0.75"), r"sensor\[1\].end_m must be at most the robot's length"),
+        (('kind = "planar"', 'kind = "round"'), r"sensor\[1\].kind must be one of"),
+        (("segments = 5", "sections = 5"), r"sensor\[1\].sections is no key; allowed are name"),
+    ):
+        (tmp_path / "bad.toml").write_text(text.replace(*wrong, 1))
+        with pytest.raises(ValueError, match=told):
+            read_robot(tmp_path / "bad.toml")

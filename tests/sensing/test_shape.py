@@ -1,0 +1,113 @@
+"""Angles of fibres against chord geometry and integrals that share no code with the package."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from scipy.integrate import quad, solve_ivp
+from scipy.spatial.transform import Rotation
+
+from softrobot_env.sensing.shape import Places
+
+
+def test_two_arcs_meet_at_half_the_sum_of_their_turns():
+    """Corrected (4.6), at a joint between pieces of constant curvature."""
+    edges, kappa = np.array([0.0, 0.03, 0.05, 0.09]), np.array([12.0, -5.0, 9.0])
+    strain = np.zeros((1, 3, 3))
+    strain[0, :, 0] = kappa
+    places = Places(edges, [tuple(edges[:3]), tuple(edges[1:])], [(0.0, 0.09)])
+    angles, spans = places.turns(strain)
+    bends = kappa * np.diff(edges)
+    np.testing.assert_allclose(angles[0, :, 0], (bends[1:] + bends[:-1]) / 2, atol=1e-14)
+    np.testing.assert_allclose(angles[0, :, 1], 0.0, atol=1e-14)
+    np.testing.assert_allclose(spans[0, 0], [bends.sum(), 0.0], atol=1e-14)
+
+
+def _clothoid_angle(ends, a, b):
+    """Angle at the joint of chords of kappa = a + b s, by adaptive quadrature."""
+
+    def tangent(s):
+        return a * s + b * s**2 / 2
+
+    directions = []
+    for low, high in pairwise(ends):
+        x = quad(lambda s: np.sin(tangent(s)), low, high)[0]
+        z = quad(lambda s: np.cos(tangent(s)), low, high)[0]
+        directions.append(np.arctan2(x, z))
+    return directions[1] - directions[0]
+
+
+def test_cells_converge_to_a_clothoid_with_second_order():
+    ends, a, b = (0.013, 0.047, 0.081), 4.0, 250.0
+    exact, errors = _clothoid_angle(ends, a, b), []
+    for cells in (4, 16, 64):
+        edges = np.linspace(0, 0.09, cells + 1)
+        strain = np.zeros((1, cells, 3))
+        strain[0, :, 0] = a + b * (edges[1:] + edges[:-1]) / 2
+        errors.append(abs(Places(edges, [ends], []).turns(strain)[0][0, 0, 0] - exact))
+    assert errors[0] < 1e-3 and errors[2] < errors[0] / 100
+
+
+def _integrated(strain, edges, ends):
+    """Chords' angle by integrating R' = R W, p' = R e_z with a general-purpose solver."""
+
+    def slope(s, state):
+        k = min(np.searchsorted(edges, s, side="right") - 1, len(strain) - 1)
+        beta, gamma, torsion = strain[k]
+        frame = state[:9].reshape(3, 3)
+        spin = np.array([[0, -torsion, beta], [torsion, 0, gamma], [-beta, -gamma, 0]])
+        return np.concatenate([(frame @ spin).ravel(), frame[:, 2]])
+
+    state, at, places = np.concatenate([np.eye(3).ravel(), np.zeros(3)]), 0.0, {0.0: np.zeros(3)}
+    frames = {0.0: np.eye(3)}
+    for s in sorted({*edges[1:].tolist(), *ends}):
+        if s > at:
+            inside = slice(at, s)
+            state = solve_ivp(slope, (inside.start, inside.stop - 1e-13), state, rtol=1e-11).y[
+                :, -1
+            ]
+            at = s
+        places[s], frames[s] = state[9:], state[:9].reshape(3, 3)
+    first, second = (places[ends[k + 1]] - places[ends[k]] for k in range(2))
+    first, second = (v / np.linalg.norm(v) for v in (first, second))
+    axis = np.cross(first, second)
+    turn = axis / np.linalg.norm(axis) * np.arctan2(np.linalg.norm(axis), first @ second)
+    local = frames[ends[1]].T @ turn
+    return np.array([local[1], -local[0]])
+
+
+def test_a_twisted_shape_in_space_against_an_ode_solver():
+    rng = np.random.default_rng(1)
+    edges = np.array([0.0, 0.02, 0.05, 0.08, 0.12])
+    strain, ends = rng.uniform(-8, 8, (4, 3)), (0.0, 0.06, 0.12)
+    angles, _ = Places(edges, [ends], []).turns(strain[None])
+    np.testing.assert_allclose(angles[0, 0], _integrated(strain, edges, ends), atol=1e-6)
+
+
+def test_many_robots_are_as_one_and_turning_the_robot_turns_its_angles():
+    rng = np.random.default_rng(2)
+    edges = np.linspace(0, 0.1, 6)
+    strain = rng.uniform(-6, 6, (3, 5, 3)) * [1, 1, 0]
+    places = Places(edges, [(0.0, 0.05, 0.1)], [(0.0, 0.1)])
+    every, _ = places.turns(strain)
+    for one, angle in zip(strain, every, strict=True):
+        np.testing.assert_array_equal(places.turns(one[None])[0][0], angle)
+    turned = strain.copy()
+    spin = Rotation.from_euler("z", 0.7).as_matrix()[:2, :2]
+    turned[..., :2] = strain[..., :2] @ spin.T
+    np.testing.assert_allclose(places.turns(turned)[0], every @ spin.T, atol=1e-13)
+
+
+def test_a_diverged_shape_is_not_hidden():
+    angles, _ = Places(np.array([0.0, 0.1]), [(0.0, 0.05, 0.1)], []).turns(
+        np.full((1, 1, 3), np.nan)
+    )
+    assert np.isnan(angles).all()
+
+
+@pytest.mark.parametrize("turn", [1e-9, 1e-4, 9.99e-4, 1.01e-3, 3.0])
+def test_small_and_large_bends_are_exact(turn):
+    strain = np.zeros((1, 1, 3))
+    strain[0, 0, 0] = turn / 0.1
+    angles, _ = Places(np.array([0.0, 0.1]), [(0.0, 0.05, 0.1)], []).turns(strain)
+    assert angles[0, 0, 0] == pytest.approx(turn / 2, rel=1e-9)
