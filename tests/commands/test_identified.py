@@ -59,7 +59,7 @@ def test_other_rigs_than_the_one_of_the_file_are_noted(learnt, tmp_path, capsys)
         ("evaluate --tasks swing", "--learnt: only with tasks of the rig, triangle"),
         (
             "evaluate --tasks reach --policies inverse_dynamics inverse_dynamics_ahead",
-            "--learnt: only with the policies rig_nn, hybrid, hybrid_ahead, hybrid_flexible",
+            "--learnt: only with the policies rig_nn, rig_nn_p, rig_nn_pi, hybrid, hybrid_ahead",
         ),
         ("render --task swing", "--learnt: only with tasks of the rig, triangle"),
         ("render --task reach --policy inverse_dynamics", "--learnt: only with the policies"),
