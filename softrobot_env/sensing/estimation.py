@@ -166,7 +166,7 @@ class BendFilter:
         weight = 1 / (_RELATIVE * reading + _CONVERTER) ** 2
         starts = [self.bend, self._nearest(reading, weight)]
         prior = np.linalg.inv(self._variance)
-        anchor = (self.model.bend(np.zeros(2)), 1e6) if straight else (np.zeros(2), 1e-2)
+        anchor = (self.model.bend(np.zeros(2)), 1e8) if straight else (np.zeros(2), 1e-2)
         found = [self._search(s, reading, weight, prior, anchor) for s in starts]
         _, bend, drift, hessian = min(found, key=lambda one: one[0])
         self.bend, self.drift = bend, drift

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from softrobot_env.benchmarks.sensing.rows import Row
+from softrobot_env.benchmarks.sensing.rows import Kind, Row
 from softrobot_env.robots import Sensor
 from softrobot_env.robots.sensors import USUAL
 from softrobot_env.sensing.bank import Bank
@@ -81,7 +81,7 @@ def _constant(quick: bool) -> list[Row]:
                 f"order {order}: RMS from the thesis' polynomial",
                 float(np.sqrt(np.mean(there**2))),
                 "deg",
-                "fitted" if order == 5 else "check",
+                "implied",
                 note=_coefficients(found),
             )
         )
@@ -105,13 +105,19 @@ def _errors(order: int, errors: AngleErrors) -> list[Row]:
             f"order {order}: {name}",
             float(np.degrees(value)),
             "deg",
-            "fitted" if (order, name) == (5, "mean error") else "check",
+            _kind(order, name),
             thesis=thesis,
             note="by the hysteresis" if (order, name) == (5, "mean error") else "",
         )
         for name, value, thesis in zip(names, errors, printed, strict=True)
         if thesis is not None or name == "mean error"
     ]
+
+
+def _kind(order: int, name: str) -> Kind:
+    if order < 5:
+        return "implied"
+    return "fitted" if name == "mean error" else "check"
 
 
 def _noise(quick: bool) -> list[Row]:

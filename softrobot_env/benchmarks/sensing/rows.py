@@ -5,9 +5,10 @@ from typing import Any, Literal
 
 from softrobot_env.benchmarks.records import Record, drawn
 
-#: Whether a model's number was chosen so that the row comes out, the row tests the model with
-#: numbers chosen elsewhere, or it stands on shapes that were assumed.
-Kind = Literal["fitted", "check", "assumed shape"]
+#: Whether a number of the model was chosen so that the row comes out; it follows from the thesis'
+#: polynomial of order 5, which the model has; it tests the model with numbers chosen elsewhere; or
+#: it stands on shapes that were assumed.
+Kind = Literal["fitted", "implied", "check", "assumed shape"]
 
 
 @dataclass(frozen=True)

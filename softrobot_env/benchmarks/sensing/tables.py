@@ -26,7 +26,10 @@ def tables(rows: Sequence[Row]) -> Group:
         "Three planar sensors in a finger": [r for r in rows if r.kind == "assumed shape"],
         "Spatial sensor in the rig": [r for r in rows if "specimens" in r.quantity],
     }
-    caption = "fitted: a number of the model was chosen by it; check: none was"
+    caption = (
+        "fitted: a number of the model was chosen by it; implied: by the thesis' polynomial of "
+        "order 5, which the model has; check: neither"
+    )
     return Group(
         *(make_table(name, _COLUMNS, some, caption=caption) for name, some in parts.items())
     )
