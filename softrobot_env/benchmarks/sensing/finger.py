@@ -127,7 +127,7 @@ def rows(quick: bool = False) -> list[Row]:
             "48 mm: largest error of the tip, of the shape by three sensors",
             worst,
             "mm",
-            "assumed shape",
+            "assumed",
             note="the thesis has a picture",
             curves=curves,
         )
@@ -137,8 +137,9 @@ def rows(quick: bool = False) -> list[Row]:
 
 def _row(figure: str, quantity: str, value: float, thesis: float) -> Row:
     note = "no shear, no pressed section here" if "tip" in quantity else ""
+    note = "bends beyond the calibration" if "oval" in quantity else note
     value = float(np.degrees(value))
-    return Row(figure, quantity, value, "deg", "assumed shape", thesis, note=note)
+    return Row(figure, quantity, value, "deg", "assumed", thesis, note=note)
 
 
 def _judge(specimen: int) -> tuple[dict[str, np.ndarray], dict]:

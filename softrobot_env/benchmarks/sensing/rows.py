@@ -7,8 +7,8 @@ from softrobot_env.benchmarks.records import Record, drawn
 
 #: Whether a number of the model was chosen so that the row comes out; it follows from the thesis'
 #: polynomial of order 5, which the model has; it tests the model with numbers chosen elsewhere; or
-#: it stands on shapes that were assumed.
-Kind = Literal["fitted", "implied", "check", "assumed shape"]
+#: it stands on shapes of grips or sizes of imperfections that were assumed.
+Kind = Literal["fitted", "implied", "check", "assumed"]
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class Row(Record):
         unit: Of value and thesis.
         kind: See `Kind`.
         thesis: The printed number, None where there is none.
-        at_most: Whether the thesis' number, or the goal, is an upper bound.
+        goal: Upper bound, None where there is none.
         note: What to know about it.
         curves: What the figure shows, by name.
     """
@@ -33,11 +33,11 @@ class Row(Record):
     unit: str
     kind: Kind
     thesis: float | None = None
-    at_most: bool = False
+    goal: float | None = None
     note: str = ""
     curves: dict[str, Any] | None = drawn()  # noqa: RUF009
 
     @property
     def met(self) -> bool | None:
-        """Whether it is within its bound; None without one."""
-        return self.value <= self.thesis if self.at_most and self.thesis is not None else None
+        """Whether it is within its goal; None without one."""
+        return None if self.goal is None else self.value <= self.goal

@@ -38,8 +38,9 @@ _PAUSE = 5.0  # s from one point to the next
 #: Goal [m] of the better estimate.
 GOAL = 1.5e-3
 
-#: Of each sample, as the audit says; and larger imperfections, to find those of the thesis.
-_FLICKER, _SCALES = 0.015, (1.0, 2.0, 3.5)
+#: Noise of each sample, as the audit says; and larger imperfections, the last to come to the
+#: thesis' 4.6 mm.
+_FLICKER, _SCALES = 0.015, (1.0, 2.0, 3.2)
 
 
 class _Visit(NamedTuple):
@@ -161,21 +162,20 @@ def rows(quick: bool = False, progress: Progress | None = None) -> list[Row]:
 
 
 def _rows(case: _Case, found: list[_Found]) -> list[Row]:
-    printed = {"network test": 4.6, "network circle": 7.0}
+    goals = {"network test": 4.6, "network circle": 7.0}
     where = {"network test": "Fig. 4.22", "network circle": "Fig. 4.23"}
     out = []
     for what in found[0].squares:
         each = [1e3 * float(np.sqrt(one.squares[what].mean())) for one in found]
-        limit = printed.get(what, 1e3 * GOAL)
         out.append(
             Row(
                 where.get(what, ""),
                 f"{what}, RMS of {len(found)} specimens: {case.name}",
                 float(np.sqrt(np.mean(np.square(each)))),
                 "mm",
-                "check" if case.scale <= 1 else "fitted",
-                limit,
-                at_most=case.scale <= 1,
+                "fitted" if case.scale == _SCALES[-1] and what == "network test" else "assumed",
+                thesis=goals.get(what),
+                goal=goals.get(what, 1e3 * GOAL),
                 note=f"{min(each):.2f} to {max(each):.2f}",
             )
         )

@@ -12,6 +12,7 @@ _COLUMNS = (
     Column("quantity"),
     Column("here", "value", ".3g"),
     Column("thesis", "thesis", ".3g"),
+    Column("goal", "goal", ".3g"),
     Column("unit"),
     Column("met", lambda r: "" if r.met is None else verdict(r.met), ">"),
     Column("kind"),
@@ -23,12 +24,13 @@ def tables(rows: Sequence[Row]) -> Group:
     """A table for each sensor, and what the kinds of rows mean."""
     parts = {
         "Planar sensor between servos": [r for r in rows if _is_planar(r)],
-        "Three planar sensors in a finger": [r for r in rows if r.kind == "assumed shape"],
+        "Three planar sensors in a finger": [r for r in rows if _is_of_finger(r)],
         "Spatial sensor in the rig": [r for r in rows if "specimens" in r.quantity],
     }
     caption = (
         "fitted: a number of the model was chosen by it; implied: by the thesis' polynomial of "
-        "order 5, which the model has; check: neither"
+        "order 5, which the model has; assumed: on shapes of grips and sizes of imperfections that "
+        "are; check: none of these"
     )
     return Group(
         *(make_table(name, _COLUMNS, some, caption=caption) for name, some in parts.items())
@@ -36,4 +38,8 @@ def tables(rows: Sequence[Row]) -> Group:
 
 
 def _is_planar(row: Row) -> bool:
-    return row.kind != "assumed shape" and "specimens" not in row.quantity
+    return not _is_of_finger(row) and "specimens" not in row.quantity
+
+
+def _is_of_finger(row: Row) -> bool:
+    return row.figure in ("Fig. 4.16", "Fig. 4.17", "Fig. 4.18")
