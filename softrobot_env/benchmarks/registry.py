@@ -65,6 +65,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "rig_networks": _in_folder("rig_networks", run="run:run_on_twin"),
         "scenes": _in_folder("scenes", options=("count", "seed")),
         "sections": _in_folder("sections"),
+        "sensing": _in_folder("sensing"),
         "speed": _in_folder("speed", plot=None),
         "stability": _in_folder("stability"),
         "thesis": _in_folder("thesis", plot="figures:plot"),

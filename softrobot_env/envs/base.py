@@ -25,6 +25,7 @@ _REBUILT = {
     "model",
     "data",
     "_readout",
+    "_exact",
     "_see",
     "_renderer",
     "_advance",

@@ -164,7 +164,8 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
             twin: Of a robot driven by length, the one that is simulated; or the seed of a rig with
                 errors (`twin.rig3d_twin`). Unless given, a robot as its parameters say.
             control_period: [s], between 1 ms and 200 ms.
-            observe: Names of the observables in an observation, or "all". Unless given, all but
+            observe: Names of the observables in an observation, or "all": all but `sensors`, which
+                are asked for by name. Unless given, all but these and
                 tensions, lengths and reference_acceleration of a robot driven by tension, and all
                 but curvatures and tensions of one driven by length, as a lab can measure them.
             preview: Times [s] ahead of now of `reference_preview`.

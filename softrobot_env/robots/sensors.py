@@ -111,7 +111,7 @@ class Sensor:
 USUAL = {
     "temperature": 5.0,
     "drift": 0.01,
-    "hysteresis": 0.07,
+    "hysteresis": 0.12,
     "stretch": 1.0,
     "stray": 0.002,
     "flicker": 0.002,

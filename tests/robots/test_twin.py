@@ -113,6 +113,7 @@ def test_nothing_else_differs():
                 "anisotropy",
                 "stiff_azimuth",
                 "precurvature",
+                "sensors",
             )
         }
         tendons = tuple(
@@ -171,3 +172,9 @@ def test_bad_seeds_are_named(seed):
 def test_bad_twins_are_named(change, message):
     with pytest.raises(ValueError, match=message):
         replace(nominal_twin(RIG), **change)
+
+
+def test_sensors_err_as_their_own_specimen():
+    (design,) = RIG.sensors
+    for seed in (0, 5):
+        assert rig3d_twin(seed).robot.sensors == (design.erring(1.0, seed),)

@@ -45,7 +45,7 @@ def test_cells_converge_to_a_clothoid_with_second_order():
         strain = np.zeros((1, cells, 3))
         strain[0, :, 0] = a + b * (edges[1:] + edges[:-1]) / 2
         errors.append(abs(Places(edges, [ends], []).turns(strain)[0][0, 0, 0] - exact))
-    assert errors[0] < 1e-3 and errors[2] < errors[0] / 100
+    assert errors[0] < 3e-3 and errors[2] < errors[0] / 100
 
 
 def _integrated(strain, edges, ends):

@@ -293,7 +293,8 @@ def observation_space(
     """Dict space of some of the observables that an environment has.
 
     Args:
-        observe: Their names, one name, or "all".
+        observe: Their names, one name, or "all": all but `sensors`, which cost time and whose noise
+            draws from the environment's generator; they are asked for by name.
         known: Names that the environment has.
         sizes: Of its robot.
 
@@ -301,7 +302,8 @@ def observation_space(
         ValueError: No name, an unknown name or a repeated one.
     """
     if isinstance(observe, str):
-        observe = known if observe == "all" else (observe,)
+        every = tuple(name for name in known if name != "sensors")
+        observe = every if observe == "all" else (observe,)
     names = tuple(observe) if np.iterable(observe) else ()
     if not names or not all(name in known for name in names) or len(set(names)) < len(names):
         raise ValueError(f"observe needs distinct names out of {', '.join(known)}; got {observe!r}")

@@ -1,0 +1,90 @@
+"""Calibration and estimates against what is known of made-up sensors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from softrobot_env.benchmarks.sensing.planar import read
+from softrobot_env.robots import RIG, Sensor
+from softrobot_env.sensing.bank import Bank
+from softrobot_env.sensing.calibration import AngleErrors, Range, curvatures, fit, mean_curvature
+from softrobot_env.sensing.estimation import BendFilter, calibrate
+
+
+def test_least_squares_finds_a_polynomial_and_refuses_too_few():
+    at = np.linspace(0, 100, 40)
+    found = fit(at, np.radians(60 - 0.5 * at + 1e-3 * at**2), 2)
+    np.testing.assert_allclose(np.degrees(found(at)), 60 - 0.5 * at + 1e-3 * at**2, atol=1e-9)
+    with pytest.raises(ValueError, match="3 samples cannot determine 4 coefficients"):
+        fit(at[:3], at[:3], 3)
+    scale = Range.of(np.array([0.3, 1.1, 0.5]))
+    np.testing.assert_allclose(scale.relative(np.array([0.3, 0.7, 1.1])), [0, 50, 100])
+    errors = AngleErrors.of(np.array([1.0, -3.0]))
+    assert errors == (2.0, 1.0, 3.0)
+
+
+def test_curvatures_come_back_from_angles_of_arcs():
+    kappa, length = np.array([4.0, -2.0, 7.0, 1.0]), 0.03
+    angles = (kappa[1:] + kappa[:-1]) / 2 * length  # corrected (4.6)
+    np.testing.assert_allclose(curvatures(angles, length, kappa[0]), kappa, atol=1e-12)
+    wrong = curvatures(angles, length, kappa[0] + 1)
+    np.testing.assert_allclose(wrong - kappa, [1, -1, 1, -1], atol=1e-12)
+    assert mean_curvature(2 * 5.0 * length, 3, length) == pytest.approx(5.0)
+
+
+def test_an_ideal_sensor_is_read_back_by_its_polynomial():
+    ideal = Sensor("ideal", "planar", 0.0, 0.03)
+    wave = np.radians(15) * (1 - np.cos(np.linspace(0, 2 * np.pi, 400)))
+    light = read(ideal, np.stack([wave, wave], axis=1), 50.0)
+    relative = Range.of(light).relative(light)
+    assert AngleErrors.of(fit(relative, 2 * wave, 5)(relative) - 2 * wave).mean < np.radians(0.3)
+
+
+@pytest.fixture(scope="module")
+def session():
+    """Readings of a drifting specimen in a robot whose bend is known in terms of its tip."""
+    rng, count = np.random.default_rng(3), 260
+    radius, angle = 0.12 * np.sqrt(rng.uniform(size=count)), rng.uniform(0, 2 * np.pi, count)
+    tips = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    tips[200] = 0.0
+    bend = tips * (3.1 + 20 * radius[:, None] ** 2) + [0.01, -0.02]
+    sensor = replace(RIG.sensors[0].erring(1.0, 9), drift=0.03)
+    bank, shape = Bank([sensor], np.array([0.0, 0.12]), 5.0), np.zeros((1, 1, 3))
+    bank.start(np.array([0]), [[sensor]], [1], shape)
+    readings = np.empty((count, 4))
+    for row, pair in zip(readings, bend, strict=True):
+        shape[0, 0, :2] = 2 * pair / 0.12
+        bank.look(shape)
+        row[:] = bank.reading[0]
+    known = np.arange(count) < 170
+    return calibrate(readings, tips, known, RIG.sensors[0]), readings, tips, known
+
+
+def test_the_model_finds_tips_that_it_was_not_calibrated_with(session):
+    model, readings, tips, known = session
+    tracker = BendFilter(model)
+    found = np.array([tracker.update(reading, 5.0) for reading in readings])
+    error = np.linalg.norm(found - tips, axis=1)[~known]
+    assert np.sqrt((error**2).mean()) < 1.0e-3
+
+
+def test_a_known_rest_tells_the_drift(session):
+    model, readings, tips, _ = session
+    taught, alone = BendFilter(model), BendFilter(model)
+    for k, reading in enumerate(readings[:201]):
+        taught.update(reading, 5.0, straight=k == 200)
+        alone.update(reading, 5.0)
+    assert np.linalg.norm(taught.tip - tips[200]) < 5e-5  # known to 0.1 mrad
+    assert np.linalg.norm(alone.tip - tips[200]) < 2e-3
+
+
+def test_bend_and_tip_are_inverse(session):
+    model, tips = session[0], session[2]
+    np.testing.assert_allclose(model.tip(model.bend(tips)), tips, atol=1e-9)
+
+
+def test_too_few_postures_are_refused(session):
+    _, readings, tips, known = session
+    with pytest.raises(ValueError, match="14 postures do not determine a specimen"):
+        calibrate(readings, tips, known & (np.arange(len(tips)) < 14), RIG.sensors[0])
