@@ -6,7 +6,7 @@ from scipy.integrate import solve_ivp
 
 from softrobot_env.benchmarks.feedback import gains
 from softrobot_env.benchmarks.feedback.rigs import DISTURBANCES, LATE, disturbed
-from softrobot_env.benchmarks.feedback.run import PRINTED, SLOW, LapRow, _lap_row
+from softrobot_env.benchmarks.feedback.run import CAMERA, PRINTED, SENSOR, SLOW, LapRow, lap_row
 from softrobot_env.benchmarks.feedback.tables import tables
 from softrobot_env.control.feedforward.reference_feedback import ReferenceFeedback
 from softrobot_env.control.feedforward.statics import ChainStatics
@@ -94,8 +94,8 @@ def test_a_robot_without_identified_parameters_is_told_what_to_take():
 
 def test_tables_show_the_thesis_and_what_failed():
     rows = [
-        LapRow(SLOW, "rig_nn", 0, "offset 2 mm", 9e-3, 8e-3, 2e-2, 31.3e-3, None),
-        LapRow(SLOW, "rig_nn_p", 0, "offset 2 mm", None, None, None, 26.9e-3, "diverged"),
+        LapRow(SLOW, CAMERA, "rig_nn", 0, "offset 2 mm", 9e-3, 8e-3, 2e-2, 31.3e-3, None),
+        LapRow(SLOW, CAMERA, "rig_nn_p", 0, "offset 2 mm", None, None, None, 26.9e-3, "diverged"),
         *gains.gain_rows(),
     ]
     parts = tables(rows).renderables
@@ -108,8 +108,9 @@ def test_offsets_are_made_up_for():
     """Half of what PI leaves on a rig that was not identified, and all but 1 mm on one that was."""
     task = make_task("rig_circle")
 
-    def rms(policy, twin):
-        return _lap_row(SLOW, task, policy, twin, "offset 7 mm").rms
+    def rms(policy, twin, seen_by=CAMERA):
+        return lap_row(SLOW, task, seen_by, policy, twin, "offset 7 mm").rms
 
     assert rms("hybrid_feedback", 3) < rms("rig_nn_pi", 3) / 2
     assert rms("hybrid_feedback", 0) < 1e-3
+    assert rms("hybrid_feedback", 0, SENSOR) < 2e-3

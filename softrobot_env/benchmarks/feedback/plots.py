@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from softrobot_env.benchmarks.feedback.run import LapRow, Row
+from softrobot_env.benchmarks.feedback.run import CAMERA, LapRow, Row
 from softrobot_env.benchmarks.records import groups, of_kind
-from softrobot_env.rendering.curves import policy_curves
+from softrobot_env.rendering.curves import Curve, policy_curves
 from softrobot_env.rendering.figures import REFERENCE, add_legend, new_figure, save
 
 
@@ -19,7 +19,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
     cases = groups(laps, "disturbance")
     figure, axes = new_figure(2, len(cases), (3.6 * len(cases), 7.0))
     for above, below, ((name,), mine) in zip(*axes, cases.items(), strict=True):
-        curves = policy_curves({row.policy: row.trace for row in mine})
+        curves = _curves(mine)
         reference = 1e3 * curves[0].rollout.reference
         above.plot(*reference[:, :2].T, **REFERENCE)
         for curve in curves:
@@ -32,3 +32,14 @@ def plot(rows: list[Row], path: Path | str) -> None:
     axes[1][0].set_ylabel("error [mm]")
     add_legend(figure, axes[0][0])
     save(figure, path)
+
+
+def _curves(rows: list[LapRow]) -> list[Curve]:
+    """A policy with a sensor is drawn as with the camera, dotted."""
+    seen = policy_curves({row.policy: row.trace for row in rows if row.seen_by == CAMERA})
+    lines = {curve.name: curve.line for curve in seen}
+    return seen + [
+        Curve(f"{row.policy}, {row.seen_by}", row.trace, lines[row.policy] | {"linestyle": ":"})
+        for row in rows
+        if row.seen_by != CAMERA
+    ]

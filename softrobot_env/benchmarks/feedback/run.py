@@ -1,11 +1,14 @@
 """The circle of sec. 6.1 with disturbances, laps of a second, and the largest stable gains."""
 
+from contextlib import closing
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from softrobot_env.benchmarks.feedback.gains import GainRow, gain_rows
 from softrobot_env.benchmarks.feedback.rigs import DISTURBANCES, disturbed
+from softrobot_env.benchmarks.feedback.sensed import rig_with_sensor, sensed
 from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.records import Record, drawn
 from softrobot_env.evaluation.rollout import Rollout
@@ -19,6 +22,12 @@ THESIS, OURS = ("rig_nn", "rig_nn_p", "rig_nn_pi"), ("hybrid_calibrated", "hybri
 
 #: Names of the paths.
 SLOW, FAST = "a lap at 50 mm/s", "laps of 1 s"
+
+#: What sees the tip.
+CAMERA, SENSOR = "camera", "curvature sensor"
+
+#: Policies that feed the tip back.
+_FED_BACK = ("rig_nn_pi", "hybrid_feedback")
 
 #: Seeds of the twins; networks and parameters that policies know are those of the first.
 TWINS, SHOWN = (0, 1, 2), 0
@@ -43,6 +52,7 @@ class LapRow(Record):
 
     Attributes:
         path: `SLOW`, the thesis', or `FAST`.
+        seen_by: `CAMERA` or `SENSOR`, what tells the policy of the tip, late.
         policy: Its name.
         twin: Seed of the twin.
         disturbance: One of `rigs.DISTURBANCES`.
@@ -54,6 +64,7 @@ class LapRow(Record):
     """
 
     path: str
+    seen_by: str
     policy: str
     twin: int
     disturbance: str
@@ -80,16 +91,16 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     """
     twins = TWINS[:1] if quick else TWINS
     policies = (THESIS[-1], OURS[-1]) if quick else THESIS + OURS
+    disturbances = DISTURBANCES[1:2] if quick else DISTURBANCES
     slow = make_task("rig_circle")
-    jobs = [
-        _job(SLOW, slow, policy, twin, disturbance)
-        for twin in twins
-        for disturbance in (DISTURBANCES[1:2] if quick else DISTURBANCES)
-        for policy in policies
-    ]
+    cases = [(SLOW, slow, CAMERA, *case) for case in product(policies, twins, disturbances)]
+    cases += [(SLOW, slow, SENSOR, *case) for case in product(_FED_BACK, twins, disturbances)]
     if not quick:
         fast = _laps(slow)
-        jobs += [_job(FAST, fast, p, t, d) for t in twins for d in DISTURBANCES for p in OURS]
+        cases += [(FAST, fast, CAMERA, *case) for case in product(OURS, twins, disturbances)]
+        own = product(OURS[-1:], twins, disturbances)
+        cases += [(FAST, fast, SENSOR, *case) for case in own]
+    jobs = [_job(*case) for case in cases]
     return run_jobs([*jobs, ("gains", gain_rows)], progress)
 
 
@@ -99,19 +110,23 @@ def _laps(task: Task) -> Task:
     return replace(task, trajectory=circle, duration=circle.end_time)
 
 
-def _job(path: str, task: Task, policy: str, twin: int, disturbance: str) -> Job:
-    name = f"{path}, {policy}, twin {twin} {disturbance}".rstrip()
-    return name, lambda: [_lap_row(path, task, policy, twin, disturbance)]
+def _job(path: str, task: Task, seen_by: str, policy: str, twin: int, disturbance: str) -> Job:
+    name = f"{path}, {policy}, {seen_by}, twin {twin} {disturbance}".rstrip()
+    return name, lambda: [lap_row(path, task, seen_by, policy, twin, disturbance)]
 
 
-def _lap_row(path: str, task: Task, policy: str, twin: int, disturbance: str) -> LapRow:
-    case = Case(task, policy, scene={"twin": disturbed(twin, disturbance)})
-    rollout, run = run_episode(case).rollout, task.trajectory
+def lap_row(
+    path: str, task: Task, seen_by: str, policy: str, twin: int, disturbance: str
+) -> LapRow:
+    """Run a circle."""
+    rollout, run = _rollout(task, seen_by, policy, twin, disturbance), task.trajectory
     begin, end = run.lap_time
     on_lap = (rollout.time >= begin + run.ramp) & (rollout.time <= end - run.ramp)
     error, failed = rollout.error[on_lap], rollout.failure is not None
+    shown = twin == SHOWN and path == SLOW and (seen_by == CAMERA or policy == OURS[-1])
     return LapRow(
         path=path,
+        seen_by=seen_by,
         policy=policy,
         twin=twin,
         disturbance=disturbance,
@@ -120,5 +135,13 @@ def _lap_row(path: str, task: Task, policy: str, twin: int, disturbance: str) ->
         largest=None if failed else float(error.max()),
         thesis=PRINTED.get((policy, disturbance)) if path == SLOW else None,
         failure=rollout.failure,
-        trace=rollout if twin == SHOWN and path == SLOW else None,
+        trace=rollout if shown else None,
     )
+
+
+def _rollout(task: Task, seen_by: str, policy: str, twin: int, disturbance: str) -> Rollout:
+    case = Case(task, policy, scene={"twin": disturbed(twin, disturbance)})
+    if seen_by == CAMERA:
+        return run_episode(case).rollout
+    with closing(rig_with_sensor(task, disturbed(twin, disturbance))) as env:
+        return run_episode(case, env, sensed(policy, twin, env.control_period)).rollout

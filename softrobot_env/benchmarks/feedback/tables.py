@@ -13,26 +13,29 @@ from softrobot_env.benchmarks.records import groups, names, of_kind, one, select
 from softrobot_env.rendering.tables import Column, make_table, new_table
 
 _NOTE = (
-    f"The tip is seen {1e3 * LATE:g} ms late, by a camera with the errors of the twin. Policies "
-    "know the parameters of twin 0 and no disturbance. An offset of 7 mm is what makes the thesis' "
-    "feedforward err as printed; its weight is not told, 40 g are ours."
+    f"The tip is seen {1e3 * LATE:g} ms late, by a camera or a curvature sensor with the errors of "
+    "the twin; the sensor is calibrated by 60 postures at rest. Policies know the parameters of "
+    "twin 0 and no disturbance. An offset of 7 mm is what makes the thesis' feedforward err as "
+    "printed; its weight is not told, 40 g are ours."
 )
 
 
 def tables(rows: list[Row]) -> Group:
     """Errors by disturbance beside the thesis', and gains."""
     laps = of_kind(rows, LapRow)
-    parts = [_errors(path, mine) for (path,), mine in groups(laps, "path").items()]
+    parts = [
+        _errors(path, by, mine) for (path, by), mine in groups(laps, "path", "seen_by").items()
+    ]
     failed = [Text(f"{r.policy}, {r.disturbance}: {r.failure}") for r in laps if r.failure]
     return Group(*parts, _gains(of_kind(rows, GainRow)), Text(_NOTE), *failed)
 
 
-def _errors(path: str, rows: list[LapRow]) -> Table:
+def _errors(path: str, seen_by: str, rows: list[LapRow]) -> Table:
     """RMS errors: twin 0, median of the others, and the thesis'."""
     disturbances = [d for (d,) in groups(rows, "disturbance")]
     title = (
-        f"Circle of 120 mm, {path}: RMS error in mm of twin {rows[0].twin} / median of the others"
-        + (" (thesis)" if path == SLOW else "")
+        f"Circle of 120 mm, {path}, tip by the {seen_by}: RMS error in mm of twin {rows[0].twin} / "
+        "median of the others" + (" (thesis)" if path == SLOW else "")
     )
     out = new_table(title, ("policy",), [d or "undisturbed" for d in disturbances])
     for policy in names(rows):
