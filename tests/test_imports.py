@@ -47,8 +47,8 @@ ALLOWED = {
     **dict.fromkeys(MIDDLE, FOUNDATION),
     # Tasks for any robot look up its workspace when one is made.
     "tasks": FOUNDATION | {"scene"},
-    # Static feedforward inverts the scene of a robot.
-    "control": FOUNDATION | {"beams", "learned", "scene"},
+    # Static feedforward inverts the scene of a robot; sensors stand in for what policies read.
+    "control": FOUNDATION | {"beams", "learned", "scene", "sensing"},
     "envs": FOUNDATION | {"scene", "sensing", "hardware"},
     # Its runner makes environment and policy of a case, for every command, benchmark and training.
     "evaluation": FOUNDATION | {"beams", "control", "envs"},
