@@ -62,7 +62,6 @@ class Bank:
         self._most = np.array([SATURATED.get(s.kind, np.inf) for s in sensors])[self._of]
         self._step = np.array([float(s.kind != "tags") for s in sensors])[self._of]
         self._noise = np.array([s.deviation for s in sensors])[self._of]
-        self._ideal = np.ones((count, size))
         self._state(count, int(ends[-1]))
 
     def _state(self, count: int, joints: int) -> None:

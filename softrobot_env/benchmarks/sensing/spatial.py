@@ -40,7 +40,7 @@ GOAL = 1.5e-3
 
 #: Noise of each sample, as the audit says; and larger imperfections, the last to come to the
 #: thesis' 4.6 mm.
-_FLICKER, _SCALES = 0.015, (1.0, 2.0, 3.2)
+_FLICKER, _SCALES = 0.015, (1.0, 2.0, 3.0)
 
 
 class _Visit(NamedTuple):
