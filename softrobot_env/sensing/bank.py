@@ -48,7 +48,7 @@ class Bank:
         )
         self._places = Places(edges, *_places(self._sensors))
         self._each = [sensor.size for sensor in sensors]
-        self.size = size = sum(self._each)
+        self.size = sum(self._each)
         ends = np.cumsum([specimens.joints_of(s) for s in sensors])
         self._joints = [
             slice(e - specimens.joints_of(s), e) for s, e in zip(sensors, ends, strict=True)
