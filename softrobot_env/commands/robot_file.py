@@ -36,7 +36,8 @@ def _check(args: argparse.Namespace) -> int:
     text = (
         f"{args.file}: good: robot {robot.name}, {robot.length:g} m in "
         f"{len(robot.backbone.sections)} section(s), {len(robot.tendons)} tendon(s) driven by "
-        f"{robot.drive.kind}, {len(robot.discs)} disc(s), {config.bending}, {model.nv} DOFs"
+        f"{robot.drive.kind}, {len(robot.discs)} disc(s), "
+        f"{len(robot.sensors)} sensor(s), {config.bending}, {model.nv} DOFs"
     )
     Console(soft_wrap=True, highlight=False, markup=False).print(text)
     return 0

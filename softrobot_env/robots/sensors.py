@@ -100,10 +100,14 @@ class Sensor:
         return _NOISE[self.kind] if self.noise is None else self.noise
 
     def erring(self, scale: float, specimen: int) -> "Sensor":
-        """A specimen with `scale` times the usual imperfections, besides its own noise."""
+        """A specimen with `scale` times the usual imperfections, besides its own noise.
+
+        Raises:
+            ValueError: An imperfection would be out of its range: the scale is beyond 6 or so.
+        """
         if scale == 0:
             return self
-        usual = {name: min(scale * value, LARGEST[name]) for name, value in USUAL.items()}
+        usual = {name: scale * value for name, value in USUAL.items()}
         return replace(self, **usual, specimen=specimen)
 
 
@@ -117,6 +121,3 @@ USUAL = {
     "flicker": 0.002,
     "spread": 0.05,
 }
-
-#: Where `Sensor.erring` ends.
-LARGEST = dict.fromkeys(USUAL, 0.3) | {"temperature": 60.0, "stretch": 10.0}

@@ -48,7 +48,7 @@ class Bank:
         )
         self._places = Places(edges, *_places(self._sensors))
         self._each = [sensor.size for sensor in sensors]
-        self.size = size = sum(self._each)
+        self.size = sum(self._each)
         ends = np.cumsum([specimens.joints_of(s) for s in sensors])
         self._joints = [
             slice(e - specimens.joints_of(s), e) for s, e in zip(sensors, ends, strict=True)
@@ -62,7 +62,6 @@ class Bank:
         self._most = np.array([SATURATED.get(s.kind, np.inf) for s in sensors])[self._of]
         self._step = np.array([float(s.kind != "tags") for s in sensors])[self._of]
         self._noise = np.array([s.deviation for s in sensors])[self._of]
-        self._ideal = np.ones((count, size))
         self._state(count, int(ends[-1]))
 
     def _state(self, count: int, joints: int) -> None:

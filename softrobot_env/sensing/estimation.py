@@ -23,7 +23,7 @@ _RELATIVE = 0.005
 _CONVERTER = 1.5 / STRAIGHT["spatial"]
 
 #: Standard deviation [1] of the drift of a gain.
-_DRIFT = 0.015
+DRIFT = 0.015
 
 #: Largest bend [rad] of the sensor, and bends on a side of the grid where a search begins.
 _FARTHEST, _GRID = 0.75, 9
@@ -107,7 +107,7 @@ def calibrate(
     # Where the tip is not known, the play is as if the robot had gone straight on.
     order = np.arange(len(tips))
     path = np.stack([np.interp(order, order[known], x[known]) for x in tips.T], axis=1)
-    noise = (_RELATIVE + _DRIFT / 2) * readings[known] + _CONVERTER
+    noise = (_RELATIVE + DRIFT / 2) * readings[known] + _CONVERTER
 
     def errors(numbers: np.ndarray) -> np.ndarray:
         model = _unpacked(numbers, design)
@@ -142,11 +142,17 @@ class BendFilter:
         tip: (2,) [m].
     """
 
-    def __init__(self, model: LightModel) -> None:
-        """A filter before any reading, of a robot that was straight."""
+    def __init__(self, model: LightModel, drift: float = DRIFT) -> None:
+        """A filter before any reading, of a robot that was straight.
+
+        Args:
+            model: Of the specimen.
+            drift: Standard deviation [1] of the drift of a gain that is expected.
+        """
+        self._expected = drift**2 * np.eye(OUTPUTS)
         self.model, self.bend, self.drift = model, np.zeros(2), np.zeros(OUTPUTS)
         self.tip = model.tip(self.bend)
-        self._variance = np.eye(OUTPUTS) * _DRIFT**2
+        self._variance = self._expected
         self._play = np.zeros((1, 1, 3, 2))
         side = np.linspace(-_FARTHEST, _FARTHEST, _GRID)
         grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
@@ -162,7 +168,7 @@ class BendFilter:
         """
         keep = np.exp(-passed / DRIFT_TIME)
         self.drift = keep * self.drift
-        self._variance = keep**2 * self._variance + (1 - keep**2) * _DRIFT**2 * np.eye(OUTPUTS)
+        self._variance = keep**2 * self._variance + (1 - keep**2) * self._expected
         weight = 1 / (_RELATIVE * reading + _CONVERTER) ** 2
         starts = [self.bend, self._nearest(reading, weight)]
         prior = np.linalg.inv(self._variance)

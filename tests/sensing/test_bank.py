@@ -8,6 +8,7 @@ from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.robots import Sensor
+from softrobot_env.robots.sensors import USUAL
 from softrobot_env.sensing.bank import Bank
 from softrobot_env.sensing.optics import DARK, POLYNOMIAL, transmission
 
@@ -136,6 +137,9 @@ def test_specimens_differ_and_stay_themselves():
     read = [bank(one, start=shape(2.0)).reading[0] for one in built]
     np.testing.assert_array_equal(read[0], read[1])
     assert np.abs(read[0] - read[2]).max() > 0.01
+    assert SPATIAL.erring(5.0, 3).hysteresis == pytest.approx(5 * USUAL["hysteresis"])
+    with pytest.raises(ValueError, match="hysteresis must be in"):
+        SPATIAL.erring(9.0, 3)
     assert SPATIAL.erring(0.0, 3) is SPATIAL and SPATIAL.erring(1.0, 3).specimen == 3
 
 
