@@ -42,7 +42,7 @@ ROBOTS = (ARM.name, RIG.name, "planar_finger", "silicone_rod", "hanging_trunk")
 #: The plant on which wild motions take minutes, and the error on the chain, over the length, that
 #: keeps a policy from it.
 _SLOW, _LOST = "ancf", 0.1
-_LONGEST = (
+_LEFT_OUT = (
     f"it misses the path by over {100 * _LOST:g} % of the length on the chain, and wild motions "
     "take minutes on this plant"
 )
@@ -165,7 +165,7 @@ def _able(slow: list[_Told], rows: list[TransferRow]) -> tuple[list[_Told], list
             able.append((case, own))
         else:
             label = f"{case.policy} of {own['tuned_on']}" if own["trained_here"] else case.policy
-            left_out.append(refusal(name, label, _SLOW, _LONGEST))
+            left_out.append(refusal(name, label, _SLOW, _LEFT_OUT))
     return able, left_out
 
 

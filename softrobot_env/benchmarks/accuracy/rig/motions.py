@@ -63,7 +63,7 @@ TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
 _CONVERGED = 1e-8
 
 #: Models that are left out, and why.
-LONGEST = {
+LEFT_OUT = {
     "cosserat, in motion": "it has no rigid bodies, and the head has most of the rig's inertia",
     "pcc/lumped, pcc/distributed, in motion": "no rigid body beyond the backbone's end",
     "ancf": "no rod is exact for this continuum where bending is uneven, and it has no head",
@@ -176,7 +176,7 @@ def jobs(quick: bool = False) -> Iterator[Job]:
 def notes() -> list[Row]:
     """Which models cannot be the rig, and why."""
     return [
-        Row("note", "rig", model, reference=f"left out: {why}") for model, why in LONGEST.items()
+        Row("note", "rig", model, reference=f"left out: {why}") for model, why in LEFT_OUT.items()
     ]
 
 
