@@ -197,7 +197,16 @@ def test_copies_before_the_first_episode(way, make_env):
 
 
 @pytest.mark.parametrize(
-    "fraction", ["1/1000", "1/500", "7/1000", "1/60", "1/49", "1/10", "13/100", "1/5"]
+    "fraction",
+    [
+        "1/1000",
+        "1/49",
+        "13/100",
+        *(
+            pytest.param(x, marks=pytest.mark.slow)
+            for x in ("1/500", "7/1000", "1/60", "1/10", "1/5")
+        ),
+    ],
 )
 def test_episode_lasts_as_long_as_the_task(env_id, fraction, make_env):
     period = float(Fraction(fraction))

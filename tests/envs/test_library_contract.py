@@ -86,7 +86,13 @@ def test_info_of_a_failed_step_has_the_same_keys_and_says_why(env_id):
     assert_flat(info)
 
 
-@pytest.mark.parametrize("mode", AutoresetMode)
+@pytest.mark.parametrize(
+    "mode",
+    [
+        mode if mode == AutoresetMode.NEXT_STEP else pytest.param(mode, marks=pytest.mark.slow)
+        for mode in AutoresetMode
+    ],
+)
 @pytest.mark.parametrize("env_id", SIMULATED)
 def test_info_of_many_has_the_keys_of_one(env_id, mode):
     ranges = Randomization(density=(0.9, 1.1), sensor_noise=(1.0, 2.0))
