@@ -61,4 +61,6 @@ def _told(robot: RobotParams) -> str:
     if not robot.tendons:
         return "no tendons"
     moves = "planar" if robot.is_planar else "spatial"
-    return f"{moves}, {len(robot.tendons)} tendons driven by {robot.drive.kind}"
+    count = len(robot.tendons)
+    tendons = "1 tendon" if count == 1 else f"{count} tendons"
+    return f"{moves}, {tendons} driven by {robot.drive.kind}"
