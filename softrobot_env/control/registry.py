@@ -56,10 +56,10 @@ class PolicySpec:
         made = self.loaded()
         return callable(made) and option in signature(made).parameters
 
-    def told(self, twin: Any) -> dict[str, Any]:
-        """How late [s] the camera of a twin sees, as `tip_delay`, if the factory asks for it."""
-        asked = twin is not None and self.takes("tip_delay")
-        return {"tip_delay": twin.camera_delay} if asked else {}
+    def told(self, camera_delay: float | None) -> dict[str, Any]:
+        """How late [s] a camera sees, as `tip_delay`, if there is one and the factory asks."""
+        asked = camera_delay is not None and self.takes("tip_delay")
+        return {"tip_delay": camera_delay} if asked else {}
 
 
 _LEARNED = "softrobot_env.control.learned.vector_network:make_learned"
@@ -289,7 +289,7 @@ def make_policy(
         own = robot.unwrapped
         _check_interface(name, own)
         control_period = own.control_period if control_period is None else control_period
-        options = spec.told(getattr(own, "twin", None)) | options
+        options = spec.told(getattr(getattr(own, "twin", None), "camera_delay", None)) | options
         robot = own.task.robot
     check_argument("control_period", control_period, Positive)
     policy = _made(name, spec, robot, control_period, options)

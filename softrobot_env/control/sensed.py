@@ -42,11 +42,16 @@ class SensedTip(Controller):
             control_period: [s] between calls.
 
         Raises:
-            ValueError: The policy does not read the tip, or the period is not positive.
+            ValueError: The policy does not read the tip in two coordinates, or the period is not
+                positive.
         """
         check_argument("control_period", control_period, Positive)
         if _TIP not in policy.requires:
             raise ValueError(f"{type(policy).__name__} does not read {_TIP}, so no sensor helps it")
+        if policy.sizes.get(_TIP) != 2:
+            raise ValueError(
+                f"{type(policy).__name__} must read two coordinates of {_TIP}, x and y"
+            )
         self._policy, self._model, self._period = policy, model, control_period
         self.requires = (*(name for name in policy.requires if name != _TIP), _SENSORS)
         self.hold, self.preview = policy.hold, policy.preview

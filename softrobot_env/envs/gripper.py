@@ -5,14 +5,21 @@ from typing import Any, ClassVar, NoReturn
 
 import gymnasium
 import numpy as np
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy import float64
 
 from softrobot_env.envs.observations.fingers import GripperView
 from softrobot_env.envs.observations.table import arrays, speed_limit
-from softrobot_env.envs.options import check_rendering, checked_actions, parse_mask, parse_seeds
+from softrobot_env.envs.options import (
+    MASK,
+    check_rendering,
+    checked_actions,
+    parse_autoreset,
+    parse_seeds,
+    seed_generators,
+    take_mask,
+)
 from softrobot_env.envs.rendering.gripper import GripperRenderer
 from softrobot_env.envs.simulation.grippers import GripperBatch
 from softrobot_env.envs.spec import EpisodeSpec
@@ -27,8 +34,6 @@ DEFAULT_PERIOD = 0.02
 
 #: Of the fingers' own quantities each has one; pulls and shaking are vectors.
 _OF_FINGERS, _VECTORS = ("modulus", "arm"), ("pull", "shake")
-
-_MASK = "reset_mask"
 
 
 @dataclass(frozen=True)
@@ -130,7 +135,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         check_argument("gripper", self.gripper, Gripper)
         self.num_envs, self.control_period = int(num_envs), float(control_period)
         self.max_episode_steps = max(1, round(self.task.duration / control_period))
-        self._mode = self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self._mode = self.autoreset_mode = parse_autoreset(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self._reward = reward or GripReward()
         self.simulation = GripperBatch(
@@ -194,15 +199,9 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         """
         check_argument("options", options, dict | None)
         given = dict(options or {})
-        which = parse_mask(given.pop(_MASK, None), self.num_envs)
-        if not self._started and len(which) < self.num_envs:
-            raise ValueError("the first reset must be of all environments")
+        which = take_mask(given, self.num_envs, self._started)
         fixed = {name: self._parsed(name, value) for name, value in given.items()}
-        for i, one in enumerate(parse_seeds(seed, self.num_envs)):
-            if i == len(self._generators):
-                self._generators.append(seeding.np_random(one)[0])
-            elif one is not None:
-                self._generators[i] = seeding.np_random(one)[0]
+        seed_generators(self._generators, parse_seeds(seed, self.num_envs))
         self._begin(which, fixed)
         self._started = True
         self._observation = self._view()
@@ -211,7 +210,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
     def _parsed(self, name: str, value: Any) -> np.ndarray:
         """An option as an array that broadcasts to that of what is drawn."""
         if name not in DRAWN:
-            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(DRAWN)}, {_MASK}")
+            raise ValueError(f"unknown option {name!r}; allowed are {', '.join(DRAWN)}, {MASK}")
         try:
             values = np.asarray(value, dtype=float)
             if name in _VECTORS and values.shape != (3,):

@@ -3,15 +3,20 @@
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from inspect import signature
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector import AutoresetMode
 from numpy import float64
 
 from softrobot_env.envs.disturbances import NEUTRAL, check_value, periods
-from softrobot_env.fields import shown
+from softrobot_env.fields import check_argument, shown
 from softrobot_env.robots import as_number
 from softrobot_env.tasks import LONGEST, Task, remake_task
+
+#: Option of many environments that says which are reset.
+MASK = "reset_mask"
 
 #: Control periods [s] an environment accepts.
 CONTROL_PERIODS = (1e-3, 0.2)
@@ -170,6 +175,26 @@ def parse_seeds(seed: Seeds, count: int) -> list[int | None]:
     return seeds
 
 
+def seed_generators(generators: list[np.random.Generator], seeds: list[int | None]) -> None:
+    """Seed a generator for each environment, as Gymnasium does; those without a seed go on."""
+    for i, one in enumerate(seeds):
+        if i == len(generators):
+            generators.append(seeding.np_random(one)[0])
+        elif one is not None:
+            generators[i] = seeding.np_random(one)[0]
+
+
+def parse_autoreset(mode: AutoresetMode | str) -> AutoresetMode:
+    """A mode, or that of a name.
+
+    Raises:
+        ValueError: No mode; the message names them.
+    """
+    values = tuple(one.value for one in AutoresetMode)
+    check_argument("autoreset_mode", mode, AutoresetMode | Literal[values])
+    return AutoresetMode(mode)
+
+
 def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, np.ndarray]:
     """Values (count,) of every variation, those that are not given neutral.
 
@@ -190,12 +215,20 @@ def parse_variation(vary: Any, count: int, control_period: float) -> dict[str, n
     return out
 
 
-def parse_mask(mask: Any, count: int) -> np.ndarray:
-    """Indices (k,) of a mask (count,) bool, all for None.
+def take_mask(options: dict[str, Any], count: int, started: bool) -> np.ndarray:
+    """Indices (k,) of a mask (count,) bool, taken out of the options of a reset; all without one.
 
     Raises:
-        ValueError: Another shape or type, or none true.
+        ValueError: Another shape or type, none true, or not all in the first reset.
     """
+    which = _parse_mask(options.pop(MASK, None), count)
+    if not started and len(which) < count:
+        raise ValueError("the first reset must be of all environments")
+    return which
+
+
+def _parse_mask(mask: Any, count: int) -> np.ndarray:
+    """Indices (k,) of a mask (count,) bool, all for None."""
     if mask is None:
         return np.arange(count)
     mask = np.asarray(mask)

@@ -3,11 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from sys import maxsize
-from typing import Any, ClassVar, Literal, NamedTuple, NoReturn
+from typing import Any, ClassVar, NamedTuple, NoReturn
 
 import gymnasium
 import numpy as np
-from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
@@ -25,9 +24,11 @@ from softrobot_env.envs.observations.table import Sources, arrays
 from softrobot_env.envs.options import (
     ResetOptions,
     checked_actions,
-    parse_mask,
+    parse_autoreset,
     parse_seeds,
     parse_variation,
+    seed_generators,
+    take_mask,
 )
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.reference import ReferenceTable
@@ -48,7 +49,6 @@ from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import Task, remake_task
 
 #: Reset options that hold for all environments of a call alike.
-_MASK = "reset_mask"
 
 
 class _Beginning(NamedTuple):
@@ -201,9 +201,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
         self.num_envs, self.task = int(num_envs), setting.task
         self.control_period, self.input_scale = control_period, setting.inputs.input_scale
-        modes = tuple(mode.value for mode in AutoresetMode)
-        check_argument("autoreset_mode", autoreset_mode, AutoresetMode | Literal[modes])
-        self._mode = self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self._mode = self.autoreset_mode = parse_autoreset(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self._most_steps = max_episode_steps
         self.single_observation_space = setting.observation_space
@@ -299,9 +297,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         # Everything that can be refused comes before anything is changed.
         check_argument("options", options, dict | None)
         given = dict(options or {})
-        which = parse_mask(given.pop(_MASK, None), self.num_envs)
-        if not self._started and len(which) < self.num_envs:
-            raise ValueError("the first reset must be of all environments")
+        which = take_mask(given, self.num_envs, self._started)
         variation = None
         if "vary" in given:
             variation = parse_variation(given.pop("vary"), self.num_envs, self.control_period)
@@ -309,19 +305,11 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         if variation is not None:
             self._setting.check_variation(variation)
         beginning = self._beginning(parsed, parsed.changed(self.task))
-        self._seed(seeds)
+        seed_generators(self._generators, seeds)
         self._begin(which, beginning, variation, self._redrawn and "seed" not in parsed.task)
         self._started = True
         self._observation = self._observe(which)
         return self._observation, self._info(self._no_reward())
-
-    def _seed(self, seeds: list[int | None]) -> None:
-        """A generator for each environment, as the single environment's of the same seed."""
-        for i, one in enumerate(seeds):
-            if i == len(self._generators):
-                self._generators.append(seeding.np_random(one)[0])
-            elif one is not None:
-                self._generators[i] = seeding.np_random(one)[0]
 
     def _beginning(self, options: ResetOptions, task: Task) -> _Beginning:
         """How episodes of a task begin.

@@ -109,7 +109,8 @@ class Case:
     def make_policy(self, control_period: float) -> Policy:
         """The policy, which decides every `control_period` [s]."""
         known = self.identified if acts_on_identified(self.policy) else None
-        options = find_policy(self.policy).told(self._built) | dict(self.given)
+        delay = None if self._built is None else self._built.camera_delay
+        options = find_policy(self.policy).told(delay) | dict(self.given)
         options |= {} if known is None else {"learnt": known}
         feedback = self.feedback or FEEDBACKS[0]
         return make_policy(self.policy, self.task.robot, control_period, feedback, **options)

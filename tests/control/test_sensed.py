@@ -68,3 +68,10 @@ def test_a_reading_that_is_not_finite_tells_of_no_tip():
 def test_a_policy_that_reads_no_tip_is_refused():
     with pytest.raises(ValueError, match="does not read tip_position"):
         SensedTip(make_policy("rig_nn", RIG, 0.02), MODEL, 0.02)
+
+
+def test_a_policy_that_reads_three_coordinates_is_refused():
+    policy = Shown()
+    policy.sizes = {**Shown.sizes, "tip_position": 3}
+    with pytest.raises(ValueError, match="two coordinates"):
+        SensedTip(policy, MODEL, 0.02)

@@ -66,11 +66,8 @@ def _spectral_radius(proportional: float, integral: float) -> float:
     loop = np.zeros((n, n))
     seen, total = 1 + late, n - 1
     loop[:2, :2] = held[:2, :2]
-    if late:
-        loop[2, 0] = 1.0
-        loop[3 : 2 + late, 2 : 1 + late] = np.eye(late - 1)
-    else:
-        seen = 0
+    loop[2, 0] = 1.0
+    loop[3 : 2 + late, 2 : 1 + late] = np.eye(late - 1)
     loop[total, total], loop[total, seen] = 1.0, -period
     change = np.zeros(n)
     change[seen] = -proportional - integral * period

@@ -55,16 +55,19 @@ class ReferenceFeedback(Controller):
             tip_delay: d [s], rounded to whole control periods.
 
         Raises:
-            ValueError: A gain or the delay is negative, or the period not positive.
+            ValueError: A gain or the delay is negative, the period not positive, or the policy does
+                not say how many coordinates of a reference it reads.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative)
         check_argument("integral", integral, NotNegative)
         check_argument("tip_delay", tip_delay, NotNegative)
+        if "reference" not in policy.sizes:
+            raise ValueError(f"{type(policy).__name__} does not say the size of its reference")
         self._late = round(tip_delay / control_period / policy.hold)
         self._policy, self._period = policy, control_period
         self._proportional, self._integral = proportional, integral
-        self.requires = tuple(dict.fromkeys((*policy.requires, _TIP)))
+        self.requires = tuple(dict.fromkeys((*policy.requires, _TIP, "previous_action")))
         self.hold, self.preview = policy.hold, policy.preview
         self.sizes = {_TIP: policy.sizes["reference"], **policy.sizes}
 
@@ -81,7 +84,8 @@ class ReferenceFeedback(Controller):
         reference, tip = observation["reference"], observation[_TIP]
         is_seen = bool(np.isfinite(tip).all())
         if not (is_seen or state.begun):
-            return usable(observation["previous_action"]), state._replace(status=_NOT_FINITE)
+            kept = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
+            return kept, state._replace(status=_NOT_FINITE)
         sent = np.vstack([state.sent, np.where(np.isfinite(reference), reference, usable(tip))])
         error = sent[0] - tip if is_seen else np.zeros(len(tip))
         integral = state.integral + self._period * self.hold * error
