@@ -54,7 +54,7 @@ lint: .venv/.setup-test
 	touch $@
 
 .venv/.setup-test: .venv/.setup
-	$(PIP) install --quiet -c constraints.txt -e '.[viz,rl,mpc,robot,test]'
+	$(PIP) install --quiet -c constraints.txt -e '.[viz,rl,mpc,robot,recordings,test]'
 	touch $@
 
 clean:

@@ -1,11 +1,11 @@
-"""Reading files of trained, identified and recorded things: arrays in npz, facts in json.
+"""Files of trained, identified and recorded things: arrays in npz, facts in json.
 
 Every loader reads through here, so that a file that is damaged, incomplete or not finite is refused
 by name before anything is computed from it.
 """
 
 import json
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from hashlib import sha256
 from numbers import Real
@@ -16,6 +16,7 @@ import numpy as np
 
 from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM, RIG, ROBOTS, RobotParams, read_robot
+from softrobot_env.writing import whole
 
 
 class Arrays(dict[str, np.ndarray]):
@@ -78,6 +79,13 @@ def read_arrays(path: str | Path) -> Arrays:
             return Arrays(path, dict(np.load(file, allow_pickle=False)))
         except Exception as error:  # whatever zip, zlib and NumPy raise on damage
             raise ValueError(f"{path} is no npz file of arrays, or damaged") from error
+
+
+def write_arrays(path: str | Path, values: Mapping[str, Any]) -> None:
+    """Write a compressed npz file that `read_arrays` reads, under exactly this name."""
+    arrays = {name: np.asarray(value) for name, value in values.items()}
+    with whole(path) as aside, aside.open("wb") as file:  # given a name, NumPy would append to it
+        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def artifact_name(robot: RobotParams, policy: str) -> str:

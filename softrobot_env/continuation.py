@@ -16,6 +16,8 @@ _ITERATIONS = 40  # from a guess
 _LARGEST_CHANGE = 0.5  # of a coordinate's scale in one iteration or step
 _CONVERGED = 1e-10
 _STALLED = 1e-7  # where a change that no longer shrinks is rounding error
+_NEARLY = 0.2  # of a coordinate's scale: changes after which the old stiffness may serve again
+_WORTH = 0.3  # of a change is what the next one may be where the old stiffness serves
 _NEAR = 1e-7  # of the path: a slender rod resists a stretch of 1e-4 with all its strength
 _CORRECTIONS = 8
 _FIRST_CORRECTION, _CONTRACTION = 0.3, 0.3  # beyond which a step is too long
@@ -42,6 +44,9 @@ class Loaded(Protocol):
 
     def newton(self, q: np.ndarray, share: float) -> Newton | None:
         """Newton's changes at q, None where the stiffness is singular or not finite."""
+
+    def again(self, q: np.ndarray, share: float) -> np.ndarray:
+        """The change (n,) to balance the forces at q, by the stiffness of the last `newton`."""
 
     def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Coordinates changed by (n,)."""
@@ -81,18 +86,26 @@ def _size(loaded: Loaded, change: np.ndarray) -> float:
 
 def _near(loaded: Loaded, q: np.ndarray) -> np.ndarray | None:
     """Equilibrium (n,) under full loads by damped iterations, None if they do not converge."""
-    before = np.inf
+    before, quick = np.inf, False
     for _ in range(_ITERATIONS):
-        change = loaded.newton(q, 1.0)
+        change = loaded.again(q, 1.0) if quick else _balance(loaded, q)
         if change is None:
             return None
-        size = _size(loaded, change.balance)
+        size = _size(loaded, change)
+        if quick and not size < _WORTH * before:  # the stiffness has become another
+            quick = False
+            continue
         share = min(1.0, _LARGEST_CHANGE / size) if size > 0 else 1.0
-        q = loaded.moved(q, share * change.balance)
+        q = loaded.moved(q, share * change)
         if _converged(size, before):
             return q
-        before = size
+        quick, before = size < _NEARLY, size
     return None
+
+
+def _balance(loaded: Loaded, q: np.ndarray) -> np.ndarray | None:
+    change = loaded.newton(q, 1.0)
+    return None if change is None else change.balance
 
 
 def _converged(size: float, before: float) -> bool:

@@ -86,7 +86,7 @@ def static_growth(stiffness: np.ndarray, mass: np.ndarray) -> float | None:
     Args:
         stiffness, mass: As in `require_stable`.
     """
-    if _positive_definite(stiffness):
+    if positive_definite(stiffness):
         return None
     try:
         # The eigenvalues 1 / w^2 of K^-1 M, not those of M^-1 K: soft modes are then exact.
@@ -97,7 +97,7 @@ def static_growth(stiffness: np.ndarray, mass: np.ndarray) -> float | None:
     return float(1 / np.sqrt(squares.real[growing].min())) if growing.any() else None
 
 
-def _positive_definite(stiffness: np.ndarray) -> bool:
+def positive_definite(stiffness: np.ndarray) -> bool:
     """Whether every deviation (n,) is opposed: then no eigenvalue is real and negative."""
     try:
         np.linalg.cholesky((stiffness + stiffness.T) / 2)

@@ -1,6 +1,11 @@
-"""The only place that knows where assets/, models/ and firmware/ are."""
+"""The only place that knows where assets/, models/ and firmware/ are, and what is compiled."""
 
+import os
+import tempfile
+from contextlib import suppress
+from functools import cache
 from pathlib import Path
+from stat import S_ISDIR
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -24,3 +29,41 @@ def models_dir() -> Path:
 def firmware_dir() -> Path:
     """Folder of the microcontroller's sources."""
     return _data_dir("firmware")
+
+
+def cache_dir() -> Path:
+    """Folder for what is compiled: in the user's cache, else a private one for temporary files."""
+    own = _user_cache()
+    return _private() if own is None else own / "softrobot_env"
+
+
+def give_numba_a_place() -> None:
+    """Let Numba keep compiled functions in `cache_dir` where it would find no place of its own.
+
+    It looks beside the sources and in the user's cache; call it before Numba is loaded.
+    """
+    if _user_cache() is None and not os.access(_PACKAGE, os.W_OK):
+        os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_dir() / "numba"))
+
+
+def _user_cache() -> Path | None:
+    """The user's folder of caches, None where nothing can be written."""
+    with suppress(RuntimeError):  # there may be no home at all
+        own = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+        there = next(place for place in (own, *own.parents) if place.exists())
+        if there.is_dir() and os.access(there, os.W_OK):
+            return own
+    return None
+
+
+@cache
+def _private() -> Path:
+    """A folder that nobody else can write to: what lies in a cache is run."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    path = Path(tempfile.gettempdir()) / f"softrobot_env-{user}"
+    with suppress(OSError):
+        path.mkdir(mode=0o700, exist_ok=True)
+        found = path.lstat()
+        if S_ISDIR(found.st_mode) and found.st_uid == user and not found.st_mode & 0o077:
+            return path
+    return Path(tempfile.mkdtemp(prefix="softrobot_env-"))

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
+from signal import SIG_DFL, SIGINT, signal
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -94,7 +95,9 @@ def worker_processes(count: int | None = None) -> "Iterator[ProcessPoolExecutor]
 
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # what is started meanwhile inherits it
-    pool = ProcessPoolExecutor(count or usable_cores(), mp_context=get_context("spawn"))
+    pool = ProcessPoolExecutor(
+        count or usable_cores(), get_context("spawn"), signal, (SIGINT, SIG_DFL)
+    )  # Ctrl-C ends them in silence: this process tells of it
     try:
         yield pool
     finally:

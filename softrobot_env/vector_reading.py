@@ -7,7 +7,7 @@ import numpy as np
 
 from softrobot_env.artifacts import Arrays
 
-_READING = "vector_"
+_READING, _RAW = "vector_", "sensors"
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,9 @@ class Reading:
     @property
     def environment(self) -> dict[str, Any]:
         """Keyword arguments of the environment that a policy needs."""
-        return {"control_period": float(self.period), "preview": tuple(map(float, self.preview))}
+        needed = {"control_period": float(self.period), "preview": tuple(map(float, self.preview))}
+        # Raw readings are shown only where they are asked for.
+        return needed | ({"observe": ("all", _RAW)} if _RAW in self.names else {})
 
     def about(self) -> dict[str, np.ndarray]:
         """What the file of a network tells of its reading."""

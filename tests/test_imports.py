@@ -27,31 +27,33 @@ FOUNDATION = {
     "motion",
     "registries",
     "paths",
+    "writing",
     "machine_code",
     "processes",
     "fields",
     "toml_text",
     "artifacts",
+    "extras",
     "vector_reading",
     "registration",
     "loads",
     "twin",
 }
-MIDDLE = ("beams", "scene", "sensing", "learned", "hardware")
+MIDDLE = ("beams", "scene", "sensing", "learned", "hardware", "recordings")
 EVERYTHING = None  # imports what it likes
 
 #: Part of the package -> parts it may import, besides itself.
 ALLOWED = {
-    "__init__": {"registration", "registries", "processes"},
+    "__init__": {"registration", "registries", "processes", "paths"},
     **dict.fromkeys(FOUNDATION, FOUNDATION),
     **dict.fromkeys(MIDDLE, FOUNDATION),
     # Tasks for any robot look up its workspace when one is made.
     "tasks": FOUNDATION | {"scene"},
     # Static feedforward inverts the scene of a robot; sensors stand in for what policies read.
     "control": FOUNDATION | {"beams", "learned", "scene", "sensing"},
-    "envs": FOUNDATION | {"scene", "sensing", "hardware"},
+    "envs": FOUNDATION | {"scene", "sensing", "hardware", "recordings"},
     # Its runner makes environment and policy of a case, for every command, benchmark and training.
-    "evaluation": FOUNDATION | {"beams", "control", "envs"},
+    "evaluation": FOUNDATION | {"beams", "control", "envs", "recordings"},
     "rendering": FOUNDATION | {"evaluation", "scene"},
     "cli": EVERYTHING,
     "commands": EVERYTHING,  # one module per command of the cli

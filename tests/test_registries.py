@@ -13,7 +13,8 @@ from gymnasium.envs.registration import registry
 from softrobot_env import registration
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark
-from softrobot_env.cli import COMMANDS, build_parser
+from softrobot_env.cli import build_parser
+from softrobot_env.commands.registry import COMMANDS
 from softrobot_env.commands.robot.command import ROBOT_COMMANDS
 from softrobot_env.control.base import Controller
 from softrobot_env.control.registry import (

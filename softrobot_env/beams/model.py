@@ -21,7 +21,12 @@ from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
 from softrobot_env.beams.statics import LoadedModel
 from softrobot_env.continuation import find_equilibrium
-from softrobot_env.equilibrium import checked_load_steps, require_stable, stability_asked
+from softrobot_env.equilibrium import (
+    checked_load_steps,
+    positive_definite,
+    require_stable,
+    stability_asked,
+)
 from softrobot_env.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
@@ -248,13 +253,19 @@ class BeamModel:
         kind, load_steps = stability_asked(check_stability), checked_load_steps(load_steps)
         u = self._inputs(u)
         guess = None if guess is None else self._finite(guess)
-        q = find_equilibrium(LoadedModel(self, u), self.rest(), guess, load_steps)
-        if kind is not None:
+        loaded = LoadedModel(self, u)
+        q = find_equilibrium(loaded, self.rest(), guess, load_steps)
+        if kind == "dynamic" or (kind == "static" and not self._resists(loaded, q)):
             space = self.linearize(State(q, np.zeros_like(q)), u)
             require_stable(kind, space.stiffness, space.mass, space.damping)
         if self.warns:
             self.warn_of(q)
         return q
+
+    def _resists(self, loaded: LoadedModel, q: np.ndarray) -> bool:
+        """Whether every deviation from q (n,) is opposed, whatever the masses."""
+        t = self.tangent(q)
+        return positive_definite(t.T @ loaded.stiffness(q) @ t)
 
     def simulate(
         self,

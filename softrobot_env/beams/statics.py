@@ -37,6 +37,16 @@ class LoadedModel:
         residual(self._data, q, self._zero, self._zero, self._part[2], out)
         return out
 
+    def stiffness(self, q: np.ndarray) -> np.ndarray:
+        """Derivative (n, n) of the forces that rest takes by q (n,), under full loads."""
+        self._residual(q, 1.0)
+        stiffness_band(self._data, q, self._part[2], self._matrix)
+        dense = np.zeros((len(q), len(q)))
+        for off in range(-self._width, self._width + 1):
+            rows = np.arange(max(0, -off), min(len(q), len(q) - off))
+            dense[rows, rows + off] = self._matrix[rows, off + self._width]
+        return dense
+
     def newton(self, q: np.ndarray, share: float) -> Newton | None:
         """Newton's changes at q (n,), None where the stiffness is singular or not finite."""
         ahead = self._residual(q, share + _SHARE)
@@ -48,3 +58,9 @@ class LoadedModel:
         for x in found:
             band.solve(self._matrix, self._width, self._pivot, x)
         return found if all(np.all(np.isfinite(x)) for x in found) else None
+
+    def again(self, q: np.ndarray, share: float) -> np.ndarray:
+        """The change (n,) to balance the forces at q (n,), by the last factors."""
+        change = -self._residual(q, share)
+        band.solve(self._matrix, self._width, self._pivot, change)
+        return change

@@ -91,8 +91,16 @@ def add_feedback(parser: argparse.ArgumentParser) -> None:
         "--feedback",
         choices=FEEDBACKS,
         default=FEEDBACKS[0],
-        help="what policies measure: the full state, or tip and curvatures with an observer for "
-        "the rates; default: state",
+        help="what policies measure: the full state; or tip and curvatures with an observer for "
+        "the rates; or curvature sensors alone, calibrated by `softrobot train sensors`; "
+        "default: state",
+    )
+    parser.add_argument(
+        "--sensors",
+        type=Path,
+        metavar="FILE",
+        help="calibration for --feedback sensors; default: beside the robot's file, or where "
+        "policies look, that of the rig's twin 0",
     )
 
 

@@ -1,14 +1,15 @@
 """`softrobot benchmark`: models, controllers, scenes, contacts, speed, stability, the thesis."""
 
 import argparse
-from io import StringIO
 
-from rich.console import Console, Group
+from rich.console import Console
 from rich.progress import Progress
 
 from softrobot_env.benchmarks.registry import BENCHMARKS
 from softrobot_env.commands.arguments import add_out, seed
 from softrobot_env.evaluation.report import write_json
+from softrobot_env.rendering.tables import text_page
+from softrobot_env.writing import write_text
 
 EXAMPLE = "softrobot benchmark speed --quick"
 
@@ -17,8 +18,6 @@ _OPTIONS = {
     "count": "scenes only: number of random scenes; default: 200, 20 of a quick run",
     "seed": "scenes only: what they are drawn from; default: 0",
 }
-
-_WIDTH = 110  # characters of a report
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -53,9 +52,13 @@ def run(args: argparse.Namespace) -> int:
     write_json(out / "report.json", [record.row() for record in records], args.command_line)
     tables = benchmark.tables(records)
     console.print(tables)
-    (out / "report.md").write_text(_markdown(args.what, tables, args.command_line), "utf-8")
+    text = text_page(f"Benchmark: {args.what}", tables, args.command_line)
+    write_text(out / "report.md", text)
     if benchmark.plot is not None:
-        benchmark.plot(records, out / f"{args.what}.png")
+        try:
+            benchmark.plot(records, out / f"{args.what}.png")
+        except ImportError as error:  # the reports are complete without pictures
+            console.print(f"No plots: {error}", markup=False)
     console.print(f"Wrote {', '.join(sorted(path.name for path in out.iterdir()))} to {out}")
     return 0
 
@@ -71,11 +74,3 @@ def _own_options(args: argparse.Namespace, known: tuple[str, ...]) -> dict[str, 
     if foreign:
         raise ValueError(f"the benchmark {args.what} takes no {', '.join(foreign)}")
     return given
-
-
-def _markdown(what: str, tables: Group, command: str) -> str:
-    """The tables as they appear on a terminal, with the command that made them."""
-    page = Console(record=True, width=_WIDTH, file=StringIO())
-    page.print(tables)
-    text = page.export_text()
-    return f"# Benchmark: {what}\n\nMade by `{command}`.\n\n```text\n{text.rstrip()}\n```\n"

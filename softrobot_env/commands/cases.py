@@ -23,7 +23,7 @@ from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, find_maker, make_task, tasks_of
 
 #: Arguments that only robots over a serial line have.
-_SERIAL = ("robot_file", "port", "record")
+_SERIAL = ("robot_file", "port")
 
 #: Robots drawn from --randomize unless told otherwise.
 _DRAWS = 5

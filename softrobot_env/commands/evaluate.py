@@ -36,8 +36,11 @@ from softrobot_env.evaluation.labels import (
 )
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rows import EvaluatedRow
+from softrobot_env.extras import install_command
 from softrobot_env.hardware.errors import RobotError
+from softrobot_env.recordings import write_recording
 from softrobot_env.tasks import TASKS, UNSEEN_TASKS, WITH_OPTION
+from softrobot_env.writing import write_text
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
   softrobot evaluate --tasks triangle --option period=5,1 --twin 0
@@ -154,7 +157,11 @@ def _add_real(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--port", help="serial port; default: the robot file's")
     parser.add_argument(
-        "--record", type=Path, metavar="DIR", help="record the serial line of every episode"
+        "--record",
+        type=Path,
+        metavar="DIR",
+        help="write commands and tip of every episode as a recording there, for `softrobot "
+        "recording`; and of a serial line all messages",
     )
 
 
@@ -197,7 +204,7 @@ def run(args: argparse.Namespace) -> int:
     cases = make_cases(args, setup)
     missing = left_out(args, cases)
     if missing:
-        console.print(f'Left out {", ".join(missing)}: pip install "softrobot_env\\[mpc]"')
+        console.print(f"Left out {', '.join(missing)}: {install_command('mpc')}", markup=False)
     results = _run_cases(cases, setup, console)
     _write(results, args, console)
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
@@ -225,18 +232,37 @@ def _write(results: list[Result], args: argparse.Namespace, console: Console) ->
     rows = [result.columns for result in results]
     report.write_json(args.out / "report.json", rows, args.command_line)
     text = report.markdown(rows, args.command_line)
-    (args.out / "report.md").write_text(text, encoding="utf-8")
+    write_text(args.out / "report.md", text)
     if args.save_rollouts:
         for result in results:
             result.outcome.rollout.save(args.out / f"{_file_stem(result)}.npz")
+    if args.record is not None:
+        _record(results, args.record)
+        console.print(f"Wrote {len(results)} recordings to {args.record}", soft_wrap=True)
     for table in report.tables(rows):
         console.print(table)
     for note in report.notes(rows):
         console.print(note)
     console.print(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
-        _plot(results, args.out)
-        console.print(f"Wrote plots to {args.out}")
+        try:
+            _plot(results, args.out)
+        except ImportError as error:  # the reports are complete without pictures
+            console.print(f"No plots: {error}", markup=False)
+        else:
+            console.print(f"Wrote plots to {args.out}")
+
+
+def _record(results: list[Result], folder: Path) -> None:
+    """A table and its header for every episode; names of several episodes are counted."""
+    names: list[str] = []
+    for result in results:
+        stem = _file_stem(result)
+        names.append(stem)
+        number = names.count(stem)
+        name = stem if number == 1 else f"{stem}_{number}"
+        outcome = result.outcome
+        write_recording(outcome.rollout.recording(outcome.case.task), folder / f"{name}.csv")
 
 
 def _plot(results: list[Result], out: Path) -> None:

@@ -9,6 +9,7 @@ from softrobot_env.robots import find_robot
 from softrobot_env.scene.build import scene_xml
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import SCENES, scene_of
+from softrobot_env.writing import write_text
 
 EXAMPLE = """softrobot export --out assets
   softrobot export --robot my.toml --out out"""
@@ -29,6 +30,6 @@ def run(args: argparse.Namespace) -> int:
     args.out.mkdir(parents=True, exist_ok=True)
     for name, config in scenes.items():
         path = args.out / f"{name}.xml"
-        path.write_text(scene_xml(config), encoding="utf-8")
+        write_text(path, scene_xml(config))
         Console().print(f"Wrote {path}")
     return 0

@@ -1,20 +1,29 @@
 """`softrobot grip`: close a gripper on a bar, tell what comes of it, and write a video."""
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
 from softrobot_env.commands.arguments import positive, size
-from softrobot_env.robots import GRIPPERS
+from softrobot_env.robots import GRIPPERS, find_gripper
+from softrobot_env.scene.gripper import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
+
+if TYPE_CHECKING:
+    from softrobot_env.evaluation.run import Moment
 
 EXAMPLE = """softrobot grip --task enclose --diameter 0.06 --tension 20 --out grip.gif
   softrobot grip --task hold --gripper my_gripper.toml --seed 3"""
 
 _FIXED = ("diameter", "mass", "friction")
+
+#: What a gripper is that was drawn, so that another bar can be gripped with it.
+_OWN = ("modulus", "arm", "sensor_errors", "specimen")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -32,8 +41,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, unit in zip(_FIXED, ("M", "KG", "1"), strict=True):
         parser.add_argument(f"--{name}", type=positive, metavar=unit, help="default: drawn")
     parser.add_argument("--seed", type=int, default=0, help="of what is drawn; default: 0")
-    parser.add_argument("--pieces", type=int, help="of each finger; default: by rule")
-    parser.add_argument("--timestep", type=positive, metavar="S", help="default: by rule")
+    parser.add_argument(
+        "--fineness", choices=tuple(FINENESS), default="quick", help="default: quick"
+    )
+    parser.add_argument("--pieces", type=int, help="of each finger; default: by fineness")
+    parser.add_argument("--timestep", type=positive, metavar="S", help="default: by fineness")
     parser.add_argument("--out", type=Path, metavar="FILE", help=".mp4 or .gif; default: no video")
     parser.add_argument("--fps", type=int, default=25, help="frames per second; default: 25")
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
@@ -41,27 +53,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
+    from softrobot_env.control.gripper.calibration import senses
     from softrobot_env.control.gripper.policies import ScriptedGrip
     from softrobot_env.envs.gripper import GripperEnv
     from softrobot_env.evaluation.run import play
 
     width, height = args.size
+    gripper = find_gripper(args.gripper)
+    sensed = args.out is not None and senses(gripper)
+    how = {
+        "gripper": gripper,
+        "fineness": args.fineness,
+        "pieces": args.pieces,
+        "timestep": args.timestep,
+        "observe": ("sensors",) if sensed else ("curvature",),
+    }
     env = GripperEnv(
         args.task,
-        gripper=args.gripper,
-        pieces=args.pieces,
-        timestep=args.timestep,
+        **how,
         render_mode=None if args.out is None else "rgb_array",
         width=width,
         height=height,
     )
     policy = ScriptedGrip(env.gripper, env.control_period, args.tension)
     fixed = {name: getattr(args, name) for name in _FIXED if getattr(args, name) is not None}
-    console, pictures, info = Console(), [], {}
+    console, pictures, info, shape = Console(), [], {}, None
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(args.task, total=env.max_episode_steps)
         for moment in play(env, policy, args.seed, fixed):
             info = moment.info
+            if sensed:
+                shape = shape or _calibrated(how, moment, args.seed)
+                env.shown = shape(moment.observation["sensors"])
             progress.advance(bar)
             if args.out is not None and info["time"] * args.fps + 1e-6 >= len(pictures):
                 pictures.append(_picture(env, args, info))
@@ -75,12 +98,26 @@ def run(args: argparse.Namespace) -> int:
     return int("failure" in info)
 
 
+def _calibrated(
+    how: dict[str, Any], start: "Moment", seed: int
+) -> Callable[[np.ndarray], np.ndarray]:
+    """Function from readings to curvatures (pieces,) [1/m], of the gripper an episode has."""
+    from softrobot_env.control.gripper.calibration import calibrated
+    from softrobot_env.envs.gripper import VectorGripperEnv
+
+    own = {name: start.info[name] for name in _OWN}
+    found = calibrated(VectorGripperEnv(1, "enclose", **how), own, seed + 1)
+    straight = start.observation["sensors"]
+    return lambda readings: found.curvature(readings, straight)[0]
+
+
 def _picture(env: Any, args: argparse.Namespace, info: dict[str, Any]) -> Any:
     from softrobot_env.rendering.video import caption
 
     now = float(env.simulation.ctrl[0, 0])
     told = f"{1e3 * info['diameter']:.0f} mm, t = {info['time']:.2f} s, {now:.0f} N"
-    return caption(env.render(), [args.task, told, "red: shape that the sensors tell"])
+    drawn = "its mean curvatures" if env.shown is None else "the calibrated sensors"
+    return caption(env.render(), [args.task, told, f"red: shape that {drawn} tell"])
 
 
 def _outcome(info: dict[str, Any]) -> str:

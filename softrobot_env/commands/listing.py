@@ -1,10 +1,12 @@
-"""`softrobot list`: the robots, tasks and policies there are, with those of other packages."""
+"""`softrobot list`: what there is by name, with what other packages have registered."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Callable
 
+from gymnasium.envs.registration import EnvSpec, registry
 from rich.console import Console
 
+from softrobot_env.benchmarks.registry import BENCHMARKS
 from softrobot_env.commands.arguments import add_robot
 from softrobot_env.control.registry import EVERY_POLICY, fitting_policies
 from softrobot_env.rendering.tables import named_values
@@ -13,44 +15,80 @@ from softrobot_env.tasks import Maker, defaults, tasks_of
 from softrobot_env.tasks.generic import GENERIC_TASKS
 
 EXAMPLE = """softrobot list
-  softrobot list --robot my.toml"""
+  softrobot list policies --robot my.toml"""
+
+_FITS = "can drive it"
+_NAMESPACE = "SoftRobot/"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
+    parser.add_argument("what", nargs="?", choices=_EVERYTHING, help="these alone; default: all")
     add_robot(parser, "what it can be given, and why not the rest; default: all there is")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
-    for title, rows in _everything() if args.robot is None else _of(find_robot(args.robot)):
-        Console().print(named_values(title, rows))
+    told = _EVERYTHING if args.robot is None else _OF_ROBOT
+    if args.what is not None and args.what not in told:
+        raise ValueError(f"--robot lists {', '.join(told)}, not {args.what}")
+    of = () if args.robot is None else (find_robot(args.robot),)
+    for what in told if args.what is None else (args.what,):
+        title = what.capitalize() if args.robot is None else f"{what.capitalize()} of {of[0].name}"
+        Console().print(named_values(title, told[what](*of)))
     return 0
 
 
-def _everything() -> list[tuple[str, dict[str, str]]]:
-    own = {f"of {name}": _names(tasks_of(robot).own()) for name, robot in ROBOTS.items()}
-    return [
-        ("Robots", {name: _told(robot) for name, robot in ROBOTS.items()}),
-        ("Tasks", {n: t for n, t in own.items() if t} | {"of any robot": ", ".join(GENERIC_TASKS)}),
-        ("Policies", {"": ", ".join(EVERY_POLICY)}),
-    ]
+def _robots() -> dict[str, str]:
+    return {name: _told(robot) for name, robot in ROBOTS.items()}
 
 
-def _of(robot: RobotParams) -> list[tuple[str, dict[str, str]]]:
-    fits = {name: reason or "can drive it" for name, reason in fitting_policies(robot).items()}
-    return [
-        (f"Tasks of {robot.name}", {n: _options(make) for n, make in tasks_of(robot).items()}),
-        (f"Policies for {robot.name}", dict(sorted(fits.items(), key=_refused))),
-    ]
+def _tasks() -> dict[str, str]:
+    own = {f"of {name}": ", ".join(tasks_of(robot).own()) for name, robot in ROBOTS.items()}
+    return {n: t for n, t in own.items() if t} | {"of any robot": ", ".join(GENERIC_TASKS)}
 
 
-def _refused(policy: tuple[str, str]) -> bool:
-    return policy[1] != "can drive it"
+def _policies() -> dict[str, str]:
+    return {"": ", ".join(EVERY_POLICY)}
 
 
-def _names(makers: Mapping[str, Maker]) -> str:
-    return ", ".join(makers)
+def _envs() -> dict[str, str]:
+    return {name: _summary(spec) for name, spec in registry.items() if name.startswith(_NAMESPACE)}
+
+
+def _summary(spec: EnvSpec) -> str:
+    task = spec.kwargs.get("task")
+    return "any robot and task" if task is None else f"task {task}"
+
+
+def _benchmarks() -> dict[str, str]:
+    return {"": ", ".join(BENCHMARKS)}
+
+
+#: What can be listed.
+_EVERYTHING: dict[str, Callable[[], dict[str, str]]] = {
+    "robots": _robots,
+    "tasks": _tasks,
+    "policies": _policies,
+    "envs": _envs,
+    "benchmarks": _benchmarks,
+}
+
+
+def _tasks_of(robot: RobotParams) -> dict[str, str]:
+    return {name: _options(make) for name, make in tasks_of(robot).items()}
+
+
+def _policies_of(robot: RobotParams) -> dict[str, str]:
+    fits = {name: reason or _FITS for name, reason in fitting_policies(robot).items()}
+    return dict(sorted(fits.items(), key=lambda policy: policy[1] != _FITS))
+
+
+#: What can be listed of one robot.
+_OF_ROBOT: dict[str, Callable[[RobotParams], dict[str, str]]] = {
+    "tasks": _tasks_of,
+    "policies": _policies_of,
+}
 
 
 def _options(make: Maker) -> str:

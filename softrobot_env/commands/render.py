@@ -21,6 +21,7 @@ from softrobot_env.commands.cases import fitting, make_setup
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
+from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
 
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
@@ -46,6 +47,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--fps", type=int, default=30, help="frames per second; default: 30")
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE", help="also write a recording, .csv or .parquet"
+    )
     add_twin(parser)
     add_learnt(parser)
     add_feedback(parser)
@@ -61,12 +65,15 @@ def run(args: argparse.Namespace) -> int:
     setup.check([case])
     width, height = args.size
     env = setup.environment(case, render_mode="rgb_array", width=width, height=height)
+    policy = case.make_policy(env.control_period)
+    if args.record is not None:
+        env = RecordEpisodes(env, args.record)
     console = Console()
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(case.label, total=1.0)
         frames = record(
             env,
-            case.make_policy(env.control_period),
+            policy,
             fps=args.fps,
             title=case.label,
             options=case.reset_options,

@@ -9,7 +9,8 @@ import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands.arguments import plant_options
-from softrobot_env.control.registry import FEEDBACKS, POLICIES, RIG_POLICIES, misfit
+from softrobot_env.control.registry import FEEDBACKS, POLICIES, RIG_POLICIES, SENSORS, misfit
+from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.envs.disturbances import split
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
@@ -65,6 +66,8 @@ class Setup:
         self._args = args
         given = getattr(args, "robot", None)
         self.robot = None if given is None else find_robot(given)
+        self._feedback = getattr(args, "feedback", FEEDBACKS[0])
+        self._sensors = getattr(args, "sensors", None)
 
     def default_policy(self, robot: RobotParams) -> str:
         """The policy to show of a robot."""
@@ -98,11 +101,12 @@ class Setup:
             ValueError, FileNotFoundError: An argument that does not fit; the message says why.
         """
         step = STEP_DURATION if case.task.step_width is not None else None
-        tension = case.task.robot.drive.kind == "tension"
+        tension, feedback = case.task.robot.drive.kind == "tension", self._feedback
         return replace(
             case,
             plant=self._args.plant,
-            feedback=self._args.feedback if tension else None,
+            feedback=feedback if tension or feedback == SENSORS else None,
+            sensors=self._sensors,
             duration=getattr(self._args, "duration", None) or step,
             scene=plant_options(self._args, case.policy, case.task.robot),
             identified=self._identified if acts_on_identified(case.policy) else None,
@@ -115,13 +119,7 @@ class Setup:
             ValueError: The message names what is allowed.
         """
         self._check_rig([case for case in cases if case.task.robot == RIG])
-        if getattr(self._args, "feedback", FEEDBACKS[0]) != FEEDBACKS[0]:
-            for case in cases:
-                if case.task.robot.drive.kind != "tension":
-                    raise ValueError(
-                        "--feedback: only with robots driven by tension, not with "
-                        f"{case.task.robot.name!r}"
-                    )
+        self._check_feedback(cases)
         for case in cases:
             if case.plant != MUJOCO and "tendon_friction" in case.variation:
                 raise ValueError(f"tendon_friction: only with --plant {MUJOCO}")
@@ -130,6 +128,26 @@ class Setup:
             except ValueError as error:
                 raise ValueError(f"{case.policy}: {error}") from None
         self._try_out(cases)
+
+    def _check_feedback(self, cases: list[Case]) -> None:
+        """Refuse feedback that a robot does not have."""
+        feedback, file = self._feedback, self._sensors
+        if feedback != SENSORS and file is not None:
+            raise ValueError(f"--sensors: only with --feedback {SENSORS}")
+        for robot in {case.task.robot for case in cases} if feedback == SENSORS else ():
+            load_reconstruction(robot, file)
+        for case in cases:
+            if feedback == "output" and case.task.robot.drive.kind != "tension":
+                raise ValueError(
+                    "--feedback output: only with robots driven by tension, not with "
+                    f"{case.task.robot.name!r}"
+                )
+            if feedback == SENSORS and file is None and case.twin not in (None, _SHIPPED):
+                raise ValueError(
+                    f"--feedback {SENSORS}: the calibration that comes with the package is of twin "
+                    f"{_SHIPPED}; make one by `softrobot train sensors --robot rig --twin "
+                    f"{case.twin} --out DIR` and give it by --sensors"
+                )
 
     def _check_rig(self, cases: list[Case]) -> None:
         """Refuse arguments of the rig that no case uses."""

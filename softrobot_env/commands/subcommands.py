@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Mapping
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, NoReturn
 
 
 class Command(NamedTuple):
@@ -18,10 +18,19 @@ class Command(NamedTuple):
     text: str
 
 
+class Parser(argparse.ArgumentParser):
+    """Says in one line what is wrong with arguments."""
+
+    def error(self, message: str) -> NoReturn:
+        """End the program with status 2."""
+        text = " ".join(message.split())
+        self.exit(2, f"{self.prog}: {text}; see {self.prog} --help\n")
+
+
 def add_commands(
     parser: argparse.ArgumentParser, commands: Mapping[str, Command], dest: str
 ) -> None:
-    """Add commands with their arguments and examples.
+    """Add commands with their arguments and examples; without one the parser's help is printed.
 
     Args:
         parser: Where to add them.
@@ -29,7 +38,13 @@ def add_commands(
         dest: Attribute of the parsed arguments that holds the name; `<dest>_run` holds the
             module's `run`.
     """
-    added = parser.add_subparsers(dest=dest, required=True, metavar="COMMAND")
+
+    def show_help(_: argparse.Namespace) -> int:
+        parser.print_help()
+        return 0
+
+    parser.set_defaults(**{f"{dest}_run": show_help})
+    added = parser.add_subparsers(dest=dest, metavar="COMMAND")
     for name, (module, text) in commands.items():
         command = added.add_parser(
             name,

@@ -19,8 +19,13 @@ from softrobot_env.robots import ARM, RobotParams, find_robot
 #: Ending of the files of trained networks.
 NETWORK = ".npz"
 
-#: What policies may measure: the full state, or tip and curvatures alone, with an observer.
-FEEDBACKS = ("state", "output")
+#: What a policy may measure of the state of a robot.
+MEASURED = frozenset({"tip_position", "tip_velocity", "curvature", "curvature_rate"})
+
+#: What policies may measure: the full state; or tip and curvatures alone, with an observer; or
+#: readings of curvature sensors alone, with their calibration and the observer.
+SENSORS = "sensors"
+FEEDBACKS = ("state", "output", SENSORS)
 
 
 @dataclass(frozen=True)
@@ -261,6 +266,7 @@ def make_policy(
     robot: RobotParams | gymnasium.Env,
     control_period: float | None = None,
     feedback: str = FEEDBACKS[0],
+    sensors: str | Path | None = None,
     **options: Any,
 ) -> Policy:
     """Build a policy by name, and let it decide a few times for a robot at rest.
@@ -274,7 +280,11 @@ def make_policy(
             perhaps a camera, of which a factory that has an argument `tip_delay` is told.
         control_period: [s] between calls of `predict`; the environment's unless given.
         feedback: One of `FEEDBACKS`. Policies that use curvature rates get them from an observer
-            under "output"; the others are the same under both.
+            under "output" and "sensors"; the others are the same under "output". Under "sensors"
+            tip and curvatures are what calibrated sensors tell (`sensing.reconstruction`); policies
+            that measure nothing are the same.
+        sensors: File of that calibration; found beside the robot's file, or where artifacts are,
+            unless given.
         **options: Of the policy's factory, besides those of its name.
 
     Raises:
@@ -289,17 +299,28 @@ def make_policy(
         own = robot.unwrapped
         _check_interface(name, own)
         control_period = own.control_period if control_period is None else control_period
-        options = spec.told(getattr(getattr(own, "twin", None), "camera_delay", None)) | options
         robot = own.task.robot
+        late = getattr(getattr(own, "twin", None), "camera_delay", None)
+        options = spec.told(sensors_delay(robot) if feedback == SENSORS else late) | options
     check_argument("control_period", control_period, Positive)
     policy = _made(name, spec, robot, control_period, options)
-    if feedback == "output" and "curvature_rate" in getattr(policy, "requires", ()):
+    if feedback != FEEDBACKS[0] and "curvature_rate" in getattr(policy, "requires", ()):
         from softrobot_env.control.observers import OutputFeedback
 
         _rehearse(policy, robot)
         policy = OutputFeedback(policy, robot, control_period)
+    if feedback == SENSORS and MEASURED.intersection(getattr(policy, "requires", ())):
+        from softrobot_env.control.sensed import Sensed, load_reconstruction
+
+        _rehearse(policy, robot)
+        policy = Sensed(policy, load_reconstruction(robot, sensors), control_period)
     _rehearse(policy, robot)
     return policy
+
+
+def sensors_delay(robot: RobotParams) -> float | None:
+    """How late [s] the slowest of a robot's sensors reads; None where it has none."""
+    return max((sensor.delay for sensor in robot.sensors), default=None)
 
 
 def _rehearse(policy: Policy, robot: RobotParams) -> None:

@@ -1,16 +1,22 @@
-"""Policies that read the tip, where a curvature sensor is what tells of it."""
+"""Policies that read tip or curvatures, where curvature sensors are what tells of them."""
 
-from copy import deepcopy
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from softrobot_env.artifacts import check_robot, find_artifact, read_arrays
 from softrobot_env.control.base import Controller
+from softrobot_env.control.registry import MEASURED
 from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Observation
-from softrobot_env.sensing.estimation import BendFilter, LightModel
+from softrobot_env.robots import RobotParams
+from softrobot_env.sensing.reconstruction import TIP, Felt, Reconstruction
 
-_TIP, _SENSORS = "tip_position", "sensors"
+_SENSORS = "sensors"
+
+#: Rates that follow by difference from what sensors tell.
+_RATES = {"tip_velocity": TIP}
 
 
 class SensedState(NamedTuple):
@@ -18,55 +24,112 @@ class SensedState(NamedTuple):
 
     Attributes:
         inner: State of the policy.
-        felt: Bend, play and drift so far.
-        status: Of the policy.
+        felt: What the sensors tell.
+        rates: By name, as of the last new reading.
+        passed: [s] since that.
     """
 
     inner: Any
-    felt: BendFilter
-    status: str | None = None
+    felt: Felt
+    rates: dict[str, np.ndarray]
+    passed: float = 0.0
+
+    @property
+    def status(self) -> str | None:
+        """Of the policy."""
+        return getattr(self.inner, "status", None)
 
 
-class SensedTip(Controller):
-    """A policy with the tip (2,) that a calibrated spatial sensor tells, as late as it reads.
+class Sensed(Controller):
+    """A policy that is shown what calibrated sensors tell, as late as they read.
 
-    A reading that is not finite tells of no tip, which the policy has to cope with.
+    A reading that is not finite is passed over: the last one stands. The sensors are read in every
+    control period, also while the policy holds its action.
     """
 
-    def __init__(self, policy: Controller, model: LightModel, control_period: float) -> None:
-        """Put a sensor before a policy.
+    def __init__(self, policy: Controller, known: Reconstruction, control_period: float) -> None:
+        """Put sensors before a policy, which may read fewer coordinates of the tip: the first ones.
 
         Args:
-            policy: Any controller that reads the tip in two coordinates.
-            model: Of the sensor's specimen, see `sensing.estimation.calibrate`.
+            policy: Any controller that reads some of what the sensors tell.
+            known: Their calibration.
             control_period: [s] between calls.
 
         Raises:
-            ValueError: The policy does not read the tip in two coordinates, or the period is not
-                positive.
+            ValueError: The policy reads nothing that the sensors tell, or something that they were
+                not calibrated for; or the period is not positive.
         """
         check_argument("control_period", control_period, Positive)
-        if _TIP not in policy.requires:
-            raise ValueError(f"{type(policy).__name__} does not read {_TIP}, so no sensor helps it")
-        if policy.sizes.get(_TIP) != 2:
+        told = {name: found.weights.shape[1] for name, found in known.maps.items()}
+        self._shown = tuple(name for name in policy.requires if name in told)
+        self._rates = {n: of for n, of in _RATES.items() if n in policy.requires and of in told}
+        blind = MEASURED & set(policy.requires) - set(self._shown) - set(self._rates)
+        if blind or not (self._shown or self._rates):
+            lacking = ", ".join(sorted(blind)) or f"none of {', '.join(told)}"
             raise ValueError(
-                f"{type(policy).__name__} must read two coordinates of {_TIP}, x and y"
+                f"feedback from sensors: {type(policy).__name__} reads {lacking}, the sensors were "
+                f"calibrated to tell {', '.join(told)}"
             )
-        self._policy, self._model, self._period = policy, model, control_period
-        self.requires = (*(name for name in policy.requires if name != _TIP), _SENSORS)
+        self._sizes = {name: policy.sizes.get(name, told[name]) for name in self._shown}
+        for name, size in self._sizes.items():
+            if size > told[name] or (size < told[name] and name != TIP):
+                raise ValueError(
+                    f"feedback from sensors: {type(policy).__name__} reads {size} entries of "
+                    f"{name}, the sensors were calibrated to tell {told[name]}"
+                )
+        self._policy, self._known, self._period = policy, known, control_period
+        hidden = {*self._shown, *self._rates}
+        self.requires = (_SENSORS, *(name for name in policy.requires if name not in hidden))
         self.hold, self.preview = policy.hold, policy.preview
-        sizes = {name: size for name, size in policy.sizes.items() if name != _TIP}
-        self.sizes = {**sizes, _SENSORS: len(model.gain)}
+        sizes = {name: size for name, size in policy.sizes.items() if name not in hidden}
+        self.sizes = {**sizes, _SENSORS: known.size}
 
     def start(self, observation: Observation) -> SensedState:
-        """Begin with a robot that was straight."""
-        felt = BendFilter(self._model)
-        return SensedState(self._policy.start({**observation, _TIP: felt.tip}), felt)
+        """Begin with a robot that was straight, and rests; the policy is yet to start."""
+        felt = self._known.begin(observation[_SENSORS])
+        rates = {name: np.zeros_like(felt.told[of]) for name, of in self._rates.items()}
+        return SensedState(None, felt, rates, -self._period)  # the first call is now
 
     def act(self, observation: Observation, state: SensedState) -> tuple[np.ndarray, SensedState]:
-        """The action of the policy for the tip as sensed."""
-        reading, felt, tip = observation[_SENSORS], deepcopy(state.felt), np.full(2, np.nan)
-        if np.isfinite(reading).all():
-            tip = felt.update(reading, self._period * self.hold)
-        action, inner = self._policy.act({**observation, _TIP: tip}, state.inner)
-        return action, SensedState(inner, felt, getattr(inner, "status", None))
+        """The action of the policy for what the sensors tell."""
+        state = self._seen(observation[_SENSORS], state)
+        action, inner = self._policy.predict(self._full(observation, state), state.inner)
+        return action, state._replace(inner=inner)
+
+    def _seen(self, reading: np.ndarray, state: SensedState) -> SensedState:
+        passed = state.passed + self._period
+        felt = self._known.update(state.felt, reading, passed)
+        if felt is state.felt:
+            return state._replace(passed=passed)
+        rates = {n: (felt.told[of] - state.felt.told[of]) / passed for n, of in self._rates.items()}
+        return state._replace(felt=felt, rates=rates, passed=0.0)
+
+    def _full(self, observation: Observation, state: SensedState) -> Observation:
+        shown = {name: state.felt.told[name][:size] for name, size in self._sizes.items()}
+        rates = {name: rate[: self._sizes.get(TIP)] for name, rate in state.rates.items()}
+        return {**observation, **shown, **rates}
+
+    # The policy itself holds its actions.
+    _go_on = _decide = act
+
+
+def load_reconstruction(robot: RobotParams, path: str | Path | None = None) -> Reconstruction:
+    """The calibration of a robot's sensors.
+
+    Args:
+        robot: As designed.
+        path: Of the file; found unless given, see `artifacts.find_artifact`.
+
+    Raises:
+        ValueError: The robot carries no sensors, there is no calibration, or it is of another robot
+            or damaged; the message tells the command that makes it.
+        FileNotFoundError: No such file.
+    """
+    if not robot.sensors:
+        raise ValueError(
+            f"feedback from sensors: robot {robot.name!r} carries none; give it [[sensor]] tables, "
+            "spatial or tags"
+        )
+    data = read_arrays(find_artifact(robot, _SENSORS) if path is None else path)
+    check_robot(data, robot, _SENSORS)
+    return Reconstruction.of(robot, data)

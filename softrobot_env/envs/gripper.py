@@ -1,7 +1,7 @@
 """Grippers that enclose a clamped bar, or grasp a free one and hold it: one, or many at once."""
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NoReturn
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn
 
 import gymnasium
 import numpy as np
@@ -9,7 +9,7 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy import float64
 
-from softrobot_env.envs.observations.fingers import GripperView
+from softrobot_env.envs.observations.fingers import GripperView, observes
 from softrobot_env.envs.observations.table import arrays, speed_limit
 from softrobot_env.envs.options import (
     MASK,
@@ -27,7 +27,11 @@ from softrobot_env.fields import Count, Positive, Whole, check_argument, check_f
 from softrobot_env.interfaces import Seen
 from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
 from softrobot_env.robots.parameters import Pieces
-from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, GripTask
+from softrobot_env.scene.gripper import FINENESS, Fineness
+from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
+
+if TYPE_CHECKING:
+    from softrobot_env.envs.simulation.finger_sensors import FingerSensors
 
 #: [s].
 DEFAULT_PERIOD = 0.02
@@ -74,7 +78,8 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
 
     An action in [-1, 1] is the tension of a tendon between none and its limit. Observations are
     float64 in SI units: `curvature` and `curvature_rate` (means over each piece of each finger, as
-    its sensors have them), `tendon_tension`, `contact` (size of each finger's force on the bar) and
+    ideal sensors have them), `tendon_tension`, `sensors` (readings of the sensors that each finger
+    carries, a specimen drawn anew), `contact` (size of each finger's force on the bar) and
     `previous_action`; or, with observe_as="vector", one float32 vector of them of order 1. `info`
     is flat: time, the terms of the reward by their names, error (over what counts as success),
     success (only at the end), what was drawn, and the place of the bar.
@@ -97,6 +102,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         observe: tuple[str, ...] | str = ("curvature", "tendon_tension"),
         observe_as: str = "dict",
         reward: GripReward | None = None,
+        fineness: str | Fineness = "quick",
         pieces: int | None = None,
         timestep: float | None = None,
         threads: int = 0,
@@ -113,9 +119,11 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
             observe: Names out of `observations.fingers.KNOWN`, or "all".
             observe_as: "dict" or "vector".
             reward: The usual one unless given.
-            pieces: Of each finger, as many as a robot with contacts has unless given. Few, with a
-                long timestep, are quicker and less accurate (`softrobot benchmark gripper`).
-            timestep: [s], by the rule for contacts unless given.
+            fineness: A name out of `scene.gripper.FINENESS`: "quick" has few pieces and long
+                timesteps, and bends err by 1 degree on average, "rule" is as the rule for contacts
+                has it, and 50 times slower (`softrobot benchmark gripper`).
+            pieces: Of each finger, as the fineness has it unless given.
+            timestep: [s], as the fineness has it unless given.
             threads: Of the pool, 0 for as many as have enough to do.
             autoreset_mode: One of `AutoresetMode`, or its value.
             render_mode: None; many environments are not drawn.
@@ -124,7 +132,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
             ValueError: An argument out of range; the message names what is allowed.
 
         Warns:
-            TimestepWarning: The timestep is longer than the rule's.
+            TimestepWarning: A timestep was given that is longer than the rule's.
         """
         _check_arguments(num_envs, control_period, observe_as, threads, pieces, timestep)
         check_argument("render_mode", render_mode, type(None))
@@ -138,15 +146,32 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         self._mode = self.autoreset_mode = parse_autoreset(autoreset_mode)
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self._reward = reward or GripReward()
+        fineness = FINENESS.find(fineness) if isinstance(fineness, str) else fineness
+        check_argument("fineness", fineness, Fineness)
         self.simulation = GripperBatch(
-            self.gripper, self.task, control_period, self.num_envs, threads, pieces, timestep
+            self.gripper,
+            self.task,
+            control_period,
+            self.num_envs,
+            threads,
+            pieces,
+            timestep,
+            fineness,
+            felt_along=observes(observe, "sensors"),
         )
+        self.sensors = None
+        if observes(observe, "sensors"):
+            self.sensors = _sensors(self.simulation, control_period)
         self._limits = self.gripper.tension_limits
         n = self.num_envs
         self._action = np.full((n, len(self._limits)), -1.0)
         self.observe_as = observe_as
         self._view = GripperView(
-            self.simulation, observe, observe_as == "vector", lambda: self._action.copy()
+            self.simulation,
+            observe,
+            observe_as == "vector",
+            lambda: self._action.copy(),
+            self.sensors,
         )
         self.vector_layout = self._view.layout
         self.single_observation_space = self._view.space
@@ -221,7 +246,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         except (TypeError, ValueError):
             values = np.array([np.nan])
         least = -np.inf if name in _VECTORS and values.ndim == 2 else 0.0
-        positive = name in ("diameter", "mass", "modulus", "arm")
+        positive = name in POSITIVE
         if not (np.isfinite(values).all() and (values >= least).all()) or (
             positive and not (values > 0).all()
         ):
@@ -245,6 +270,10 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
             else:
                 own[which] = value[which]
         self.simulation.start(which, {name: v[which] for name, v in self._drawn.items()})
+        if self.sensors is not None:
+            errors, specimen = self._drawn["sensor_errors"], self._drawn["specimen"]
+            seeds = np.array([self._generators[i].integers(2**31) for i in which])
+            self.sensors.start(which, errors[which], specimen[which], seeds)
         self._index[which], self._worst[which], self._action[which] = 0, 0.0, -1.0
         self._home[which] = self.simulation.place[which]
         self._done[which] = False
@@ -312,11 +341,15 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
 
     def _advance(self, ended: np.ndarray | None) -> np.ndarray:
         """Integrate all but the ended (n,) bool; whether each (n,) diverged."""
-        if ended is None or not ended.any():
-            return self.simulation.advance().copy()
-        running = np.flatnonzero(~ended)
-        nobody = np.zeros(self.num_envs, dtype=bool)
-        return self.simulation.advance(running) & ~ended if len(running) else nobody
+        running = None
+        if ended is not None and ended.any():
+            running = np.flatnonzero(~ended)
+            if not len(running):
+                return np.zeros(self.num_envs, dtype=bool)
+        diverged = self.simulation.advance(running)
+        if self.sensors is not None:
+            self.sensors.look(running)
+        return diverged.copy() if running is None else diverged & ~ended
 
     def _error(self) -> np.ndarray:
         """(n,) [1], over what counts as success."""
@@ -388,6 +421,13 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         return info | {f"_{name}": np.ones(n, dtype=bool) for name in info}
 
 
+def _sensors(batch: GripperBatch, control_period: float) -> "FingerSensors":
+    # Compiled code takes time to load.
+    from softrobot_env.envs.simulation.finger_sensors import FingerSensors
+
+    return FingerSensors(batch, control_period)
+
+
 def _starts(robot: RobotParams) -> np.ndarray:
     """Where a finger's pieces begin, (pieces,) [m]."""
     return robot.backbone.cut(robot.pieces)[:-1]
@@ -415,6 +455,8 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
 
     Attributes:
         gripper, task, simulation: As there.
+        shown: (pieces,) [1/m], curvatures whose shapes `render` draws over the true ones, such as
+            what calibrated sensors tell; true means unless set.
     """
 
     spec = EpisodeSpec()
@@ -455,6 +497,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
         self.render_mode, self._frame = render_mode, (width, height)
         self._renderer: GripperRenderer | None = None
         self._diameter = 0.0
+        self.shown: np.ndarray | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -478,7 +521,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
     def render(self) -> np.ndarray | None:
         """Picture (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
 
-        The fingers' shapes as their mean curvatures tell them are drawn over the true ones.
+        The fingers' shapes as `shown` tells them are drawn over the true ones.
 
         Raises:
             RenderError: No OpenGL; says what to install.
@@ -491,7 +534,8 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
         if self._renderer is None or self._renderer.diameter != self._diameter:
             self.close()
             self._renderer = GripperRenderer(self.simulation, self._diameter, *self._frame)
-        return self._renderer.draw(self.simulation.qpos[0], self.simulation.curvature[0])
+        shown = self.simulation.curvature[0] if self.shown is None else self.shown
+        return self._renderer.draw(self.simulation.qpos[0], shown)
 
     def close(self) -> None:
         """Free the renderer; closing twice is harmless."""

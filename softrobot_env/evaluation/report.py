@@ -12,6 +12,7 @@ from rich.table import Table
 
 from softrobot_env.evaluation.labels import learnt_elsewhere, robot_heading, robot_label, task_label
 from softrobot_env.evaluation.thesis import thesis_rows
+from softrobot_env.writing import write_text
 
 #: A row as report.json has it, see `EvaluatedRow.columns`.
 Row = dict[str, Any]
@@ -53,7 +54,7 @@ def write_json(path: Path, rows: list[Row], command: str) -> None:
     """
     meta = json.dumps(metadata(command), indent=1)
     lines = ",\n".join(json.dumps(row, allow_nan=False) for row in rows)
-    path.write_text(f'{{"meta": {meta},\n"rows": [\n{lines}\n]}}\n', encoding="utf-8")
+    write_text(path, f'{{"meta": {meta},\n"rows": [\n{lines}\n]}}\n')
 
 
 def metadata(command: str) -> dict[str, Any]:

@@ -5,7 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.artifacts import read_arrays
+from softrobot_env.artifacts import read_arrays, write_arrays
+from softrobot_env.envs.reference import AXES
+from softrobot_env.recordings import Recording
+from softrobot_env.recordings.episodes import episode_recording
+from softrobot_env.tasks import Task
 
 #: What a real robot may have no sensor for.
 _UNMEASURED = ("tendon_tension", "curvature")
@@ -63,11 +67,22 @@ class Rollout:
         apart = float(self.time[1] - self.time[0]) if len(self.time) > 1 else period
         return self.part(slice(None, None, max(1, round(period / apart))))
 
+    def recording(self, task: Task) -> Recording:
+        """The commands and the tip of an episode on a task, to be written or replayed."""
+        axes = AXES[task.axes]
+        return episode_recording(
+            task.robot,
+            axes,
+            self.time,
+            self.action,
+            self.tip[:, axes],
+            labels=[task.name] * len(self.time),
+            source=self.source,
+        )
+
     def save(self, path: str | Path) -> None:
         """Write the record as a compressed npz file."""
-        values = {k: v for k, v in asdict(self).items() if v is not None}
-        with Path(path).open("wb") as file:  # given a name, NumPy would append to it
-            np.savez_compressed(file, **values)
+        write_arrays(path, {k: v for k, v in asdict(self).items() if v is not None})
 
     @classmethod
     def load(cls, path: str | Path) -> "Rollout":

@@ -10,6 +10,7 @@ import numpy as np
 
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.interfaces import Observation, Policy
+from softrobot_env.recordings.episodes import at_their_time
 
 #: Coordinates x and z, those of positions where an environment does not name its `axes`.
 _PLANE = slice(0, 3, 2)
@@ -106,7 +107,7 @@ def run_episode(
         if "failure" not in moment.info:
             samples.add(_sample(moment, axes))
     columns = samples.columns()
-    columns["tip"] = _on_time(columns["time"], columns.pop("tip_age"), columns["tip"])
+    columns["tip"] = at_their_time(columns["time"], columns.pop("tip_age"), columns["tip"])
     return Rollout(
         **columns,
         **policy_time.columns(),
@@ -115,14 +116,6 @@ def run_episode(
         source=getattr(env.unwrapped, "source", "sim"),
         failure=moment.info.get("failure"),
     )
-
-
-def _on_time(time: np.ndarray, age: np.ndarray, tip: np.ndarray) -> np.ndarray:
-    """Tip (k, 3) [m] at times (k,) [s], from what was seen at them, each some age (k,) [s] old."""
-    if not age.any():
-        return tip
-    taken, first = np.unique(time - age, return_index=True)
-    return np.stack([np.interp(time, taken, column[first]) for column in tip.T], axis=1)
 
 
 class _Table:

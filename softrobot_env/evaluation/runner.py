@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import gymnasium
@@ -12,10 +13,12 @@ from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.registry import (
     FEEDBACKS,
     RIG_POLICIES,
+    SENSORS,
     find_policy,
     make_policy,
     policy_environment,
     policy_name,
+    sensors_delay,
 )
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
@@ -53,8 +56,9 @@ class Case:
         twin: Seed of the rig's twin; None for an ideal rig, and for other robots.
         plant: What moves, as reports say it: one of `beams.registry.PLANTS`, or what is behind a
             serial line.
-        feedback: What the policy measures, one of `control.registry.FEEDBACKS`; None for the rig,
-            whose policies measure nothing.
+        feedback: What the policy measures, one of `control.registry.FEEDBACKS`; None where it
+            measures what it asks for.
+        sensors: File of the sensors' calibration, for feedback from them; found unless given.
         duration: [s] of the episode, the task's own unless given.
         scene: Keyword arguments of the environment beyond those that the policy needs.
         identified: Identified parameters of a rig, for policies that act on them; those of twin 0,
@@ -68,6 +72,7 @@ class Case:
     twin: int | None = None
     plant: str = MUJOCO
     feedback: str | None = None
+    sensors: Path | None = None
     duration: float | None = None
     scene: Mapping[str, Any] = field(default_factory=dict)
     identified: "IdentifiedParameters | None" = None
@@ -97,9 +102,10 @@ class Case:
         options = policy_environment(self.policy, self.task.robot) | dict(self.scene) | drawing
         if self.plant != MUJOCO:
             options = {"plant": BeamPlant(self.plant), "pieces": None} | options
+        options = {"observe": "all" if self.feedback != SENSORS else ("all", SENSORS)} | options
         if self.task.robot == RIG:
-            return RigEnv(self.task, observe="all", **{"twin": self._built} | options)
-        return TrackingEnv(self.task, observe="all", **options)
+            return RigEnv(self.task, **{"twin": self._built} | options)
+        return TrackingEnv(self.task, **options)
 
     @property
     def _built(self) -> Twin | None:
@@ -109,11 +115,15 @@ class Case:
     def make_policy(self, control_period: float) -> Policy:
         """The policy, which decides every `control_period` [s]."""
         known = self.identified if acts_on_identified(self.policy) else None
-        delay = None if self._built is None else self._built.camera_delay
+        built = self._built
+        delay = None if built is None else built.camera_delay
+        if self.feedback == SENSORS:
+            delay = sensors_delay(self.task.robot if built is None else built.robot)
         options = find_policy(self.policy).told(delay) | dict(self.given)
         options |= {} if known is None else {"learnt": known}
         feedback = self.feedback or FEEDBACKS[0]
-        return make_policy(self.policy, self.task.robot, control_period, feedback, **options)
+        robot = self.task.robot
+        return make_policy(self.policy, robot, control_period, feedback, self.sensors, **options)
 
 
 def acts_on_identified(policy: str) -> bool:

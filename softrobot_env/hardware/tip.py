@@ -1,9 +1,11 @@
 """Where the tip is: a tracker's datagrams, or sensors of the robot."""
 
+import hmac
 import json
 import socket
 from collections.abc import Callable, Mapping
-from math import isfinite
+from hashlib import sha256
+from math import inf
 from threading import Thread
 from time import monotonic
 from typing import Any, NamedTuple, Protocol
@@ -16,9 +18,11 @@ from softrobot_env.registries import Registry
 #: Most bytes of a tracker's datagram.
 _DATAGRAM = 512
 
-_LAST_PORT = 65535
+#: Largest number of a port.
+LAST_PORT = 65535
 
 _OLDEST = 10.0  # s, an age beyond it is a mistake
+_FARTHEST = 10.0  # m, a place beyond it as well
 _POLL = 0.1  # s, in which a closed source's thread ends
 
 
@@ -30,7 +34,10 @@ class Sight(NamedTuple):
 
 
 class TipSource(Protocol):
-    """Measures x and y of the output point."""
+    """Measures x and y of the output point.
+
+    A source may count in `refused` what came and told nothing; `info["tip_refused"]` shows it.
+    """
 
     def latest(self, adc: tuple[int, ...] | None, time: float) -> Sight | None:
         """The newest measurement, None before the first.
@@ -48,17 +55,29 @@ class UdpTip:
     """A tracker that sends a datagram for each picture, as JSON: `{"x": m, "y": m, "age": s}`.
 
     `age` is how long ago the picture was taken when the datagram is sent, 0 unless given. Other
-    keys are ignored; datagrams that are not of this form are counted in `refused`.
+    keys are ignored. The newest picture counts, not the one that came last. Datagrams that are not
+    of this form, or whose numbers no rig can have, are counted in `refused`.
+
+    Any program of this machine can send to the port. With a `key` only datagrams of a tracker that
+    knows it count: see `sign`.
     """
 
-    def __init__(self, port: int, host: str = "127.0.0.1") -> None:
+    def __init__(self, port: int, host: str = "127.0.0.1", key: str | None = None) -> None:
         """Listen at a UDP port, 0 for any free one.
 
+        Args:
+            port: Its number.
+            host: Address to listen at.
+            key: Secret that the tracker knows too; none: every sender is believed.
+
         Raises:
-            ValueError: No number of a port.
+            ValueError: No number of a port, or an empty key.
             OSError: The port is taken.
         """
-        check_whole("port", port, _LAST_PORT)
+        check_whole("port", port, LAST_PORT)
+        if key is not None and not (isinstance(key, str) and key):
+            raise ValueError(f"key must be a text that is not empty, got {key!r}")
+        self._key, self._count = key, -1
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
             self._socket.bind((host, port))
@@ -93,23 +112,55 @@ class UdpTip:
                 data = self._socket.recv(_DATAGRAM)
             except TimeoutError:
                 continue
-            sight = _read(data, monotonic())
-            if sight is None:
+            try:
+                sight = self._read(data, monotonic())
+            except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
                 self.refused += 1
-            else:
+                continue
+            if self._sight is None or sight.time > self._sight.time:
                 self._sight = sight
 
-
-def _read(data: bytes, now: float) -> Sight | None:
-    """What a datagram says; None if it is none of a tracker."""
-    try:
+    def _read(self, data: bytes, now: float) -> Sight:
+        """What a datagram says; it fails with one that is none of a tracker."""
+        if self._key is not None:
+            data = _signed(data, self._key)
         message = json.loads(data)
-        x, y, age = float(message["x"]), float(message["y"]), float(message.get("age", 0.0))
-    except (ValueError, TypeError, KeyError, AttributeError, OverflowError):
-        return None
-    if not (isfinite(x) and isfinite(y) and 0 <= age < _OLDEST):
-        return None
-    return Sight(now - age, np.array([x, y]))
+        place = [_number(message[name], -_FARTHEST, _FARTHEST) for name in "xy"]
+        age = _number(message.get("age", 0.0), 0.0, _OLDEST)
+        if self._key is not None:
+            self._count = int(_number(message["count"], self._count + 1, inf))
+        return Sight(now - age, np.array(place))
+
+
+def sign(message: Mapping[str, float], key: str) -> bytes:
+    """A datagram for `UdpTip` with a key: JSON, a space, and HMAC-SHA256 of it in hexadecimal.
+
+    Args:
+        message: As `UdpTip` tells, with a whole `count` that is larger in each datagram, so that
+            an old one cannot be sent again; nanoseconds of the clock serve.
+        key: The secret.
+    """
+    data = json.dumps(dict(message)).encode()
+    return data + b" " + _signature(data, key)
+
+
+def _signature(data: bytes, key: str) -> bytes:
+    return hmac.new(key.encode(), data, sha256).hexdigest().encode()
+
+
+def _signed(data: bytes, key: str) -> bytes:
+    """The JSON of a datagram that `sign` made; ValueError for any other."""
+    message, _, signature = data.rpartition(b" ")
+    if not hmac.compare_digest(signature, _signature(message, key)):
+        raise ValueError("not signed by this key")
+    return message
+
+
+def _number(value: object, least: float, most: float) -> float:
+    """A number within [least, most]; ValueError for anything else, such as true or a text."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= most:
+        raise ValueError(f"no number from {least} to {most}: {value!r}")
+    return value
 
 
 class SensorTip:

@@ -9,6 +9,7 @@ from time import monotonic
 from types import ModuleType
 from typing import Protocol
 
+from softrobot_env.extras import install_command
 from softrobot_env.hardware.errors import LinkError
 
 #: [s] after which a write that nobody reads is given up.
@@ -54,7 +55,7 @@ class SerialTransport:
         try:
             self._port = serial.Serial(port, baud, timeout=0.0, exclusive=True)
         except (OSError, termios.error, ValueError) as error:
-            raise LinkError(f"cannot open {port}: {_told(error)}") from error
+            raise LinkError(f"cannot open {port}: {_told(error)}") from None
 
     def read(self, timeout: float) -> bytes:
         """See `Transport`."""
@@ -98,7 +99,11 @@ def _told(error: Exception) -> str:
             "another program drives the robot: end it with Ctrl-C, which ramps the robot down, or "
             "press the emergency switch"
         )
-    return str(error)
+    reason = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
+    return (
+        f"{reason}; the port is told by --port, port= or the robot file, and found by "
+        "`softrobot robot list`"
+    )
 
 
 def load_serial() -> ModuleType:
@@ -110,5 +115,5 @@ def load_serial() -> ModuleType:
     try:
         import serial
     except ImportError as error:
-        raise ImportError("serial ports need pyserial: pip install softrobot_env[robot]") from error
+        raise ImportError(f"serial ports need pyserial: {install_command('robot')}") from error
     return serial

@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.recording import Visit, disk_points, measure, nominal_lengths
+from softrobot_env.identification.visits import Visit, disk_points, measure, nominal_lengths
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 

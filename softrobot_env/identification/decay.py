@@ -12,7 +12,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.recording import (
+from softrobot_env.identification.visits import (
     PERIOD,
     Visit,
     go,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from softrobot_env.identification.recording import RigData
+from softrobot_env.identification.visits import RigData
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.registries import Registry
 

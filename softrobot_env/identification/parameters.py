@@ -16,14 +16,14 @@ from softrobot_env.identification.networks import (
     direction_of,
     rms,
 )
-from softrobot_env.identification.recording import (
+from softrobot_env.identification.stiffness import calibrate
+from softrobot_env.identification.visits import (
     RigData,
     collect,
     disk_points,
     measure,
     split,
 )
-from softrobot_env.identification.stiffness import calibrate
 from softrobot_env.interfaces import Show
 from softrobot_env.learned.early_stopping import train
 from softrobot_env.learned.network import Network

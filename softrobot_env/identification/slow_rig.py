@@ -38,7 +38,7 @@ class _Rig(NamedTuple):
 
 
 class RigStatics:
-    """The rig, with what has happened to it; call it to measure, as `recording.Measure`."""
+    """The rig, with what has happened to it; call it to measure, as `visits.Measure`."""
 
     def __init__(
         self,

@@ -13,6 +13,7 @@ from softrobot_env.artifacts import (
     read_arrays,
     refuse_artifact,
     train_command,
+    write_arrays,
 )
 from softrobot_env.robots import RobotParams
 
@@ -151,8 +152,7 @@ class Network:
             values |= {f"weight_{k}": weight, f"bias_{k}": bias}
         for name, scaling in (("input", self.inputs), ("output", self.outputs)):
             values |= {f"{name}_low": scaling.low, f"{name}_high": scaling.high}
-        with Path(path).open("wb") as file:  # given a name, NumPy would append to it
-            np.savez(file, allow_pickle=False, **values)
+        write_arrays(path, values)
 
     @classmethod
     def load(cls, path: str | Path) -> tuple["Network", Arrays]:

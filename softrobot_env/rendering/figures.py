@@ -9,6 +9,9 @@ from zlib import crc32
 
 import numpy as np
 
+from softrobot_env.extras import install_command
+from softrobot_env.writing import whole
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
@@ -152,7 +155,7 @@ def new_figure(
     try:
         from matplotlib.figure import Figure  # not pyplot: no display, no global state
     except ImportError as error:
-        raise ImportError("plots need matplotlib: pip install softrobot_env[viz]") from error
+        raise ImportError(f"plots need matplotlib: {install_command('viz')}") from error
 
     figure = Figure(figsize=size, layout="constrained")
     return figure, add_panels(figure, rows, columns, share)
@@ -224,5 +227,6 @@ def save(figure: Figure, path: Path | str) -> Path:
     Returns:
         Its path.
     """
-    figure.savefig(path, dpi=min(150, _MOST_DOTS / figure.get_figwidth()))
+    with whole(path) as aside:
+        figure.savefig(aside, dpi=min(150, _MOST_DOTS / figure.get_figwidth()))
     return Path(path)

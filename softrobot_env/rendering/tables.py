@@ -6,9 +6,11 @@ Texts are shown as they are: square brackets in them are no markup.
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from io import StringIO
 from typing import Any
 
 from rich import box
+from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
@@ -17,6 +19,8 @@ FACTORS = {"mm": 1e3, "mrad": 1e3, "ms": 1e3, "µs": 1e6, "%": 100.0, "1e-6": 1e
 
 #: What stands where there is no number.
 NONE = "-"
+
+_WIDTH = 110  # characters of a page
 
 
 def number(value: float | None, form: str = ".2g", unit: str = "", missing: str = NONE) -> str:
@@ -168,3 +172,11 @@ def verdict(met: bool | None) -> Text:
     if met is None:
         return Text(NONE)
     return Text("yes") if met else Text("NO", style="bold red")
+
+
+def text_page(title: str, tables: Group, command: str) -> str:
+    """A page of Markdown: tables as they appear on a terminal, and the command that made them."""
+    page = Console(record=True, width=_WIDTH, file=StringIO())
+    page.print(tables)
+    text = page.export_text().rstrip()
+    return f"# {title}\n\nMade by `{command}`.\n\n```text\n{text}\n```\n"

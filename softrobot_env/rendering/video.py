@@ -9,7 +9,9 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.evaluation.run import play
+from softrobot_env.extras import install_command
 from softrobot_env.interfaces import Policy
+from softrobot_env.writing import whole
 
 if TYPE_CHECKING:
     from types import ModuleType
@@ -48,9 +50,11 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> i
     first = next(iterator, None)
     if first is None:
         raise ValueError(f"there are no frames to write to {path.name!r}")
-    path.parent.mkdir(parents=True, exist_ok=True)
     count = 0
-    with imageio.get_writer(path, **_writer_options(suffix, fps)) as writer:
+    with (
+        whole(path) as aside,
+        imageio.get_writer(aside, **_writer_options(suffix, fps)) as writer,
+    ):
         for frame in chain([first], iterator):
             writer.append_data(_even(frame) if suffix == ".mp4" else frame)
             count += 1
@@ -80,7 +84,7 @@ def _import_imageio() -> "ModuleType":
 
 
 def _missing(package: str) -> str:
-    return f"videos need {package}: pip install softrobot_env[viz]"
+    return f"videos need {package}: {install_command('viz')}"
 
 
 def _even(frame: np.ndarray) -> np.ndarray:

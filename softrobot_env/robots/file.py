@@ -19,6 +19,7 @@ from softrobot_env.robots.sections import Section
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
 from softrobot_env.toml_text import lines, read_table
+from softrobot_env.writing import write_text
 
 #: Fewest pieces of a section whose table does not say it, and of one through which a tendon runs
 #: that is not straight: shapes at rest are then within 0.5 % of the length of the exact ones
@@ -130,7 +131,7 @@ def read_robot(path: Path | str) -> RobotParams:
 
 def write_robot(robot: RobotParams, path: Path | str) -> None:
     """Write a file that is read as the same robot."""
-    Path(path).write_text(_text(robot), "utf-8")
+    write_text(path, _text(robot))
 
 
 def read_gripper(path: Path | str) -> Gripper:
@@ -156,12 +157,16 @@ def write_gripper(gripper: Gripper, path: Path | str) -> None:
         write_robot(finger.robot, Path(path).parent / robot)
         said = lines({"name": finger.name, "robot": robot})
         blocks.append(f"[[finger]]\n{said}\n[finger.base]\n{lines(_table_of(finger.base))}")
-    Path(path).write_text("\n".join(blocks), "utf-8")
+    write_text(path, "\n".join(blocks))
 
 
 def _finger(where: str, table: Mapping[str, Any], folder: Path) -> Finger:
     _check(Finger, table, f"{where}.", needed=("name", "robot", "base"))
-    robot, base = read_robot(folder / table["robot"]), _made(Base, table["base"], f"{where}.base")
+    try:
+        robot = read_robot(folder / str(table["robot"]))
+    except OSError as error:
+        raise ValueError(f"{where}.robot: {error}") from None
+    base = _made(Base, table["base"], f"{where}.base")
     return Finger(**_fields(Finger, table), robot=robot, base=base)
 
 

@@ -5,7 +5,7 @@ Every robot, a member, is built as in a scene of its own and attached with its n
 as in their own scenes; positions and motion are those of the one model of all.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
@@ -133,6 +133,7 @@ class Assembly:
         cameras: That look at them.
         surroundings: Whether there are lights and a wall behind them.
         felt: An object whose force on each member its sensor `FELT` tells; none without.
+        felt_along: Whether such sensors of the shapes of members tell it, too.
     """
 
     name: str
@@ -143,6 +144,7 @@ class Assembly:
     cameras: tuple[Camera, ...] = ()
     surroundings: bool = False
     felt: str | None = None
+    felt_along: bool = False
 
     def __post_init__(self) -> None:
         check_fields(self, f"assembly {self.name!r}")
@@ -482,23 +484,41 @@ def _attached(assembly: Assembly) -> tuple[mujoco.MjSpec, list[contacts.Pair]]:
     _add_surroundings(spec, assembly)
     if assembly.contacts is None:
         return spec, []
-    contacts.prepare(spec.option)
+    contacts.prepare(spec.option, assembly.contacts)
     surfaces += contacts.add_objects(spec, assembly.objects)
     if assembly.felt is not None:
-        for member in assembly.members:
-            _feel(spec, member.prefix, assembly.felt)
+        _feel_all(spec, assembly, surfaces)
     return spec, contacts.pair_surfaces(spec, surfaces, assembly.contacts)
 
 
-def _feel(spec: mujoco.MjSpec, prefix: str, thing: str) -> None:
-    """Sensor of the sum (3,) [N], in world axes, of the forces of a member on an object."""
+def felt_by(geom: str) -> str:
+    """Name of the sensor of the force of a shape on what is felt."""
+    return f"{geom}{SEPARATOR}{FELT}"
+
+
+def _feel_all(
+    spec: mujoco.MjSpec, assembly: Assembly, surfaces: Sequence[contacts.Surface]
+) -> None:
+    """Sensors of what members, and their shapes if wanted, do to an object."""
+    for member in assembly.members:
+        prefix = member.prefix
+        first = spec.body(f"{prefix}{BASE_BODY}") or spec.body(f"{prefix}link0")
+        _feel(spec, prefix + FELT, (mujoco.mjtObj.mjOBJ_XBODY, first.name), assembly.felt)
+    for surface in surfaces if assembly.felt_along else ():
+        if surface.robot is not None:
+            shape = mujoco.mjtObj.mjOBJ_GEOM, surface.geom
+            _feel(spec, felt_by(surface.geom), shape, assembly.felt)
+
+
+def _feel(spec: mujoco.MjSpec, name: str, part: tuple[mujoco.mjtObj, str], thing: str) -> None:
+    """Sensor of the sum (3,) [N], in world axes, of the forces of a part on an object."""
     force, net = 1 << int(mujoco.mjtConDataField.mjCONDATA_FORCE), 3
-    first = spec.body(f"{prefix}{BASE_BODY}") or spec.body(f"{prefix}link0")
+    kind, own = part
     spec.add_sensor(
-        name=prefix + FELT,
+        name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
-        objtype=mujoco.mjtObj.mjOBJ_XBODY,
-        objname=first.name,
+        objtype=kind,
+        objname=own,
         reftype=mujoco.mjtObj.mjOBJ_BODY,
         refname=thing,
         intprm=[force, net, 1],

@@ -354,7 +354,7 @@ def _add_contacts(chain: Chain, config: SceneConfig) -> list[contacts.Pair]:
     """Skin and objects, last, so that the robot's bodies and DOFs keep their numbers."""
     if config.contacts is None:
         return []
-    contacts.prepare(chain.spec.option)
+    contacts.prepare(chain.spec.option, config.contacts)
     surfaces = contacts.add_skin(chain, config.robot, config.contacts)
     surfaces += contacts.add_objects(chain.spec, config.objects)
     return contacts.pair_surfaces(chain.spec, surfaces, config.contacts)

@@ -48,18 +48,15 @@ RESOLVED = 0.35
 #: lighter than A says takes speed: from 2 on they chatter.
 _DAMPED = 1.2
 
-#: Rate at which friction stops a motion, over a contact's frequency w [1]. MuJoCo's friction parts
-#: two bodies by friction times rate / w^2 times their sliding velocity: it must not be large.
-_STOPPING = 1.0
+#: Largest product of timestep and the rate at which friction stops a motion: beyond, it would
+#: reverse it, and from 2 on it chatters.
+_STOPPED = 1.0
 
 #: How much shorter the timestep is for each unit of friction [1]. A rough thing that is pushed from
 #: behind is pressed on harder by its own friction, and touches that are barely resolved set it
 #: rattling: 100 times the material's stiffness with friction 1 was 17 % of the length off without
 #: this (`softrobot benchmark contacts`, an arm that pushes a ball).
 _ROUGH = 4.0
-
-#: How much stiffer contacts are against sliding than against depth [1].
-_SIDEWAYS = 1e4
 
 #: Depth of a free object under its own weight, where nothing else gives, over its size [1].
 _OBJECT_DEPTH = 5e-3
@@ -118,6 +115,7 @@ class Pair:
         damping_ratio: [1].
         friction: Coefficient [1].
         asked: Whether the user gave the stiffness.
+        stopping: See `Contacts`.
     """
 
     name: str
@@ -125,6 +123,7 @@ class Pair:
     damping_ratio: float
     friction: float
     asked: bool
+    stopping: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -345,10 +344,10 @@ def _add_pair(spec: mujoco.MjSpec, one: Surface, other: Surface, contacts: Conta
     if one.halves or other.halves:
         stiffness /= 2
     asked = bool(compliance) and contacts.stiffness is not None
-    return Pair(name, stiffness, contacts.damping_ratio, friction, asked)
+    return Pair(name, stiffness, contacts.damping_ratio, friction, asked, contacts.stopping)
 
 
-def prepare(option: mujoco.MjOption) -> None:
+def prepare(option: mujoco.MjOption, contacts: Contacts) -> None:
     """Settings of MuJoCo's solver for contacts.
 
     The dense path: the sparse Cholesky factor of MuJoCo 4.0.0's Newton solver has a bug.
@@ -359,7 +358,7 @@ def prepare(option: mujoco.MjOption) -> None:
     option.solver = mujoco.mjtSolver.mjSOL_NEWTON
     option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    option.impratio = _SIDEWAYS
+    option.impratio = contacts.sideways
     option.tolerance = 1e-10
 
 
@@ -400,7 +399,7 @@ def tune(
         softest = min(softest, most / square)
         square = min(square, most)
         steady = _steady(2 * pair.damping_ratio * timestep * sqrt(square) / _DAMPED)
-        _set(model, pair, square, max(least, steady, 1 - fastest / square))
+        _set(model, pair, square, max(least, steady, 1 - fastest / square), timestep)
     return softest
 
 
@@ -409,13 +408,16 @@ def _steady(x: float) -> float:
     return x * (sqrt(x**2 + 4) - x) / 2
 
 
-def _set(model: mujoco.MjModel, pair: Pair, square: float, impedance: float) -> None:
+def _set(
+    model: mujoco.MjModel, pair: Pair, square: float, impedance: float, timestep: float
+) -> None:
     """Parameters of a pair with a spring of frequency sqrt(square) [rad/s] without the mass."""
     number, frequency = model.pair(pair.name).id, sqrt(square * (1 - impedance))
     model.pair_solref[number] = -(frequency**2), -2 * pair.damping_ratio * frequency
     model.pair_solimp[number] = impedance, impedance, 1e-3, 0.5, 2
     # Friction has no spring: the first of these has no effect.
-    model.pair_solreffriction[number] = -1.0, -impedance * _STOPPING * frequency
+    rate = min(pair.stopping * impedance * frequency, _STOPPED / timestep)
+    model.pair_solreffriction[number] = -1.0, -rate
 
 
 def write(spec: mujoco.MjSpec, model: mujoco.MjModel, pairs: Sequence[Pair]) -> None:
@@ -473,6 +475,17 @@ def _owner(model: mujoco.MjModel, geom: int) -> str:
     if _kind(model, geom) == _LINK:
         return model.geom(geom).name.rstrip("0123456789").removesuffix("skin") + BACKBONE
     return model.body(model.geom_bodyid[geom]).name
+
+
+def links_of(model: mujoco.MjModel, prefix: str = "") -> dict[str, tuple[float, float]]:
+    """Names of the links' geoms of a robot in a spec of several, with their arc lengths [m]."""
+    out = {}
+    for geom in range(model.ngeom):
+        name = model.geom(geom).name
+        if _kind(model, geom) == _LINK and name.startswith(prefix):
+            _, _, low, high = model.geom_user[geom, :4].tolist()
+            out[name] = low, high
+    return out
 
 
 def _kind(model: mujoco.MjModel, geom: int) -> int:

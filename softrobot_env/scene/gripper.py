@@ -1,7 +1,10 @@
 """The scene of a gripper: its fingers, its palm and what it grips."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from math import lcm
 
+from softrobot_env.registries import Registry
 from softrobot_env.robots.gripper import Gripper
 from softrobot_env.robots.parameters import Pieces
 from softrobot_env.scene.assembly import Assembly, Member
@@ -13,6 +16,39 @@ PALM = "palm"
 
 #: How fingers touch. They bend in planes of their own, and do not meet.
 CONTACTS = Contacts(friction=0.8, between_robots=False)
+
+
+@dataclass(frozen=True)
+class Fineness:
+    """How finely a gripper is simulated.
+
+    Attributes:
+        name: Key in `FINENESS`.
+        pieces: Of a finger, over those of its robot; as many as a robot with contacts has if None.
+        longer: Timestep over the rule's for contacts [1].
+        contacts: How fingers touch.
+    """
+
+    name: str
+    pieces: int | None
+    longer: float
+    contacts: Contacts
+
+    def pieces_of(self, gripper: Gripper) -> int | None:
+        """Pieces of each finger; None by the rule."""
+        if self.pieces is None:
+            return None
+        return self.pieces * lcm(*(finger.robot.pieces for finger in gripper.fingers))
+
+
+#: By the rule; and as quick as keeps bends within those of fingers' sensors, on average.
+FINENESS = Registry(
+    "fineness",
+    {
+        "rule": Fineness("rule", None, 1.0, CONTACTS),
+        "quick": Fineness("quick", 2, 16.0, replace(CONTACTS, stopping=5.0, sideways=30.0)),
+    },
+)
 
 #: Hinges of fingers: one in the middle of a piece, which with many pieces is enough.
 RULE = "midpoint"
@@ -29,6 +65,7 @@ def gripper_scene(
     pieces: Pieces | None = None,
     timestep: float | None = None,
     rule: str = RULE,
+    felt_along: bool = False,
     appearance: Appearance | None = None,
     cameras: tuple[Camera, ...] = (),
 ) -> Assembly:
@@ -40,6 +77,7 @@ def gripper_scene(
         contacts: How they touch.
         control_period, timestep: [s].
         pieces, rule: Of each finger; as a robot with contacts unless given.
+        felt_along: Whether the force of each link on the last object is told, too.
         appearance: Of the fingers; nothing is to be seen of them without.
         cameras: That look at it.
     """
@@ -67,6 +105,7 @@ def gripper_scene(
         cameras=cameras,
         surroundings=bool(cameras),
         felt=objects[-1].name if objects else None,
+        felt_along=felt_along,
     )
 
 

@@ -217,25 +217,24 @@ class InverseStatics:
         """
         return self._held(inputs) if posture is None else self._at(inputs, posture)
 
-    def ways(self, linear: Linear) -> np.ndarray:
-        """Ways (n_inputs + 2, 3) [m] of the tip in the world, of the robot last linearised.
+    def by_inputs(self, linear: Linear) -> np.ndarray:
+        """Generalised force (nv, n_inputs) [N m] by a full scale of each input.
 
-        By a full scale of each input, per share by which the robot is stiffer, and by its own
-        weight once more, at the tip. Springs hold what is applied, so a share more of them is like
-        that share of it less.
+        Of the robot last linearised.
         """
-        _, by_turns = self._forces.tip_by_turns()
-        model = self.scene.model
-        weight = model.body_mass.sum() * by_turns.T @ model.opt.gravity
-        forces = np.column_stack([self._by_inputs(linear), -self._forces.applied, weight])
-        return (by_turns @ np.linalg.solve(linear.stiffness, forces)).T
-
-    def _by_inputs(self, linear: Linear) -> np.ndarray:
-        """Generalised force (nv, n_inputs) [N m] by a full scale of each input."""
         if not self._pulled:
             return linear.stiffness @ linear.by_actions
         arms = self._forces.by_controls()[:, : self.inputs.n_inputs]
         return arms * (self._elastic[1] * self.inputs.input_scale)
+
+    @property
+    def springs(self) -> np.ndarray:
+        """Generalised force (nv,) [N m] of the springs of the robot last linearised."""
+        return self._forces.springs
+
+    def mass(self) -> np.ndarray:
+        """Mass matrix (nv, nv) [kg m2] of the robot last linearised."""
+        return self._forces.mass()
 
     def inputs_by(self, action: np.ndarray, step: np.ndarray) -> np.ndarray:
         """Change (n_inputs,) of the inputs that is a change (m,) of actions in a held posture."""
@@ -253,15 +252,24 @@ class InverseStatics:
         mujoco.mj_differentiatePos(self.scene.model, out, 1.0, posture, other)
         return out
 
-    def of_motion(self, posture: np.ndarray, rate: np.ndarray, change: np.ndarray) -> np.ndarray:
+    def of_motion(
+        self, posture: np.ndarray, rate: np.ndarray, change: np.ndarray, carried: float = 0.0
+    ) -> np.ndarray:
         """See `StaticForces.of_motion`."""
-        return self._forces.of_motion(posture, rate, change)
+        return self._forces.of_motion(posture, rate, change, carried)
 
     def controls(self, inputs: np.ndarray) -> np.ndarray:
         """Controls (nu,) of the scene that give inputs (n_inputs,)."""
         return _controls(self.scene, self.inputs.command(np.asarray(inputs, dtype=float)))
 
-    def follow(self, point: np.ndarray, near: Place, share: float = _FOLLOWING) -> Place | None:
+    def follow(
+        self,
+        point: np.ndarray,
+        near: Place,
+        share: float = _FOLLOWING,
+        stiffer: float = 0.0,
+        weight: np.ndarray | None = None,
+    ) -> Place | None:
         """The place of a point (k,) [m], along `directions`, a small step from another.
 
         For laws that decide again and again: a few iterations and no search, and a part of the way
@@ -271,13 +279,14 @@ class InverseStatics:
             point: Where the tip should be.
             near: Where it is.
             share: Of the way to the least norm.
+            stiffer, weight: See `linearised`.
 
         Returns:
             The place; None where it is too far, or no stable equilibrium under these tensions.
         """
         action, posture = near.action, near.posture
         for k in range(_FOLLOWED):
-            linear = self.linearised(action, posture)
+            linear = self.linearised(action, posture, stiffer, weight=weight)
             if linear is None:
                 return None
             gap = point - linear.tip
@@ -560,7 +569,12 @@ class InverseStatics:
         return Place(action, inputs, posture, float(error))
 
     def linearised(
-        self, action: np.ndarray, posture: np.ndarray, stiffer: float = 0.0, driven: bool = False
+        self,
+        action: np.ndarray,
+        posture: np.ndarray,
+        stiffer: float = 0.0,
+        driven: bool = False,
+        weight: np.ndarray | None = None,
     ) -> Linear | None:
         """The statics near actions (m,) of tensions and a posture (nq,).
 
@@ -571,10 +585,11 @@ class InverseStatics:
             stiffer: Share by which springs are stiffer than the robot's.
             driven: Whether by its inputs: where these are lengths, tensions change with the
                 posture, and a change of an action is the one that `inputs_by` makes of it.
+            weight: (3,) [N], more of it at the tip.
         """
         forces, factor = self._forces, 1 + stiffer
         controls = _controls(self._by_tension, self._command(action))
-        force = factor * forces.force(posture, controls, 1 / factor)
+        force = factor * forces.force(posture, controls, 1 / factor, weight)
         by_action, arms = self._by_action(action), forces.by_controls()
         arms = arms[:, : len(by_action)]
         right, stiffness = arms @ by_action, -factor * forces.tangent()

@@ -118,7 +118,7 @@ class Linearizer:
         controls = np.zeros(self.scene.model.nu)
         command = self.inputs.command(inputs)
         controls[: len(command)] = command
-        springs = forces.force(angles, controls) - forces.applied
+        forces.force(angles, controls)
         above, below = np.split(self._command(self.action(inputs) + self._shifts), 2)
         by_action = (above - below).T / (2 * _SHIFT)
         return LinearModel(
@@ -127,7 +127,7 @@ class Linearizer:
             -forces.tangent(),
             forces.by_controls()[:, : len(by_action)] @ by_action,
             forces.tip_by_turns()[1],
-            -springs,
+            -forces.springs,
         )
 
 

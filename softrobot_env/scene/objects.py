@@ -28,6 +28,12 @@ class Contacts:
         self_contact: Whether the robot touches itself.
         between_robots: Whether robots of one scene touch each other; each of n links can touch
             every other one's, so leave it out where they cannot meet.
+        stopping: Rate at which friction stops a motion, over a contact's frequency w [1], as far as
+            the timestep resolves it. MuJoCo's friction parts two bodies by friction times rate /
+            w^2 times their sliding velocity: large is inaccurate where much slides fast. Small is
+            where w is slowed down by a long timestep, and things creep on.
+        sideways: How much stiffer contacts are against sliding than against depth [1]. Less makes
+            MuJoCo's solver converge sooner, and lets things creep.
     """
 
     stiffness: Positive | None = None
@@ -35,6 +41,8 @@ class Contacts:
     friction: NotNegative = 0.5
     self_contact: bool = False
     between_robots: bool = True
+    stopping: Positive = 1.0
+    sideways: Positive = 1e4
 
     name: ClassVar[str] = "contacts"
 

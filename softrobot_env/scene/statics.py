@@ -13,7 +13,7 @@ from softrobot_env.equilibrium import (
     stability_asked,
 )
 from softrobot_env.processes import one_blas_thread
-from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.scene.tangent import RubbingForces, StaticForces
 
 __all__ = ["EquilibriumError", "checked_controls", "equilibrium", "finite"]
 
@@ -29,6 +29,7 @@ def equilibrium(
     load_steps: int = 1,
     check_stability: bool | str = True,
     gravity: np.ndarray | None = None,
+    rubbing: RubbingForces | None = None,
 ) -> np.ndarray:
     """Posture (nq,) in equilibrium under constant controls (nu,): the hinge angles [rad].
 
@@ -45,6 +46,8 @@ def equilibrium(
         check_stability: True or "static" refuses an equilibrium that loads at rest cannot give;
             "dynamic" also one that flutters; False none (`equilibrium.require_stable`).
         gravity: (3,) [m/s2] in place of the scene's.
+        rubbing: Forces with friction, from where the tendons were, which is left out without; they
+            are then where they stay.
 
     Raises:
         EquilibriumError: None was found, or an unstable one.
@@ -57,11 +60,14 @@ def equilibrium(
     if gravity is not None:
         model = copy(model)  # the caller's may be simulating in another thread
         model.opt.gravity[:] = finite("gravity", gravity, (3,))
-    forces = StaticForces(model)
+    forces = StaticForces(model) if rubbing is None else rubbing
     q = find_equilibrium(_LoadedChain(forces, ctrl), model.qpos_spring, guess, load_steps)
     if kind is not None:
         forces.force(q, ctrl)
         require_stable(kind, -forces.tangent(), forces.mass(), np.diag(model.dof_damping))
+    if rubbing is not None:
+        rubbing.force(q, ctrl)
+        rubbing.stay()
     return q
 
 
@@ -109,11 +115,16 @@ class _LoadedChain:
         """Newton's changes (nv,) at q (nq,), None where the stiffness is singular or not finite."""
         force = self._forces.force(q, self._ctrl, share)
         right = np.stack([force, self._forces.applied], axis=1)
+        self._stiffness = -self._forces.tangent()
         try:
-            found = np.linalg.solve(-self._forces.tangent(), right)
+            found = np.linalg.solve(self._stiffness, right)
         except np.linalg.LinAlgError:
             return None
         return Newton(*found.T) if np.all(np.isfinite(found)) else None
+
+    def again(self, q: np.ndarray, share: float) -> np.ndarray:
+        """The change (nv,) to balance the forces at q (nq,), by the last stiffness."""
+        return np.linalg.solve(self._stiffness, self._forces.force(q, self._ctrl, share))
 
     def moved(self, q: np.ndarray, change: np.ndarray) -> np.ndarray:
         """Posture (nq,) after small turns (nv,) [rad] of the joints."""

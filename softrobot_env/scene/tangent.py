@@ -34,13 +34,17 @@ import numpy as np
 
 from softrobot_env.scene.chain import TIP_SITE
 
+#: [m] of sliding at which a tendon's friction is whole.
+_LOOSE = 2e-6
+
 
 class StaticForces:
     """Forces on a chain at rest and their derivative, for postures of one compiled scene.
 
     Attributes:
         model: The scene's model; its gravity may change between calls.
-        applied: (nv,) [N m], of the last `force` all but that of springs, at a share of 1.
+        springs: (nv,) [N m], of the last `force` the part of the joints' springs.
+        applied: (nv,) [N m], the other part of it, at a share of 1.
     """
 
     def __init__(self, model: mujoco.MjModel) -> None:
@@ -53,17 +57,25 @@ class StaticForces:
         if model not in _STRUCTURES:
             _STRUCTURES[model] = _structure(model)
         self._of = _STRUCTURES[model]
+        self._tip, self._pull = model.site(TIP_SITE).id, np.zeros(3)
 
-    def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
+    def force(
+        self,
+        qpos: np.ndarray,
+        ctrl: np.ndarray,
+        share: float = 1.0,
+        pull: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Generalised force (nv,) [N m] on the chain at rest.
 
         Args:
             qpos: (nq,) posture.
             ctrl: (nu,) controls.
             share: Factor on all forces but those of the joints' springs.
+            pull: (3,) [N] at the tip, along fixed directions; none unless given.
         """
         model, data = self.model, self._data
-        self._share = share
+        self._share, self._pull = share, np.zeros(3) if pull is None else pull
         data.qpos[:], data.ctrl[:] = qpos, ctrl
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
@@ -71,8 +83,11 @@ class StaticForces:
         mujoco.mj_transmission(model, data)
         mujoco.mj_fwdVelocity(model, data)
         mujoco.mj_fwdActuation(model, data)
+        self.springs = data.qfrc_passive.copy()
         self.applied = data.qfrc_actuator - data.qfrc_bias
-        return data.qfrc_passive + share * self.applied
+        if self._pull.any():
+            self.applied += self._pull @ self.tip_by_turns()[1]
+        return self.springs + share * self.applied
 
     def tangent(self) -> np.ndarray:
         """Derivative (nv, nv) [N m] of the last `force` by small turns (nv,) of the joints."""
@@ -100,7 +115,7 @@ class StaticForces:
         """Tip (3,) [m] in a posture (nq,)."""
         self._data.qpos[:] = qpos
         mujoco.mj_kinematics(self.model, self._data)
-        return self._data.site_xpos[self.model.site(TIP_SITE).id].copy()
+        return self._data.site_xpos[self._tip].copy()
 
     def tendon_length(self, qpos: np.ndarray) -> np.ndarray:
         """Lengths (ntendon,) [m] in a posture (nq,), as MuJoCo counts them."""
@@ -111,10 +126,9 @@ class StaticForces:
 
     def tip_by_turns(self) -> tuple[np.ndarray, np.ndarray]:
         """Tip (3,) [m] in the posture of the last `force`, and its derivative (3, nv) by turns."""
-        site = self.model.site(TIP_SITE).id
         out = np.empty((3, self.model.nv))
-        mujoco.mj_jacSite(self.model, self._data, out, None, site)
-        return self._data.site_xpos[site].copy(), out
+        mujoco.mj_jacSite(self.model, self._data, out, None, self._tip)
+        return self._data.site_xpos[self._tip].copy(), out
 
     def mass(self) -> np.ndarray:
         """Mass matrix (nv, nv) [kg m2] in the posture of the last `force`."""
@@ -123,12 +137,15 @@ class StaticForces:
         mujoco.mj_fullM(self.model, self._data, out)
         return out
 
-    def of_motion(self, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray) -> np.ndarray:
+    def of_motion(
+        self, qpos: np.ndarray, qvel: np.ndarray, qacc: np.ndarray, carried: float = 0.0
+    ) -> np.ndarray:
         """Generalised force (nv,) [N m] of inertia and damping: what a motion takes over a rest.
 
         Args:
             qpos: (nq,) posture.
             qvel, qacc: (nv,) [rad/s, rad/s2].
+            carried: [kg] more at the tip.
         """
         model, data = self.model, self._data
         data.qpos[:] = qpos
@@ -143,7 +160,17 @@ class StaticForces:
             data.qvel[:] = velocity
             mujoco.mj_fwdVelocity(model, data)
             out += sign * (data.qfrc_bias - data.qfrc_passive)
+            if carried and sign > 0:
+                out += carried * self._tip_force(qvel, qacc)
         return out
+
+    def _tip_force(self, qvel: np.ndarray, qacc: np.ndarray) -> np.ndarray:
+        """Generalised force (nv,) [N m] that accelerates 1 kg at the tip."""
+        tip, by_turns = self.tip_by_turns()
+        change = np.empty_like(by_turns)
+        body = self.model.site_bodyid[self._tip]
+        mujoco.mj_jacDot(self.model, self._data, change, None, tip, body)
+        return by_turns.T @ (by_turns @ qacc + change @ qvel)
 
     def _dead(self, axes: np.ndarray, anchors: np.ndarray) -> np.ndarray:
         """(nv, nv) of weights and loads as if they kept their directions."""
@@ -162,13 +189,15 @@ class StaticForces:
         return out + self._of.moves * (_cross(axes, moment) @ axes.T)
 
     def _wrenches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Points, forces and moments (k, 3) on the links: weights and loads."""
+        """Points, forces and moments (k, 3) on the links: weights, the pull, and loads."""
         model, data = self.model, self._data
-        points = np.concatenate([data.xipos, data.site_xpos[self._of.sites]])
+        first = model.nbody + 1
+        points = np.concatenate([data.xipos, data.site_xpos[[self._tip, *self._of.sites]]])
         forces, moments = np.zeros((2, len(points), 3))
         forces[: model.nbody] = model.body_mass[:, None] * model.opt.gravity
+        forces[model.nbody] = self._pull
         if len(self._of.on_sites):
-            forces[model.nbody :], moments[model.nbody :] = self._loads()
+            forces[first:], moments[first:] = self._loads()
         return points, forces, moments
 
     def _loads(self) -> tuple[np.ndarray, np.ndarray]:
@@ -262,6 +291,46 @@ class StaticForces:
         out[dof[:, :, None], dof[:, None, :]] -= blocks
 
 
+class RubbingForces(StaticForces):
+    """The same with the dry friction of tendons, which depends on where they came from.
+
+    A tendon that rubs keeps its length as long as that takes no more than its friction; beyond, it
+    slides and the friction opposes it. It is as stiff as it breaks loose within `_LOOSE`.
+
+    Attributes:
+        anchors: (ntendon,) [m], lengths at which friction would vanish; set them before `force`.
+    """
+
+    def __init__(self, model: mujoco.MjModel, anchors: np.ndarray) -> None:
+        """Tendons that came to rest at lengths (ntendon,) [m] without friction."""
+        super().__init__(model)
+        self.anchors, self._most = anchors.copy(), model.tendon_frictionloss
+        self._rub = np.zeros(model.ntendon)
+
+    def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
+        """See `StaticForces`."""
+        super().force(qpos, ctrl, share)
+        model, data = self.model, self._data
+        strain = (data.ten_length - self.anchors) / _LOOSE
+        self._rub = self._most * np.clip(strain, -1.0, 1.0)
+        arms = np.zeros((model.ntendon, model.nv))
+        rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
+        mujoco.mju_sparse2dense(arms, data.ten_J, *rows)
+        self.applied = self.applied - self._rub @ arms
+        return data.qfrc_passive + share * self.applied
+
+    def stay(self) -> None:
+        """Take the posture of the last `force` for where tendons come from next."""
+        rubbing = self._most > 0
+        sliding = np.where(rubbing, self._rub / np.where(rubbing, self._most, 1.0), 0.0)
+        self.anchors = self._data.ten_length - _LOOSE * sliding
+
+    def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
+        tension, rate = super()._tensions()
+        sticks = np.abs(self._rub) < self._most
+        return tension + self._rub, rate + sticks * self._most / _LOOSE
+
+
 @dataclass(frozen=True)
 class _Structure:
     """What moves what in a model, and where forces act.
@@ -276,7 +345,7 @@ class _Structure:
         followers: Loads that turn with what they act on.
         spans: Of the tendons, those with equally many turns between their ends together.
         sites: Of the loads.
-        from_tip: Order of bodies and sites from the tip to the base.
+        from_tip: Order of bodies, tip and sites from the tip to the base.
         beyond: (nv,) how many of them each turn moves.
     """
 
@@ -310,7 +379,8 @@ def _structure(model: mujoco.MjModel) -> _Structure:
     kind, (site, reference) = model.actuator_trntype, model.actuator_trnid.T
     on_sites = np.flatnonzero(kind == mujoco.mjtTrn.mjTRN_SITE)
     moves, sites = index[None, :] < ends[:, None], site[on_sites]
-    count = moving[np.concatenate([np.arange(model.nbody), model.site_bodyid[sites]])]
+    points = model.site_bodyid[[model.site(TIP_SITE).id, *sites]]
+    count = moving[np.concatenate([np.arange(model.nbody), points])]
     return _Structure(
         moving=moving,
         moves=moves,

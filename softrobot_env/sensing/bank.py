@@ -210,6 +210,20 @@ class Bank:
         return (self._error["stray"][which] * touch)[:, self._of] * self._step
 
 
+def felt_bends(
+    sensors: Sequence[Sensor], edges: np.ndarray, strain: np.ndarray
+) -> list[np.ndarray]:
+    """Bends (n, joints, 2) [rad] of each sensor's joints.
+
+    Args:
+        sensors: The sensors.
+        edges: (cells + 1,) [m].
+        strain: (n, cells, 3) [1/m], shapes of n robots.
+    """
+    bends, _ = Places(edges, *_places(sensors)).turns(strain)
+    return np.split(bends, np.cumsum([specimens.joints_of(s) for s in sensors])[:-1], axis=1)
+
+
 def _places(sensors: Sequence[Sensor]) -> tuple[list, list]:
     """Joints and spans [m] of sensors: of each the span from end to end, then those of tags."""
     joints, tags = [], []

@@ -62,3 +62,44 @@ def curvatures(angles: np.ndarray, length: float, first: float) -> np.ndarray:
 def mean_curvature(angle: float, segments: int, length: float) -> float:
     """Curvature [1/m] of a sensor of segments of `length` [m], if it is constant, by (4.2)."""
     return angle / ((segments - 1) * length)
+
+
+class Calibration(NamedTuple):
+    """Polynomials of many sensors; what lies beyond the readings they know goes on straight.
+
+    Attributes:
+        low, high: (...) readings that are 0 and 100 %.
+        coefficients: (order + 1, ...) [rad], in relative currents between -1 and 1.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    coefficients: np.ndarray
+
+    @classmethod
+    def fitted(cls, readings: np.ndarray, angles: np.ndarray, order: int = 5) -> "Calibration":
+        """From readings (t, ...) and angles (t, ...) [rad], each sensor by itself.
+
+        Raises:
+            ValueError: Fewer samples than coefficients.
+        """
+        flat = readings.reshape(len(readings), -1)
+        ranges = [Range.of(x) for x in flat.T]
+        fits = [
+            fit(reach.relative(x), angle, order)
+            for reach, x, angle in zip(ranges, flat.T, angles.reshape(flat.shape).T, strict=True)
+        ]
+        shape = readings.shape[1:]
+        low, high = np.array(ranges).T
+        coefficients = np.stack([found.coef for found in fits], axis=1)
+        return cls(low.reshape(shape), high.reshape(shape), coefficients.reshape(-1, *shape))
+
+    def __call__(self, readings: np.ndarray) -> np.ndarray:
+        """Angles (..., sensors) [rad]."""
+        x = 2 * (readings - self.low) / (self.high - self.low) - 1
+        inside = np.clip(x, -1.0, 1.0)
+        value, slope = np.zeros_like(x), np.zeros_like(x)
+        for coefficient in self.coefficients[::-1]:
+            slope = slope * inside + value
+            value = value * inside + coefficient
+        return value + slope * (x - inside)

@@ -22,6 +22,9 @@ _SPREAD = 0.1
 _RELATIVE = 0.005
 _CONVERTER = 1.5 / STRAIGHT["spatial"]
 
+#: Bend of the rig per tip [rad/m], about.
+BEND_PER_PLACE = 3.0
+
 #: Standard deviation [1] of the drift of a gain.
 DRIFT = 0.015
 
@@ -85,7 +88,7 @@ def _unpacked(numbers: np.ndarray, design: Sensor) -> LightModel:
         acceptance=ACCEPTANCE * (1 + rest[0]),
         lag=rest[1],
         straight=rest[2:4],
-        turn=3.0 * np.eye(2) + rest[4:8].reshape(2, 2),
+        turn=BEND_PER_PLACE * np.eye(2) + rest[4:8].reshape(2, 2),
         curve=rest[8:10] * [10.0, 1000.0],
     )
 
@@ -97,7 +100,8 @@ def calibrate(
 
     Args:
         readings: (n, 4), in the order in which they were taken, from the straight pose on.
-        tips: (n, 2) [m], as a camera sees them.
+        tips: (n, 2) [m], as a camera sees them; or whatever else the bend grows with about as it
+            does with the tip of the rig [m].
         known: (n,) bool, which of these tips may be used.
         design: The sensor as designed.
 

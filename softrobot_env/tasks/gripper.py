@@ -27,6 +27,9 @@ class GripTask:
         rate: [Hz], of the shaking.
         modulus: Factor [1] on the stiffness of each finger.
         arm: Factor [1] on the distance of each finger's tendon from its fibre.
+        sensor_errors: Scale [1] of the usual imperfections of the fingers' sensors
+            (`robots.sensors.USUAL`).
+        specimen: What the differences of the sensors of a gripper are drawn from, rounded down.
         within: What counts as success, at the end: of an enclosing grip the largest mean share by
             which the curvatures differ from that of the wrapped bar; of a hold the farthest way [m]
             of the bar from where it lay.
@@ -46,6 +49,8 @@ class GripTask:
     rate: tuple[float, float] = (1.0, 4.0)
     modulus: tuple[float, float] = (0.9, 1.1)
     arm: tuple[float, float] = (0.95, 1.05)
+    sensor_errors: tuple[float, float] = (1.0, 1.0)
+    specimen: tuple[float, float] = (0.0, 1e9)
     within: Positive = 0.1
     lost: Positive = 0.04
 
@@ -53,7 +58,7 @@ class GripTask:
         check_fields(self, f"task {self.name!r}")
         for name in DRAWN:
             low, high = getattr(self, name)
-            least = 0.0 if name in ("pull", "shake", "friction") else 1e-9
+            least = 1e-9 if name in POSITIVE else 0.0
             if not least <= low <= high:
                 raise ValueError(
                     f"task {self.name!r}: {name} must be a pair, smallest and largest, of "
@@ -64,7 +69,13 @@ class GripTask:
 
 
 #: What episodes draw; pulls and shaking have a random direction as well.
-DRAWN = ("diameter", "mass", "friction", "pull", "shake", "rate", "modulus", "arm")
+DRAWN = (
+    *("diameter", "mass", "friction", "pull", "shake", "rate", "modulus", "arm"),
+    *("sensor_errors", "specimen"),
+)
+
+#: Of these, what cannot be zero.
+POSITIVE = ("diameter", "mass", "rate", "modulus", "arm")
 
 #: The tasks by name.
 GRIP_TASKS = Registry(

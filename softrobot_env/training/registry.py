@@ -15,6 +15,7 @@ from typing import Any
 
 from softrobot_env.artifacts import artifact_folder, artifact_name
 from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.extras import install_command
 from softrobot_env.interfaces import Show
 from softrobot_env.registries import Registry, load
 from softrobot_env.robots import ARM, RIG, RobotParams
@@ -77,9 +78,7 @@ class Training:
         packages = (*self.packages, *self.also(robot, settings))
         missing = [package for package in packages if find_spec(package) is None]
         if missing:
-            raise ImportError(
-                f'{name} needs {", ".join(missing)}: pip install "softrobot_env[rl,mpc]"'
-            )
+            raise ImportError(f"{name} needs {', '.join(missing)}: {install_command('rl', 'mpc')}")
 
 
 def file_of(robot: RobotParams, policy: str, folder: Path | None = None) -> Path:
@@ -259,6 +258,13 @@ def _rig_network(order: Order, show: Show) -> Figures:
     ]
 
 
+def _sensors(order: Order, show: Show) -> Figures:
+    """Calibration of a robot's curvature sensors."""
+    from softrobot_env.training.sensors import run
+
+    return run(order, show)
+
+
 def _reinforcement(algorithm: str, randomize: bool, order: Order, show: Show) -> Figures:
     """Network that learns by reward; its learning curve is written beside it."""
     from softrobot_env.training.rl import run
@@ -306,6 +312,7 @@ TRAININGS: Registry[Training] = Registry(
             ("daqp",),
         ),
         "rig_nn": Training(_rig_network, ("twin",), robot=RIG),
+        "sensors": Training(_sensors, ("twin", "quick")),
         "imitation": Training(_imitation, ("teacher", "quick"), ("torch",), also=_teachers_package),
         **{
             name: Training(

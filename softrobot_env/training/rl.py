@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
-from softrobot_env.artifacts import fingerprint, read_facts
+from softrobot_env.artifacts import fingerprint
 from softrobot_env.control.learned.neural import View
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
@@ -23,7 +23,14 @@ from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import Task, make_task
 from softrobot_env.tasks.generic import site_of
 from softrobot_env.training.artifacts import figures, load_start, save
-from softrobot_env.training.learners import LEARNERS, freeze_actor, make_model, put_actor
+from softrobot_env.training.checkpoint import (
+    Checkpoint,
+    learner_state,
+    put_learner_state,
+    read,
+    write,
+)
+from softrobot_env.training.learners import freeze_actor, make_model, put_actor
 from softrobot_env.training.references import draw_reference, generic_task
 from softrobot_env.training.registry import Figures, Order
 from softrobot_env.training.rl_config import (
@@ -38,11 +45,8 @@ from softrobot_env.training.rl_config import (
 )
 from softrobot_env.training.vec_env import NetworkVecEnv
 from softrobot_env.training.views import view_for
-from softrobot_env.training.watch import Point, Watch, curve_of
-
-#: Files of a checkpoint, besides those of `watch`.
-_MODEL, _BUFFER, _CONFIG = "model.zip", "buffer.pkl", "config.json"
-
+from softrobot_env.training.watch import Point, Watch
+from softrobot_env.writing import write_text
 
 #: Widths [m] and duration [s] of the steps.
 _STEP_WIDTHS = (0.03, 0.05, 0.1, 0.2)
@@ -74,7 +78,8 @@ def train(
         seed: Of everything random.
         show: Told the progress.
         start: Network to start from.
-        checkpoint: Folder that is written to at every closed-loop check, if given.
+        checkpoint: Folder that is written to at every closed-loop check, if given; see
+            `training.checkpoint`.
         resume: Whether to go on with the training that the folder holds: with other draws, new
             episodes, and the learning rate that so many of all steps are left for.
         log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
@@ -93,20 +98,19 @@ def train(
     torch.set_num_threads(config.threads)
     view = view_for(robot) if view is None else view
     logs = None if log is None else str(log)
-    keep = partial(_save, config=config, seed=seed, folder=checkpoint, robot=robot)
-    watch = Watch(config, show, keep, robot, view)
+    told = _told(config, seed, robot)
+    watch = Watch(config, show, partial(_keep, checkpoint, told), robot, view)
     if resume:
-        _check_same(config, seed, checkpoint, robot)
-        watch.load(checkpoint)
-        env = make_training_env(config, seed, robot, view)
-        model = _load(config, seed, checkpoint, watch.steps, env)
-        model.tensorboard_log = logs
+        before = _to_go_on_with(checkpoint, told, show)
+        watch.take_up(before.best, before.curve)
+        seed = int(np.random.SeedSequence([seed, watch.steps]).generate_state(1)[0] >> 1)
+        model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
+        put_learner_state(model, before.learner)
     else:
         _check_free(checkpoint)
         set_random_seed(seed)
         model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
         begin(model, config, start)
-    watch.folder = checkpoint
     left = config.steps - (model.num_timesteps if resume else 0)
     if left > 0:
         model.learn(left, callback=watch, reset_num_timesteps=not resume)
@@ -137,7 +141,7 @@ def run(algorithm: str, order: Order, show: Show) -> Figures:
     )
     save(network, path, order.seed, robot, view)
     written = path.with_name(f"{path.stem}_curve.json")
-    written.write_text(json.dumps(curve, indent=1) + "\n", encoding="utf-8")
+    write_text(written, json.dumps(curve, indent=1) + "\n")
     told = figures(network, config.trials, robot, view)
     return [*told, ("learning curve", str(written))]
 
@@ -259,57 +263,42 @@ def begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None
         freeze_actor(model, config, False)
 
 
-def _save(
-    model: BaseAlgorithm, config: RLConfig, seed: int, folder: Path | None, robot: RobotParams
+def _keep(
+    folder: Path | None,
+    told: dict[str, Any],
+    model: BaseAlgorithm,
+    best: Network,
+    curve: list[Point],
 ) -> None:
-    if folder is None:
-        return
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / _CONFIG).write_text(_told(config, seed, robot), encoding="utf-8")
-    model.save(folder / _MODEL)
-    if hasattr(model, "save_replay_buffer"):
-        model.save_replay_buffer(folder / _BUFFER)
+    if folder is not None:
+        write(folder, Checkpoint(told, curve, best, learner_state(model)))
 
 
-def _load(
-    config: RLConfig, seed: int, folder: Path, steps: int, env: NetworkVecEnv
-) -> BaseAlgorithm:
-    """The learner of a checkpoint, with draws that depend on the steps done."""
-    model = LEARNERS[config.algorithm].model.load(folder / _MODEL, env=env, device="cpu")
-    model.set_random_seed(int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1))
-    if hasattr(model, "load_replay_buffer"):
-        model.load_replay_buffer(folder / _BUFFER)
-    return model
-
-
-def _told(config: RLConfig, seed: int, robot: RobotParams) -> str:
-    """Settings, seed and robot as text."""
+def _told(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
+    """Settings, seed and robot, in what a checkpoint can hold."""
     told = {**asdict(config), "seed": seed, "robot": str(fingerprint(robot)["fingerprint"])}
-    return json.dumps(told, indent=1, sort_keys=True) + "\n"
+    return json.loads(json.dumps(told))
 
 
 def _check_free(folder: Path | None) -> None:
     """Refuse to overwrite a training that somebody may want to go on with."""
-    path = None if folder is None else folder / _CONFIG
-    if path is None or not path.is_file():
-        return
-    planned = read_facts(path)["steps"]
-    if curve_of(folder)[-1]["steps"] < planned:
+    found = read(folder)
+    if found is not None and found.curve[-1]["steps"] < found.settings["steps"]:
         raise ValueError(
             f"{folder} holds a training that is not finished: resume it, delete it or choose "
             "another folder"
         )
 
 
-def _check_same(config: RLConfig, seed: int, folder: Path | None, robot: RobotParams) -> None:
-    """Refuse to go on with another training."""
-    path = None if folder is None else folder / _CONFIG
-    if path is None or not path.is_file():
+def _to_go_on_with(folder: Path | None, told: dict[str, Any], show: Show) -> Checkpoint:
+    """The training in a folder, unless there is none or another one."""
+    found = read(folder, show)
+    if found is None:
         raise FileNotFoundError(f"no training to go on with in {folder}")
-    wanted, found = json.loads(_told(config, seed, robot)), read_facts(path)
-    differ = [k for k in wanted if k != "steps" and wanted[k] != found.get(k)]
+    differ = [k for k in told if k != "steps" and told[k] != found.settings.get(k)]
     if differ:
         raise ValueError(
             f"the training in {folder} had other settings: "
-            + ", ".join(f"{k} {found.get(k)!r}" for k in differ)
+            + ", ".join(f"{k} {found.settings.get(k)!r}" for k in differ)
         )
+    return found

@@ -1,15 +1,12 @@
 """Closed-loop checks of the policy during a training, and its learning curve."""
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
-from softrobot_env.artifacts import read_facts
 from softrobot_env.control.learned.neural import View
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.interfaces import Show
@@ -23,9 +20,6 @@ from softrobot_env.training.views import view_for
 #: Environment steps, mean `SCORE` of the checks, largest error [mm] on swing and L-shape among
 #: them, and number of failures.
 Point = dict[str, float]
-
-#: Files of a checkpoint.
-_BEST, _CURVE = "best.npz", "curve.json"
 
 #: What networks are judged by, whatever they learn from: those of other robots by as much of their
 #: reach as those of the arm.
@@ -43,25 +37,19 @@ def score_of(robot: RobotParams) -> TrackingReward:
     )
 
 
-def curve_of(folder: Path) -> list[Point]:
-    """The learning curve of a checkpoint."""
-    return read_facts(folder / _CURVE)
-
-
 class Watch(BaseCallback):
     """Tries the mean action now and then, keeps the best network and the learning curve.
 
     Attributes:
         best: Network of the best check so far.
         curve: Results of the checks.
-        folder: Where both are written at every check, if not None.
     """
 
     def __init__(
         self,
         config: RLConfig,
         show: Show,
-        save: Callable[[BaseAlgorithm], None],
+        save: Callable[[BaseAlgorithm, Network, list[Point]], None],
         robot: RobotParams = ARM,
         view: View | None = None,
     ) -> None:
@@ -70,7 +58,7 @@ class Watch(BaseCallback):
         Args:
             config: Of the training.
             show: Told the progress.
-            save: Called after every check.
+            save: Called after every check, with the learner, the best network and the curve.
             robot: To train for.
             view: Of its networks; that of the robot unless given.
         """
@@ -79,13 +67,11 @@ class Watch(BaseCallback):
         self._config, self._show, self._save = config, show, save
         self.best: Network | None = None
         self.curve: list[Point] = []
-        self.folder: Path | None = None
         self._reward, self._next = -np.inf, 0
 
-    def load(self, folder: Path) -> None:
-        """Take up an earlier training."""
-        self.best, _ = Network.load(folder / _BEST)
-        self.curve = curve_of(folder)
+    def take_up(self, best: Network, curve: list[Point]) -> None:
+        """Go on with the best network and the curve of an earlier training."""
+        self.best, self.curve = best, list(curve)
         self._reward = max(point["reward"] for point in self.curve)
         self._next = self.curve[-1]["steps"] + self._config.trial_every
 
@@ -120,8 +106,4 @@ class Watch(BaseCallback):
         self.logger.dump(self.num_timesteps)
         if mean > self._reward:
             self.best, self._reward = network, mean
-        if self.folder is not None:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self.best.save(self.folder / _BEST, {})
-            (self.folder / _CURVE).write_text(json.dumps(self.curve), encoding="utf-8")
-        self._save(self.model)
+        self._save(self.model, self.best, self.curve)

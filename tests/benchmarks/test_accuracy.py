@@ -38,6 +38,8 @@ from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.quadrature import RULES
 
+pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
+
 #: Columns of report.json.
 COLUMNS = [
     "kind",

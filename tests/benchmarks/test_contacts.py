@@ -43,6 +43,7 @@ def test_a_rule_that_is_not_kept_is_found_out(monkeypatch):
     assert judging._verdict(silent, cell.error, cell.uncertainty, 0.5) == Verdict.WRONG
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_every_case_touches_what_it_shall(name):
     case = CASES[name]()

@@ -30,6 +30,8 @@ from softrobot_env.evaluation.runner import Outcome
 from softrobot_env.evaluation.thesis import AUDIT, CONTROLLERS, FIGURES
 from softrobot_env.rendering.quantities import number, span, with_unit
 
+pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
+
 #: Metrics of a made-up episode, all goals met.
 GOOD = {
     "e_mean": 1e-4,

@@ -33,6 +33,8 @@ from softrobot_env.benchmarks.accuracy.rows import BENDING, DURATION, Limit, con
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import TimestepWarning
 
+pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
+
 L, HEAD, G = RIG.length, RIG.head, 9.81
 RADIUS, C = 5.5e-3, RIG.tendons[0].stiffness
 WEIGHTLESS = replace(RIG, gravity=(0.0, 0.0, 0.0))

@@ -28,8 +28,8 @@ from softrobot_env.benchmarks.rig_networks.plots import plot
 from softrobot_env.benchmarks.rig_networks.run import InferenceRow
 from softrobot_env.benchmarks.rig_networks.tables import tables
 from softrobot_env.identification.networks import direction_of
-from softrobot_env.identification.recording import collect, disk_points, split
 from softrobot_env.identification.slow_rig import RigStatics
+from softrobot_env.identification.visits import collect, disk_points, split
 from softrobot_env.robots import RIG
 
 pytestmark = pytest.mark.slow  # its quick run is one of `make slow`

@@ -37,6 +37,8 @@ from softrobot_env.robots import RIG, SERVO_SPEED
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.timestep import stability_limit
 
+pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
+
 JOINTS = 4
 
 

@@ -1,4 +1,4 @@
-"""The study of sensors: shapes of grips against geometry, series against the audit."""
+"""The study of sensors: grips and series against the audit, shapes against geometry."""
 
 import numpy as np
 import pytest
@@ -9,22 +9,25 @@ from softrobot_env.robots import Sensor
 from softrobot_env.sensing.calibration import Range, fit
 
 
-@pytest.mark.parametrize(("diameter", "turn"), [(0.048, 64), (0.060, 52), (0.094, 34)])
-def test_a_wrapped_finger_turns_as_the_audit_says(diameter, turn):
-    kappa = finger._enclosing(diameter)
-    assert np.degrees(kappa[:30].sum() * 1e-3) == pytest.approx(turn, abs=0.7)
-
-
-def test_a_fibre_round_the_oval_bends_between_the_ends_of_its_axes():
-    """An ellipse has the curvatures a / b^2 and b / a^2 there; a fibre beside it less."""
-    a, b = finger._OVAL
-    bends = np.array([1 / (b**2 / a + finger._FIBRE), 1 / (a**2 / b + finger._FIBRE)])
-    kappa = finger._enclosing((a, b))
-    np.testing.assert_allclose([kappa.min(), kappa.max()], np.sort(bends), rtol=0.01)
+def test_a_simulated_finger_wraps_as_the_audit_says(monkeypatch):
+    """52 degrees of the second sensor round 60 mm, and sensors read it while it presses."""
+    monkeypatch.setattr(finger, "_CLOSING", 0.5)
+    monkeypatch.setattr(finger, "_HELD", 0.2)
+    grip = finger._gripped("60 mm", 20.0)
+    held = slice(27, 33)
+    size = np.diff(grip.edges)
+    bends = np.degrees((grip.strain[held, :, 0] * size).reshape(6, 3, -1).sum(axis=2))
+    np.testing.assert_allclose(bends[:, 1], 52.1, atol=1.5)
+    assert (bends[:, 0] < 45).all()  # straight where it leaves its clamp
+    assert (grip.touch[held, 1] > 0.1).all() and not grip.touch[0, 1:3].any()
+    light, turns = finger._Finger.built(1, grip.edges).read(grip)
+    noise = 6 * 5e-3 * np.sqrt(2)
+    np.testing.assert_allclose(np.degrees(turns[held]), bends, atol=np.degrees(noise))
+    assert (light[held] < 0.7).all()
 
 
 def test_shapes_of_constant_curvature_are_arcs():
-    points = finger._chain(np.full(9, 20.0), 0.01)
+    points = finger._chain(np.full(9, 20.0), np.full(9, 0.01))
     np.testing.assert_allclose(np.hypot(points[:, 0] - 0.05, points[:, 1]), 0.05, atol=1e-12)
 
 

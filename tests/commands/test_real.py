@@ -17,7 +17,7 @@ from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import VIRTUAL
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.hardware.recording import read_recording
+from softrobot_env.hardware.link_log import read_link_log
 from softrobot_env.hardware.robot_file.model import rig_file
 from softrobot_env.tasks import make_task
 
@@ -57,7 +57,7 @@ def test_a_policy_runs_on_a_virtual_robot(tmp_path, capsys):
     said = capsys.readouterr().out
     assert "virtual twin 0" in said and "other rigs differ" not in said
     # The episode, and the short one before it that warms up.
-    links = [read_recording(path) for path in sorted(record.iterdir())]
+    links = [read_link_log(path) for path in sorted(record.glob("*.link"))]
     assert links and all(link.complete for link in links)
 
 
@@ -109,7 +109,6 @@ def test_a_virtual_robot_ends_if_its_environment_is_refused(ended):
         ("--tasks reach --env real --learnt none.npz", "no network at none.npz"),
         ("--tasks reach --env virtual --port /dev/ttyUSB0", "--port"),
         ("--tasks reach --port /dev/ttyUSB0", "--port"),
-        ("--tasks reach --record links", "--record"),
     ],
 )
 def test_what_does_not_fit_is_refused(arguments, said, tmp_path, capsys):

@@ -114,7 +114,7 @@ def test_options_apply_to_every_task_that_has_them(tmp_path):
         (["--tasks", "triangle", "--option", "period=5,0.08"], "below 2.02 m/s"),
         (["--tasks", "triangle", "--vary", "tension_gain=2"], "driven by length"),
         (["--tasks", "triangle", "--plant", "pcc"], "no tendon friction"),
-        (["--tasks", "triangle", "--feedback", "output"], "--feedback: only with"),
+        (["--tasks", "triangle", "--feedback", "output"], "--feedback output: only with"),
     ],
     ids=str,
 )

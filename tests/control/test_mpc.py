@@ -117,7 +117,7 @@ def test_other_previews_are_refused():
 
 def test_missing_package_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "daqp", None)
-    with pytest.raises(ImportError, match=r'pip install "softrobot_env\[mpc\]"'):
+    with pytest.raises(ImportError, match=r'pip install "daqp>='):
         build("mpc")
 
 

@@ -43,7 +43,7 @@ def env(name):
     return make_env(name, observe="all")
 
 
-@pytest.fixture(scope="module", params=FEEDBACKS)
+@pytest.fixture(scope="module", params=FEEDBACKS[:2])
 def policy(request, name, env):
     robot = ROBOTS[name]
     policy = make_policy(name, robot, env.control_period, request.param)

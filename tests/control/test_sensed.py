@@ -1,4 +1,4 @@
-"""A policy that is shown what a curvature sensor tells in place of the tip."""
+"""A policy that is shown what curvature sensors tell in place of tip and curvatures."""
 
 from types import SimpleNamespace
 
@@ -7,12 +7,14 @@ import pytest
 
 from softrobot_env.control.base import Controller
 from softrobot_env.control.registry import make_policy
-from softrobot_env.control.sensed import SensedTip
-from softrobot_env.robots import RIG
+from softrobot_env.control.sensed import Sensed
+from softrobot_env.envs.rig import RigEnv
+from softrobot_env.robots import RIG, Sensor
 from softrobot_env.sensing.estimation import LightModel
+from softrobot_env.sensing.reconstruction import TIP, Map, Reconstruction
 
-#: A sensor as designed, on a robot whose bend grows in proportion to its tip.
-MODEL = LightModel(
+#: A sensor as designed, on a robot whose tip grows in proportion to its bend.
+LIGHT = LightModel(
     gain=np.ones(4),
     tilt=np.full(4, np.radians(20)),
     azimuth=np.pi / 2 * np.arange(4),
@@ -22,56 +24,105 @@ MODEL = LightModel(
     turn=3.0 * np.eye(2),
     curve=np.zeros(2),
 )
+LINEAR = Map(np.eye(3, 2, -1, dtype=int), np.eye(3, 2, -1) / 3, np.zeros(2), np.ones(2), 1e-4)
+KNOWN = Reconstruction((Sensor("s", "spatial", 0.0, 0.1),), (LIGHT,), None, (0, 1), {TIP: LINEAR})
 
 
 class Shown(Controller):
     """Acts by the tip that it is shown."""
 
-    requires = ("tip_position", "previous_action")
-    sizes = {"tip_position": 2, "previous_action": 2}  # noqa: RUF012
+    requires = (TIP, "previous_action")
+    sizes = {TIP: 2, "previous_action": 2}  # noqa: RUF012
 
     def start(self, observation):
-        return SimpleNamespace(status=None)
+        return SimpleNamespace(status="fine")
 
     def act(self, observation, state):
-        return 10 * np.nan_to_num(observation["tip_position"]), state
+        return 10 * observation[TIP], state
+
+
+class Faster(Shown):
+    """Acts by the tip's velocity."""
+
+    requires = ("tip_velocity", "previous_action")
+    sizes = {"previous_action": 2}  # noqa: RUF012
+
+    def act(self, observation, state):
+        return observation["tip_velocity"], state
+
+
+class Rarely(Shown):
+    """Decides in every third period."""
+
+    hold = 3
 
 
 def seen(tip):
     """What an ideal sensor reads."""
-    return {"sensors": MODEL.light(3.0 * np.asarray(tip)), "previous_action": np.zeros(2)}
+    return {"sensors": LIGHT.light(3.0 * np.asarray(tip)), "previous_action": np.zeros(2)}
 
 
 def test_the_policy_is_shown_the_tip_behind_the_light():
-    policy, state = SensedTip(Shown(), MODEL, 0.02), None
+    policy, state = Sensed(Shown(), KNOWN, 0.02), None
     for turn in np.linspace(0, 2 * np.pi, 60):
         tip = 0.04 * turn / (2 * np.pi) * np.array([np.cos(turn), np.sin(turn)])
         action, state = policy.predict(seen(tip), state)
         np.testing.assert_allclose(action / 10, tip, atol=5e-4)
+    assert state.status == "fine"
 
 
 def test_episodes_and_their_copies_do_not_share_what_was_felt():
-    policy = SensedTip(Shown(), MODEL, 0.02)
+    policy = Sensed(Shown(), KNOWN, 0.02)
     _, state = policy.predict(seen([0.02, 0.01]), None)
     ways = [policy.predict(seen([0.03, 0.0]), state)[0] for _ in range(2)]
     np.testing.assert_array_equal(*ways)
 
 
-def test_a_reading_that_is_not_finite_tells_of_no_tip():
-    policy, state = SensedTip(Shown(), MODEL, 0.02), None
+def test_a_reading_that_is_not_finite_is_passed_over():
+    policy, state = Sensed(Shown(), KNOWN, 0.02), None
+    _, state = policy.predict(seen([0.01, 0.0]), state)
     action, state = policy.predict(seen([np.nan, 0.0]), state)
-    np.testing.assert_array_equal(action, np.zeros(2))
-    action, _ = policy.predict(seen([0.01, 0.0]), state)
     np.testing.assert_allclose(action / 10, [0.01, 0.0], atol=5e-4)
+    action, _ = policy.predict(seen([0.02, 0.0]), state)
+    np.testing.assert_allclose(action / 10, [0.02, 0.0], atol=5e-4)
 
 
-def test_a_policy_that_reads_no_tip_is_refused():
-    with pytest.raises(ValueError, match="does not read tip_position"):
-        SensedTip(make_policy("rig_nn", RIG, 0.02), MODEL, 0.02)
+def test_rates_are_differences_of_readings():
+    policy, state = Sensed(Faster(), KNOWN, 0.02), None
+    for x in (0.0, 0.0, 0.0, 0.01):  # old readings come again until a new one is there
+        action, state = policy.predict(seen([x, 0.0]), state)
+    assert action[0] == pytest.approx(0.01 / 0.06, rel=0.05)
 
 
-def test_a_policy_that_reads_three_coordinates_is_refused():
+def test_sensors_are_read_while_the_policy_holds_its_action():
+    policy, state = Sensed(Rarely(), KNOWN, 0.02), None
+    actions = []
+    for x in (0.0, 0.01, 0.02, 0.03):
+        action, state = policy.predict(seen([x, 0.0]), state)
+        actions.append(action[0])
+        assert state.felt.told[TIP][0] == pytest.approx(x, abs=5e-4)
+    assert actions[1] == actions[2] == actions[0] and actions[3] == pytest.approx(0.3, abs=5e-3)
+
+
+def test_what_sensors_do_not_tell_is_refused():
+    with pytest.raises(ValueError, match="reads none of tip_position"):
+        Sensed(make_policy("rig_nn", RIG, 0.02), KNOWN, 0.02)
     policy = Shown()
-    policy.sizes = {**Shown.sizes, "tip_position": 3}
-    with pytest.raises(ValueError, match="two coordinates"):
-        SensedTip(policy, MODEL, 0.02)
+    policy.requires = (TIP, "curvature")
+    with pytest.raises(ValueError, match="reads curvature, the sensors were calibrated to tell"):
+        Sensed(policy, KNOWN, 0.02)
+    policy = Shown()
+    policy.sizes = {**Shown.sizes, TIP: 3}
+    with pytest.raises(ValueError, match="reads 3 entries of tip_position"):
+        Sensed(policy, KNOWN, 0.02)
+
+
+def test_policies_by_name_are_given_the_shipped_calibration():
+    env = RigEnv("triangle", twin=0, observe=("all", "sensors"))
+    policy = make_policy("rig_nn_pi", env, feedback="sensors")
+    assert isinstance(policy, Sensed)
+    observation, _ = env.reset(seed=0)
+    action, _ = policy.predict({name: observation[name] for name in policy.requires})
+    assert np.isfinite(action).all() and TIP not in policy.requires
+    assert not isinstance(make_policy("rig_nn", env, feedback="sensors"), Sensed)
+    env.close()

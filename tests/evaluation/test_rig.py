@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-import matplotlib.figure
 import numpy as np
 import pytest
 
@@ -118,11 +117,12 @@ def test_a_failed_row_of_the_rig_has_no_metrics():
 def drawn(monkeypatch):
     """Figures in place of files, by name."""
     figures = {}
-    monkeypatch.setattr(
-        matplotlib.figure.Figure,
-        "savefig",
-        lambda figure, path, **_: figures.update({path.name: figure}),
-    )
+
+    def save(figure, path):
+        figures[path.name] = figure
+        return path
+
+    monkeypatch.setattr("softrobot_env.rendering.plots.save", save)
     return figures
 
 

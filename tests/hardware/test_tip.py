@@ -7,7 +7,7 @@ import time
 import numpy as np
 import pytest
 
-from softrobot_env.hardware.tip import TIP_SOURCES, SensorTip, UdpTip, make_tip_source
+from softrobot_env.hardware.tip import TIP_SOURCES, SensorTip, UdpTip, make_tip_source, sign
 
 
 @pytest.fixture
@@ -57,6 +57,10 @@ def test_a_picture_was_taken_before_it_came(source):
         b'{"x": 0, "y": 0, "age": -1}',
         b'{"x": 0, "y": 0, "age": 1e9}',
         b'{"x": 0, "y": [0]}',
+        b'{"x": 0, "y": "0.1"}',
+        b'{"x": true, "y": 0}',
+        b'{"x": 0, "y": 1e30}',
+        b'{"x": 0, "y": 0, "age": true}',
         b'{"x": 0, "y": 1' + b"0" * 400 + b"}",
     ],
 )
@@ -65,6 +69,33 @@ def test_datagrams_that_say_nothing_are_counted(source, data):
     wait_until(lambda: source.latest(None, 0.0) is not None)
     assert source.refused == 1
     assert source.latest(None, 0.0).position.tolist() == [1.0, 2.0]
+
+
+def test_the_newest_picture_counts_not_the_last_to_come(source):
+    datagrams = [{"x": 1, "y": 0, "age": 0.2}, {"x": 2, "y": 0, "age": 5}, {"x": 3, "y": "end"}]
+    send(source, *[json.dumps(each).encode() for each in datagrams])
+    wait_until(lambda: source.refused == 1)
+    assert source.latest(None, 0.0).position.tolist() == [1.0, 0.0]
+
+
+def test_with_a_key_only_its_tracker_is_believed_and_nothing_twice():
+    source = UdpTip(0, key="secret")
+    first = sign({"x": 0.1, "y": 0.2, "count": 5}, "secret")
+    bad = [
+        b'{"x": 0.3, "y": 0, "count": 9}',
+        sign({"x": 0.3, "y": 0, "count": 9}, "guessed"),
+        first.replace(b"0.1", b"0.3"),
+        sign({"x": 0.3, "y": 0}, "secret"),
+        first,
+    ]
+    send(source, first, *bad)
+    wait_until(lambda: source.refused == len(bad))
+    assert source.latest(None, 0.0).position.tolist() == [0.1, 0.2]
+    send(source, sign({"x": 0.4, "y": 0, "count": time.time_ns()}, "secret"))
+    wait_until(lambda: source.latest(None, 0.0).position.tolist() == [0.4, 0.0])
+    source.close()
+    with pytest.raises(ValueError, match="key must be a text that is not empty"):
+        UdpTip(0, key="")
 
 
 def test_closing_frees_the_port_and_is_harmless_twice():

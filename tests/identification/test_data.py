@@ -17,7 +17,8 @@ from softrobot_env.beams.closed_forms.spatial_piece import (
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.identification import networks as rig_networks
-from softrobot_env.identification.recording import (
+from softrobot_env.identification.slow_rig import RigStatics
+from softrobot_env.identification.visits import (
     POINTS,
     RADIUS,
     collect,
@@ -25,7 +26,6 @@ from softrobot_env.identification.recording import (
     nominal_lengths,
     split,
 )
-from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.learned.early_stopping import train
 from softrobot_env.robots import ARM, RIG, Drive
 from softrobot_env.robots.three_tendons import ThreeTendons

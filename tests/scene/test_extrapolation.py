@@ -14,7 +14,7 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig, TipSensors
 from softrobot_env.scene.integration.integrator import backbone_lengths
 from softrobot_env.scene.integration.layout import FEWEST as FEWEST_PLACE
-from softrobot_env.scene.integration.layout import MOST, RATE, WORST
+from softrobot_env.scene.integration.layout import MOST, RATE, SUM, WORST
 from softrobot_env.scene.integration.probe import probe
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning, linearize, slowest
@@ -132,6 +132,18 @@ def test_the_estimate_finds_motions_that_part():
     with pytest.warns(TimestepWarning, match=r"may be .* mm off, 0\.5 mm are wanted"):
         found, simulation = tips(scene(wild), controls)
     assert simulation.integration_error > distance(found, truth) / 5
+
+
+def test_a_simulation_is_off_by_no_more_than_it_has_parted_from_its_shadow():
+    """Whatever the sums of their local errors, as after an interval that could not be shortened."""
+    controls = steps(20)
+    _, simulation = tips(scene(), controls)
+    simulation._integration.memory[0, :, SUM] = 1e3, 1e-9
+    simulation.ctrl[:] = controls[-1]
+    assert simulation.advance()
+    states = simulation._integration._states[0]
+    apart = ARM.length * np.abs(states[1] - states[0])[: simulation.model.nq].sum()
+    assert 0 < simulation.integration_error < apart
 
 
 def test_a_bounded_cost_is_told_and_stays_stable():

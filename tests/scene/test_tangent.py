@@ -11,7 +11,7 @@ from softrobot_env.robots import CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
-from softrobot_env.scene.tangent import StaticForces
+from softrobot_env.scene.tangent import RubbingForces, StaticForces
 
 LENGTH = CANTILEVER_WEAK.length
 HEAD = Head(mass=0.2, centre=0.03, inertia=(1e-4, 1e-4, 1e-4), output=0.05)
@@ -96,6 +96,34 @@ def test_tangent_is_the_derivative_of_the_force(bending, poisson_ratio, guides):
     assert worst(SceneConfig(params, actuation="length", **options), ctrl) < 1e-9
 
 
+def test_a_pull_at_the_tip_is_a_dead_load_there():
+    own, pull = robot((), bending="universal"), np.array([0.3, -0.2, 0.5])
+    load = Load("pull", LENGTH, tuple(pull))
+    bare, loaded = (
+        StaticForces(build_scene(SceneConfig(own, pieces=4, loads=x, **BENDING["universal"])).model)
+        for x in ((), (load,))
+    )
+    q = np.random.default_rng(0).normal(0, 0.5, bare.model.nv)
+    ctrl = np.array([10.0, 4.0, 0.0])
+    force = bare.force(q, ctrl, 0.7, pull), loaded.force(q, np.append(ctrl, 1.0), 0.7)
+    np.testing.assert_allclose(*force, rtol=1e-12)
+    np.testing.assert_allclose(bare.tangent(), loaded.tangent(), rtol=1e-9, atol=1e-9)
+
+
+def test_what_is_carried_at_the_tip_is_inert():
+    """As a heavier head is."""
+    tip = replace(HEAD, centre=HEAD.output)
+    forces = [
+        StaticForces(build_scene(SceneConfig(robot((), "universal", head=x), pieces=4,
+                                             **BENDING["universal"])).model)
+        for x in (tip, replace(tip, mass=tip.mass + 0.3))
+    ]  # fmt: skip
+    rng, nv = np.random.default_rng(0), forces[0].model.nv
+    motion = 0.5 * rng.standard_normal((3, nv))
+    found = forces[0].of_motion(*motion, 0.3)
+    np.testing.assert_allclose(found, forces[1].of_motion(*motion), rtol=1e-9, atol=1e-12)
+
+
 @pytest.mark.parametrize("bending", BENDING)
 def test_tangent_of_exact_channels(bending):
     params = robot((), bending, poisson_ratio=0.4)
@@ -174,3 +202,33 @@ def test_mass_is_that_of_a_motion_from_the_posture():
     data, truth = posed(model, q), np.empty((model.nv, model.nv))
     mujoco.mj_fullM(model, data, truth)
     np.testing.assert_allclose(forces.mass(), truth, rtol=1e-12)
+
+
+def test_friction_has_its_derivative_while_tendons_stick_and_slide():
+    smooth = robot((0.3, 0.6))
+    rubbing = replace(smooth, tendons=tuple(replace(t, friction=0.4) for t in smooth.tendons))
+    model = build_scene(SceneConfig(rubbing, actuation="length", bending="spatial")).model
+    rng = np.random.default_rng(5)
+    q = moved(model, model.qpos0, rng.normal(0, 0.1, model.nv))
+    lengths = StaticForces(model).tendon_length(q)
+    # One tendon slides in, one out, and one sticks: differences must not break it loose.
+    away = np.zeros_like(lengths)
+    away[np.flatnonzero(model.tendon_frictionloss)] = (1e-3, -1e-3, 1e-6)
+    forces, ctrl = RubbingForces(model, lengths + away), np.zeros(model.nu)
+    found = differences(forces, q, ctrl, step=1e-9)
+    rub = forces.force(q, ctrl) - StaticForces(model).force(q, ctrl)
+    assert np.abs(forces.tangent() - found).max() < 1e-3 * np.abs(found).max()
+    # It pulls a tendon back by 0.4 N where that slides, and by half of it where that sticks.
+    arms = mujoco.MjData(model)
+    arms.qpos[:] = q
+    for compute in (mujoco.mj_kinematics, mujoco.mj_comPos, mujoco.mj_tendon):
+        compute(model, arms)
+    turns = np.zeros((model.ntendon, model.nv))
+    rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
+    mujoco.mju_sparse2dense(turns, arms.ten_J, *rows)
+    wanted = np.zeros(model.ntendon)
+    wanted[np.flatnonzero(model.tendon_frictionloss)] = (-0.4, 0.4, -0.2)
+    assert rub == pytest.approx(-wanted @ turns, abs=1e-9)
+    forces.stay()
+    again = forces.force(q, ctrl) - StaticForces(model).force(q, ctrl)
+    assert again == pytest.approx(rub, abs=1e-9)

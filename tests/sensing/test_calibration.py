@@ -8,7 +8,14 @@ import pytest
 from softrobot_env.benchmarks.sensing.planar import read
 from softrobot_env.robots import RIG, Sensor
 from softrobot_env.sensing.bank import Bank
-from softrobot_env.sensing.calibration import AngleErrors, Range, curvatures, fit, mean_curvature
+from softrobot_env.sensing.calibration import (
+    AngleErrors,
+    Calibration,
+    Range,
+    curvatures,
+    fit,
+    mean_curvature,
+)
 from softrobot_env.sensing.estimation import BendFilter, calibrate
 
 
@@ -22,6 +29,19 @@ def test_least_squares_finds_a_polynomial_and_refuses_too_few():
     np.testing.assert_allclose(scale.relative(np.array([0.3, 0.7, 1.1])), [0, 50, 100])
     errors = AngleErrors.of(np.array([1.0, -3.0]))
     assert errors == (2.0, 1.0, 3.0)
+
+
+def test_many_sensors_are_calibrated_each_by_itself_and_go_on_straight():
+    """Quadratics come back inside what was read, and their tangents beyond."""
+    light = np.linspace(0.2, 1.0, 50)[:, None] * [1.0, 0.8]
+    bend, slope = [2.0, 3.0], [1.5, 1.0]
+    found = Calibration.fitted(light, bend - slope * light**2, order=2)
+    inside = np.array([[0.3, 0.3], [0.9, 0.7]])
+    np.testing.assert_allclose(found(inside), bend - slope * inside**2, atol=1e-12)
+    ends, step = np.array([1.0, 0.8]), 0.05
+    tangent = -2 * np.array(slope) * ends
+    expected = bend - slope * ends**2 + step * tangent
+    np.testing.assert_allclose(found(ends + step), expected, atol=1e-12)
 
 
 def test_curvatures_come_back_from_angles_of_arcs():

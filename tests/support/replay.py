@@ -4,8 +4,8 @@ from collections import deque
 from threading import Event
 
 from softrobot_env.hardware.errors import LinkError
+from softrobot_env.hardware.link_log import Direction, LinkLog
 from softrobot_env.hardware.protocol.messages import Arm, Hello
-from softrobot_env.hardware.recording import Direction, Recording
 
 
 class ReplayTransport:
@@ -15,7 +15,7 @@ class ReplayTransport:
     the driver, so that it lives in the recorded time and draws the recorded numbers.
     """
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: LinkLog) -> None:
         self._chunks = deque(recording.chunks)
         self._written, self._wrote = 0, Event()
         self._time = self._chunks[0].time if self._chunks else 0.0

@@ -21,7 +21,7 @@ from softrobot_env.learned.network import Network  # noqa: E402
 from softrobot_env.paths import models_dir  # noqa: E402
 from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
-from softrobot_env.training import artifacts, references, registry  # noqa: E402
+from softrobot_env.training import artifacts, checkpoint, references, registry  # noqa: E402
 from softrobot_env.training.artifacts import as_network, new_layers, put_network  # noqa: E402
 from softrobot_env.training.closed_loop_check import check  # noqa: E402
 from softrobot_env.training.imitation import ImitationConfig, imitate  # noqa: E402
@@ -319,8 +319,8 @@ def test_bounded_networks_start_bounded_algorithms_only(algorithm):
 def test_an_unfinished_training_is_not_overwritten(tmp_path):
     train(TINY, 3, quiet, checkpoint=tmp_path)
     train(TINY, 3, quiet, checkpoint=tmp_path)  # that one was finished
-    kept = json.loads((tmp_path / "config.json").read_text()) | {"steps": 10**6}
-    (tmp_path / "config.json").write_text(json.dumps(kept))
+    kept = checkpoint.read(tmp_path)
+    checkpoint.write(tmp_path, replace(kept, settings=kept.settings | {"steps": 10**6}))
     with pytest.raises(ValueError, match="not finished: resume it"):
         train(TINY, 3, quiet, checkpoint=tmp_path)
 

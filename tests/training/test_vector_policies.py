@@ -126,6 +126,16 @@ def test_what_cannot_be_read_says_why(tmp_path, capsys):
     assert "no policy at" in capsys.readouterr().err
 
 
+def test_a_network_may_read_raw_sensors(tmp_path):
+    raw = ("sensors", "reference", "previous_action")
+    env = gymnasium.make("SoftRobot/RigReach-v0", twin=0, observe=raw, observe_as="vector")
+    model = PPO("MlpPolicy", env, n_steps=8, batch_size=8, device="cpu")
+    model.learn(8)
+    save_vector_policy(tmp_path / "felt.npz", model, env)
+    given = ["--tasks", "reach", "--policies", str(tmp_path / "felt.npz"), "--duration", "1"]
+    assert main(["evaluate", *given, "--no-plots", "--out", str(tmp_path / "out")]) == 0
+
+
 def test_a_damaged_reading_is_refused_by_file(tmp_path):
     env = gymnasium.make("SoftRobot/ArmStep-v0", observe_as="vector")
     save_vector_policy(tmp_path / "mine.npz", layers(env), env)

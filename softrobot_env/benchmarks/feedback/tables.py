@@ -14,7 +14,7 @@ from softrobot_env.rendering.tables import Column, make_table, new_table
 
 _NOTE = (
     f"The tip is seen {1e3 * LATE:g} ms late, by a camera or a curvature sensor with the errors of "
-    "the twin; the sensor is calibrated by 60 postures at rest. Policies know the parameters of "
+    "the twin; the sensor is calibrated by 120 postures at rest. Policies know the parameters of "
     "twin 0 and no disturbance. An offset of 7 mm is what makes the thesis' feedforward err as "
     "printed; its weight is not told, 40 g are ours."
 )

@@ -1,20 +1,19 @@
 """Episodes of many grippers with random bars and fingers: sizes, holds, and what steps cost."""
 
-import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import radians
 from time import perf_counter, process_time
 from typing import Any
 
 import numpy as np
 
-from softrobot_env.benchmarks.gripper.rows import Outcome, Size, Speed
-from softrobot_env.control.gripper.policies import CALM, ScriptedGrip, SizedGrip
+from softrobot_env.benchmarks.gripper.rows import Outcome, Shape, Size, Speed
+from softrobot_env.control.gripper.calibration import FingerCalibration, calibrated
+from softrobot_env.control.gripper.policies import CALM, RISE, ScriptedGrip, SizedGrip
 from softrobot_env.control.gripper.size import SizeEstimator, size_by_sensor
 from softrobot_env.envs.gripper import VectorGripperEnv
+from softrobot_env.envs.rendering.gripper import finger_shapes
 from softrobot_env.robots import GRIPPERS
-from softrobot_env.scene.timestep import TimestepWarning
 
 GRIPPER = GRIPPERS["gripper"]
 
@@ -27,8 +26,17 @@ _FITTED, _TESTED, _HELD = 10_000, 20_000, 30_000
 #: Grippers at once, and those of which a policy learns.
 _TOGETHER, _LEARNERS = 50, 16
 
+#: What is added to seeds for the noise while sensors are calibrated.
+_CALIBRATED = 5_000_000
+
 #: [s], control period.
 PERIOD = 0.02
+
+#: Bars on which finenesses are compared, and tension [N] and time [s] of that.
+_COMPARED, _SQUEEZE, _CLOSED = 8, 25.0, 1.0
+
+#: Makes a policy for environments of seeds from some number on.
+Policies = Callable[[VectorGripperEnv, int], Any]
 
 #: How what learns sees grippers.
 VIEW: dict[str, Any] = {
@@ -37,29 +45,9 @@ VIEW: dict[str, Any] = {
 }
 
 
-@dataclass(frozen=True)
-class Setting:
-    """How finely grippers are simulated; None is as the rule for contacts has it."""
-
-    pieces: int | None
-    timestep: float | None
-
-    def make(self, task: str, count: int, threads: int = 1, **options: Any) -> VectorGripperEnv:
-        """So many grippers, with other options of the environment."""
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", TimestepWarning)
-            return VectorGripperEnv(
-                count,
-                task,
-                pieces=self.pieces,
-                timestep=self.timestep,
-                threads=threads,
-                **options,
-            )
-
-
-#: By the rule; half as many pieces, quicker; and the quickest that tell held bars from lost ones.
-RULE, MIDDLE, QUICK = Setting(None, None), Setting(12, 1e-3), Setting(6, 2e-3)
+def make(fineness: str, task: str, count: int, threads: int = 1, **options: Any) -> Any:
+    """So many grippers, with other options of the environment."""
+    return VectorGripperEnv(count, task, fineness=fineness, threads=threads, **options)
 
 
 @dataclass(frozen=True)
@@ -68,7 +56,6 @@ class Played:
 
     Attributes:
         drawn: `info` at their starts.
-        curvature: (n, pieces) [1/m], at the end.
         success, lost: (n,) bool.
         worst: (n,), error over what counts as success: of holds the largest, else the last.
         tension: (n,) [N], mean of the fingers at the end.
@@ -76,7 +63,6 @@ class Played:
     """
 
     drawn: dict[str, Any]
-    curvature: np.ndarray
     success: np.ndarray
     lost: np.ndarray
     worst: np.ndarray
@@ -85,38 +71,35 @@ class Played:
 
 
 def played(
-    setting: Setting,
-    task: str,
-    policy: Any,
-    first: int,
-    count: int,
-    seconds: float | None = None,
-    **options: Any,
+    fineness: str, task: str, policy: Policies, first: int, count: int, **options: Any
 ) -> Played:
-    """Episodes of seeds from `first` on under a policy, whole ones unless so many seconds.
+    """Episodes of seeds from `first` on.
 
-    Options are those of the environment.
+    Args:
+        fineness: How finely grippers are simulated.
+        task: Name of the task.
+        policy: Makes a policy for environments, those of seeds from some number on.
+        first, count: Seeds.
+        **options: Of the environment.
     """
-    parts = [
-        _played(
-            setting.make(task, min(_TOGETHER, count - k), **options), policy, first + k, seconds
-        )
-        for k in range(0, count, _TOGETHER)
-    ]
+    parts = []
+    for k in range(0, count, _TOGETHER):
+        env = make(fineness, task, min(_TOGETHER, count - k), **options)
+        parts.append(_played(env, policy(env, first + k), first + k))
     drawn = {n: np.concatenate([p.drawn[n] for p in parts]) for n in parts[0].drawn}
-    names = ("curvature", "success", "lost", "worst", "tension")
+    names = ("success", "lost", "worst", "tension")
     arrays = {n: np.concatenate([getattr(p, n) for p in parts]) for n in names}
     return Played(drawn, **arrays, time_per_step=float(np.mean([p.time_per_step for p in parts])))
 
 
-def _played(env: VectorGripperEnv, policy: Any, first: int, seconds: float | None) -> Played:
+def _played(env: VectorGripperEnv, policy: Any, first: int) -> Played:
     count = env.num_envs
     observation, drawn = env.reset(seed=first)
-    steps = env.max_episode_steps if seconds is None else round(seconds / env.control_period)
+    steps = env.max_episode_steps
     lost, success, worst = np.zeros(count, bool), np.zeros(count, bool), np.zeros(count)
     simulation, holding = env.simulation, env.task.free
     state, first_ones = None, np.ones(count, bool)
-    last, tension = simulation.curvature, np.zeros(count)
+    tension = np.zeros(count)
     begin = process_time()
     for _ in range(steps):
         action, state = policy.predict(observation, state, deterministic=True)
@@ -125,105 +108,171 @@ def _played(env: VectorGripperEnv, policy: Any, first: int, seconds: float | Non
         worst = np.where(first_ones, error, worst)
         lost |= failed & first_ones
         success |= info["success"] & first_ones
-        last = np.where(first_ones[:, None], simulation.curvature, last)
         tension = np.where(first_ones, simulation.ctrl.mean(axis=1), tension)
         first_ones &= ~(failed | over)  # what follows are other episodes
     took = (process_time() - begin) / steps / count
-    return Played(drawn, last, success, lost, worst, tension, took)
+    return Played(drawn, success, lost, worst, tension, took)
 
 
 # ---------------------------------------------------------------- sizes
 
 
-def told_bends(setting: Setting, first: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """Curvatures (n, pieces) [1/m] of fingers round bars of diameters (n,) [m]."""
-    policy = ScriptedGrip(GRIPPER, PERIOD, TELLING)
-    runs = played(setting, "enclose", policy, first, count, CALM)
-    return runs.curvature, runs.drawn["diameter"]
+@dataclass(frozen=True)
+class Told:
+    """What is told of the bends (n, pieces) [1/m] round bars of diameters (n,) [m], and the truth.
+
+    Attributes:
+        bends: By the sensors, or exact.
+        exact: True means over the pieces.
+        qpos: (n, nq), postures.
+    """
+
+    bends: np.ndarray
+    exact: np.ndarray
+    qpos: np.ndarray
+    diameters: np.ndarray
 
 
-def fitted_size(setting: Setting, count: int) -> SizeEstimator:
+def told_bends(fineness: str, task: str, first: int, count: int, errors: float | None) -> Told:
+    """Closings on bars of seeds from `first` on, clamped or free as in a task.
+
+    With sensors each gripper is calibrated first; their imperfections are `errors` times the usual.
+    """
+    parts = [
+        _told_bends(fineness, task, first + k, min(_TOGETHER, count - k), errors)
+        for k in range(0, count, _TOGETHER)
+    ]
+    names = ("bends", "exact", "qpos", "diameters")
+    return Told(*(np.concatenate([getattr(part, name) for part in parts]) for name in names))
+
+
+def _told_bends(fineness: str, task: str, first: int, count: int, errors: float | None) -> Told:
+    observe = ("tendon_tension",) if errors is None else ("sensors",)
+    env = make(fineness, task, count, observe=observe)
+    own: dict[str, Any] = {} if errors is None else {"sensor_errors": errors}
+    calibration = None if errors is None else calibrated_to(env, fineness, first, own)
+    start, info = env.reset(seed=first, options=own)
+    policy, state, seen = ScriptedGrip(GRIPPER, PERIOD, TELLING), None, start
+    for _ in range(round(CALM / PERIOD)):
+        action, state = policy.predict(seen, state)
+        seen, *_ = env.step(action)
+    exact = env.simulation.curvature
+    bends = exact
+    if calibration is not None:
+        bends = calibration.curvature(seen["sensors"], start["sensors"])
+    return Told(bends, exact, env.simulation.qpos.copy(), info["diameter"])
+
+
+def calibrated_to(
+    env: VectorGripperEnv, fineness: str, first: int, own: dict[str, Any]
+) -> FingerCalibration:
+    """Calibrate the grippers that environments draw of seeds from `first` on, with other noise."""
+    _, drawn = env.reset(seed=first, options=own)
+    specimens = {name: drawn[name] for name in ("modulus", "arm", "sensor_errors", "specimen")}
+    clamped = make(fineness, "enclose", env.num_envs, observe=("sensors",))
+    return calibrated(clamped, specimens, _CALIBRATED + first)
+
+
+def fitted_size(fineness: str, task: str, count: int, errors: float | None = None) -> SizeEstimator:
     """An estimator that is fitted to as many bars."""
-    return SizeEstimator.fitted(GRIPPER, TELLING, *told_bends(setting, _FITTED, count))
+    told = told_bends(fineness, task, _FITTED, count, errors)
+    return SizeEstimator.fitted(GRIPPER, TELLING, told.bends, told.diameters)
 
 
-def sizes(fit: Setting, test: Setting, examples: int, count: int) -> list[Size]:
-    """Errors of sizes of bars gripped in one setting, by estimators fitted in another."""
-    bends, diameters = told_bends(fit, _FITTED, examples)
-    tested, truth = told_bends(test, _TESTED, count)
+def sizes(
+    fit: str, test: str, task: str, examples: int, count: int, scales: Sequence[float | None]
+) -> list[Size | Shape]:
+    """Errors of sizes of bars gripped in one fineness, by estimators fitted in another.
+
+    Args:
+        fit, test: The two.
+        task: Whether bars are clamped or free.
+        examples, count: Bars that are fitted to, and tested on.
+        scales: Of the sensors' imperfections; None for exact bends.
+    """
     pieces, fitted = _pieces(test), _pieces(fit)
-    plain = size_by_sensor(GRIPPER, tested)
-    rows = [_size("second sensor", pieces, None, 0.0, plain, truth)]
-    robot = GRIPPER.fingers[0].robot
-    per_degree = radians(1.0) / (robot.length / robot.pieces)
-    for noise in (0.0, 1.0, 2.5):
-        rng = np.random.default_rng(0)
-        seen, other = (
-            exact + noise * per_degree * rng.standard_normal(exact.shape)
-            for exact in (bends, tested)
-        )
-        estimator = SizeEstimator.fitted(GRIPPER, TELLING, seen, diameters)
-        rows.append(_size("polynomial", pieces, fitted, noise, estimator(other), truth))
+    rows: list[Size | Shape] = []
+    for errors in scales:
+        told = told_bends(test, task, _TESTED, count, errors)
+        about = task, pieces
+        if errors is None:
+            plain = size_by_sensor(GRIPPER, told.exact)
+            rows.append(_size("second sensor", *about, None, None, plain, told.diameters))
+        found = fitted_size(fit, task, examples, errors)(told.bends)
+        rows.append(_size("polynomial", *about, fitted, errors, found, told.diameters))
+        rows.append(_shape(test, task, pieces, errors, told))
     return rows
 
 
-def _pieces(setting: Setting) -> int:
-    scene = setting.make("enclose", 1).simulation.scene
+def _shape(fineness: str, task: str, pieces: int, errors: float | None, told: Told) -> Shape:
+    robot = GRIPPER.fingers[0].robot
+    bend = np.degrees(np.abs(told.bends - told.exact)) * robot.length / robot.pieces
+    parts = make(fineness, task, 1).simulation.scene.parts
+    true = np.stack([part.tip(told.qpos) for part in parts.values()], axis=1)
+    tips = [[points[-1] for points in finger_shapes(GRIPPER, row)] for row in told.bends]
+    away = np.linalg.norm(np.array(tips) - true, axis=2)
+    return Shape(task, pieces, errors, away.size, *_spread(bend), *_spread(away))
+
+
+def _spread(values: np.ndarray) -> tuple[float, float, float]:
+    """Mean, 95th percentile and largest."""
+    return float(values.mean()), float(np.percentile(values, 95)), float(values.max())
+
+
+def _pieces(fineness: str) -> int:
+    scene = make(fineness, "enclose", 1).simulation.scene
     return next(iter(scene.parts.values())).scene.config.n_pieces
 
 
 def _size(
     method: str,
+    task: str,
     pieces: int,
     fitted: int | None,
-    noise: float,
+    errors: float | None,
     told: np.ndarray,
     truth: np.ndarray,
 ) -> Size:
-    errors = told - truth
-    sizes = np.abs(errors)
-    return Size(
-        method=method,
-        pieces=pieces,
-        fitted=fitted,
-        noise=noise,
-        count=len(truth),
-        mean=float(sizes.mean()),
-        high=float(np.percentile(sizes, 95)),
-        most=float(sizes.max()),
-        diameters=tuple(truth.tolist()),
-        errors=tuple(errors.tolist()),
-    )
+    off = told - truth
+    spread = _spread(np.abs(off))
+    drawn = tuple(truth.tolist()), tuple(off.tolist())
+    return Size(method, task, pieces, fitted, errors, len(truth), *spread, *drawn)
 
 
 # ---------------------------------------------------------------- outcomes
 
 
-def outcomes(
-    setting: Setting, task: str, policy: str, count: int, examples: int = 0
-) -> list[Outcome]:
-    """Episodes under a policy: "scripted 20 N" and the like, "sized", or "ppo".
+def outcomes(fineness: str, task: str, policy: str, count: int, examples: int = 0) -> list[Outcome]:
+    """Episodes under a policy: "scripted 20 N" and the like, "sized" by the sensors, or "ppo".
 
     Args:
-        setting: How finely grippers are simulated.
+        fineness: How finely grippers are simulated.
         task: Name of the task.
         policy: The policy.
         count: Number of episodes.
         examples: Bars to which "sized" is fitted, or steps with which "ppo" is trained.
     """
+    how: dict[str, Any] = {}
     if policy == "ppo":
-        made, how = learned(task, examples), VIEW
+        model, how = learned(task, examples), VIEW
     elif policy == "sized":
-        made, how = SizedGrip(GRIPPER, PERIOD, size=fitted_size(setting, examples)), {}
-    else:
-        made, how = ScriptedGrip(GRIPPER, PERIOD, float(policy.split()[1])), {}
-    runs = played(setting, task, made, _HELD, count, **how)
-    timestep = setting.make(task, 1).simulation.scene.timestep.timestep
+        size, how = fitted_size("quick", task, examples, 1.0), {"observe": ("sensors",)}
+
+    def made(env: VectorGripperEnv, first: int) -> Any:
+        if policy == "ppo":
+            return model
+        if policy == "sized":
+            known = calibrated_to(env, fineness, first, {})
+            return SizedGrip(GRIPPER, PERIOD, size=size, sensors=known)
+        return ScriptedGrip(GRIPPER, PERIOD, float(policy.split()[1]))
+
+    runs = played(fineness, task, made, _HELD, count, **how)
+    timestep = make(fineness, task, 1).simulation.scene.timestep.timestep
     return [
         Outcome(
             task=task,
             policy=f"ppo, {examples} steps" if policy == "ppo" else policy,
-            pieces=_pieces(setting),
+            pieces=_pieces(fineness),
             timestep=timestep,
             count=count,
             success=float(runs.success.mean()),
@@ -236,14 +285,14 @@ def outcomes(
 
 
 def learned(task: str, steps: int) -> Any:
-    """A policy of stable-baselines3's PPO, trained in the quickest setting."""
+    """A policy of stable-baselines3's PPO, trained with the quick fineness."""
     import torch
     from stable_baselines3 import PPO
 
     from softrobot_env.training.vec_env import TrackingVecEnv
 
     torch.set_num_threads(1)
-    env = TrackingVecEnv([QUICK.make(task, _LEARNERS, autoreset_mode="SameStep", **VIEW)])
+    env = TrackingVecEnv([make("quick", task, _LEARNERS, autoreset_mode="SameStep", **VIEW)])
     env.seed(0)
     model = PPO(
         "MlpPolicy",
@@ -262,45 +311,48 @@ def learned(task: str, steps: int) -> Any:
 # ---------------------------------------------------------------- speed
 
 
-def speeds(task: str, settings: Sequence[Setting], many: int) -> list[Speed]:
-    """What steps cost in some settings, the first of which is the rule's; errors against it."""
-    rows, truth = [], None
-    for setting in settings:
-        env = setting.make(task, 1)
-        runs = played(setting, task, ScriptedGrip(GRIPPER, PERIOD, TELLING), _TESTED, 1, CALM)
-        truth = runs.curvature if truth is None else truth
-        robot = GRIPPER.fingers[0].robot
-        off = np.degrees(np.abs(runs.curvature - truth).max()) * robot.length / robot.pieces
-        rows.append(_speed(task, setting, env, 1 / runs.time_per_step, float(off)))
-    setting = settings[-1]
-    env = setting.make(task, many, threads=0)
-    rows.append(_speed(task, setting, env, _rate(env), None))
+def speeds(task: str, many: int, threads: Sequence[int]) -> list[Speed]:
+    """What steps cost by the rule and quickly, one gripper or many on some threads."""
+    truth, _ = _closed("rule", task, _COMPARED)
+    rows = []
+    for fineness in ("rule", "quick"):
+        bends, _ = _closed(fineness, task, _COMPARED)
+        off = np.degrees(np.abs(bends - truth)) * GRIPPER.fingers[0].robot.length
+        off /= GRIPPER.fingers[0].robot.pieces
+        errors = float(off.mean()), float(off.max())
+        rows.append(_speed(fineness, task, 1, 1, _closed(fineness, task, 1)[1], errors))
+    for count in threads:
+        rate = _closed("quick", task, many, count)[1]
+        rows.append(_speed("quick", task, many, count, rate, (None, None)))
     return rows
 
 
-def _rate(env: VectorGripperEnv) -> float:
-    """Steps per second of all, of a closing."""
-    policy, state = ScriptedGrip(GRIPPER, env.control_period, TELLING), None
-    observation, _ = env.reset(seed=_TESTED)
-    steps = round(CALM / env.control_period)
-    begin = perf_counter()
-    for _ in range(steps):
-        action, state = policy.predict(observation, state)
-        observation, *_ = env.step(action)
-    return steps * env.num_envs / (perf_counter() - begin)
+def _closed(fineness: str, task: str, count: int, threads: int = 1) -> tuple[np.ndarray, float]:
+    """Curvatures (steps, n, pieces) [1/m] during closings, and steps per second of all.
+
+    Of processor time on one thread, which a busy machine does not change, else of wall time.
+    """
+    env = make(fineness, task, count, threads)
+    clock = process_time if threads == 1 else perf_counter
+    env.reset(seed=_TESTED, options={"pull": 0.0, "shake": 0.0})
+    limits, bends, took = GRIPPER.tension_limits, [], 0.0
+    for k in range(round(_CLOSED / PERIOD)):
+        tension = _SQUEEZE * min(1.0, (k + 1) * PERIOD / RISE)
+        action = np.tile((2 * tension / limits - 1).astype(np.float32), (count, 1))
+        begin = clock()
+        env.step(action)
+        took += clock() - begin
+        bends.append(env.simulation.curvature)
+    return np.stack(bends), len(bends) * count / took
 
 
 def _speed(
-    task: str, setting: Setting, env: VectorGripperEnv, rate: float, off: float | None
+    fineness: str,
+    task: str,
+    count: int,
+    threads: int,
+    rate: float,
+    errors: tuple[float | None, float | None],
 ) -> Speed:
-    scene = env.simulation.scene
-    return Speed(
-        task=task,
-        pieces=next(iter(scene.parts.values())).scene.config.n_pieces,
-        timestep=scene.timestep.timestep,
-        rule=setting.timestep is None,
-        count=env.num_envs,
-        threads=env.simulation.threads,
-        steps_per_s=rate,
-        bend_error=off,
-    )
+    timestep = make(fineness, task, 1).simulation.scene.timestep.timestep
+    return Speed(task, _pieces(fineness), timestep, fineness, count, threads, rate, *errors)

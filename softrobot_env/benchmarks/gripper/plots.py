@@ -42,12 +42,11 @@ def _bends(axis: Axes, thing: str, grips: Sequence[Grip]) -> None:
 
 
 def _errors(axis: Axes, sizes: Sequence[Size]) -> None:
-    """Of the bars that are gripped with the most pieces, less the rough methods."""
-    finest = max(size.pieces for size in sizes)
-    mine = [size for size in sizes if size.pieces == finest and size.fitted is not None]
+    """Of clamped bars, by the polynomials, with as many pieces as they were fitted with."""
+    mine = [size for size in sizes if size.pieces == size.fitted and size.task == "enclose"]
     for size, colour in zip(mine, COLOURS, strict=False):
-        label = f"noise {size.noise:g} deg"
-        diameters, errors = ([1e3 * x for x in xs] for xs in (size.diameters, size.errors))
+        label = "exact bends" if size.errors is None else f"sensors, errors x {size.errors:g}"
+        diameters, errors = ([1e3 * x for x in xs] for xs in (size.diameters, size.off))
         axis.plot(diameters, errors, ".", color=colour, markersize=4, label=label)
     axis.legend(fontsize=7)
     axis.set(xlabel="diameter in mm", ylabel="error in mm", title="size from one grip")

@@ -34,24 +34,51 @@ class Size(Record):
 
     Attributes:
         method: How they are estimated.
+        task: "enclose" of clamped bars, "hold" of free ones.
         pieces: Of the fingers that grip; those of the examples have as many as told beside.
         fitted: Pieces of the fingers of the examples; None where nothing is fitted.
-        noise: [deg], of each sensor's angle.
+        errors: Imperfections of the fingers' sensors, over the usual ones; None of exact bends.
         count: Number of bars.
         mean, high, most: [m], mean, 95th percentile and largest size of the errors.
-        diameters, errors: (count,) [m].
+        diameters, off: (count,) [m], and their errors.
     """
 
     method: str
+    task: str
     pieces: int
     fitted: int | None
-    noise: float
+    errors: float | None
     count: int
     mean: float
     high: float
     most: float
     diameters: tuple[float, ...] = drawn()
-    errors: tuple[float, ...] = drawn()
+    off: tuple[float, ...] = drawn()
+
+
+@dataclass(frozen=True)
+class Shape(Record):
+    """How far calibrated sensors err in the same grips, and the shape of three arcs they tell.
+
+    Attributes:
+        task: As there.
+        pieces: Of the fingers.
+        errors: Imperfections of the sensors, over the usual ones; None of exact mean bends.
+        count: Number of fingers.
+        bend, high_bend, most_bend: [deg], mean, 95th percentile and largest error of a sensor.
+        tip, high_tip, most_tip: [m], the same of the tip.
+    """
+
+    task: str
+    pieces: int
+    errors: float | None
+    count: int
+    bend: float
+    high_bend: float
+    most_bend: float
+    tip: float
+    high_tip: float
+    most_tip: float
 
 
 @dataclass(frozen=True)
@@ -92,19 +119,20 @@ class Speed(Record):
         task: Name of the task.
         pieces: Of each finger.
         timestep: [s].
-        rule: Whether it is the rule's timestep with as many pieces.
+        fineness: Name of the setting.
         count: Grippers at once.
         threads: That share the work.
         steps_per_s: Of all together.
-        bend_error: [deg], largest difference of a sensor's angle at the end of a closing from that
-            with the rule's pieces and timestep; None of many at once.
+        mean_error, bend_error: [deg], mean and largest difference of a sensor's angle from that
+            by the rule, during closings on some bars; None of many at once.
     """
 
     task: str
     pieces: int
     timestep: float
-    rule: bool
+    fineness: str
     count: int
     threads: int
     steps_per_s: float
+    mean_error: float | None
     bend_error: float | None

@@ -15,6 +15,7 @@ from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.rl import train
 from softrobot_env.training.rl_config import RLConfig, preset
 from softrobot_env.training.watch import Point
+from softrobot_env.writing import write_text
 
 IMITATION = "imitation"
 
@@ -91,7 +92,7 @@ def _train(name: str, seed: int, folder: Path, quick: bool) -> None:
     save(network, _file(folder, name, seed), seed)
     minutes, settings = (perf_counter() - began) / 60, _settings(name, seed, quick)
     facts = {"minutes": minutes, "curve": curve, "settings": settings}
-    _facts(folder, name, seed).write_text(json.dumps(facts), encoding="utf-8")
+    write_text(_facts(folder, name, seed), json.dumps(facts))
 
 
 def _imitation(quick: bool) -> ImitationConfig:

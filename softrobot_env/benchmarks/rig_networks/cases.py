@@ -10,7 +10,7 @@ import numpy as np
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.identification import networks as rig_networks
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, VALIDATION
-from softrobot_env.identification.recording import RigData, Split
+from softrobot_env.identification.visits import RigData, Split
 from softrobot_env.learned import early_stopping
 from softrobot_env.learned.early_stopping import Fit
 

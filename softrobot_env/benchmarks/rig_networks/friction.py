@@ -14,8 +14,8 @@ from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.rig_networks.cases import Case, CellRow, run_case
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING
-from softrobot_env.identification.recording import collect, split
 from softrobot_env.identification.slow_rig import RigStatics
+from softrobot_env.identification.visits import collect, split
 from softrobot_env.robots import RIG
 
 #: Friction [N] of each tendon.

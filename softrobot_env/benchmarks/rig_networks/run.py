@@ -24,7 +24,7 @@ from softrobot_env.benchmarks.rig_networks.friction import friction_rows
 from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, direction_of
-from softrobot_env.identification.recording import (
+from softrobot_env.identification.visits import (
     POINTS,
     Measure,
     RigData,
@@ -32,8 +32,8 @@ from softrobot_env.identification.recording import (
     collect,
     disk_points,
 )
-from softrobot_env.identification.recording import measure as measure_twin
-from softrobot_env.identification.recording import split as split_data
+from softrobot_env.identification.visits import measure as measure_twin
+from softrobot_env.identification.visits import split as split_data
 from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.plain_inference import PlainInference
 from softrobot_env.robots import RIG

@@ -86,14 +86,14 @@ def _finger(grips: dict, shape: dict, path: Path) -> None:
     series = grips["series"]
     shown = [name for name in series if name != "fingertip 60 mm"]
     figure, axes = new_figure(2, 4, (15.0, 7.4))
-    figure.suptitle("Three planar sensors in a finger, on assumed shapes of grips")
+    figure.suptitle("Three planar sensors in a finger of the gripper, in simulated grips")
     axis, at = axes[0, 0], np.linspace(0, 100, 101)
     for k in range(3):
         for tip, marker in ((False, "."), (True, "x")):
             which = grips["at_tip"] == tip
             points = grips["relative"][which, k][::4], grips["turns"][which, k][::4]
             axis.plot(*points, marker, color=COLOURS[k], markersize=3)
-        axis.plot(at, np.degrees(grips["fits"][k](at)), color=COLOURS[k])
+        axis.plot(at, grips["fits"][:, k], color=COLOURS[k])
     axis.set(
         xlabel="relative current [%]", ylabel="turn [deg]", title="as Fig. 4.15 (x: fingertip)"
     )

@@ -7,7 +7,7 @@ from softrobot_env.benchmarks.records import Record, drawn
 
 #: Whether a number of the model was chosen so that the row comes out; it follows from the thesis'
 #: polynomial of order 5, which the model has; it tests the model with numbers chosen elsewhere; or
-#: it stands on shapes of grips or sizes of imperfections that were assumed.
+#: it stands on a finger or on sizes of imperfections that were assumed.
 Kind = Literal["fitted", "implied", "check", "assumed"]
 
 

@@ -29,7 +29,7 @@ def tables(rows: Sequence[Row]) -> Group:
     }
     caption = (
         "fitted: a number of the model was chosen by it; implied: by the thesis' polynomial of "
-        "order 5, which the model has; assumed: on shapes of grips and sizes of imperfections that "
+        "order 5, which the model has; assumed: on a finger and sizes of imperfections that "
         "are; check: none of these"
     )
     return Group(

@@ -2,7 +2,7 @@
 
 import argparse
 
-from softrobot_env.commands.robot import calibrate, orders, replay, soak, virtual
+from softrobot_env.commands.robot import calibrate, orders, record, replay, soak, virtual
 from softrobot_env.commands.robot import list as list_ports
 from softrobot_env.commands.subcommands import Command, add_commands
 from softrobot_env.registries import Registry
@@ -22,6 +22,9 @@ ROBOT_COMMANDS: Registry[Command] = Registry(
         "stop": Command(orders.STOP, "ramp a robot to rest and switch its outputs off"),
         "estop": Command(orders.ESTOP, "cut a robot's outputs at once"),
         "replay": Command(replay, "print what a recorded link carried"),
+        "record": Command(
+            record, "excite a robot, simulated, virtual or real, within limits, and record it"
+        ),
         "virtual": Command(virtual, "run the rig without hardware, behind a serial port"),
         "soak": Command(
             soak, "run at full rate for long, and print whether every promise was kept"

@@ -10,9 +10,9 @@ import numpy as np
 from rich.console import Console
 
 from softrobot_env.hardware.driver import Driver
+from softrobot_env.hardware.link_log import LoggingTransport
 from softrobot_env.hardware.protocol.handshake import DeviceInfo
 from softrobot_env.hardware.protocol.unit_conversion import Reading
-from softrobot_env.hardware.recording import RecordingTransport
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file
 from softrobot_env.hardware.transport import SerialTransport, Transport
@@ -41,7 +41,7 @@ def robot_of(args: argparse.Namespace) -> RobotFile:
 def open_driver(robot: RobotFile, record: Path | None) -> Iterator[Driver]:
     """A driver at the robot's port, closed with the context; nothing is sent yet.
 
-    At the end it is told if the recording has broken off.
+    At the end it is told if the log has broken off.
 
     Raises:
         LinkError: The port cannot be opened.
@@ -52,8 +52,8 @@ def open_driver(robot: RobotFile, record: Path | None) -> Iterator[Driver]:
         with Driver(robot, transport) as driver:
             yield driver
     finally:
-        if isinstance(transport, RecordingTransport) and transport.failure is not None:
-            Console().print(f"The recording {record} breaks off: {transport.failure}")
+        if isinstance(transport, LoggingTransport) and transport.failure is not None:
+            Console().print(f"The log {record} breaks off: {transport.failure}")
 
 
 def info_rows(info: DeviceInfo) -> dict[str, str]:
@@ -90,7 +90,7 @@ def _recorded(transport: Transport, record: Path | None) -> Transport:
     if record is None:
         return transport
     try:
-        return RecordingTransport(transport, record)
+        return LoggingTransport(transport, record)
     except OSError:
         transport.close()
         raise

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from softrobot_env.hardware.link_log import Direction, LinkLog, read_link_log
 from softrobot_env.hardware.protocol.messages import (
     DeviceState,
     Fault,
@@ -21,7 +22,6 @@ from softrobot_env.hardware.protocol.messages import (
     State,
 )
 from softrobot_env.hardware.protocol.unit_conversion import faults
-from softrobot_env.hardware.recording import Direction, Recording, read_recording
 from softrobot_env.rendering.tables import Column, make_table
 
 EXAMPLE = "softrobot robot replay out/session.link --all"
@@ -38,23 +38,23 @@ Line = tuple[float, Direction, Message]
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("recording", type=Path, metavar="FILE", help="what --record has written")
+    parser.add_argument("log", type=Path, metavar="FILE", help="what --record has written")
     parser.add_argument(
         "--all", action="store_true", help="also set-points, and states that tell nothing new"
     )
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command; 1 if the recording breaks off in a record."""
-    recording = read_recording(args.recording)
+    """Run the command; 1 if the log breaks off in a record."""
+    log = read_link_log(args.log)
     lines = [
-        (chunk.time - recording.chunks[0].time, chunk.direction, message)
-        for chunk, message, _ in recording.messages()
+        (chunk.time - log.chunks[0].time, chunk.direction, message)
+        for chunk, message, _ in log.messages()
     ]
     console = Console()
     console.print(make_table("", _COLUMNS, lines if args.all else _news(lines)))
-    console.print(_summary(recording, lines))
-    return int(not recording.complete)
+    console.print(_summary(log, lines))
+    return int(not log.complete)
 
 
 def _news(lines: list[Line]) -> Iterator[Line]:
@@ -103,10 +103,10 @@ _COLUMNS = (
 )
 
 
-def _summary(recording: Recording, lines: list[Line]) -> str:
+def _summary(log: LinkLog, lines: list[Line]) -> str:
     counts = Counter(way for _, way, _ in lines)
     duration = lines[-1][0] if lines else 0.0
-    end = "" if recording.complete else "; the file breaks off in a record"
+    end = "" if log.complete else "; the file breaks off in a record"
     return (
         f"{duration:.2f} s, {counts[Direction.TO_ROBOT]} messages to the robot, "
         f"{counts[Direction.FROM_ROBOT]} from it{end}"

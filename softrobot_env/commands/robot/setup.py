@@ -18,7 +18,7 @@ from softrobot_env.control.registry import FEEDBACKS
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.hardware.recording import RecordingTransport
+from softrobot_env.hardware.link_log import LoggingTransport
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.transport import SerialTransport, Transport
 from softrobot_env.robots import RIG, RobotParams
@@ -76,19 +76,19 @@ class RealSetup(Setup):
             transport = SerialTransport(file.port, file.baud)
             if self._args.record is None:
                 return transport
-            return _ToldRecording(transport, _free_name(self._args.record, case))
+            return _ToldLog(transport, _free_name(self._args.record, case))
 
         return line
 
 
-class _ToldRecording(RecordingTransport):
-    """A recording that says at its end why it broke off."""
+class _ToldLog(LoggingTransport):
+    """A log that says at its end why it broke off."""
 
     def close(self) -> None:
         """See `Transport`."""
         super().close()
         if self.failure is not None:
-            print(f"The recording broke off: {self.failure}", file=sys.stderr)
+            print(f"The log broke off: {self.failure}", file=sys.stderr)
 
 
 class _VirtualRigEnv(RealRigEnv):
@@ -117,7 +117,7 @@ class _VirtualRigEnv(RealRigEnv):
 
 
 def _free_name(folder: Path, case: Case) -> Path:
-    """A file for a recording that is not there yet."""
+    """A file for a log that is not there yet."""
     folder.mkdir(parents=True, exist_ok=True)
     number = 1
     while (path := folder / f"{case.task.name}_{case.policy}_{number}.link").exists():

@@ -20,6 +20,7 @@ from softrobot_env.artifacts import (
     read_arrays,
     refuse_artifact,
     train_command,
+    write_arrays,
 )
 from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
@@ -137,7 +138,7 @@ def build_gains(
 
 def save_gains(path: Path, robot: RobotParams, gains: np.ndarray) -> None:
     """Write gains (n1, n2, n3, k), in single precision, which is far finer than they need be."""
-    np.savez_compressed(path, gains=gains.astype(np.float32), robot=identity(robot))
+    write_arrays(path, {"gains": gains.astype(np.float32), "robot": identity(robot)})
 
 
 def load_gains(path: Path, robot: RobotParams, policy: str, count: int) -> np.ndarray:

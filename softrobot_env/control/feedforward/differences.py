@@ -4,48 +4,50 @@ from typing import NamedTuple
 
 import numpy as np
 
-#: Standard deviations before anything was seen: of offsets, in full scales of the inputs, of the
-#: stiffness, as a share of it, and of a weight at the tip, in weights of the robot.
-_OFFSET, _STIFFER, _WEIGHT = 0.05, 0.3, 0.3
+#: What differs at any robot: standard deviation before anything was seen, least and largest value.
+#: Shares of stiffness and of damping, and a weight at the tip, in weights of the robot.
+_ALWAYS = np.array([(0.3, -0.5, 1.0), (0.3, -0.8, 2.0), (0.3, -0.5, 1.0)])
 
-#: Least and largest values of the same.
-_OFFSETS, _STIFFNESSES, _WEIGHTS = (-0.5, 0.5), (-0.5, 1.0), (-0.5, 1.0)
+#: The same of an offset of an input, in its full scale, and of how a robot in space is built: turn
+#: of its tendons about the axis [rad], difference of the bending stiffnesses in two directions.
+_OFFSET, _BUILT = (0.05, -0.5, 0.5), (0.1, -0.5, 0.5)
 
 #: What no difference explains: a share of the reach, for a time over that of the first mode, 1 / w.
 #: It is far more than sensors err by: what is not modelled lasts, and an estimate that follows
 #: faster than the first mode would take motions for differences.
-_ERROR, _LASTS = 0.03, 10.0
+_ERROR, _LASTS = 0.01, 10.0
 
 #: Times, over that of the first mode, in which as much is forgotten as was unknown at first.
-_FORGETS_OFFSETS, _FORGETS = 30.0, 300.0
+_FORGETS_OFFSETS, _FORGETS = 300.0, 1000.0
 
 
 class Differences(NamedTuple):
     """An estimate.
 
     Attributes:
-        mean: (n_inputs + 2,), offsets of the inputs [full scale], share by which the robot is
-            stiffer, and weight at its tip [weights of the robot].
-        covariance: (n_inputs + 2, n_inputs + 2).
+        mean: (n,), shares by which the robot is stiffer and its damping per stiffness larger,
+            weight at its tip [weights of the robot], offsets of the inputs [full scale], and how it
+            is built otherwise (`nearby.Neighbourhood`).
+        covariance: (n, n).
     """
 
     mean: np.ndarray
     covariance: np.ndarray
 
     @property
-    def offset(self) -> np.ndarray:
-        """Of the inputs (n_inputs,) [full scale]."""
-        return self.mean[:-2]
-
-    @property
     def stiffer(self) -> float:
         """Share by which the robot is stiffer than its model [1]."""
-        return float(self.mean[-2])
+        return float(self.mean[0])
+
+    @property
+    def damped(self) -> float:
+        """Share by which its damping per stiffness is larger than its model's [1]."""
+        return float(self.mean[1])
 
     @property
     def weight(self) -> float:
         """Weight at the tip, in weights of the robot [1]."""
-        return float(self.mean[-1])
+        return float(self.mean[2])
 
 
 class DifferenceFilter:
@@ -55,38 +57,45 @@ class DifferenceFilter:
     the ways of the tip by each of them and G the first mode.
     """
 
-    def __init__(self, n_inputs: int, reach: float, frequency: float, period: float) -> None:
+    def __init__(
+        self, n_inputs: int, n_built: int, reach: float, frequency: float, period: float
+    ) -> None:
         """Weigh what is seen every `period` [s] of a robot of a `reach` [m].
 
         Args:
             n_inputs: Of the robot.
+            n_built: Number of ways in which it may be built otherwise.
             reach: [m].
             frequency: Angular frequency w [rad/s] of the first mode.
             period: [s] between two updates.
         """
-        spread = np.array([*[_OFFSET] * n_inputs, _STIFFER, _WEIGHT])
-        self._begun = Differences(np.zeros(n_inputs + 2), np.diag(spread**2))
-        limits = np.array([*[_OFFSETS] * n_inputs, _STIFFNESSES, _WEIGHTS])
-        self._least, self._most = limits.T
-        forgets = np.array([*[_FORGETS_OFFSETS] * n_inputs, _FORGETS, _FORGETS])
+        own = np.vstack([_ALWAYS, *[_OFFSET] * n_inputs, *[_BUILT] * n_built])
+        spread, self._least, self._most = own.T
+        self._begun = Differences(np.zeros(len(own)), np.diag(spread**2))
+        forgets = np.full(len(own), _FORGETS)
+        forgets[len(_ALWAYS) : len(_ALWAYS) + n_inputs] = _FORGETS_OFFSETS
         self._walk = self._begun.covariance * (period * frequency / forgets)
-        self._noise = (_ERROR * reach) ** 2 * max(1.0, _LASTS / (frequency * period))
+        self._reach, self._lasts = reach, max(1.0, _LASTS / (frequency * period))
 
     def begin(self) -> Differences:
         """Before anything was seen."""
         return self._begun
 
-    def updated(self, before: Differences, left: np.ndarray, ways: np.ndarray) -> Differences:
+    def updated(
+        self, before: Differences, left: np.ndarray, ways: np.ndarray, far: float
+    ) -> Differences:
         """After an error was seen.
 
         Args:
             before: The last estimate.
             left: (k,) [m], the error that there would be without any correction.
-            ways: (n_inputs + 2, k) [m], of the tip by each difference, as G gives them.
+            ways: (n, k) [m], of the tip by each difference, as G gives them.
+            far: [m], of the tip from where they hold: what they leave out goes with its square.
         """
+        noise = ((_ERROR * self._reach) ** 2 + (far**2 / self._reach) ** 2) * self._lasts
         covariance = before.covariance + self._walk
         seen = covariance @ ways
-        expected = ways.T @ seen + self._noise * np.eye(len(left))
+        expected = ways.T @ seen + noise * np.eye(len(left))
         gain = np.linalg.solve(expected, seen.T).T
         mean = before.mean - gain @ (left + ways.T @ before.mean)
         covariance = covariance - gain @ seen.T

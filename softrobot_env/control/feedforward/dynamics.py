@@ -20,6 +20,7 @@ import numpy as np
 
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI, FeedforwardState
 from softrobot_env.control.feedforward.motion import Motion, on_time
+from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
 from softrobot_env.control.status import REASONS, SATURATED
 from softrobot_env.fields import Positive, check_argument
@@ -90,19 +91,16 @@ class InverseDynamics(Feedforward):
     def _remembered(self) -> Moving:
         return Moving()
 
-    def _ahead(self, observation: Observation, state: FeedforwardState) -> Motion:
+    def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
         """The reference in the middle of the period."""
         now = Motion(*(observation[name] for name in self.requires[:3]))
         return now.ahead(self._period / 2, state.memory.acceleration, self._period)
 
-    def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
-        return self._ahead(observation, state).position
-
     def _added(
-        self, observation: Observation, rest: Rest, state: FeedforwardState
+        self, observation: Observation, motion: Motion, rest: Rest, state: FeedforwardState
     ) -> tuple[np.ndarray, Moving, str | None]:
         """Inputs of the motion; at rest those of the statics."""
-        place, velocity, acceleration = self._ahead(observation, state)
+        place, velocity, acceleration = motion
         now = observation["reference_acceleration"].copy()
         linear = self._statics.linearised(rest) if rest.reached else None
         if linear is None:
@@ -199,5 +197,5 @@ class InverseDynamicsPI(FeedforwardPI, InverseDynamics):
 
     requires = (*InverseDynamics.requires, "tip_position")
 
-    def _learning(self, robot: RobotParams) -> RobotParams:
-        return robot
+    def _learning(self, period: float) -> Neighbourhood:
+        return Neighbourhood(self._statics, period)

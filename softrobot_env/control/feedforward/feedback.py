@@ -5,12 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.control.feedforward.differences import DifferenceFilter, Differences
+from softrobot_env.control.feedforward.motion import Motion
+from softrobot_env.control.feedforward.nearby import Nearby, Neighbourhood
 from softrobot_env.control.feedforward.statics import Rest, Statics
 from softrobot_env.fields import NotNegative, Positive, check_argument
-from softrobot_env.robots import RobotParams
 
-#: Shares of the limits of K_P and K_I; the largest K_P.
-_PROPORTIONAL, _INTEGRAL, _LARGEST = 0.4, 0.45, 2.0
+#: Shares of the limits of K_P and K_I; the largest K_P, and the largest K_P e as a share of the
+#: reach: what holds near a rest says little of what is far away. Ways over it that no robot moves
+#: by: about an unstable rest modes grow without end.
+_PROPORTIONAL, _INTEGRAL, _LARGEST, _FAR, _LOST = 0.4, 0.45, 2.0, 0.1, 1e3
 
 
 class Sent(NamedTuple):
@@ -32,14 +35,17 @@ class Felt(NamedTuple):
     Attributes:
         integral: (k,) [m s], of the tip's error.
         differs: How the robot differs from its model; None where that is not learned.
-        mode: (2, 1 + n, k), place [m] and rate [m/s] of the first mode, by corrections and by the
-            ways of n differences.
+        mode: (2 r, 1 + n), r modes and their rates, by corrections and by n differences.
+        moved: (1 + n, k) [m], the tip by the same.
+        near: What was near the rest at the last decision; None before.
         sent: The last decisions whose tip was not seen yet, oldest first.
     """
 
     integral: np.ndarray
     differs: Differences | None
     mode: np.ndarray
+    moved: np.ndarray
+    near: Nearby | None
     sent: tuple[Sent, ...]
 
     def unlearnt(self, before: "Felt") -> "Felt":
@@ -62,10 +68,11 @@ class Feedback:
     so that a step swings longer.
 
     An integral makes up for what is wrong at the last point alone. In its place a Kalman filter
-    learns what is wrong all over the workspace: offsets of the inputs, a stiffness, a weight at the
-    tip (`Differences`). With G the first mode with the delay, u the way that all corrections should
-    move the tip by, and Phi the ways by each difference, e + G(u) is what the error would be
-    without them, -G(Phi) times the differences. G foretells when a correction will be seen.
+    learns what is wrong all over the workspace: offsets of the inputs, a stiffness, a damping, a
+    turn of the tendons, a weight at the tip (`Differences`). With G the motion of the tip
+    (`Nearby`) with the delay, u the way that all corrections should move the tip by, and Phi the
+    ways by each difference, e + G(u) is what the error would be without them, -G(Phi) times the
+    differences. G foretells when a correction will be seen.
     """
 
     def __init__(
@@ -75,7 +82,7 @@ class Feedback:
         proportional: float | None = None,
         integral: float | None = None,
         tip_delay: float = 0.0,
-        learning: RobotParams | None = None,
+        learning: Neighbourhood | None = None,
     ) -> None:
         """Set the gains.
 
@@ -85,7 +92,7 @@ class Feedback:
             proportional: K_P [1]; by default 0.4 of its limit, at most 2.
             integral: K_I [1/s]; by default 0.45 of its limit, 0 where differences are learned.
             tip_delay: d [s], rounded to whole control periods, as environments do.
-            learning: The robot of the statics, of its chain, to learn how another differs from it.
+            learning: Of the statics, of a chain, to learn how a robot differs from it.
         """
         check_argument("control_period", control_period, Positive)
         check_argument("proportional", proportional, NotNegative | None)
@@ -99,64 +106,68 @@ class Feedback:
         self._proportional = gain if proportional is None else proportional
         share = _INTEGRAL * damping_time * frequency**2 if learning is None else 0.0
         self._integral = share if integral is None else integral
-        self._filter = None
+        self._filter, self._near = None, learning
+        self._far = np.inf if learning is None else _FAR * learning.reach
         if learning is not None:
             n_inputs = statics.inputs.n_inputs
-            self._filter = DifferenceFilter(n_inputs, learning.reach, frequency, control_period)
-            self._mode = _held(frequency, damping_time, control_period)
+            self._filter = DifferenceFilter(
+                n_inputs, learning.n_built, learning.reach, frequency, control_period
+            )
 
     def start(self, reference: np.ndarray) -> Felt:
         """Begin with a reference (k,) [m] that was there before."""
         k = len(reference)
         differs = None if self._filter is None else self._filter.begin()
-        mode = np.zeros((2, 1 + (0 if differs is None else len(differs.mean)), k))
-        return Felt(np.zeros(k), differs, mode, self._late * (Sent(reference.copy(), mode[0]),))
+        n = 1 + (0 if differs is None else len(differs.mean))
+        moved = np.zeros((n, k))
+        mode = np.zeros((0 if differs is None else 2 * self._near.modes.shape[1], n))
+        before = self._late * (Sent(reference.copy(), moved),)
+        return Felt(np.zeros(k), differs, mode, moved, None, before)
 
     def added(
-        self, rest: Rest, reference: np.ndarray, tip: np.ndarray, felt: Felt
+        self, rest: Rest, motion: Motion, reference: np.ndarray, tip: np.ndarray, felt: Felt
     ) -> tuple[np.ndarray, Felt, bool]:
         """Inputs (n_inputs,) to add where the statics are at rest, and whether one is limited.
 
         Args:
             rest: Of the model.
+            motion: Of the reference, (k,) each, when the inputs act.
             reference, tip: (k,) [m], at the present and as seen; a tip that is not finite counts as
                 where it should be, and nothing is learned from it.
             felt: What the last call returned.
         """
-        sent = (*felt.sent, Sent(reference.copy(), felt.mode[0]))
+        sent = (*felt.sent, Sent(reference.copy(), felt.moved))
         error = np.where(np.isfinite(tip), sent[0].reference - tip, 0.0)
         integral = felt.integral + self._period * error
-        change = self._proportional * error + self._integral * integral
+        near = min(1.0, self._far / max(self._proportional * np.linalg.norm(error), 1e-300))
+        change = near * self._proportional * error + self._integral * integral
         now = felt._replace(integral=integral, sent=sent[1:])
         if self._filter is None:
             shifted, limited = self._statics.shifted(rest, change)
         else:
             if np.isfinite(tip).all():
                 corrected, ways = sent[0].moved[0], sent[0].moved[1:]
-                differs = self._filter.updated(felt.differs, error + corrected, ways)
+                left, far = error + corrected, float(np.linalg.norm(error))
+                differs = self._filter.updated(felt.differs, left, ways, far)
                 now = now._replace(differs=differs)
-            shifted, now, limited = self._made_up(rest, change, now)
+            shifted, now, limited = self._made_up(rest, motion, change, now)
         return shifted - rest.inputs, now.unlearnt(felt) if limited else now, limited
 
-    def _made_up(self, rest: Rest, change: np.ndarray, felt: Felt) -> tuple[np.ndarray, Felt, bool]:
+    def _made_up(
+        self, rest: Rest, motion: Motion, change: np.ndarray, felt: Felt
+    ) -> tuple[np.ndarray, Felt, bool]:
         """Inputs (n_inputs,) of a robot that differs, what is felt, and whether one is limited."""
         differs, inputs = felt.differs, self._statics.inputs
-        ways = self._statics.ways(rest, len(change), differs.stiffer)
-        lifted = change - differs.weight * ways[-1]
-        shifted, limited = self._statics.shifted(rest, lifted, differs.stiffer)
-        shifted = shifted - differs.offset * inputs.input_scale
+        near = self._near.about(rest, motion, differs, felt.near)
+        if near is None:
+            return rest.inputs, felt, True
+        n, own = inputs.n_inputs, near.rest
+        shifted, limited = self._statics.shifted(own, change - near.moving, near.linear)
+        shifted = shifted - differs.mean[3 : 3 + n] * inputs.input_scale
         beyond = np.abs(shifted - inputs.input_centre) >= inputs.input_scale
-        free, forced = self._mode
-        pulls = np.vstack([change - differs.mean @ ways, ways])
-        mode = np.tensordot(free, felt.mode, 1) + forced[:, None, None] * pulls
-        return shifted, felt._replace(mode=mode), limited or bool(beyond.any())
-
-
-def _held(frequency: float, damping_time: float, period: float) -> tuple[np.ndarray, np.ndarray]:
-    """A (2, 2) and b (2,) of a mode x = (place, rate) a period later, A x + b u, with u held."""
-    from scipy.linalg import expm
-
-    square = frequency**2
-    rates = np.array([[0.0, 1.0, 0.0], [-square, -damping_time * square, square], [0.0] * 3])
-    found = expm(period * rates)
-    return found[:2, :2], found[:2, 2]
+        corrected = near.by_inputs @ ((shifted - own.inputs) / inputs.input_scale) - near.held
+        mode, moved = near.later(felt.mode, np.column_stack([corrected, near.forces]))
+        if not np.abs(moved).max() < _LOST * self._near.reach:
+            mode, moved = np.zeros_like(mode), np.zeros_like(moved)
+        felt = felt._replace(mode=mode, moved=moved, near=near)
+        return shifted, felt, limited or bool(beyond.any())

@@ -8,6 +8,8 @@ import numpy as np
 
 from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.feedforward.feedback import Feedback, Felt
+from softrobot_env.control.feedforward.motion import Motion
+from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import Rest, statics_of
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED
 from softrobot_env.fields import Positive, check_argument
@@ -104,11 +106,12 @@ class Feedforward(Controller):
         if not all(np.isfinite(observation[name]).all() for name in self.requires):
             kept = np.clip(usable(observation["previous_action"]), -1.0, 1.0)
             return kept, replace(state, status=REASONS[NOT_FINITE])
-        target, rest = self._target(observation, state), state.rest
+        motion, rest = self._motion(observation, state), state.rest
+        target = motion.position
         if not np.array_equal(target, state.target):  # it rests most of the time
             rest = self._statics.hold(target, rest, bool(np.isnan(state.target).any()))
-        inputs, memory, reason = self._added(observation, rest, state)
-        inputs, felt, limited = self._corrected(observation, rest, inputs, state.felt)
+        inputs, memory, reason = self._added(observation, motion, rest, state)
+        inputs, felt, limited = self._corrected(observation, motion, rest, inputs, state.felt)
         wanted = (inputs - self._inputs.input_centre) / self._inputs.input_scale
         action = np.clip(wanted, -1.0, 1.0)
         if reason is not None:  # what is missed for that reason is not for feedback to make up
@@ -118,24 +121,30 @@ class Feedforward(Controller):
         status = reason if rest.reached else self._statics.missed
         return action, FeedforwardState(target, rest, memory, felt, status)
 
-    def _target(self, observation: Observation, state: FeedforwardState) -> np.ndarray:
-        """Where the tip should be, (k,) [m]."""
-        return observation["reference"].copy()
+    def _motion(self, observation: Observation, state: FeedforwardState) -> Motion:
+        """Where the tip should be, (k,) [m], taken as at rest."""
+        here = observation["reference"].copy()
+        return Motion(here, np.zeros_like(here), np.zeros_like(here))
 
     def _added(
-        self, observation: Observation, rest: Rest, state: FeedforwardState
+        self, observation: Observation, motion: Motion, rest: Rest, state: FeedforwardState
     ) -> tuple[np.ndarray, Any, str | None]:
         """Inputs (n_inputs,), the next memory, and why they are not those wanted, or None."""
         return rest.inputs, state.memory, None
 
     def _corrected(
-        self, observation: Observation, rest: Rest, inputs: np.ndarray, felt: Felt | None
+        self,
+        observation: Observation,
+        motion: Motion,
+        rest: Rest,
+        inputs: np.ndarray,
+        felt: Felt | None,
     ) -> tuple[np.ndarray, Felt | None, bool]:
         """Inputs (n_inputs,) after feedback, what it remembers, and if one is limited."""
         if self._feedback is None:
             return inputs, None, False
         seen = observation["reference"], observation["tip_position"]
-        more, felt, limited = self._feedback.added(rest, *seen, felt)
+        more, felt, limited = self._feedback.added(rest, motion, *seen, felt)
         return inputs + more, felt, limited
 
 
@@ -165,8 +174,13 @@ class FeedforwardPI(Feedforward):
         check_argument("control_period", control_period, Positive)
         super().__init__(robot, control_period, weights=weights)
         self._feedback = Feedback(
-            self._statics, control_period, proportional, integral, tip_delay, self._learning(robot)
+            self._statics,
+            control_period,
+            proportional,
+            integral,
+            tip_delay,
+            self._learning(control_period),
         )
 
-    def _learning(self, robot: RobotParams) -> RobotParams | None:
-        """The robot whose stiffness is learnt, if it is."""
+    def _learning(self, period: float) -> Neighbourhood | None:
+        """What is near the rests of the robot, whose differences are learned, if they are."""

@@ -75,13 +75,8 @@ class Statics(Protocol):
         For the first target they may be anywhere.
         """
 
-    def shifted(
-        self, rest: Rest, change: np.ndarray, stiffer: float = 0.0
-    ) -> tuple[np.ndarray, bool]:
-        """Inputs (n_inputs,) that move the tip by (k,) [m] to first order; if one is limited.
-
-        Those of a robot that is stiffer by a share, where the statics know what that asks for.
-        """
+    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
+        """Inputs (n_inputs,) that move the tip by (k,) [m] to first order; if one is limited."""
 
     def first_mode(self) -> tuple[float, float]:
         """Angular frequency [rad/s] and damping time [s] of the slowest mode."""
@@ -126,9 +121,7 @@ class ClosedStatics:
         found = least_norm(self._statics, target, before.inputs)
         return Rest(found.reduced, found.residual, found.converged)
 
-    def shifted(
-        self, rest: Rest, change: np.ndarray, stiffer: float = 0.0
-    ) -> tuple[np.ndarray, bool]:
+    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
         """See `Statics`."""
         jacobian = self._statics.jacobian(rest.inputs)
         square = jacobian @ jacobian.T + _DAMPING**2 * np.eye(2)
@@ -173,9 +166,7 @@ class NetworkStatics:
         inputs = self.inputs.input_centre + action * self.inputs.input_scale
         return Rest(inputs, away, away <= self._spacing, target=target)
 
-    def shifted(
-        self, rest: Rest, change: np.ndarray, stiffer: float = 0.0
-    ) -> tuple[np.ndarray, bool]:
+    def shifted(self, rest: Rest, change: np.ndarray) -> tuple[np.ndarray, bool]:
         """See `Statics`: what the network gives for a place shifted by that."""
         inputs = self.hold(rest.target + change[: self._size], rest, False).inputs
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
@@ -197,6 +188,7 @@ class ChainStatics:
         scene: Of the robot.
         inverse: Along its own directions, of which a third coordinate follows.
         world: Along x, y and z.
+        damping: [m], singular values of the tip's way by actions well below it are not inverted.
     """
 
     dimension = None
@@ -208,7 +200,7 @@ class ChainStatics:
         self.inverse = InverseStatics(self.scene)
         self.world = self.inverse.along(np.eye(3))
         self.inputs = self.inverse.inputs
-        self._off, self._damping = _OFF * robot.reach, _DAMPING_SHARE * robot.reach
+        self._off, self.damping = _OFF * robot.reach, _DAMPING_SHARE * robot.reach
 
     def begin(self, inputs: np.ndarray) -> Rest:
         """See `Statics`."""
@@ -231,7 +223,7 @@ class ChainStatics:
         """A step on, or some: a third coordinate follows once the inputs have the least norm."""
         solver, rest = self.solver(spatial), None
         for _ in range(_RELAXATIONS):
-            found = solver.follow(self._point(target, spatial), place)
+            found = solver.follow(self.point(target, spatial), place)
             if found is None:
                 return None
             rest, place = self._rest(found, target, spatial), found
@@ -244,32 +236,23 @@ class ChainStatics:
         return self.solver(rest.spatial).linearised(rest.place.action, rest.place.posture)
 
     def shifted(
-        self, rest: Rest, change: np.ndarray, stiffer: float = 0.0
+        self, rest: Rest, change: np.ndarray, linear: Linear | None = None
     ) -> tuple[np.ndarray, bool]:
-        """See `Statics`. Actions at their bound stay there, and the others make up for them."""
-        place, linear = rest.place, self._stiffer(rest, stiffer)
+        """See `Statics`. Actions at their bound stay there, and the others make up for them.
+
+        By the statics about the rest; of a robot that differs where these are given.
+        """
+        place = rest.place
+        if linear is None and place is not None:
+            linear = self.world.linearised(place.action, place.posture, driven=True)
         if linear is None:
             return rest.inputs, True
         axes = self.axes(len(change))
         gap = change - (linear.tip_by_turns @ linear.balance)[axes]
-        step, _ = least_step(linear.tip_by_actions[axes], gap, place.action, 0.0, self._damping)
+        step, _ = least_step(linear.tip_by_actions[axes], gap, place.action, 0.0, self.damping)
         inputs = rest.inputs + self.world.inputs_by(place.action, step)
         limited = np.abs(inputs - self.inputs.input_centre) >= self.inputs.input_scale
         return inputs, bool(limited.any() or np.any(np.abs(place.action + step) >= 1.0))
-
-    def ways(self, rest: Rest, size: int, stiffer: float = 0.0) -> np.ndarray:
-        """Ways (n_inputs + 2, size) [m], see `InverseStatics.ways`, of a robot stiffer by that."""
-        linear = self._stiffer(rest, stiffer)
-        if linear is None:
-            return np.zeros((self.inputs.n_inputs + 2, size))
-        return self.world.ways(linear)[:, self.axes(size)]
-
-    def _stiffer(self, rest: Rest, share: float) -> Linear | None:
-        """Of a robot that is stiffer by a share, about where its model is at rest."""
-        place = rest.place
-        if place is None:
-            return None
-        return self.world.linearised(place.action, place.posture, share, driven=True)
 
     def first_mode(self) -> tuple[float, float]:
         """See `Statics`: of the chain linearised under the action 0, its drives at rest."""
@@ -292,7 +275,7 @@ class ChainStatics:
             return [0, 1, 2]
         return [0, 2] if self.scene.config.bending == "planar" else [0, 1]
 
-    def _point(self, target: np.ndarray, spatial: bool) -> np.ndarray:
+    def point(self, target: np.ndarray, spatial: bool) -> np.ndarray:
         """The target along the directions of a solver."""
         return self.solver(spatial).directions[:, self.axes(len(target))] @ target
 

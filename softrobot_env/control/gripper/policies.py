@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from softrobot_env.control.gripper.calibration import FingerCalibration
 from softrobot_env.control.gripper.size import SizeEstimator
 from softrobot_env.interfaces import Observation
 from softrobot_env.robots.gripper import Gripper
@@ -38,22 +39,22 @@ class ScriptedGrip:
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
         """As of `interfaces.Policy`; the state is the steps (n,) of each episode so far."""
-        curvature = observation["curvature"]
-        steps = np.zeros(curvature.shape[:-1], dtype=int) if state is None else state["steps"]
+        count = next(iter(observation.values())).shape[:-1]
+        steps = np.zeros(count, dtype=int) if state is None else state["steps"]
         if episode_start is not None:
             steps = np.where(np.reshape(episode_start, steps.shape), 0, steps)
         known = {} if state is None else state
         steps = steps + 1
-        tension, kept = self._tension(steps * self.control_period, curvature, known)
+        tension, kept = self._tension(steps, observation, known)
         limits = self.gripper.tension_limits
         action = 2 * np.minimum(tension[..., None] / limits, 1.0) - 1
         return action.astype(np.float32), {"steps": steps, **kept}
 
     def _tension(
-        self, time: np.ndarray, curvature: np.ndarray, known: dict[str, np.ndarray]
+        self, steps: np.ndarray, observation: Observation, known: dict[str, np.ndarray]
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-        """Tensions (...) [N] at times (...) [s], and what is to be remembered."""
-        return self.tension * np.minimum(time / RISE, 1.0), {}
+        """Tensions (...) [N] in steps (...) from 1 on, and what is to be remembered."""
+        return self.tension * np.minimum(steps * self.control_period / RISE, 1.0), {}
 
 
 @dataclass
@@ -62,20 +63,34 @@ class SizedGrip(ScriptedGrip):
 
     Attributes:
         size: The estimator.
+        sensors: How the curvatures follow from `sensors`; they are observed unless given.
     """
 
     size: SizeEstimator | None = None
+    sensors: FingerCalibration | None = None
 
     def _tension(
-        self, time: np.ndarray, curvature: np.ndarray, known: dict[str, np.ndarray]
+        self, steps: np.ndarray, observation: Observation, known: dict[str, np.ndarray]
     ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """First as the estimator wants it; from `CALM` on by the size, told once."""
         if self.size is None:
             raise ValueError("a SizedGrip needs the size estimator of its gripper")
+        curvature, kept = self._bends(steps, observation, known)
+        time = steps * self.control_period
         first = self.size.tension * np.minimum(time / RISE, 1.0)
         told = known.get("diameter", np.full(time.shape, np.nan))
         told = np.where(time < CALM, np.nan, np.where(np.isnan(told), self.size(curvature), told))
         wanted = np.interp(np.nan_to_num(told), _SIZES, _HOLDS)
         share = np.clip((time - CALM) / 0.2, 0.0, 1.0)
         after = self.size.tension + share * (wanted - self.size.tension)
-        return np.where(np.isnan(told), first, after), {"diameter": told}
+        return np.where(np.isnan(told), first, after), {"diameter": told, **kept}
+
+    def _bends(
+        self, steps: np.ndarray, observation: Observation, known: dict[str, np.ndarray]
+    ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """Curvatures (..., pieces) [1/m], and readings of straight fingers to be remembered."""
+        if self.sensors is None:
+            return observation["curvature"], {}
+        now = observation["sensors"]
+        straight = np.where(steps[..., None] == 1, now, known.get("straight", now))
+        return self.sensors.curvature(now, straight), {"straight": straight}

@@ -10,6 +10,7 @@ import numpy as np
 
 from softrobot_env.control.mpc.prediction import evaluate
 from softrobot_env.control.mpc.settings import MPCSettings
+from softrobot_env.extras import install_command
 
 #: Share of the decrease that the model promises which a step must bring, and halvings for it.
 _ARMIJO = 1e-4
@@ -76,7 +77,7 @@ class BoundedSolver:
             from daqp import solve
         except ImportError as reason:
             raise ImportError(
-                'model predictive control needs the package daqp: pip install "softrobot_env[mpc]"'
+                f"model predictive control needs the package daqp: {install_command('mpc')}"
             ) from reason
         self._solve = solve
 

@@ -10,6 +10,7 @@ network was trained with; and what is known of the servos, their speed and backl
 corrected by feedback of the tip.
 """
 
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +18,7 @@ import numpy as np
 from softrobot_env.control.base import Controller
 from softrobot_env.control.feedforward.feedback import Feedback, Felt
 from softrobot_env.control.feedforward.motion import Motion, on_time
+from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import OnePiece, SeveralPieces
@@ -34,6 +36,7 @@ from softrobot_env.robots import (
     WORKSPACE,
     RobotParams,
 )
+from softrobot_env.scene.registry import RIG_PIECES
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
 _TURNING = 2e-3  # m/s, below which it is not clear on which side of its backlash a servo is
@@ -141,9 +144,10 @@ class RigFeedforward(Controller):
         self.sizes = dict.fromkeys(_MOTION, 2) | {"previous_action": len(robot.tendons)}
         self._chain = self._feedback = None
         if believed is not None:
-            self._chain = ChainStatics(believed)
+            self._chain = ChainStatics(replace(believed, pieces=RIG_PIECES))
+            near = Neighbourhood(self._chain, control_period)
             self._feedback = Feedback(
-                self._chain, control_period, tip_delay=tip_delay, learning=believed
+                self._chain, control_period, tip_delay=tip_delay, learning=near
             )
             self.requires, self.sizes = (*self.requires, _TIP), self.sizes | {_TIP: 2}
 
@@ -185,13 +189,13 @@ class RigFeedforward(Controller):
         """Lengths (3,) [m] that feedback adds, and its memory."""
         if self._feedback is None:
             return 0.0, None
-        tip, place, before = observation[_TIP], self._then(now, state).position, state.correction
+        tip, motion, before = observation[_TIP], self._then(now, state), state.correction
         if before is None:
             begun = self._chain.begin(np.zeros(len(observation["previous_action"])))
             before = Correction(begun, self._feedback.start(now.position))
         first = state.correction is None
-        rest = self._chain.hold(place, before.rest, first)
-        more, felt, _ = self._feedback.added(rest, now.position, tip, before.felt)
+        rest = self._chain.hold(motion.position, before.rest, first)
+        more, felt, _ = self._feedback.added(rest, motion, now.position, tip, before.felt)
         return more, Correction(rest, felt)
 
     def _decide_stacked(

@@ -3,9 +3,13 @@
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from softrobot_env.artifacts import check_robot, find_artifact, fingerprint, read_arrays
+from softrobot_env.artifacts import (
+    check_robot,
+    find_artifact,
+    fingerprint,
+    read_arrays,
+    write_arrays,
+)
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.control.arm.operating_points import read_grid
 from softrobot_env.control.arm.timing import TIMING, is_arm
@@ -114,4 +118,4 @@ class WithoutPreview(Constrained):
 
 def save_table(path: Path, table: Any, robot: RobotParams, errors: Any) -> None:
     """Write the table of a robot with its operating points' errors (points,) [m]."""
-    np.savez_compressed(path, **table_arrays(table), **fingerprint(robot), errors=errors)
+    write_arrays(path, {**table_arrays(table), **fingerprint(robot), "errors": errors})

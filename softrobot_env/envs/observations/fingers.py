@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from gymnasium import spaces
@@ -19,8 +19,12 @@ from softrobot_env.envs.simulation.grippers import GripperBatch
 from softrobot_env.interfaces import Seen
 from softrobot_env.scene.assembly import Part
 
+if TYPE_CHECKING:  # compiled code takes time to load
+    from softrobot_env.envs.simulation.finger_sensors import FingerSensors
+
 #: Observables of `table.OBSERVABLES` that fingers have, and those of the gripper alone.
-OF_FINGERS = ("curvature", "curvature_rate", "tendon_tension")
+SENSORS = "sensors"
+OF_FINGERS = ("curvature", "curvature_rate", "tendon_tension", SENSORS)
 CONTACT, ACTION = "contact", "previous_action"
 KNOWN = (*OF_FINGERS, CONTACT, ACTION)
 
@@ -35,6 +39,7 @@ class _Finger:
     batch: GripperBatch
     part: Part
     bends: np.ndarray
+    sensors: Callable[[], np.ndarray] | None
 
     def curvature(self) -> np.ndarray:
         return self.batch.qpos[:, self.part.q] @ self.bends
@@ -60,21 +65,23 @@ class GripperView:
         observe: tuple[str, ...],
         as_vector: bool,
         action: Callable[[], np.ndarray],
+        sensors: "FingerSensors | None" = None,
     ) -> None:
         """A view.
 
         Args:
             batch: What is observed.
-            observe: Names out of `KNOWN`, or "all".
+            observe: Names out of `KNOWN`, or "all": all but `sensors`, which cost time.
             as_vector: Whether an observation is one vector.
             action: Function that returns the actions in force, (n, inputs).
+            sensors: Of the fingers, if they are observed.
 
         Raises:
             ValueError: No name, an unknown or a repeated one.
         """
         self._reads, boxes, scales = {}, {}, []
         for name in _checked(observe):
-            self._reads[name], boxes[name], scale = _observable(name, batch, action)
+            self._reads[name], boxes[name], scale = _observable(name, batch, action, sensors)
             scales.append(scale)
         ends = np.cumsum([0, *(box.shape[0] for box in boxes.values())]).tolist()
         self.layout = None
@@ -101,9 +108,15 @@ class GripperView:
         return {name: read() for name, read in self._reads.items()}
 
 
+def observes(observe: Any, name: str) -> bool:
+    """Whether an observable is among those that are asked for."""
+    return name in _checked(observe)
+
+
 def _checked(observe: Any) -> tuple[str, ...]:
     if isinstance(observe, str):
-        observe = KNOWN if observe == "all" else (observe,)
+        every = tuple(name for name in KNOWN if name != SENSORS)
+        observe = every if observe == "all" else (observe,)
     names = tuple(observe) if np.iterable(observe) else ()
     if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
         raise ValueError(f"observe needs distinct names out of {', '.join(KNOWN)}; got {observe!r}")
@@ -111,7 +124,10 @@ def _checked(observe: Any) -> tuple[str, ...]:
 
 
 def _observable(
-    name: str, batch: GripperBatch, action: Callable[[], np.ndarray]
+    name: str,
+    batch: GripperBatch,
+    action: Callable[[], np.ndarray],
+    sensors: "FingerSensors | None",
 ) -> tuple[Callable[[], np.ndarray], spaces.Box, np.ndarray]:
     """How an observable is read, its box and its usual sizes."""
     count = len(batch.scene.parts)
@@ -123,7 +139,8 @@ def _observable(
         return action, box, np.full(batch.scene.n_inputs, 0.5)
     observable, sizes = OBSERVABLES[name], [_sizes(part) for part in batch.scene.parts.values()]
     boxes = [observable.space(s) for s in sizes]
-    reads = [observable.read(Sources(f, _no_reference, action)) for f in _fingers(batch)]
+    fingers = _fingers(batch, sensors)
+    reads = [observable.read(Sources(f, _no_reference, action)) for f in fingers]
     low, high = (np.concatenate([getattr(box, end) for box in boxes]) for end in ("low", "high"))
     scale = [
         np.broadcast_to(observable.scale(s), b.shape) for s, b in zip(sizes, boxes, strict=True)
@@ -140,11 +157,12 @@ def _no_reference(column: str) -> Callable[[], np.ndarray]:
     raise ValueError(f"a gripper follows no reference, and has no {column}")
 
 
-def _fingers(batch: GripperBatch) -> list[_Finger]:
+def _fingers(batch: GripperBatch, sensors: "FingerSensors | None") -> list[_Finger]:
     first, out = 0, []
-    for part in batch.scene.parts.values():
+    for k, part in enumerate(batch.scene.parts.values()):
         pieces = part.scene.config.robot.pieces
-        out.append(_Finger(batch, part, batch.bends[part.q, first : first + pieces]))
+        read = None if sensors is None else partial(sensors.reading, k)
+        out.append(_Finger(batch, part, batch.bends[part.q, first : first + pieces], read))
         first += pieces
     return out
 

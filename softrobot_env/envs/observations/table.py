@@ -293,18 +293,18 @@ def observation_space(
     """Dict space of some of the observables that an environment has.
 
     Args:
-        observe: Their names, one name, or "all": all but `sensors`, which cost time and whose noise
-            draws from the environment's generator; they are asked for by name.
+        observe: Their names, or one name. Among them "all" stands for all but `sensors`, which cost
+            time and whose noise draws from the environment's generator: ("all", "sensors").
         known: Names that the environment has.
         sizes: Of its robot.
 
     Raises:
         ValueError: No name, an unknown name or a repeated one.
     """
-    if isinstance(observe, str):
-        every = tuple(name for name in known if name != "sensors")
-        observe = every if observe == "all" else (observe,)
-    names = tuple(observe) if np.iterable(observe) else ()
+    every = [name for name in known if name != "sensors"]
+    asked = (observe,) if isinstance(observe, str) else observe
+    listed = tuple(asked) if np.iterable(asked) else ()
+    names = tuple(n for name in listed for n in (every if name == "all" else [name]))
     if not names or not all(name in known for name in names) or len(set(names)) < len(names):
         raise ValueError(f"observe needs distinct names out of {', '.join(known)}; got {observe!r}")
     return spaces.Dict({name: _with_noise(OBSERVABLES[name], sizes) for name in names})

@@ -43,7 +43,8 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
     * The rig begins where it is, at rest with tendons pretensioned; `reset` waits until the tip
       stands still, and the clock starts with the first step. From then on a pause longer than the
       watchdog of the robot file stops the rig.
-    * `tip_position` is the newest measurement, some milliseconds old: `info["tip_age"]` [s].
+    * `tip_position` is the newest measurement, some milliseconds old: `info["tip_age"]` [s];
+      `info["tip_refused"]` counts what came to its source and told nothing.
       `info["error"]` is its distance to the reference of its own time.
     * A step called late by half a period or more skips whole periods: the reference goes on,
       `info["missed_steps"]` counts them, nothing is sent twice or in a burst.
@@ -289,6 +290,7 @@ class RealRigEnv(gymnasium.Env[Seen, np.ndarray]):
             "time": self._index * self.control_period,
             "error": self._error(now),
             "tip_age": now - self._tip.time,
+            "tip_refused": self._session.tip_refused,
             "lateness_s": self._lateness,
             "rtt_s": nan if self._round_trip is None else self._round_trip,
             "obs_age_s": reading.age(now),

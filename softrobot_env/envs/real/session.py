@@ -179,6 +179,11 @@ class RealSession:
             return self._tip.latest(None, monotonic())
         return self._tip.latest(tuple(reading.adc.tolist()), reading.taken)
 
+    @property
+    def tip_refused(self) -> int:
+        """What the tip source got since it was opened and could not use."""
+        return getattr(self._tip, "refused", 0)
+
     def end(self) -> None:
         """Ramp down; a line that is lost is left to the watchdog."""
         with suppress(RobotError):

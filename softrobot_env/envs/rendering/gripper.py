@@ -41,7 +41,6 @@ class GripperRenderer:
                 (bar(gripper, task, diameter, rgba=_BAR_RGBA),),
                 control_period=own.control_period,
                 pieces=own.pieces,
-                timestep=own.timestep,
                 appearance=Appearance(surroundings=False),
                 cameras=(camera,),
             )
@@ -68,7 +67,7 @@ class GripperRenderer:
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         option = mujoco.MjvOption()
         mujoco.mjv_updateScene(model, data, option, None, self._camera, everything, self._drawn)
-        for points in sensed_shapes(self._gripper, curvature):
+        for points in finger_shapes(self._gripper, curvature):
             points[:, 1] -= _BEFORE
             for one, other in pairwise(points):
                 self._line(one, other)
@@ -89,7 +88,7 @@ class GripperRenderer:
         self._context.close()
 
 
-def sensed_shapes(gripper: Gripper, curvature: np.ndarray) -> list[np.ndarray]:
+def finger_shapes(gripper: Gripper, curvature: np.ndarray) -> list[np.ndarray]:
     """Shapes (k, 3) [m] of the fingers, each piece an arc of its mean curvature (pieces,) [1/m]."""
     out, first = [], 0
     for finger in gripper.fingers:

@@ -105,7 +105,7 @@ class OffscreenRenderer:
             mujoco.mjtCatBit.mjCAT_ALL.value,
             self._scene,
         )
-        view.decorate(self._scene, frame)
+        view.decorate_flat(self._scene, frame)
         return self._context.draw(self._scene)
 
     def close(self) -> None:
@@ -152,7 +152,7 @@ class WindowRenderer:
         with self._window.lock():
             self._view.update(frame)
             self._window.user_scn.ngeom = 0
-            self._view.decorate(self._window.user_scn, frame)
+            self._view.decorate_in_space(self._window.user_scn, frame)
         self._window.sync()
 
     def _wait(self, now: float) -> None:
@@ -212,8 +212,20 @@ class _View:
             self._trail.append(tip)
             del self._trail[:-_TRAIL_POINTS]
 
-    def decorate(self, scene: mujoco.MjvScene, frame: Frame) -> None:
-        """Add reference, target, trail and tip, in layers in front of the body."""
+    def decorate_in_space(self, scene: mujoco.MjvScene, frame: Frame) -> None:
+        """Add reference, target, trail and tip where they are, for cameras that move."""
+        ball, size = partial(_add_ball, scene), self._disc_size
+        if len(frame.path) > 2 and not frame.jumps:
+            _add_line(scene, _thinned(frame.path), 0.0016, _PATH)
+        else:
+            for point in frame.path:
+                ball(point, 0.005 * size, _PATH)
+        ball(frame.target, 0.010 * size, _TARGET)
+        _add_line(scene, np.array([*self._trail, self._tip]), 0.0022 * size, _TRAIL)
+        ball(self._tip, 0.006 * size, _TRAIL)
+
+    def decorate_flat(self, scene: mujoco.MjvScene, frame: Frame) -> None:
+        """Add the same in layers in front of the body, as the fixed camera sees them."""
         towards = np.array(self.camera.towards)
         layer = (self._front + 0.008 + 0.004 * np.arange(6))[:, None] * towards
         disc = partial(_add_disc, scene, up=np.array(self.camera.up), towards=towards)
@@ -264,6 +276,12 @@ def _add_disc(
     if geom is not None:
         geom.pos[:] = center
         geom.mat[:] = np.stack([np.cross(up, towards), up, towards], axis=1)
+
+
+def _add_ball(scene: mujoco.MjvScene, center: np.ndarray, radius: float, rgba: np.ndarray) -> None:
+    geom = _next_geom(scene, mujoco.mjtGeom.mjGEOM_SPHERE, np.full(3, radius), rgba)
+    if geom is not None:
+        geom.pos[:] = center
 
 
 def _next_geom(

@@ -1,5 +1,6 @@
 """Many simulations of a gripper, each with a bar and fingers of its own."""
 
+import warnings
 from math import pi
 
 import mujoco
@@ -8,10 +9,12 @@ import numpy as np
 from softrobot_env.envs.simulation.batch import Batch
 from softrobot_env.robots.gripper import Gripper
 from softrobot_env.robots.parameters import Pieces
-from softrobot_env.scene.assembly import FELT, build_assembly
+from softrobot_env.scene.assembly import FELT, build_assembly, felt_by
 from softrobot_env.scene.chain import mean_curvature
-from softrobot_env.scene.gripper import gripper_scene
+from softrobot_env.scene.contacts import links_of
+from softrobot_env.scene.gripper import FINENESS, Fineness, gripper_scene
 from softrobot_env.scene.objects import Capsule
+from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks.gripper import GripTask
 
 #: Name of the bar among objects.
@@ -56,19 +59,31 @@ class GripperBatch(Batch):
         threads: int = 0,
         pieces: Pieces | None = None,
         timestep: float | None = None,
+        fineness: Fineness | None = None,
+        felt_along: bool = False,
     ) -> None:
-        """Build the simulations; arguments as those of `gripper_scene` and of `Batch`."""
+        """Build the simulations; arguments as those of `gripper_scene` and of `Batch`.
+
+        A fineness, the rule's unless given, says the pieces and the timestep that are not.
+        """
         self.gripper, self.task = gripper, task
         nominal = bar(gripper, task, float(np.mean(task.diameter)))
-        built = build_assembly(
-            gripper_scene(
-                gripper,
-                (nominal,),
-                control_period=control_period,
-                pieces=pieces,
-                timestep=timestep,
-            )
+        fineness = fineness or FINENESS["rule"]
+        scene = gripper_scene(
+            gripper,
+            (nominal,),
+            contacts=fineness.contacts,
+            control_period=control_period,
+            pieces=pieces or fineness.pieces_of(gripper),
+            timestep=timestep,
+            felt_along=felt_along,
         )
+        built = build_assembly(scene)
+        if timestep is None and fineness.longer > 1:
+            longer = fineness.longer * built.timestep.timestep
+            with warnings.catch_warnings():  # of what was asked for
+                warnings.simplefilter("ignore", TimestepWarning)
+                built = build_assembly(scene.with_timestep(longer))
         super().__init__(built, count, threads)
         model, expand = built.model, self._batch.expand
         self._body, self._geom = model.body(BAR).id, model.geom(f"{BAR}_shape").id
@@ -94,6 +109,8 @@ class GripperBatch(Batch):
         self.bends = np.concatenate(rows).T
         places = [scene.model.sensor(f"{name}/{FELT}").adr[0] for name in scene.parts]
         self._felt = np.array(places)[:, None] + np.arange(3)
+        self._links = [links_of(scene.model, part.member.prefix) for part in parts]
+        self._pressed: dict[int, np.ndarray] = {}
 
     @property
     def curvature(self) -> np.ndarray:
@@ -104,6 +121,21 @@ class GripperBatch(Batch):
     def felt(self) -> np.ndarray:
         """(n, fingers, 3) [N], force of each finger on the bar."""
         return self.sensordata[:, self._felt]
+
+    def pressed(self, finger: int) -> np.ndarray:
+        """(n, links, 3) [N], force of each link of a finger on the bar.
+
+        Raises:
+            KeyError: The scene was not built with `felt_along`.
+        """
+        if finger not in self._pressed:
+            first = [self.scene.model.sensor(felt_by(geom)).adr[0] for geom in self._links[finger]]
+            self._pressed[finger] = np.array(first)[:, None] + np.arange(3)
+        return self.sensordata[:, self._pressed[finger]]
+
+    def links(self, finger: int) -> np.ndarray:
+        """(links, 2) [m], between which arc lengths each link of a finger lies."""
+        return np.array(list(self._links[finger].values()))
 
     @property
     def place(self) -> np.ndarray:

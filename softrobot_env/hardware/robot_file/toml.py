@@ -9,6 +9,7 @@ from typing import Any
 from softrobot_env.hardware.robot_file.keys import Key, RobotFileError, keys
 from softrobot_env.hardware.robot_file.model import RobotFile, Servo, Supervision, Tip
 from softrobot_env.toml_text import lines, read_table
+from softrobot_env.writing import write_text
 
 _TENDONS, _SUPERVISION, _TIP = "tendons", "supervision", "tip"
 
@@ -36,7 +37,7 @@ def write_robot_file(robot: RobotFile, path: Path) -> None:
     blocks += [f"[[{_TENDONS}]]\n{lines(_as_table(servo))}" for servo in servos]
     blocks.append(f"[{_SUPERVISION}]\n{lines(_as_table(supervision))}")
     blocks.append(f"[{_TIP}]\n{lines({'kind': tip.kind, **tip.options})}")
-    path.write_text("\n".join(blocks), "utf-8")
+    write_text(path, "\n".join(blocks))
 
 
 def _robot(table: Mapping[str, Any]) -> RobotFile:

@@ -11,7 +11,6 @@ import shlex
 import shutil
 import struct
 import subprocess
-import tempfile
 import weakref
 from functools import cache
 from pathlib import Path
@@ -24,7 +23,8 @@ from softrobot_env.hardware.protocol.messages import (
     DeviceState,
     Reset,
 )
-from softrobot_env.paths import firmware_dir
+from softrobot_env.paths import cache_dir, firmware_dir
+from softrobot_env.writing import whole
 
 _CLOCK = 2**32  # where the device's clock wraps
 
@@ -215,16 +215,13 @@ def _folder(sources: list[Path], compiler: list[str]) -> Path:
     digest = hashlib.sha256(repr((compiler, shutil.which(compiler[0]), _FLAGS)).encode())
     for path in sources:
         digest.update(path.name.encode() + b"\0" + path.read_bytes())
-    root = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return Path(root) / "softrobot_env" / f"core-{digest.hexdigest()[:16]}"
+    return cache_dir() / f"core-{digest.hexdigest()[:16]}"
 
 
 def _compile(command: list[str], sources: list[Path], path: Path) -> None:
-    """Under another name first: two processes may do this at once."""
-    with tempfile.TemporaryDirectory(dir=path.parent) as folder:
-        new = Path(folder) / path.name
-        units = [str(source) for source in sources if source.suffix == ".cpp"]
-        done = subprocess.run([*command, *units, "-o", str(new)], capture_output=True, text=True)
+    """Compile the units; two processes may do this at once."""
+    units = [str(source) for source in sources if source.suffix == ".cpp"]
+    with whole(path) as aside:
+        done = subprocess.run([*command, *units, "-o", str(aside)], capture_output=True, text=True)
         if done.returncode:
             raise CompilerMissingError(f"{shlex.join(command)} failed:\n{done.stderr}")
-        new.replace(path)

@@ -2,7 +2,8 @@
 
 Local errors alone say nothing of motions that part from each other: snapping, swinging upside down,
 chaos. So each simulation has a shadow, the same with `integrator.SHADOW` times the accuracy. How
-far it strays, times the ratio of the sums of the local errors, estimates the error in time.
+far it strays, times the ratio of the sums of the local errors, estimates the error in time. Where
+the simulation has the larger sum, its error is all that they are apart.
 
 The functions serve any robot, single simulations and the threads of many.
 """
@@ -185,12 +186,10 @@ def _compare(chain, memory, shadowed, states):
     subtract(chain.model, turn, states[1, :nq], states[0, :nq])
     strayed = displacement(chain, turn)
     if not strayed < np.inf:
-        estimate = np.inf
-    elif shadowed[SUM] > 0:
-        estimate = strayed * memory[SUM] / shadowed[SUM]
-    else:
-        estimate = 0.0
-    memory[ESTIMATE] = max(memory[ESTIMATE], estimate)
+        strayed = np.inf
+    elif memory[SUM] < shadowed[SUM]:
+        strayed *= memory[SUM] / shadowed[SUM]
+    memory[ESTIMATE] = max(memory[ESTIMATE], strayed)
 
 
 # ---------------------------------------------------------------- MuJoCo's integrators

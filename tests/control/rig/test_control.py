@@ -13,7 +13,7 @@ from softrobot_env.control.registry import RIG_POLICIES, installed_policies, mak
 from softrobot_env.control.rig.feedforward import LENGTH_SCALE, RigFeedforward
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.control.rig.inverse import TOTAL, OnePiece, SeveralPieces
-from softrobot_env.identification.recording import nominal_lengths
+from softrobot_env.identification.visits import nominal_lengths
 from softrobot_env.robots import RIG, SERVO_SPEED
 from softrobot_env.tasks.rig_trajectories import RoundedTriangle
 

@@ -10,13 +10,13 @@ from softrobot_env.cli import main
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
 from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.envs.rig import RigEnv
-from softrobot_env.identification import recording
+from softrobot_env.identification import visits
 from softrobot_env.identification.backlash import backlash_of, visit_sides
 from softrobot_env.identification.decay import damping_of, rates_of_decay, visit_decays
 from softrobot_env.identification.parameters import NEEDED, Recording, identify
-from softrobot_env.identification.recording import Visit, disk_points, measure, nominal_lengths
 from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.identification.stiffness import calibrate
+from softrobot_env.identification.visits import Visit, disk_points, measure, nominal_lengths
 from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG
 from softrobot_env.robots.twin import nominal_twin, rig3d_twin
@@ -157,7 +157,7 @@ def test_long_visits_are_cut_into_runs(monkeypatch):
     lengths = nominal_lengths(RIG, disk_points(4, 0.05), TOTAL)
     quick = Visit(move=0.2, rest=0.1, pictures=2)
     apart = [measure(None, part, visit=quick) for part in np.split(lengths, 2)]
-    monkeypatch.setattr(recording, "LONGEST", 2.5 * recording.visit_duration(quick, 1))
+    monkeypatch.setattr(visits, "LONGEST", 2.5 * visits.visit_duration(quick, 1))
     np.testing.assert_array_equal(measure(None, lengths, visit=quick), np.concatenate(apart))
 
 

@@ -7,15 +7,15 @@ from support.replay import ReplayTransport
 
 from softrobot_env.hardware.driver import Driver
 from softrobot_env.hardware.errors import LinkError
-from softrobot_env.hardware.protocol import messages as m
-from softrobot_env.hardware.protocol.framing import encode
-from softrobot_env.hardware.recording import (
+from softrobot_env.hardware.link_log import (
     Chunk,
     Direction,
-    Recording,
-    RecordingTransport,
-    read_recording,
+    LinkLog,
+    LoggingTransport,
+    read_link_log,
 )
+from softrobot_env.hardware.protocol import messages as m
+from softrobot_env.hardware.protocol.framing import encode
 from softrobot_env.hardware.robot_file.model import rig_file
 
 
@@ -30,7 +30,7 @@ def ticks():
 def recorded(tmp_path, ticks):
     """Path of a recording of two chunks."""
     near, far = MemoryTransport.pair()
-    recorder = RecordingTransport(near, tmp_path / "short.link", ticks)
+    recorder = LoggingTransport(near, tmp_path / "short.link", ticks)
     recorder.write(encode(m.Ping(7), 1))
     far.write(encode(m.Pong(7, 8), 2))
     assert recorder.read(1.0)
@@ -48,7 +48,7 @@ def drive(driver, clock):
 
 
 def test_what_was_recorded_is_read(recorded):
-    assert read_recording(recorded) == Recording(
+    assert read_link_log(recorded) == LinkLog(
         (
             Chunk(1.0, Direction.TO_ROBOT, encode(m.Ping(7), 1)),
             Chunk(2.0, Direction.FROM_ROBOT, encode(m.Pong(7, 8), 2)),
@@ -58,7 +58,7 @@ def test_what_was_recorded_is_read(recorded):
 
 
 def test_messages_of_a_recording(recorded):
-    found = [(c.direction, message, seq) for c, message, seq in read_recording(recorded).messages()]
+    found = [(c.direction, message, seq) for c, message, seq in read_link_log(recorded).messages()]
     assert found == [
         (Direction.TO_ROBOT, m.Ping(7), 1),
         (Direction.FROM_ROBOT, m.Pong(7, 8), 2),
@@ -67,22 +67,22 @@ def test_messages_of_a_recording(recorded):
 
 @pytest.mark.parametrize("lost", [1, 5, 25])
 def test_a_file_that_breaks_off_is_read_as_far_as_it_goes(recorded, lost):
-    whole = read_recording(recorded)
+    whole = read_link_log(recorded)
     recorded.write_bytes(recorded.read_bytes()[:-lost])
-    assert read_recording(recorded) == Recording(whole.chunks[:1], complete=False)
+    assert read_link_log(recorded) == LinkLog(whole.chunks[:1], complete=False)
 
 
 def test_a_record_is_in_the_file_at_once(tmp_path, ticks):
-    recorder = RecordingTransport(MemoryTransport.pair()[0], tmp_path / "a.link", ticks)
+    recorder = LoggingTransport(MemoryTransport.pair()[0], tmp_path / "a.link", ticks)
     recorder.write(b"abc")
-    assert read_recording(tmp_path / "a.link").chunks[0].data == b"abc"
+    assert read_link_log(tmp_path / "a.link").chunks[0].data == b"abc"
     recorder.close()
 
 
 @pytest.mark.parametrize("room", [30, 40])  # no record, or a part of the first one
 def test_a_full_disk_ends_the_recording_and_not_the_link(room):
     near, far = MemoryTransport.pair()
-    recorder = RecordingTransport(near, FullDisk(room))
+    recorder = LoggingTransport(near, FullDisk(room))
     for data in (b"set-point" * 4, b"stop"):
         recorder.write(data)
         assert far.read(0.0) == data
@@ -95,7 +95,7 @@ def test_what_is_sent_stands_before_its_answer(tmp_path):
     """Although an answer may be written first: only its sending comes first."""
     times = iter([1.0, 2.0])
     near, far = MemoryTransport.pair()
-    recorder = RecordingTransport(near, tmp_path / "a.link", lambda: next(times))
+    recorder = LoggingTransport(near, tmp_path / "a.link", lambda: next(times))
 
     def answer_first(data):
         far.write(b"answer")
@@ -104,41 +104,41 @@ def test_what_is_sent_stands_before_its_answer(tmp_path):
     near.write = answer_first
     recorder.write(b"question")
     recorder.close()
-    directions = [chunk.direction for chunk in read_recording(tmp_path / "a.link").chunks]
+    directions = [chunk.direction for chunk in read_link_log(tmp_path / "a.link").chunks]
     assert directions == [Direction.TO_ROBOT, Direction.FROM_ROBOT]
 
 
 def test_a_recording_never_replaces_a_file(recorded):
     with pytest.raises(FileExistsError):
-        RecordingTransport(MemoryTransport.pair()[0], recorded)
+        LoggingTransport(MemoryTransport.pair()[0], recorded)
 
 
 def test_other_files_are_refused(tmp_path, recorded):
     other = tmp_path / "other"
     other.write_bytes(b"something else")
-    with pytest.raises(ValueError, match="is no recording"):
-        read_recording(other)
+    with pytest.raises(ValueError, match="is no log"):
+        read_link_log(other)
     data = recorded.read_bytes()
     start = data.index(b"\n") + 1
     other.write_bytes(data[:start] + struct.pack("<I", m.SCHEMA ^ 1) + data[start + 4 :])
     with pytest.raises(ValueError, match="another table of messages"):
-        read_recording(other)
+        read_link_log(other)
 
 
 def test_a_replay_shows_the_driver_what_happened(tmp_path):
     path = tmp_path / "run.link"
     with (
         LiveBoard() as live,
-        Driver(rig_file(), RecordingTransport(live.transport, path)) as driver,
+        Driver(rig_file(), LoggingTransport(live.transport, path)) as driver,
     ):
         seen = drive(driver, time.monotonic)
-    replay = ReplayTransport(read_recording(path))
+    replay = ReplayTransport(read_link_log(path))
     with Driver(rig_file(), replay, replay.clock, replay.draw) as again:
         assert drive(again, replay.clock) == seen
 
 
 def test_a_replay_ends_with_the_recording():
-    replay = ReplayTransport(Recording((Chunk(1.0, Direction.FROM_ROBOT, b"x"),), True))
+    replay = ReplayTransport(LinkLog((Chunk(1.0, Direction.FROM_ROBOT, b"x"),), True))
     assert replay.read(0.0) == b"x" and replay.read(0.0) == b""
     replay.write(b"more")
     with pytest.raises(LinkError, match="recording is over"):

@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 from errno import ENOSPC
+from math import isfinite
 from os import strerror
 from pathlib import Path
 from time import monotonic
@@ -31,12 +32,15 @@ class Direction(IntEnum):
     FROM_ROBOT = 1
 
 
+_DIRECTIONS = frozenset(Direction)
+
+
 @dataclass(frozen=True)
 class Chunk:
     """Bytes that went together.
 
     Attributes:
-        time: [s] of the recording clock.
+        time: [s] of the logging clock.
         direction: Which way they went.
         data: The bytes.
     """
@@ -47,7 +51,7 @@ class Chunk:
 
 
 @dataclass(frozen=True)
-class Recording:
+class LinkLog:
     """What a file holds.
 
     Attributes:
@@ -66,14 +70,14 @@ class Recording:
                 yield chunk, message, seq
 
 
-class RecordingTransport:
+class LoggingTransport:
     """Passes bytes on and writes them to a file.
 
     Bytes to the robot are sent first. A file that can no longer be written, for instance because
-    the disk is full, ends the recording and not the link.
+    the disk is full, ends the log and not the link.
 
     Attributes:
-        failure: Why the recording has ended too early, or None.
+        failure: Why the log has ended too early, or None.
     """
 
     def __init__(
@@ -124,26 +128,29 @@ class RecordingTransport:
             self.failure = error
 
 
-def read_recording(path: Path) -> Recording:
+def read_link_log(path: Path) -> LinkLog:
     """What a file holds, as far as it goes.
 
     Raises:
-        ValueError: It is no recording, or of another table of messages.
+        ValueError: It is no such log, damaged, or of another table of messages.
         OSError: It cannot be read.
     """
     data = path.read_bytes()
     start = len(_MAGIC) + _HEADER.size
     if not data.startswith(_MAGIC) or len(data) < start:
-        raise ValueError(f"{path} is no recording of a robot")
+        raise ValueError(f"{path} is no log of a serial line")
     (schema,) = _HEADER.unpack_from(data, len(_MAGIC))
     if schema != SCHEMA:
         raise ValueError(
             f"{path} was recorded with another table of messages (schema {schema:08x}, this is "
             f"{SCHEMA:08x})"
         )
-    chunks = sorted(_chunks(data[start:]), key=lambda chunk: chunk.time)
+    try:
+        chunks = sorted(_chunks(data[start:]), key=lambda chunk: chunk.time)
+    except ValueError as error:
+        raise ValueError(f"{path} is {error}") from None
     size = sum(_RECORD.size + len(chunk.data) for chunk in chunks)
-    return Recording(tuple(chunks), complete=start + size == len(data))
+    return LinkLog(tuple(chunks), complete=start + size == len(data))
 
 
 def _chunks(data: bytes) -> Iterator[Chunk]:
@@ -153,4 +160,6 @@ def _chunks(data: bytes) -> Iterator[Chunk]:
         at += _RECORD.size + size
         if at > len(data):
             return
+        if not isfinite(time) or direction not in _DIRECTIONS:
+            raise ValueError(f"damaged before byte {at} of its records")
         yield Chunk(time, Direction(direction), data[at - size : at])

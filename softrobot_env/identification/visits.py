@@ -1,4 +1,4 @@
-"""Quasi-static recordings of the spatial rig: where to go, by which lengths, and what is measured.
+"""Quasi-static visits of the spatial rig: where to go, by which lengths, and what is measured.
 
 Thesis sec. 3.2.2. Points are spread evenly over the workspace; the statics of the nominal rig, one
 piece of constant curvature, tell the lengths that put its output there with the least tensions

@@ -1,0 +1,1 @@
+"""`softrobot recording` and its commands."""

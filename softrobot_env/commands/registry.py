@@ -1,0 +1,41 @@
+"""The commands of `softrobot`."""
+
+from softrobot_env.commands import (
+    benchmark,
+    evaluate,
+    export,
+    grip,
+    inspect,
+    listing,
+    render,
+    robot_file,
+    train,
+)
+from softrobot_env.commands.recording import command as recording
+from softrobot_env.commands.robot import command as robot
+from softrobot_env.commands.subcommands import Command
+from softrobot_env.registries import Registry
+
+#: Name -> command.
+COMMANDS: Registry[Command] = Registry(
+    "command",
+    {
+        "evaluate": Command(
+            evaluate, "run policies on tasks; write report.json, report.md and plots"
+        ),
+        "render": Command(render, "write a video of a policy on a task"),
+        "grip": Command(grip, "close a gripper on a bar; write a video"),
+        "benchmark": Command(benchmark, "measure accuracy and speed"),
+        "train": Command(train, "make the trained artifacts that policies load"),
+        "inspect": Command(inspect, "print what a scene contains and what it leaves out"),
+        "list": Command(listing, "print the robots, tasks, policies, environments there are"),
+        "export": Command(export, "write the MJCF of the registered scenes, or of a robot"),
+        "robot-file": Command(robot_file, "check the file of a robot of your own"),
+        "recording": Command(
+            recording, "check tables of commands and markers, and replay them with any robot"
+        ),
+        "robot": Command(
+            robot, "find, calibrate, hold and stop a real robot, or run a virtual one"
+        ),
+    },
+)

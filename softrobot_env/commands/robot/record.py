@@ -1,0 +1,203 @@
+"""`softrobot robot record`: excite a robot within limits, and record it for an identification."""
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from pathlib import Path
+
+import gymnasium
+from rich.console import Console
+from rich.progress import Progress
+
+from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
+from softrobot_env.commands.arguments import add_robot, positive, seed, variation
+from softrobot_env.commands.robot.link import robot_of
+from softrobot_env.commands.robot.virtual import virtual_process
+from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
+from softrobot_env.envs.disturbances import NEUTRAL
+from softrobot_env.envs.recording import RecordEpisodes
+from softrobot_env.evaluation.labels import VIRTUAL
+from softrobot_env.identification.excitation import (
+    KINDS,
+    Excitation,
+    Plan,
+    at_rests,
+    excite,
+    plan,
+    resting_task,
+)
+from softrobot_env.recordings import Recording, write_recording
+from softrobot_env.recordings.columns import check_writable
+from softrobot_env.recordings.files import header_path
+from softrobot_env.robots import RIG, RobotParams, find_robot
+
+EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
+  softrobot robot record --robot my.toml --kinds pulls --static --out out/pulls.csv
+  softrobot robot record --env real --robot-file rig.toml --amplitude 0.3 --radius 0.1"""
+
+#: Settings of an excitation that are numbers, and what they are.
+_NUMBERS = {
+    "amplitude": "largest share of full scale",
+    "speed": "full scales per second, at most",
+    "rest": "s at each level of a pull",
+    "decay": "s after a release",
+    "duration": "s of the random motion",
+    "bandwidth": "Hz of the random motion, at most",
+    "tension": "largest tension over the tendons' limits",
+    "radius": "m, largest way of the tip from where it rests",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    add_robot(parser, "simulated; default: the rig")
+    parser.add_argument("--env", choices=ENVIRONMENTS, default=SIMULATED, help="default: sim")
+    parser.add_argument(
+        "--twin",
+        type=seed,
+        metavar="SEED",
+        help="errors of manufacturing and servos that a simulated or virtual robot driven by "
+        "length has and nobody is told; default: of the rig 0, of others none",
+    )
+    parser.add_argument(
+        "--vary",
+        action="append",
+        type=variation,
+        default=[],
+        metavar="NAME=V",
+        help=f"what is otherwise with a simulated robot than believed: {', '.join(NEUTRAL)}",
+    )
+    parser.add_argument(
+        "--plant", choices=PLANTS, default=MUJOCO, help="of a simulated robot; default: mujoco"
+    )
+    parser.add_argument("--robot-file", type=Path, metavar="FILE", help="of a real rig")
+    parser.add_argument("--port", help="serial port; default: the robot file's")
+    parser.add_argument("--control-period", type=positive, default=0.02, metavar="S")
+    parser.add_argument("--kinds", nargs="+", choices=KINDS, default=["pulls", "random"])
+    usual = {field.name: field.default for field in fields(Excitation)}
+    for name, text in _NUMBERS.items():
+        parser.add_argument(
+            f"--{name}", type=float, metavar="X", help=f"{text}; default: {usual[name]:g}"
+        )
+    parser.add_argument("--levels", type=int, help="of a pull; default: 4")
+    parser.add_argument("--seed", type=seed, help="of the random motion and of noise; default: 0")
+    parser.add_argument(
+        "--static", action="store_true", help="keep one row for each rest, averaged over its end"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/recording.csv"), metavar="FILE", help=".csv, .parquet"
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 1 if the robot was stopped before the end."""
+    console = Console(highlight=False)
+    _check_free(args.out)
+    robot = RIG if args.robot is None else find_robot(args.robot)
+    planned = plan(robot, _excitation(args), args.control_period)
+    scales = ", ".join(f"{scale:.2g}" for scale in planned.scales)
+    console.print(f"{planned.duration:.0f} s, to {scales} of full scale")
+    recording, stopped = _recorded(args, robot, planned, console)
+    if stopped:
+        console.print(f"Stopped {stopped}", markup=False, soft_wrap=True)
+    if args.static:
+        recording, moved = at_rests(recording, planned)
+        console.print(f"At the ends of rests the tip moved by up to {1e3 * moved:.2g} mm")
+    write_recording(recording, args.out)
+    console.print(f"Wrote {len(recording.times)} rows to {args.out}, and its header beside it")
+    return int(bool(stopped))
+
+
+def _check_free(path: Path) -> None:
+    """Refuse to replace a recording, and what cannot be written, before the robot moves."""
+    check_writable(path)
+    for there in (path, header_path(path)):
+        if there.exists():
+            raise ValueError(f"{there} is there already: name another --out")
+
+
+def _recorded(
+    args: argparse.Namespace, robot: RobotParams, planned: Plan, console: Console
+) -> tuple[Recording, str | None]:
+    """What was recorded, and why it ended too early or None."""
+    options = {"vary": _varied(args)} if args.vary else None
+    with (
+        _environment(args, robot, planned) as env,
+        Progress(console=console, transient=True) as progress,
+    ):
+        bar = progress.add_task("record", total=len(planned.actions))
+        try:
+            stopped = excite(
+                env,
+                planned,
+                _excitation(args),
+                args.seed,
+                options,
+                lambda steps: progress.update(bar, completed=steps),
+            )
+        except KeyboardInterrupt:  # what was recorded until then is kept
+            stopped = "by Ctrl-C"
+        return env.recording, stopped
+
+
+def _excitation(args: argparse.Namespace) -> Excitation:
+    given = {name: getattr(args, name) for name in (*_NUMBERS, "levels", "seed")}
+    given = {name: value for name, value in given.items() if value is not None}
+    return Excitation(kinds=tuple(args.kinds), **given)
+
+
+def _varied(args: argparse.Namespace) -> dict[str, float]:
+    several = [name for name, values in args.vary if len(values) > 1]
+    if several:
+        raise ValueError(f"--vary {several[0]}: one value, as a recording is of one robot")
+    if args.vary and args.env != SIMULATED:
+        raise ValueError(f"--vary: only with --env {SIMULATED}")
+    return {name: values[0] for name, values in args.vary}
+
+
+@contextmanager
+def _environment(
+    args: argparse.Namespace, robot: RobotParams, planned: Plan
+) -> Iterator[RecordEpisodes]:
+    """The robot in an environment that is closed, and a real one at rest, at the end."""
+    if args.env == SIMULATED:
+        yield from _closing(_simulated(args, robot, planned))
+        return
+    from softrobot_env.envs.real import RealRigEnv
+
+    if robot != RIG or args.plant != MUJOCO:
+        raise ValueError(f"--robot, --plant: only with --env {SIMULATED}")
+    task = resting_task(RIG, planned.duration, "xy")
+    options = {"control_period": args.control_period, "observe": "all"}
+    if args.env == VIRTUAL:
+        with virtual_process(args.twin or 0) as virtual:
+            env = RealRigEnv(task, robot_file=virtual.file, tip=virtual.tip, **options)
+            yield from _closing(env)
+        return
+    yield from _closing(RealRigEnv(task, robot_file=robot_of(args), **options))
+
+
+def _closing(env: gymnasium.Env) -> Iterator[RecordEpisodes]:
+    recorded = RecordEpisodes(env)
+    try:
+        yield recorded
+    finally:
+        recorded.close()
+
+
+def _simulated(args: argparse.Namespace, robot: RobotParams, planned: Plan) -> gymnasium.Env:
+    from softrobot_env.envs.rig import RigEnv
+    from softrobot_env.envs.tracking import TrackingEnv
+    from softrobot_env.robots.twin import drawn_twin
+
+    options = {"control_period": args.control_period, "observe": "all"}
+    if args.plant != MUJOCO:
+        options["plant"] = BeamPlant(args.plant)
+    drawn = 0 if robot == RIG and args.twin is None else args.twin
+    if drawn is not None:
+        options["twin"] = drawn_twin(robot, drawn)
+    if robot != RIG:
+        return TrackingEnv(resting_task(robot, planned.duration), **options)
+    pieces = {} if args.plant == MUJOCO else {"pieces": None}
+    return RigEnv(resting_task(robot, planned.duration, "xy"), **options, **pieces)

@@ -1,0 +1,187 @@
+"""Wrappers that record what environments' drives were told and where their tips were seen."""
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+
+from softrobot_env.envs.reference import AXES
+from softrobot_env.interfaces import Seen
+from softrobot_env.recordings import Recording, write_recording
+from softrobot_env.recordings.columns import check_writable
+from softrobot_env.recordings.episodes import at_their_time, episode_recording
+
+_NEEDED = ("tip_position", "previous_action")
+
+
+class _Episodes:
+    """The rows of episodes, each a run of one recording."""
+
+    def __init__(self, env: gymnasium.Env | VectorEnv, path: Path | str | None) -> None:
+        if path is not None:
+            check_writable(path)
+        spaces = getattr(env.observation_space, "spaces", {})
+        missing = [name for name in _NEEDED if name not in spaces]
+        if missing:
+            raise ValueError(
+                f"recording needs a dict with the observables {', '.join(missing)}: pass "
+                'observe="all", and observe_as="dict" (grippers observe no tips)'
+            )
+        self._env, self._path = env.unwrapped, path
+        self._runs: list[list[tuple]] = []
+
+    def begin(self) -> list[tuple]:
+        """A new run: time, age of the tip, action, tip and label of each row, to be added to."""
+        self._runs.append([])
+        return self._runs[-1]
+
+    def recording(self) -> Recording:
+        """All runs; raises ValueError without any row."""
+        runs = [[np.array(x) for x in zip(*run, strict=True)] for run in self._runs if run]
+        if not runs:
+            raise ValueError("nothing was recorded: reset the environment first")
+        tips = [at_their_time(times, ages, tips) for times, ages, _, tips, _ in runs]
+        times, _, actions, _, labels = (np.concatenate(x) for x in zip(*runs, strict=True))
+        task = self._env.task
+        return episode_recording(
+            task.robot,
+            AXES[task.axes],
+            times,
+            actions,
+            np.concatenate(tips),
+            labels=labels,
+            runs=np.repeat(np.arange(len(runs)), [len(run[0]) for run in runs]),
+            source=f"{type(self._env).__name__}, task {task.name}",
+        )
+
+    def write(self) -> None:
+        """Write what there is, once, if there is a path."""
+        if self._path is not None and any(self._runs):
+            write_recording(self.recording(), self._path)
+            self._runs = []
+
+
+class RecordEpisodes(gymnasium.Wrapper):
+    """Records every episode of an environment, simulated or real, as a run of one recording.
+
+    A row is a control instant: the command in force until then, and the tip as the camera sees it
+    (noise and delay included); pictures that tell their age count at their own time. The step in
+    which an episode fails is left out.
+
+        env = RecordEpisodes(gymnasium.make("SoftRobot/Rig-v0"), "out/rig.csv")
+        ...
+        env.close()  # writes out/rig.csv and out/rig.toml
+
+    Attributes:
+        label: Of the rows to come.
+    """
+
+    def __init__(self, env: gymnasium.Env, path: Path | str | None = None) -> None:
+        """Record to memory, and on `close` to a file.
+
+        Args:
+            env: The environment; it observes `tip_position` and `previous_action` in a dict.
+            path: Table to write, .csv or .parquet; `recording` alone unless given.
+
+        Raises:
+            ValueError: The environment does not observe them, or the file has another ending.
+            ImportError: The package that writes Parquet files is missing.
+        """
+        super().__init__(env)
+        self.label, self._episodes = "", _Episodes(env, path)
+        self._run: list[tuple] = []
+
+    def reset(self, **arguments: Any) -> tuple[Seen, dict[str, Any]]:
+        """Begin another run."""
+        observation, info = self.env.reset(**arguments)
+        self._run = self._episodes.begin()
+        self._add(observation, info)
+        return observation, info
+
+    def step(self, action: np.ndarray) -> tuple[Seen, float, bool, bool, dict[str, Any]]:
+        """Go on, and note a row."""
+        outcome = self.env.step(action)
+        observation, *_, info = outcome
+        if "failure" not in info:
+            self._add(observation, info)
+        return outcome
+
+    def _add(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> None:
+        action = info.get("applied_action", observation["previous_action"])
+        tip, age = observation["tip_position"].copy(), float(info.get("tip_age", 0.0))
+        self._run.append((float(info["time"]), age, np.array(action), tip, self.label))
+
+    @property
+    def recording(self) -> Recording:
+        """All rows so far.
+
+        Raises:
+            ValueError: There are none.
+        """
+        return self._episodes.recording()
+
+    def close(self) -> None:
+        """Write what was recorded, and close the environment."""
+        self._episodes.write()
+        super().close()
+
+
+class RecordVectorEpisodes(VectorWrapper):
+    """`RecordEpisodes` of many environments: a run for each episode of each of them.
+
+    Attributes:
+        label: Of the rows to come.
+    """
+
+    def __init__(self, env: VectorEnv, path: Path | str | None = None) -> None:
+        """Arguments as of `RecordEpisodes`.
+
+        Raises:
+            ValueError: The environments do not observe what is needed, or begin episodes in the
+                step that ends one, whose last row they then do not show.
+        """
+        super().__init__(env)
+        if env.metadata.get("autoreset_mode") == AutoresetMode.SAME_STEP:
+            raise ValueError("recording needs the autoreset mode NEXT_STEP or DISABLED")
+        self.label, self._episodes = "", _Episodes(env, path)
+        self._runs: list[list[tuple]] = [[] for _ in range(env.num_envs)]
+
+    def reset(self, **arguments: Any) -> tuple[Seen, dict[str, Any]]:
+        """Begin other runs, of those environments that are reset."""
+        observation, info = self.env.reset(**arguments)
+        self._add(observation, info)
+        return observation, info
+
+    def step(
+        self, actions: np.ndarray
+    ) -> tuple[Seen, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Go on, and note a row of each environment."""
+        outcome = self.env.step(actions)
+        self._add(outcome[0], outcome[-1])
+        return outcome
+
+    def _add(self, observation: dict[str, np.ndarray], info: dict[str, Any]) -> None:
+        """Note rows; at time zero a run begins, and failed steps are left out."""
+        told, failed = info["_time"], info.get("_failure", np.zeros(self.num_envs, dtype=bool))
+        for k in np.flatnonzero(told & ~failed):
+            time = float(info["time"][k])
+            if time == 0:
+                self._runs[k] = self._episodes.begin()
+            action, tip = (np.array(observation[name][k]) for name in reversed(_NEEDED))
+            self._runs[k].append((time, 0.0, action, tip, self.label))
+
+    @property
+    def recording(self) -> Recording:
+        """All rows so far.
+
+        Raises:
+            ValueError: There are none.
+        """
+        return self._episodes.recording()
+
+    def close(self, **arguments: Any) -> None:
+        """Write what was recorded, and close the environments."""
+        self._episodes.write()
+        super().close(**arguments)

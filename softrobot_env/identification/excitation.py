@@ -1,0 +1,408 @@
+"""Motions that excite a robot for an identification, within limits of tension, speed and reach.
+
+Every tendon in turn is what bends the robot: of a robot driven by length it is pulled in, and the
+others let out or in what a uniform bend towards it takes, so that they neither slacken nor tear; of
+one driven by tension each input is raised to both sides. How far is found by the statics of the
+nominal robot, which has to keep within the limits.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import partial
+from math import ceil, inf
+from typing import Annotated, Any, Literal
+
+import gymnasium
+import numpy as np
+
+from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.fields import Count, NotNegative, Positive, Range, Whole, check_fields
+from softrobot_env.recordings import Recording
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.scene.build import Scene, build_scene
+from softrobot_env.scene.registry import model_scene
+from softrobot_env.tasks import LONGEST, Task
+from softrobot_env.tasks.rig_trajectories import SetPoints
+
+Kind = Literal["pulls", "steps", "random"]
+KINDS = ("pulls", "steps", "random")
+
+_PEAK = 1.875  # largest rate of the smooth step, over its mean
+_FASTEST = 0.8  # of the drive's speed
+_SINES = 8  # of each direction of a random motion
+_SPANS = 200  # of an integral along a tendon
+_HALVINGS = 7
+_ROOM = 1.25  # times the limits, where a run is stopped
+_SHOWN = 50  # steps between two reports of progress
+_MEASURED = 0.2  # s at the end of a rest, over which a static row is averaged
+
+_Share = Annotated[float, Range("in (0, 1]", lambda x: 0 < x <= 1)]
+
+
+@dataclass(frozen=True)
+class Excitation:
+    """How a robot is excited.
+
+    Attributes:
+        kinds: In this order: "pulls" of one tendon after the other, slowly up and down in levels
+            with a rest at each; "steps", released at once from a pull, which decay; and "random"
+            smooth motion in all directions at once.
+        amplitude: Of full scale, at most; less where a limit is met.
+        speed: [1/s], of full scale, at most; and 0.8 of what the drives can do.
+        levels: Of a pull.
+        rest: [s] at each level, and at least between motions.
+        decay: [s] after a release.
+        duration: [s] of the random motion.
+        bandwidth: [Hz] of the random motion, at most; less where it would be too fast.
+        seed: Of the random motion.
+        tension: Largest tension, over the tendons' limits.
+        radius: [m], largest distance of the tip from where it rests; inf unless given.
+    """
+
+    kinds: tuple[Kind, ...] = ("pulls", "random")
+    amplitude: _Share = 0.5
+    speed: Positive = 0.25
+    levels: Count = 4
+    rest: NotNegative = 1.0
+    decay: NotNegative = 3.0
+    duration: NotNegative = 30.0
+    bandwidth: Positive = 0.5
+    seed: Whole = 0
+    tension: _Share = 0.5
+    radius: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
+
+    def __post_init__(self) -> None:
+        check_fields(self, "excitation")
+        if not self.kinds:
+            raise ValueError(f"excitation: choose kinds from {', '.join(KINDS)}")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a robot is told.
+
+    Attributes:
+        actions: (t, n_inputs), each for a control period.
+        labels: (t,) str, the pattern.
+        measured: (t,) number of the rest at whose end the robot is still, or -1.
+        scales: (d,) share of full scale that each direction reaches.
+        period: [s].
+    """
+
+    actions: np.ndarray
+    labels: np.ndarray
+    measured: np.ndarray
+    scales: np.ndarray
+    period: float
+
+    @property
+    def duration(self) -> float:
+        """[s]."""
+        return len(self.actions) * self.period
+
+
+def plan(robot: RobotParams, excitation: Excitation, period: float) -> Plan:
+    """The actions of an excitation, from rest to rest.
+
+    Args:
+        robot: The robot as it is believed to be.
+        excitation: What to do.
+        period: [s], control period.
+
+    Raises:
+        ValueError: It has no inputs, takes longer than an episode can, or any motion breaks a
+            limit.
+    """
+    inputs = robot_inputs(robot)
+    ways = directions(robot)
+    scales = safe_scales(robot, list(ways.values()), excitation)
+    moves = _Moves(inputs.input_scale, _speed(robot, excitation), period)
+    peaks = {n: s * way for (n, way), s in zip(ways.items(), scales, strict=True)}
+    for kind in excitation.kinds:
+        _KINDS[kind](moves, peaks, excitation)
+    rows, labels, measured = moves.result()
+    actions = (rows - inputs.input_centre) / inputs.input_scale
+    found = Plan(np.clip(actions, -1, 1), labels, measured, scales, period)
+    if found.duration > LONGEST:
+        raise ValueError(
+            f"the excitation takes {found.duration:.0f} s, an episode at most {LONGEST:g} s: fewer "
+            "levels, less rest, more speed"
+        )
+    return found
+
+
+def directions(robot: RobotParams) -> dict[str, np.ndarray]:
+    """Inputs (n_inputs,) at full scale that bend a robot towards each tendon, by name.
+
+    Raises:
+        ValueError: The robot has no tendons.
+    """
+    inputs = robot_inputs(robot)
+    if not inputs.n_inputs:
+        raise ValueError(f"robot {robot.name!r} has no tendons to pull")
+    if robot.drive.kind == "length":
+        found = {t.name: _bend_towards(robot, k) for k, t in enumerate(robot.tendons)}
+        return {n: way / np.max(np.abs(way) / inputs.input_scale) for n, way in found.items()}
+    ways = {}
+    for k, (scale, opposed) in enumerate(zip(inputs.input_scale, inputs.opposed, strict=True)):
+        unit = np.eye(inputs.n_inputs)[k] * scale
+        sides = (1, -1) if opposed else (1,)
+        ways |= {f"input{k + 1}{'+' if side > 0 else '-'}": side * unit for side in sides}
+    return ways
+
+
+def _bend_towards(robot: RobotParams, tendon: int) -> np.ndarray:
+    """Lengths (n_tendons,), of any scale, of a uniform bend towards one up to its end."""
+    pulled = robot.tendons[tendon]
+    s = (np.arange(_SPANS) + 0.5) * pulled.end / _SPANS
+    towards = pulled.at(s)
+    towards = towards / np.maximum(np.linalg.norm(towards, axis=-1, keepdims=True), 1e-300)
+    changes = [np.sum(t.at(s) * towards, axis=-1)[s < t.end].sum() for t in robot.tendons]
+    return np.array(changes)
+
+
+def safe_scales(robot: RobotParams, ways: list[np.ndarray], limits: Excitation) -> np.ndarray:
+    """Shares (d,) of ways (n_inputs,) that keep a robot at rest within limits.
+
+    Raises:
+        ValueError: One of them is not safe at all.
+    """
+    judge = _Judge(robot, limits)
+    scales = [_largest(partial(judge.safe, way), limits.amplitude) for way in ways]
+    if min(scales) == 0:
+        raise ValueError(
+            f"robot {robot.name!r} breaks a limit however little it moves: allow more tension than "
+            f"{limits.tension:g} of the tendons' limits, or a radius above {limits.radius:g} m"
+        )
+    return np.array(scales)
+
+
+class _Judge:
+    """Whether the nominal robot at rest keeps within limits."""
+
+    def __init__(self, robot: RobotParams, limits: Excitation) -> None:
+        config = replace(model_scene(robot), sensors=())
+        self._scene: Scene = build_scene(config)
+        self._limits, self._inputs = limits, robot_inputs(robot)
+        self._tendons = config.robot.tendons
+        self._most = limits.tension * np.array([t.tension_limit for t in robot.tendons])
+        self._idle = self._inputs.command(np.zeros(self._inputs.n_inputs))
+        self._posture = self._scene.equilibrium(self._idle)
+        self._rest = self._scene.tip(self._posture)
+        straight = self._scene.model.qpos_spring
+        self._straight = self._scene.tendon_length(straight)
+
+    def safe(self, way: np.ndarray, share: float) -> bool:
+        """Whether it does under a share of inputs (n_inputs,)."""
+        command = self._inputs.command(share * way)
+        try:
+            q = self._scene.equilibrium(command, self._posture)
+        except (EquilibriumError, ValueError):
+            return False
+        far = float(np.linalg.norm(self._scene.tip(q) - self._rest))
+        most = np.maximum(self._most, self._tension(self._idle, self._posture))
+        return far <= self._limits.radius and bool(np.all(self._tension(command, q) <= most))
+
+    def _tension(self, command: np.ndarray, q: np.ndarray) -> np.ndarray:
+        if self._inputs.unit == "N":
+            return command
+        stretch = command - self._straight + self._scene.tendon_length(q)
+        stiffness, pretension = (
+            np.array([getattr(t, name) for t in self._tendons])
+            for name in ("stiffness", "pretension")
+        )
+        return np.maximum(pretension + stiffness * stretch, 0.0)
+
+
+def _largest(holds: Callable[[float], bool], most: float) -> float:
+    """The largest share up to `most` that holds, to a hundredth of it; 0 where none does."""
+    if holds(most):
+        return most
+    low, high = 0.0, most
+    for _ in range(_HALVINGS):
+        middle = (low + high) / 2
+        low, high = (middle, high) if holds(middle) else (low, middle)
+    return low
+
+
+def _speed(robot: RobotParams, excitation: Excitation) -> float:
+    """[1/s] of full scale."""
+    scale = robot_inputs(robot).input_scale
+    return min(excitation.speed, _FASTEST * robot.drive.speed / float(scale.max()))
+
+
+class _Moves:
+    """Inputs (n_inputs,) that go on from where they are."""
+
+    def __init__(self, scale: np.ndarray, speed: float, period: float) -> None:
+        self.scale, self.speed, self.period = scale, speed, period
+        self.here = np.zeros_like(scale)
+        self._parts: list[tuple[np.ndarray, str, int]] = []
+        self._rests = 0
+
+    def go(self, there: np.ndarray, label: str, at_once: bool = False) -> None:
+        """Move smoothly, or jump."""
+        way = float(np.max(np.abs(there - self.here) / self.scale))
+        steps = 1 if at_once else max(1, ceil(_PEAK * way / self.speed / self.period))
+        share = np.linspace(0, 1, steps + 1)[1:, None]
+        rise = share**3 * (10 - 15 * share + 6 * share**2)
+        self.follow(self.here + rise * (there - self.here), label)
+        self.here = there
+
+    def follow(self, rows: np.ndarray, label: str) -> None:
+        """Follow inputs (k, n_inputs)."""
+        self._parts.append((rows, label, -1))
+
+    def rest(self, time: float, label: str, measured: bool = True) -> None:
+        """Stay for some time [s]."""
+        steps = round(time / self.period)
+        last = min(steps, max(1, round(_MEASURED / self.period))) if measured else 0
+        if steps > last:
+            self._parts.append((np.tile(self.here, (steps - last, 1)), label, -1))
+        if last:
+            self._parts.append((np.tile(self.here, (last, 1)), label, self._rests))
+            self._rests += 1
+
+    def result(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Inputs (t, n_inputs), labels (t,) and rests (t,)."""
+        rows = np.concatenate([rows for rows, _, _ in self._parts])
+        labels = np.concatenate([np.full(len(rows), label) for rows, label, _ in self._parts])
+        rests = np.concatenate([np.full(len(rows), rest) for rows, _, rest in self._parts])
+        return rows, labels, rests
+
+
+def _pulls(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) -> None:
+    levels = np.arange(1, excitation.levels + 1) / excitation.levels
+    for name, peak in peaks.items():
+        label = f"pull_{name}"
+        for share in (*levels, *levels[-2::-1], 0.0):
+            moves.go(share * peak, label)
+            moves.rest(excitation.rest, label)
+
+
+def _steps(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) -> None:
+    for name, peak in peaks.items():
+        label = f"step_{name}"
+        moves.go(peak, label)
+        moves.rest(max(excitation.rest, excitation.decay), label)
+        moves.go(np.zeros_like(peak), label, at_once=True)
+        moves.rest(excitation.decay, label)
+
+
+def _random(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) -> None:
+    """Sums of sines, whose shares of the directions' peaks are at most one together."""
+    count = round(excitation.duration / moves.period)
+    if not count:
+        return
+    rng, ways = np.random.default_rng(excitation.seed), np.array(list(peaks.values()))
+    frequency = rng.uniform(0.1, 1.0, (_SINES, len(ways)))
+    phase = rng.uniform(0, 2 * np.pi, (_SINES, len(ways)))
+    time = np.arange(count) * moves.period
+
+    def motion(bandwidth: float) -> np.ndarray:
+        turns = 2 * np.pi * bandwidth * np.multiply.outer(time, frequency) + phase
+        shares = np.maximum(np.sin(turns).sum(axis=1), 0.0)  # a tendon pulls, or another does
+        shares = shares / shares.sum(axis=1).max()
+        fade = np.clip(np.minimum(time, time[::-1]) * bandwidth, 0, 1)[:, None]
+        return (fade**3 * (10 - 15 * fade + 6 * fade**2) * shares) @ ways
+
+    rows = motion(excitation.bandwidth)
+    rate = np.max(np.abs(np.diff(rows, axis=0, prepend=0)) / moves.scale) / moves.period
+    if rate > moves.speed:
+        rows = motion(excitation.bandwidth * moves.speed / float(rate))
+    moves.follow(rows, "random")
+    moves.rest(excitation.rest, "random")
+
+
+_KINDS: dict[str, Callable[[_Moves, dict[str, np.ndarray], Excitation], None]] = {
+    "pulls": _pulls,
+    "steps": _steps,
+    "random": _random,
+}
+
+
+def resting_task(robot: RobotParams, duration: float, axes: str | None = None) -> Task:
+    """A task with nothing to follow, from rest under inputs of zero.
+
+    Args:
+        robot: Its robot.
+        duration: [s].
+        axes: Coordinates of the tip that are seen; x and z of a planar robot, else all, unless
+            given.
+    """
+    chosen = axes or ("xz" if robot.moves_in_xz else "xyz")
+    clamp = (0.0, 0.0, 0.0) if robot.base is None else robot.base.position
+    zero = (0.0,) * robot_inputs(robot).n_inputs
+    return Task("record", robot, SetPoints((clamp,), 1.0), duration, zero, axes=chosen)
+
+
+def excite(
+    env: gymnasium.Env,
+    plan: Plan,
+    limits: Excitation,
+    seed: int | None = None,
+    options: dict[str, Any] | None = None,
+    progress: Callable[[int], None] | None = None,
+) -> str | None:
+    """Drive an environment through a plan; stop where a limit is passed by a quarter.
+
+    Args:
+        env: Environment, usually a `RecordEpisodes`, whose `label` is kept.
+        plan: What to tell it.
+        limits: Of tension and radius, see `Excitation`.
+        seed, options: Of the reset.
+        progress: Told the number of steps from time to time.
+
+    Returns:
+        Why it ended too early, or None.
+    """
+    env.label = str(plan.labels[0])
+    observation, _ = env.reset(seed=seed, options=options)
+    begin = observation["tip_position"].copy()
+    most = np.array([t.tension_limit for t in env.unwrapped.task.robot.tendons])
+    for k, (action, label) in enumerate(zip(plan.actions, plan.labels, strict=True)):
+        env.label = str(label)
+        observation, *_, info = env.step(action.astype(np.float32))
+        far = float(np.linalg.norm(observation["tip_position"] - begin))
+        reason = info.get("failure") or _beyond(far, info["tendon_tension"], most, limits)
+        if reason:
+            return f"after {(k + 1) * plan.period:.2f} s: {reason}"
+        if progress is not None and k % _SHOWN == 0:
+            progress(k + 1)
+    return None
+
+
+def _beyond(far: float, tension: np.ndarray, most: np.ndarray, limits: Excitation) -> str | None:
+    """Why a robot is too far or pulls too hard, or None; tensions that are not known are NaN."""
+    if far > _ROOM * limits.radius:
+        return f"the tip is {1e3 * far:.4g} mm from where it rested"
+    hard = np.flatnonzero(np.asarray(tension) > min(_ROOM * limits.tension, 1.0) * most)
+    if len(hard):
+        k = int(hard[0])
+        return f"tendon {k + 1} pulls {tension[k]:.3g} N of at most {most[k]:.3g} N"
+    return None
+
+
+def at_rests(recording: Recording, plan: Plan) -> tuple[Recording, float]:
+    """The static recording of a run: a row for each rest, markers averaged over its end.
+
+    Args:
+        recording: Of one run of the plan: its start and a row for each action, maybe fewer.
+        plan: What was told.
+
+    Returns:
+        The recording, and how far [m] a marker still moved at the end of a rest, noise included.
+
+    Raises:
+        ValueError: The robot never rested.
+    """
+    rests = np.append(-1, plan.measured)[: len(recording.times)]
+    numbers = np.unique(rests[rests >= 0])
+    if not len(numbers):
+        raise ValueError("the robot never rested: give a rest, and pulls or steps")
+    groups = [np.flatnonzero(rests == number) for number in numbers]
+    ends = recording.part(np.array([group[-1] for group in groups]))
+    markers = np.array([recording.markers[group].mean(axis=0) for group in groups])
+    moved = max(float(np.nanmax(np.ptp(recording.markers[group], axis=0))) for group in groups)
+    return replace(ends, markers=markers, header=replace(recording.header, static=True)), moved

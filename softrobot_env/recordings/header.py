@@ -1,0 +1,310 @@
+"""The header of a recording: which column is what, in which unit and frame; keys of a TOML file."""
+
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from softrobot_env.fields import NotNegative, Positive, check_fields, check_unique
+from softrobot_env.toml_text import lines, read_table
+from softrobot_env.writing import write_text
+
+CommandKind = Literal["length", "tension", "action"]
+TimeUnit = Literal["s", "ms", "us", "ns"]
+LengthUnit = Literal["m", "cm", "mm"]
+
+#: SI units in each unit that a column may have.
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "tension": {"N": 1.0, "mN": 1e-3},
+    "action": {"1": 1.0},
+}
+
+_AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class Time:
+    """The column of times.
+
+    Attributes:
+        column: Its name. Only differences count, so that the clock may be any.
+        unit: Of its numbers.
+    """
+
+    column: str
+    unit: TimeUnit = "s"
+
+    def __post_init__(self) -> None:
+        check_fields(self, "time")
+
+
+@dataclass(frozen=True)
+class Commands:
+    """The columns of commands.
+
+    Attributes:
+        kind: "length" pulled in from the straight pose on, "tension", or "action" of an
+            environment in [-1, 1].
+        columns: Names.
+        unit: Of their numbers: m, cm or mm; N or mN; 1.
+        tendons: The robot's tendon that each column drives; not known unless given. Actions have
+            the order of the environment and no tendons.
+        factors: What each column is multiplied by: -1 where it counts what is let out, the radius
+            of a spool [m] where it holds angles [rad]; 1 unless given.
+        in_force: Whether a row's command acts "from" its time to that of the next, or from the
+            row before "until" its own.
+    """
+
+    kind: CommandKind
+    columns: tuple[str, ...]
+    unit: str
+    tendons: tuple[str, ...] | None = None
+    factors: tuple[float, ...] | None = None
+    in_force: Literal["from", "until"] = "from"
+
+    def __post_init__(self) -> None:
+        check_fields(self, "commands")
+        check_unit("commands", self.kind, self.unit)
+        check_unique(list(self.columns), "commands: columns")
+        if not self.columns:
+            raise ValueError("commands: columns must name one column or more")
+        if self.tendons is not None and self.kind == "action":
+            raise ValueError("commands: actions have the environment's order and no tendons")
+        check_unique(list(self.tendons or ()), "commands: tendons")
+        for name in ("tendons", "factors"):
+            given = getattr(self, name)
+            if given is not None and len(given) != len(self.columns):
+                raise ValueError(
+                    f"commands: {name} must be one for each of the {len(self.columns)} columns, "
+                    f"got {len(given)}"
+                )
+
+    @property
+    def scale(self) -> np.ndarray:
+        """(n,) what columns are multiplied by to have SI units."""
+        factors = self.factors or (1.0,) * len(self.columns)
+        return UNITS[self.kind][self.unit] * np.array(factors, dtype=float)
+
+
+@dataclass(frozen=True)
+class Marker:
+    """A marker that was measured.
+
+    Attributes:
+        x, y, z: Columns of its position; a coordinate without one was not measured.
+        unit: Of their numbers.
+        station_m: Arc length of the cross-section that carries it; the robot's output point at
+            its tip unless given.
+        offset_m: (3,) from that point, along the cross-section's x and y and out of it.
+        delay_s: How late it is measured.
+        may_be_lost: Whether it was not seen in some rows, whose cells are empty or nan.
+    """
+
+    x: str | None = None
+    y: str | None = None
+    z: str | None = None
+    unit: LengthUnit = "m"
+    station_m: NotNegative | None = None
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    delay_s: NotNegative = 0.0
+    may_be_lost: bool = False
+
+    def __post_init__(self) -> None:
+        check_fields(self, "marker")
+        if not any(self.columns):
+            raise ValueError("marker: name a column of x, y or z")
+
+    @property
+    def columns(self) -> tuple[str | None, ...]:
+        """Of x, y and z."""
+        return self.x, self.y, self.z
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where the recording's coordinates lie in the robot's world.
+
+    A recorded point p is turned and shifted: world = R(turn) axes(p) + shift.
+
+    Attributes:
+        axes: The recorded axes that are the world's x, y and z, such as ["z", "x", "y"] for a
+            camera whose y points up; "-x" is the opposite of x.
+        turn_deg: (3,) rotation vector [degrees] after that.
+        shift_m: (3,) [m] after that.
+    """
+
+    axes: tuple[str, str, str] = _AXES
+    turn_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    shift_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        check_fields(self, "frame")
+        if sorted(axis.removeprefix("-") for axis in self.axes) != list(_AXES):
+            raise ValueError(f'frame: axes must be x, y and z, "-x" and so on, got {self.axes}')
+        if np.linalg.det(self._permutation) < 0:
+            raise ValueError(f"frame: axes {', '.join(self.axes)} are left-handed")
+
+    @cached_property
+    def _permutation(self) -> np.ndarray:
+        rows = np.zeros((3, 3))
+        for row, axis in enumerate(self.axes):
+            rows[row, _AXES.index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
+        return rows
+
+    @cached_property
+    def rotation(self) -> np.ndarray:
+        """(3, 3) from recorded to world directions, turn included."""
+        vector = np.radians(self.turn_deg)
+        angle = float(np.linalg.norm(vector))
+        x, y, z = vector / (angle or 1.0)
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+        return turn @ self._permutation
+
+    def to_world(self, points: np.ndarray) -> np.ndarray:
+        """Recorded points (t, ..., 3) [m] in the world.
+
+        A coordinate that is NaN in all rows was not measured; a point that is NaN in one was lost.
+
+        Raises:
+            ValueError: A coordinate was not measured although the frame is turned.
+        """
+        matrix = self.rotation
+        if np.isnan(points).all(axis=0).any():
+            if any(self.turn_deg):
+                raise ValueError("frame: a turn needs markers with x, y and z measured")
+            order = [_AXES.index(axis[-1]) for axis in self.axes]
+            return points[..., order] * matrix[range(3), order] + self.shift_m
+        return points @ matrix.T + self.shift_m
+
+    def to_recorded(self, points: np.ndarray) -> np.ndarray:
+        """The opposite of `to_world`, for points with all coordinates."""
+        return (points - self.shift_m) @ self.rotation
+
+
+@dataclass(frozen=True)
+class Header:
+    """What a recording's table holds.
+
+    Attributes:
+        commands: Its commands.
+        marker: Its markers.
+        time: Its times; rows come at `rate_Hz` unless given.
+        rate_Hz: Of the rows.
+        runs: Column whose value changes where another run begins: times start afresh, and a
+            robot that is simulated begins at rest under the run's first command.
+        static: Whether the robot is at rest in every row, as against moving between them.
+        label: Column of labels, such as the pattern that a row is of.
+        label_ends: Ends that do not count: with "_hold" a row of "circle_hold" is of "circle".
+        frame: Of the markers.
+        robot: What was recorded, for people.
+        source: Where it comes from, for people.
+    """
+
+    commands: Commands
+    marker: tuple[Marker, ...] = ()
+    time: Time | None = None
+    rate_Hz: Positive | None = None
+    runs: str | None = None
+    static: bool = False
+    label: str | None = None
+    label_ends: tuple[str, ...] = ()
+    frame: Frame = Frame()
+    robot: str | None = None
+    source: str | None = None
+
+    def __post_init__(self) -> None:
+        check_fields(self, "header")
+        if (self.time is None) == (self.rate_Hz is None):
+            raise ValueError("header: give a table [time] or rate_Hz, and not both")
+
+    @property
+    def columns(self) -> tuple[str, ...]:
+        """All columns that it names."""
+        time = () if self.time is None else (self.time.column,)
+        markers = [name for marker in self.marker for name in marker.columns]
+        return tuple(filter(None, (*time, self.runs, self.label, *self.commands.columns, *markers)))
+
+
+#: Tables of a header and what they become.
+_TABLES = {"commands": Commands, "time": Time, "frame": Frame}
+
+
+def check_unit(what: str, kind: str, unit: str) -> None:
+    """Raise ValueError unless a quantity may have a unit."""
+    if unit not in UNITS[kind]:
+        known = ", ".join(UNITS[kind])
+        raise ValueError(f"{what}: unit of a {kind} must be one of {known}, got {unit!r}")
+
+
+def read_header(*paths: Path | str) -> Header:
+    """The header that TOML files say together; what later ones say counts.
+
+    Raises:
+        ValueError: They say what is not allowed, or too little; the message names the last file.
+        OSError: One cannot be read.
+    """
+    table: dict[str, Any] = {}
+    try:
+        for path in paths:
+            table = _merged(table, read_table(Path(path)))
+        return _header(table)
+    except ValueError as error:
+        raise ValueError(f"{paths[-1]}: {error}") from None
+
+
+def write_header(header: Header, path: Path | str) -> None:
+    """Write a file that is read as the same header."""
+    plain, blocks = {}, []
+    for name, value in _told(header).items():
+        if name in _TABLES:
+            blocks.append(f"[{name}]\n{lines(_told(value))}")
+        elif name == "marker":
+            blocks += [f"[[marker]]\n{lines(_told(marker))}" for marker in value]
+        else:
+            plain[name] = value
+    write_text(path, "\n".join([lines(plain), *blocks]))
+
+
+def _told(record: Any) -> dict[str, Any]:
+    """What a data class says beyond its defaults."""
+    values = {field.name: (getattr(record, field.name), field.default) for field in fields(record)}
+    return {name: value for name, (value, usual) in values.items() if value != usual}
+
+
+def _merged(table: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
+    both = dict(table) | dict(over)
+    for name in _TABLES:
+        if isinstance(table.get(name), Mapping) and isinstance(over.get(name), Mapping):
+            both[name] = dict(table[name]) | dict(over[name])
+    return both
+
+
+def _header(table: Mapping[str, Any]) -> Header:
+    parts = {
+        name: _made(kind, table[name], name) for name, kind in _TABLES.items() if name in table
+    }
+    markers = table.get("marker", [])
+    if not isinstance(markers, list):
+        raise ValueError("marker must be tables, each begun with [[marker]]")
+    made = [_made(Marker, one, f"marker[{k}]") for k, one in enumerate(markers, 1)]
+    return _made(Header, dict(table) | parts | {"marker": tuple(made)}, "header")
+
+
+def _made(kind: type, table: Any, where: str) -> Any:
+    """A data class from a table of its fields."""
+    if not isinstance(table, Mapping):
+        raise ValueError(f"{where} must be a table, got {table!r}")
+    known = {field.name: field for field in fields(kind)}
+    for key in table:
+        if key not in known:
+            raise ValueError(f"{where}: {key} is no key; allowed are {', '.join(known)}")
+    missing = [n for n, field in known.items() if field.default is MISSING and n not in table]
+    if missing:
+        raise ValueError(f"{where}: {', '.join(missing)} missing")
+    return kind(**table)

@@ -1,0 +1,143 @@
+"""What a recording is once it is read: arrays in SI units."""
+
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+
+from softrobot_env.recordings.header import Header
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import robot_inputs
+
+
+@dataclass(frozen=True)
+class Recording:
+    """Commands and marker positions of a robot, row by row.
+
+    Attributes:
+        header: What the columns were, what the commands are, and where the markers sit. Units,
+            factors and frame are applied already.
+        times: (t,) [s] since the first row of each run, rising within a run; of rows at rest some
+            may be equal.
+        commands: (t, n) [m, N or 1].
+        markers: (t, k, 3) [m] in the robot's world; NaN where the header says no column, and where
+            a marker that may be lost was.
+        labels: (t,) str; empty where there are none.
+        runs: (t,) which run a row is of, 0, 1, ...
+    """
+
+    header: Header
+    times: np.ndarray
+    commands: np.ndarray
+    markers: np.ndarray
+    labels: np.ndarray
+    runs: np.ndarray
+
+    def __post_init__(self) -> None:
+        rows, head = len(self.times), self.header
+        shapes = {
+            "times": (rows,),
+            "commands": (rows, len(head.commands.columns)),
+            "markers": (rows, len(head.marker), 3),
+            "labels": (rows,),
+            "runs": (rows,),
+        }
+        for name, shape in shapes.items():
+            if getattr(self, name).shape != shape:
+                raise ValueError(
+                    f"recording: {name} must have shape {shape}, got {getattr(self, name).shape}"
+                )
+        if not rows:
+            raise ValueError("recording: it has no rows")
+        self._check_numbers()
+
+    def _check_numbers(self) -> None:
+        head = self.header
+        order = ["xyz".index(axis[-1]) for axis in head.frame.axes]
+        needed = np.ones(self.markers.shape[1:], dtype=bool)
+        for k, marker in enumerate(head.marker):
+            needed[k] = [marker.columns[i] is not None and not marker.may_be_lost for i in order]
+        for name, bad in {
+            "times": ~np.isfinite(self.times),
+            "commands": ~np.isfinite(self.commands),
+            "markers": ~np.isfinite(self.markers) & needed,
+        }.items():
+            if bad.any():
+                raise ValueError(f"row {1 + int(np.argwhere(bad)[0][0])}: {name} must be finite")
+        steps, same = np.diff(self.times), np.diff(self.runs) == 0
+        late = np.flatnonzero(((steps < 0) | ((steps == 0) & (not head.static))) & same)
+        if len(late):
+            row = int(late[0])
+            raise ValueError(
+                f"row {row + 2}: times must rise, got {self.times[row + 1]:.9g} s after "
+                f"{self.times[row]:.9g} s"
+            )
+
+    @property
+    def kind(self) -> str:
+        """Of the commands: "length", "tension" or "action"."""
+        return self.header.commands.kind
+
+    @property
+    def static(self) -> bool:
+        """Whether the robot is at rest in every row."""
+        return self.header.static
+
+    @property
+    def tendons(self) -> tuple[str, ...] | None:
+        """The robot's tendon that each command drives, None if that is not known."""
+        return self.header.commands.tendons
+
+    @cached_property
+    def patterns(self) -> np.ndarray:
+        """(t,) str, labels without the ends that do not count."""
+        patterns = [str(label) for label in self.labels]
+        for end in self.header.label_ends:
+            patterns = [text.removesuffix(end) for text in patterns]
+        return np.array(patterns)
+
+    def part(self, rows: np.ndarray | slice) -> "Recording":
+        """The recording of some rows, by their indices in order, a mask or a slice."""
+        arrays = [f.name for f in fields(self) if f.name != "header"]
+        return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
+
+    def controls(self, robot: RobotParams) -> np.ndarray:
+        """What the drives of a robot apply, (t, n_tendons) [m] or [N], in the robot's order.
+
+        A tendon without a command keeps its length, or its pretension.
+
+        Raises:
+            ValueError: It is not known which tendons the commands drive, the robot lacks one, or
+                actions are of another number than it has inputs.
+        """
+        if self.kind == "action":
+            return self._by_actions(robot)
+        names = [tendon.name for tendon in robot.tendons]
+        known = self.tendons if self.tendons is not None else self.header.commands.columns
+        unknown = [name for name in known if name not in names]
+        if unknown and self.tendons is None:
+            raise ValueError(
+                "which tendons the commands drive is not known: say it by the header's "
+                f"commands.tendons, one of {', '.join(names)} for each of {', '.join(known)}"
+            )
+        if unknown:
+            raise ValueError(
+                f"robot {robot.name!r} has no tendon {unknown[0]!r}; it has {', '.join(names)}"
+            )
+        idle = [t.pretension if self.kind == "tension" else 0.0 for t in robot.tendons]
+        out = np.tile(np.array(idle, dtype=float), (len(self.times), 1))
+        out[:, [names.index(name) for name in known]] = self.commands
+        return out
+
+    def _by_actions(self, robot: RobotParams) -> np.ndarray:
+        inputs = robot_inputs(robot)
+        if self.commands.shape[1] != inputs.n_inputs:
+            raise ValueError(
+                f"robot {robot.name!r} takes actions of {inputs.n_inputs} numbers, the recording "
+                f"has {self.commands.shape[1]}"
+            )
+        return inputs.per_action().command(self.commands)
+
+    def drive(self, robot: RobotParams) -> str:
+        """How the recorded robot was driven, "length" or "tension"; actions as the robot is."""
+        return robot.drive.kind if self.kind == "action" else self.kind

@@ -1,0 +1,373 @@
+"""What policies want to know of a robot, from its curvature sensors: tip and curvatures.
+
+While a robot is calibrated, a camera sees what sensors shall tell later. Spatial sensors have a
+model of their light, which takes their play and drift away (`estimation`). With what they and tags
+tell, arcs say roughly where the tip is; polynomials, as few as the postures can tell, say the rest.
+"""
+
+from collections.abc import Mapping, Sequence
+from copy import deepcopy
+from dataclasses import asdict, dataclass, fields
+from itertools import combinations_with_replacement, pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.artifacts import Arrays
+from softrobot_env.robots import RobotParams, Sensor
+from softrobot_env.sensing.estimation import BendFilter, LightModel, calibrate
+
+#: The observable that every calibration tells.
+TIP = "tip_position"
+
+#: Orders that are tried, postures that each coefficient wants, and parts of a cross-validation.
+_ORDERS, _POSTURES, _PARTS = (1, 2, 3, 4, 5), 3, 6
+
+#: Shrinks coefficients that postures hardly tell, over their number.
+_RIDGE = 1e-6
+
+#: Change of a polynomial [1] that the next order has to bring to be worth it.
+_WORTH = 0.95
+
+
+class Felt(NamedTuple):
+    """What is known from one reading to the next.
+
+    Attributes:
+        filters: Of each spatial sensor, None of others.
+        reading: (size,), the last that was finite.
+        told: By name, what the sensors tell.
+    """
+
+    filters: tuple[BendFilter | None, ...]
+    reading: np.ndarray
+    told: dict[str, np.ndarray]
+
+
+@dataclass(frozen=True)
+class Map:
+    """Polynomials of features.
+
+    Attributes:
+        powers: (terms, features), of each feature in each term.
+        weights: (terms, outputs).
+        middle, half: (features,), which are scaled by them.
+        error: [unit of the output], RMS over postures that were left out, largest output.
+    """
+
+    powers: np.ndarray
+    weights: np.ndarray
+    middle: np.ndarray
+    half: np.ndarray
+    error: float
+
+    def __call__(self, features: np.ndarray) -> np.ndarray:
+        """Outputs (..., outputs) of features (..., features), which do not leave their range far.
+
+        Far beyond the postures a polynomial tells nothing: features are taken at a fifth of their
+        range beyond it.
+        """
+        scaled = np.clip((features - self.middle) / self.half, -1.2, 1.2)
+        return _terms(scaled, self.powers) @ self.weights
+
+
+def _terms(scaled: np.ndarray, powers: np.ndarray) -> np.ndarray:
+    """Terms (..., terms) of scaled features (..., features)."""
+    return np.prod(scaled[..., None, :] ** powers, axis=-1)
+
+
+def _powers(features: int, order: int) -> np.ndarray:
+    """Powers (terms, features) of all terms up to an order."""
+    every = [
+        np.bincount(np.array(which, dtype=int), minlength=features)
+        for degree in range(order + 1)
+        for which in combinations_with_replacement(range(features), degree)
+    ]
+    return np.array(every)
+
+
+def fit_map(features: np.ndarray, outputs: np.ndarray) -> Map:
+    """The polynomials that tell outputs of postures best that were left out.
+
+    Args:
+        features: (n, f).
+        outputs: (n, k).
+
+    Raises:
+        ValueError: Fewer postures than a linear map needs.
+    """
+    n, count = features.shape
+    middle = (features.max(axis=0) + features.min(axis=0)) / 2
+    half = np.maximum(np.ptp(features, axis=0) / 2, 1e-9)
+    scaled = (features - middle) / half
+    best: Map | None = None
+    for order in _ORDERS:
+        powers = _powers(count, order)
+        if len(powers) * _POSTURES > n:
+            break
+        terms = _terms(scaled, powers)
+        error = _left_out(terms, outputs)
+        if best is None or error < _WORTH * best.error:
+            best = Map(powers, _solved(terms, outputs), middle, half, error)
+    if best is None:
+        raise ValueError(
+            f"{n} postures do not tell {count} quantities of the sensors apart: "
+            f"{_POSTURES * (count + 1)} or more are needed"
+        )
+    return best
+
+
+def _solved(terms: np.ndarray, outputs: np.ndarray) -> np.ndarray:
+    square = terms.T @ terms
+    ridge = _RIDGE * len(terms) * np.eye(len(square))
+    return np.linalg.solve(square + ridge, terms.T @ outputs)
+
+
+def _left_out(terms: np.ndarray, outputs: np.ndarray) -> float:
+    """RMS of the largest output over postures that the coefficients do not know."""
+    part = np.arange(len(terms)) % _PARTS
+    square = np.zeros(outputs.shape[1])
+    for k in range(_PARTS):
+        away = part == k
+        off = terms[away] @ _solved(terms[~away], outputs[~away]) - outputs[away]
+        square += (off**2).sum(axis=0)
+    return float(np.sqrt(square.max() / len(terms)))
+
+
+@dataclass(frozen=True)
+class Arcs:
+    """A robot made of arcs, one for each of its sensors' bends and turns.
+
+    Attributes:
+        lengths: (arcs,) [m].
+        bends: (arcs, 2, features), of each arc [rad] by what sensors tell.
+        head: [m] beyond the last arc.
+        base, axes: (3,) [m] and (3, 3), where the robot is clamped and its own axes, in the world.
+    """
+
+    lengths: np.ndarray
+    bends: np.ndarray
+    head: float
+    base: np.ndarray
+    axes: np.ndarray
+
+    @classmethod
+    def of(cls, robot: RobotParams) -> "Arcs | None":
+        """Of a robot whose sensors lie one after the other; None where they overlap, or where one
+        does not tell to which side the robot bends.
+        """
+        parts = sorted(_parts(robot.sensors), key=lambda part: part[:2])
+        begins, ends = np.array([part[:2] for part in parts]).T
+        if any(s.kind == "planar" for s in robot.sensors) or (ends[:-1] > begins[1:] + 1e-9).any():
+            return None
+        edges = np.concatenate([[0.0], (ends[:-1] + begins[1:]) / 2, [robot.length]])
+        lengths, count = np.diff(edges), len(parts[0][2].T)
+        bends = np.zeros((len(parts), 2, count))
+        for k, (begin, end, bend) in enumerate(parts):
+            bends[k] = bend * lengths[k] / (end - begin)
+        base = robot.base
+        return cls(
+            lengths,
+            bends,
+            robot.reach - robot.length,
+            np.zeros(3) if base is None else np.array(base.position),
+            np.eye(3) if base is None else base.axes,
+        )
+
+    def tip(self, features: np.ndarray) -> np.ndarray:
+        """Output point (n, 3) [m] in the world, of features (n, f)."""
+        turn = np.broadcast_to(np.eye(3), (len(features), 3, 3))
+        place = np.zeros((len(features), 3))
+        for length, by_features in zip(self.lengths, self.bends, strict=True):
+            bend = features @ by_features.T
+            size = np.hypot(*bend.T)[:, None]
+            # sin(a) / a towards +z, and (1 - cos(a)) / a to the side.
+            along, aside = np.sinc(size / np.pi), size * np.sinc(size / (2 * np.pi)) ** 2 / 2
+            side = bend / np.where(size > 0, size, 1.0)
+            place = place + length * np.einsum(
+                "nij,nj->ni", turn, np.concatenate([aside * side, along], axis=1)
+            )
+            turn = turn @ _turn(bend)
+        return self.base + (place + self.head * turn[:, :, 2]) @ self.axes.T
+
+
+def _parts(sensors: Sequence[Sensor]) -> list[tuple[float, float, np.ndarray]]:
+    """Begin and end [m] of what bends by features (2, f) [rad], for each that is told."""
+    count = told(sensors)
+    out, at = [], 0
+    for sensor in sensors:
+        ends = np.linspace(sensor.begin, sensor.end, sensor.segments + 1)
+        if sensor.kind == "tags":
+            for k, (begin, end) in enumerate(pairwise(ends.tolist())):
+                bend = np.zeros((2, count))
+                bend[:, at + k] = np.cos(sensor.azimuth), np.sin(sensor.azimuth)
+                out.append((begin, end, bend))
+        elif sensor.kind == "spatial":
+            bend = np.zeros((2, count))
+            bend[:, at : at + 2] = 2 * np.eye(2)  # chords of halves: half of the whole turn
+            out.append((sensor.begin, sensor.end, bend))
+        else:
+            out.append((sensor.begin, sensor.end, np.zeros((2, count))))
+        at += told([sensor])
+    return out
+
+
+def told(sensors: Sequence[Sensor]) -> int:
+    """Number of quantities that sensors tell: bends of spatial ones, readings of others."""
+    return sum(2 if sensor.kind == "spatial" else sensor.size for sensor in sensors)
+
+
+def _turn(bend: np.ndarray) -> np.ndarray:
+    """Rotations (n, 3, 3) by bends (n, 2) [rad] towards x and y."""
+    size = np.hypot(*bend.T)
+    a, b = np.sinc(size / np.pi), np.sinc(size / (2 * np.pi)) ** 2 / 2
+    cross = np.zeros((len(bend), 3, 3))
+    cross[:, 0, 2], cross[:, 1, 2] = bend.T
+    cross[:, 2, 0], cross[:, 2, 1] = -bend.T
+    return np.eye(3) + a[:, None, None] * cross + b[:, None, None] * cross @ cross
+
+
+@dataclass(frozen=True)
+class Reconstruction:
+    """What a calibrated robot's sensors tell.
+
+    Attributes:
+        sensors: As designed.
+        lights: Of each spatial sensor, None of others.
+        arcs: Where the tip is, roughly; None where sensors do not say.
+        coordinates: Out of x, y and z, those of the tip that are told.
+        maps: Name of an observable -> how it follows from the sensors, of the tip beyond the arcs.
+    """
+
+    sensors: tuple[Sensor, ...]
+    lights: tuple[LightModel | None, ...]
+    arcs: Arcs | None
+    coordinates: tuple[int, ...]
+    maps: dict[str, Map]
+
+    @property
+    def size(self) -> int:
+        """Number of readings."""
+        return sum(sensor.size for sensor in self.sensors)
+
+    def begin(self, reading: np.ndarray) -> Felt:
+        """Of a robot that was straight, and then rests where sensors read this (size,)."""
+        filters = tuple(None if light is None else BendFilter(light) for light in self.lights)
+        start = Felt(filters, np.full(self.size, np.nan), {})
+        if not np.isfinite(reading).all():
+            return start._replace(
+                told={name: np.full(m.weights.shape[1], np.nan) for name, m in self.maps.items()}
+            )
+        return self.update(start, reading, 0.0)
+
+    def update(self, before: Felt, reading: np.ndarray, passed: float) -> Felt:
+        """Take in a reading (size,) of `passed` seconds after the last.
+
+        One that is not finite, or that is the last one still, changes nothing.
+        """
+        if not np.isfinite(reading).all() or np.array_equal(reading, before.reading):
+            return before
+        filters = deepcopy(before.filters)
+        features = _features(self.sensors, filters, reading, passed)
+        values = {name: found(features) for name, found in self.maps.items()}
+        if self.arcs is not None:
+            values[TIP] = values[TIP] + self.arcs.tip(features[None])[0, list(self.coordinates)]
+        return Felt(filters, np.array(reading), values)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """What a file holds of it."""
+        out: dict[str, np.ndarray] = {"coordinates": np.array(self.coordinates)}
+        for name, found in self.maps.items():
+            out |= {f"map_{name}_{key}": np.asarray(value) for key, value in vars(found).items()}
+        for k, light in enumerate(self.lights):
+            values = {} if light is None else asdict(light)
+            out |= {f"light_{k}_{key}": np.asarray(value) for key, value in values.items()}
+        return out
+
+    @classmethod
+    def of(cls, robot: RobotParams, data: Arrays) -> "Reconstruction":
+        """That of `arrays`, for a robot.
+
+        Raises:
+            ValueError: The arrays are damaged or of other sensors.
+        """
+        data.check_finite()
+        sensors = robot.sensors
+        lights = tuple(
+            _part(data, LightModel, f"light_{k}_") if sensor.kind == "spatial" else None
+            for k, sensor in enumerate(sensors)
+        )
+        ends = "_powers"
+        names = [n[4 : -len(ends)] for n in data if n.startswith("map_") and n.endswith(ends)]
+        maps = {name: _part(data, Map, f"map_{name}_") for name in names}
+        count = told(sensors)
+        for name, found in maps.items():
+            shapes = found.powers.shape, found.weights.shape[:1], found.middle.shape
+            terms = len(found.powers)
+            if shapes != ((terms, count), (terms,), (count,)):
+                raise ValueError(f"{data.path} holds no map of these sensors to {name}")
+        if TIP not in maps:
+            raise ValueError(f"{data.path} holds no map to {TIP}")
+        coordinates = tuple(int(k) for k in data["coordinates"])
+        return cls(tuple(sensors), lights, Arcs.of(robot), coordinates, maps)
+
+
+def _part(data: Arrays, kind: type, prefix: str) -> Any:
+    values = {field.name: data[f"{prefix}{field.name}"] for field in fields(kind)}
+    return kind(**{n: v.item() if v.ndim == 0 else v for n, v in values.items()})
+
+
+def _features(
+    sensors: Sequence[Sensor],
+    filters: Sequence[BendFilter | None],
+    reading: np.ndarray,
+    passed: float,
+) -> np.ndarray:
+    """What maps are fed with: bends of spatial sensors, readings of others."""
+    out, at = [], 0
+    for sensor, one in zip(sensors, filters, strict=True):
+        own = reading[at : at + sensor.size]
+        at += sensor.size
+        if one is not None:
+            one.update(own, passed)
+            own = one.bend
+        out.append(own)
+    return np.concatenate(out)
+
+
+def reconstruct(
+    robot: RobotParams,
+    readings: np.ndarray,
+    seen: Mapping[str, np.ndarray],
+    coordinates: Sequence[int],
+    places: Sequence[np.ndarray],
+    passed: float,
+) -> Reconstruction:
+    """Calibrate the sensors of a robot by postures at rest.
+
+    Args:
+        robot: With its sensors as designed.
+        readings: (n, size), in the order in which postures were visited, from the straight one on.
+        seen: Name of an observable -> (n, k), as the camera saw it, `TIP` among them.
+        coordinates: Out of x, y and z, those of the tip.
+        places: (n, 2) for each sensor, what its bend grows with about in proportion, at most 0.2;
+            see `estimation.calibrate`. Only those of spatial sensors count.
+        passed: [s] from one posture to the next.
+
+    Raises:
+        ValueError: Too few postures.
+    """
+    sensors, lights, at = robot.sensors, [], 0
+    every = np.ones(len(readings), dtype=bool)
+    for sensor, place in zip(sensors, places, strict=True):
+        own = readings[:, at : at + sensor.size]
+        at += sensor.size
+        spatial = sensor.kind == "spatial"
+        lights.append(calibrate(own, place, every, sensor) if spatial else None)
+    filters = [None if light is None else BendFilter(light) for light in lights]
+    features = np.array([_features(sensors, filters, row, passed) for row in readings])
+    arcs, beyond = Arcs.of(robot), dict(seen)
+    if arcs is not None:
+        beyond[TIP] = seen[TIP] - arcs.tip(features)[:, list(coordinates)]
+    maps = {name: fit_map(features, values) for name, values in beyond.items()}
+    return Reconstruction(tuple(sensors), tuple(lights), arcs, tuple(coordinates), maps)

@@ -1,0 +1,133 @@
+"""Recordings on the command line: recorded, checked, replayed, and what is refused."""
+
+import json
+from importlib.util import find_spec
+
+import pytest
+
+from softrobot_env.cli import main
+from softrobot_env.paths import assets_dir
+from softrobot_env.recordings import read_header, read_recording, write_header
+from softrobot_env.recordings.files import recordings_dir
+from softrobot_env.robots import ROBOTS, write_robot
+
+FINGER = "robot record --robot planar_finger --kinds pulls --levels 1 --rest 0.3"
+
+
+@pytest.fixture
+def pulls(tmp_path, capsys):
+    """A recording of a finger whose tendons are pulled in turn."""
+    path = tmp_path / "pulls.csv"
+    assert main([*FINGER.split(), "--static", "--out", str(path)]) == 0
+    said = capsys.readouterr().out
+    assert "to 0.5, 0.5, 0.5, 0.5 of full scale" in said and "Wrote 8 rows" in said
+    return path
+
+
+def test_a_robot_is_recorded_checked_and_replayed(pulls, tmp_path, capsys):
+    assert main(["recording", "check", str(pulls), "--robot", "planar_finger"]) == 0
+    said = capsys.readouterr().out
+    assert "at rest in every row" in said and "pull_input1+ (2)" in said and "Look" not in said
+    out = tmp_path / "out"
+    command = ["recording", "replay", str(pulls), "--robot", "planar_finger", "--out", str(out)]
+    plots = [] if find_spec("matplotlib") else ["--no-plots"]
+    assert main([*command, *plots]) == 0
+    whole, *patterns = json.loads((out / "report.json").read_text())["rows"]
+    assert (whole["pattern"], whole["rows"], whole["failed"]) == ("all", 8, 0)
+    assert [row["pattern"] for row in patterns] == [f"pull_input{k}{s}" for k in "12" for s in "+-"]
+    # It was at rest when it was recorded, and the same chain is at rest in the replay.
+    assert 0 <= whole["mean"] <= whole["rms"] <= whole["max"] < 1e-4
+    assert "pull_input1+" in (out / "report.md").read_text()
+    if not plots:
+        names = {path.name for path in out.glob("*.png")}
+        assert names == {f"replay_{name}.png" for name in ("error", "markers", "patterns")}
+
+
+def test_the_header_beside_an_identified_robot_counts(pulls, tmp_path, capsys):
+    """What an identification writes is enough to replay another table of the same columns."""
+    found = tmp_path / "found"
+    found.mkdir()
+    write_robot(ROBOTS["planar_finger"], found / "robot.toml")
+    write_header(read_header(pulls.with_suffix(".toml")), found / "recording.toml")
+    pulls.with_suffix(".toml").unlink()
+    replay = ["recording", "replay", str(pulls), "--out", str(tmp_path), "--no-plots", "--robot"]
+    assert main([*replay, "planar_finger"]) == 2
+    assert "has no header" in capsys.readouterr().err
+    assert main([*replay, str(found / "robot.toml")]) == 0
+    assert "Header: " in (said := capsys.readouterr().out) and "recording.toml" in said
+
+
+def test_what_is_evaluated_is_recorded(tmp_path):
+    command = "evaluate --tasks swing --policies hold lqi --duration 0.1 --no-plots"
+    options = ["--record", str(tmp_path / "rec"), "--out", str(tmp_path)]
+    assert main([*command.split(), *options]) == 0
+    names = {path.name for path in (tmp_path / "rec").iterdir()}
+    assert names == {f"swing_{name}.{end}" for name in ("hold", "lqi") for end in ("csv", "toml")}
+    recording = read_recording(tmp_path / "rec" / "swing_hold.csv")
+    assert len(recording.times) == 11 and recording.kind == "tension"
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [
+        ("recording check none.csv", "none.csv: no such file"),
+        ("recording replay none.csv --robot nobody", "nobody"),
+        ("robot record --robot planar_finger --amplitude 2", "amplitude must be in (0, 1]"),
+        ("robot record --robot arm --env virtual", "--robot, --plant: only with --env sim"),
+        ("robot record --env virtual --vary density=1", "--vary: only with --env sim"),
+        (
+            "robot record --robot arm --twin 1",
+            "a twin has servos; robot 'arm' is driven by tension",
+        ),
+        ("robot record --out a.xls", "a.xls: recordings are written as .csv or .parquet"),
+        ("robot record --out README.csv", "README.csv is there already"),
+    ],
+)
+def test_what_does_not_fit_is_refused(command, said, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "README.csv").touch()
+    assert main(command.split()) == 2
+    error = capsys.readouterr().err
+    assert said in error and error.count("\n") == 1
+
+
+def test_a_real_robot_is_refused_until_its_tendons_are_known(tmp_path, capsys):
+    path = recordings_dir() / "ftdcr_v4" / "train.csv"
+    if not path.is_file():
+        pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
+    header = str(assets_dir() / "recordings" / "ftdcr_v4.toml")
+    known = ["--header", header, "--robot", "ftdcr_v4"]
+    assert main(["recording", "check", str(path), *known]) == 0
+    assert "1620, mostly 1.747 a second" in capsys.readouterr().out
+    assert main(["recording", "replay", str(path), *known, "--out", str(tmp_path)]) == 2
+    assert "which tendons the commands drive is not known" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+@pytest.mark.realtime(late=0.9)
+def test_a_virtual_robot_is_recorded_over_its_serial_line(tmp_path):
+    """Its twin, replayed without the serial line and the clock, errs by the camera's noise."""
+    path = tmp_path / "virtual.csv"
+    command = "robot record --env virtual --twin 3 --levels 1 --rest 0.3 --duration 3 --out"
+    assert main([*command.split(), str(path)]) == 0
+    replay = ["recording", "replay", "--robot", "rig", "--twin", "3", "--no-plots"]
+    assert main([*replay[:2], str(path), *replay[2:], "--out", str(tmp_path)]) == 0
+    whole, *_ = json.loads((tmp_path / "report.json").read_text())["rows"]
+    # 0.3 mm in each of x and y, of which the tip filter takes some; the rest is the clock's.
+    assert whole["rms"] < 1.5 * 2**0.5 * 0.3e-3
+
+
+@pytest.mark.slow
+def test_a_long_static_recording_is_replayed_in_seconds(tmp_path):
+    path = recordings_dir() / "ftdcr_v4" / "train.csv"
+    if not path.is_file():
+        pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
+    header = tmp_path / "h.toml"
+    names = json.dumps([tendon.name for tendon in ROBOTS["ftdcr_v4"].tendons])
+    text = (assets_dir() / "recordings" / "ftdcr_v4.toml").read_text()
+    header.write_text(text.replace("[commands]\n", f"[commands]\ntendons = {names}\n"))
+    out = ["--header", str(header), "--out", str(tmp_path), "--no-plots"]
+    assert main(["recording", "replay", str(path), "--robot", "ftdcr_v4", *out]) == 0
+    whole, *_ = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert (whole["rows"], whole["failed"]) == (1620, 0)
+    assert whole["cpu_time"] < 30  # some 5 s on an idle core; busy ones share their caches

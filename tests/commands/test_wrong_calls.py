@@ -1,0 +1,100 @@
+"""Wrong calls of every command, made from its own parser: one line that says what, status 2."""
+
+import argparse
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+from signal import SIGINT
+
+import pytest
+
+from softrobot_env.cli import build_parser, main
+
+#: Takes any text, or refuses only when it runs.
+_ANY = (None, str, Path)
+
+_BAD = "?!"
+
+
+def parsers(parser, words=()):
+    """All commands: words that call them, and their parsers."""
+    for action in parser._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for name, below in action.choices.items():
+                yield (*words, name), below
+                yield from parsers(below, (*words, name))
+
+
+def wrong_calls():
+    """Calls with an unknown option, without a value, and with a bad one, of each option."""
+    for words, parser in parsers(build_parser()):
+        positional = [a for a in parser._actions if not a.option_strings]
+        if any(isinstance(a, argparse._SubParsersAction) for a in positional):
+            yield (*words, _BAD)
+            continue
+        yield (*words, "--no-such-option")
+        for action in positional:
+            if action.choices or action.type not in _ANY:
+                yield (*words, _BAD)
+        for action in parser._actions:
+            if not action.option_strings or action.nargs == 0:
+                continue
+            option = action.option_strings[-1]
+            yield (*words, option)
+            if action.choices or action.type not in _ANY:
+                yield (*words, option, _BAD)
+
+
+CALLS = list(wrong_calls())
+
+
+def test_there_are_many():
+    assert len(CALLS) > 200
+
+
+def test_each_is_refused_in_one_line(capsys):
+    wrong = {}
+    for words in CALLS:
+        with pytest.raises(SystemExit) as stop:
+            main(list(words))
+        told = capsys.readouterr()
+        lines = told.err.splitlines()
+        fine = stop.value.code == 2 and not told.out and len(lines) == 1
+        if not (fine and lines[0].startswith("softrobot") and "--help" in lines[0]):
+            wrong[words] = told
+    assert not wrong
+
+
+@pytest.mark.parametrize("words", [[], ["robot"], ["robot-file"]])
+def test_no_command_shows_those_there_are(words, capsys):
+    assert main(words) == 0
+    assert re.search(r"usage: softrobot.*COMMAND", told := capsys.readouterr().out), told
+
+
+def test_ctrl_c_ends_in_one_line(capsys, monkeypatch):
+    def stopped(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("softrobot_env.commands.listing.run", stopped)
+    assert main(["list"]) == 130
+    assert capsys.readouterr().err == "softrobot list: stopped by Ctrl-C\n"
+
+
+@pytest.mark.slow
+def test_ctrl_c_ends_workers_too(tmp_path):
+    command = [sys.executable, "-m", "softrobot_env", "benchmark", "generalization"]
+    with subprocess.Popen(
+        [*command, "--out", str(tmp_path)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as running:
+        time.sleep(15)
+        assert running.poll() is None, running.stderr.read()
+        subprocess.run(["kill", f"-{SIGINT.value}", "--", f"-{running.pid}"], check=True)
+        _, told = running.communicate(timeout=30)
+    assert running.returncode == 130
+    assert told.splitlines() == ["softrobot benchmark: stopped by Ctrl-C"], told

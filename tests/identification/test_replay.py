@@ -1,0 +1,215 @@
+"""Replays against formulas: arcs of constant curvature, and motions that are known."""
+
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from softrobot_env.identification.replay import error_rows, replay
+from softrobot_env.identification.replay.simulation import control_period
+from softrobot_env.recordings import Commands, Frame, Header, Marker, Recording, Time
+from softrobot_env.recordings.files import recording_of
+from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots.twin import nominal_twin
+
+RADIUS, TENDON, LENGTH, MODULUS = 0.005, 0.003, 0.2, 1e6
+BENDING = MODULUS * pi * RADIUS**4 / 4
+AZIMUTHS = np.radians([0, 120, 240])
+
+
+def rod(**other) -> RobotParams:
+    """A weightless rod with three tendons in channels, 120 degrees apart, all the way."""
+    tendons = tuple(
+        Tendon(f"t{k}", (TENDON * np.cos(a), TENDON * np.sin(a)), LENGTH, 0, 5.0, stiffness=1e5)
+        for k, a in enumerate(AZIMUTHS)
+    )
+    material = {"youngs_modulus": MODULUS, "density": 1000.0, "damping_time": 0.05}
+    size = {"length": LENGTH, "outer_radius": RADIUS, "inner_radius": 0.0, "pieces": 8}
+    return RobotParams("rod", tendons=tendons, poisson_ratio=0.3, **size, **material, **other)
+
+
+def on_the_arc(tension: float, azimuth: float, station: float, offset: np.ndarray) -> np.ndarray:
+    """Where a tendon alone bends a point of the cross-section at a station to: an arc."""
+    curvature = tension * TENDON / BENDING
+    turn = curvature * station
+    towards = np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    axis = np.array([-towards[1], towards[0], 0.0])
+    along = np.array([0.0, 0.0, np.sin(turn)]) + (1 - np.cos(turn)) * towards
+    return along / curvature + Rotation.from_rotvec(turn * axis).apply(offset)
+
+
+def test_arcs_in_a_turned_frame_with_commands_in_another_order_and_markers_beside_the_fibre():
+    frame = Frame(("y", "z", "x"), (20.0, -30.0, 50.0), (0.1, -0.2, 0.3))
+    stations, offsets = (LENGTH, 0.5 * LENGTH), np.array([[0.002, 0.003, 0.01], [0, -0.004, 0]])
+    order, tensions = (2, 0, 1), np.linspace(0.1, 1.5, 5)
+    columns = {f"T{k}": np.zeros(15) for k in order}
+    places = np.empty((15, 2, 3))
+    for row in range(15):
+        tendon, tension = row // 5, tensions[row % 5]
+        columns[f"T{tendon}"][row] = -1e3 * tension
+        for m in range(2):
+            world = on_the_arc(tension, AZIMUTHS[tendon], stations[m], offsets[m])
+            places[row, m] = 1e3 * frame.to_recorded(world)
+    columns |= {f"{axis}{m}": places[:, m, i] for m in range(2) for i, axis in enumerate("xyz")}
+    markers = [
+        Marker("x0", "y0", "z0", "mm", None, tuple(offsets[0])),
+        Marker("x1", "y1", "z1", "mm", stations[1], tuple(offsets[1])),
+    ]
+    commands = Commands(
+        "tension", tuple(f"T{k}" for k in order), "mN", tuple(f"t{k}" for k in order), (-1,) * 3
+    )
+    header = Header(commands, tuple(markers), rate_Hz=1, static=True, frame=frame)
+    found = replay(recording_of(columns, header), rod())
+    # Hinges in the places of quadrature points lie off the arc by the square of a piece's turn.
+    assert not found.failures and found.distance.max() < 2e-3 * LENGTH
+    assert np.ptp(found.recorded[:, 0], axis=0).min() > 0.1 * LENGTH
+
+
+def still(robot, errors, labels):
+    """A recording of a rod that stays straight, whose camera errs by (t, 3) [m]."""
+    rows = len(errors)
+    header = Header(
+        Commands("tension", ("t0",), "N"), (Marker("x", "y", "z"),), rate_Hz=1, static=True
+    )
+    return Recording(
+        header,
+        np.arange(rows, dtype=float),
+        np.zeros((rows, 1)),
+        np.array([0, 0, LENGTH]) - np.array(errors)[:, None],
+        np.array(labels),
+        np.zeros(rows, dtype=int),
+    )
+
+
+def test_errors_are_told_as_they_are_and_with_one_offset_removed_by_pattern():
+    errors = 1e-3 * np.array([[3, 0, 4], [3, 0, 4], [0, 0, 0], [6, 0, -8]])
+    whole, first, second = error_rows(replay(still(rod(), errors, ["a", "a", "b", "b"]), rod()))
+    assert (whole.pattern, whole.rows, whole.failed) == ("all", 4, 0)
+    sizes = np.array([5, 5, 0, 10])
+    assert 1e3 * whole.rms == pytest.approx(np.sqrt(np.mean(sizes**2)))
+    assert (1e3 * whole.mean, 1e3 * whole.max) == pytest.approx((5, 10))
+    assert [1e3 * x for x in (whole.offset_x, whole.offset_y, whole.offset_z)] == pytest.approx(
+        [3, 0, 0], abs=1e-9
+    )
+    assert (1e3 * first.mean_centred, 1e3 * second.max_centred) == pytest.approx((4, 73**0.5))
+
+
+def test_rows_in_which_a_marker_was_lost_do_not_count():
+    errors = 1e-3 * np.array([[3, 0, 4], [np.nan, np.nan, np.nan], [0, 0, 0]])
+    told = still(rod(), np.nan_to_num(errors), ["", "", ""])
+    marker = replace(told.header.marker[0], may_be_lost=True)
+    lost = replace(
+        told,
+        header=replace(told.header, marker=(marker,)),
+        markers=np.array([0, 0, LENGTH]) - errors[:, None],
+    )
+    (row,) = error_rows(replay(lost, rod()))
+    assert (row.rows, row.failed) == (3, 0) and 1e3 * row.mean == pytest.approx(2.5)
+
+
+def test_rows_without_an_equilibrium_are_told_and_counted():
+    robot = rod(gravity=(0.0, 0.0, -9.81))
+    hanging = replace(robot, density=3e5)  # a column that its weight buckles
+    found = replay(still(hanging, np.zeros((2, 3)), ["", ""]), hanging)
+    assert len(found.failures) == 2 and "row 1: " in found.failures[0]
+    (row,) = error_rows(found)
+    assert (row.failed, row.rms, row.offset_x) == (2, None, None)
+
+
+def moving(robot, times, commands, **marker):
+    """A recording with the tip at the origin, whatever the robot does."""
+    commanded = Commands("length", ("t0", "t1", "t2"), "m", in_force="from")
+    header = Header(commanded, (Marker("x", "y", "z", **marker),), Time("t"))
+    rows = len(times)
+    shape = np.zeros((rows, 1, 3)), np.full(rows, ""), np.zeros(rows, dtype=int)
+    return Recording(header, np.array(times), np.array(commands), *shape)
+
+
+def test_a_servo_winds_at_its_speed_and_a_marker_is_seen_late():
+    """Slow servos: the bend follows the lengths, r times the angle, whenever it is looked at."""
+    robot = replace(rod(), density=1.0, damping_time=0.001)  # so light that it does not lag
+    robot = replace(robot, drive=replace(robot.drive, kind="length", speed=0.002, travel=0.01))
+    times = np.concatenate([[0.0], np.cumsum(np.tile([0.011, 0.02, 0.014], 40))])
+    pull = np.array([0.001, -0.0005, -0.0005])
+    commands = np.tile(pull, (len(times), 1))
+    commands[0] = 0.0
+    recording = moving(robot, times, commands, delay_s=0.1)
+    # At unequal distances commands are held on a grid.
+    assert control_period(recording) == 0.005
+    x = replay(recording, robot).simulated[:, 0, 0]
+    angle = np.clip(0.002 * (times - 0.1 - times[1]), 0.0, 0.001) / TENDON
+    wanted = LENGTH * (1 - np.cos(angle)) / np.maximum(angle, 1e-12)
+    assert x[-1] == pytest.approx(wanted[-1], rel=0.01)
+    # The command comes up to half a grid period, 2.5 ms, off its time: 0.5 % of the way.
+    assert np.abs(x - wanted).max() < 0.01 * wanted.max()
+
+
+def test_what_cannot_be_replayed_is_refused():
+    robot, recording = rod(), still(rod(), np.zeros((1, 3)), [""])
+    head = recording.header
+    none = replace(recording, header=replace(head, marker=()), markers=np.zeros((1, 0, 3)))
+    with pytest.raises(ValueError, match="no markers"):
+        replay(none, robot)
+    with pytest.raises(ValueError, match="a twin has servos; robot 'rod' is driven by tension"):
+        replay(recording, robot, twin=3)
+    far = replace(recording, header=replace(head, marker=(Marker("x", "y", "z", station_m=0.3),)))
+    with pytest.raises(ValueError, match=r"station_m must be at most 0\.2, got 0\.3"):
+        replay(far, robot)
+
+
+@pytest.mark.parametrize("plant", ["mujoco", pytest.param("pcc", marks=pytest.mark.slow)])
+def test_lengths_let_out_from_rest_are_found_by_small_steps(plant):
+    """Of all tendons one pulls and the others give way, so that the rod is an arc."""
+    names = ("t0", "t1", "t2")
+    header = Header(
+        Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1, static=True
+    )
+    angle = 0.8
+    pulled = angle * TENDON * np.cos(AZIMUTHS)
+    tip = LENGTH / angle * np.array([1 - np.cos(angle), 0.0, np.sin(angle)])
+    told = Recording(
+        header, np.zeros(1), pulled[None], tip[None, None], np.array([""]), np.zeros(1, dtype=int)
+    )
+    robot = replace(rod(), tendons=tuple(replace(t, pretension=0.01) for t in rod().tendons))
+    found = replay(told, robot, plant)
+    # Tendons that are not infinitely stiff give a little.
+    assert not found.failures and found.distance.max() < 0.02 * tip[0]
+
+
+def test_friction_leaves_static_rows_where_a_slow_motion_does():
+    """The same commands as slow motion, by MuJoCo's dry friction, and as rows at rest."""
+    rubbing = {"friction": 0.05, "pretension": 0.5, "stiffness": 500.0}
+    tendons = tuple(replace(t, **rubbing) for t in rod().tendons)
+    robot = replace(rod(), tendons=tendons, damping_time=0.02, density=100.0)
+    robot = replace(robot, drive=replace(robot.drive, kind="length", travel=0.01))
+    ways = np.linspace(0, 1, 40), np.ones(20), np.linspace(1, 0.3, 30), np.full(20, 0.3)
+    shares, ends = np.concatenate(ways), [59, -1]
+    commands = shares[:, None] * np.array([0.002, -0.001, -0.001])
+    moved = moving(robot, 0.1 * np.arange(len(shares)), commands)
+    rested = replace(moved, header=replace(moved.header, static=True))
+    free = replace(robot, tendons=tuple(replace(t, friction=0.0) for t in tendons))
+    slow, still, smooth = (
+        replay(*pair).simulated[:, 0, 0]
+        for pair in ((moved, robot), (rested, robot), (rested, free))
+    )
+    behind = (still - smooth)[ends]
+    assert behind[0] < -0.003 and behind[1] > 0.003
+    # MuJoCo's friction is soft, and what is slow still moves.
+    assert np.abs(still - slow)[ends].max() < 0.1 * np.abs(behind).min()
+
+
+def test_servos_with_play_stop_short_by_half_of_it():
+    robot = rod()
+    robot = replace(robot, drive=replace(robot.drive, kind="length", travel=0.01))
+    twin = replace(nominal_twin(robot), backlash=(2e-4, 0.0, 2e-4))
+    pull = np.array([0.002, -0.001, -0.001])
+    commands = np.array([0.0, 1.0, 0.5, 0.49])[:, None] * pull
+    told = moving(robot, np.arange(4.0), commands)
+    rested = replace(told, header=replace(told.header, static=True))
+    horns = np.array([[0, 0, 0], [0.0019, -0.001, -0.0009], [0.0011, -0.0005, -0.0006]])
+    horns = np.append(horns, [[0.00108, -0.00049, -0.00059]], axis=0)
+    told = replace(rested, commands=horns)
+    with_play, there = replay(rested, robot, twin=twin), replay(told, robot)
+    assert with_play.simulated == pytest.approx(there.simulated, abs=1e-8)

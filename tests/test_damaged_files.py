@@ -1,0 +1,164 @@
+"""Files that are cut, overwritten or edited badly: refused in a line, or read with finite content.
+
+Each kind is damaged 500 times, by a fixed seed.
+"""
+
+import shutil
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softrobot_env.artifacts import read_facts
+from softrobot_env.control.arm.operating_points import load_gains
+from softrobot_env.control.registry import make_policy
+from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.envs.tracking import TrackingEnv
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.run import run_episode
+from softrobot_env.hardware.errors import RobotError
+from softrobot_env.hardware.link_log import LoggingTransport, read_link_log
+from softrobot_env.hardware.robot_file.model import virtual_file
+from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
+from softrobot_env.learned.network import Network
+from softrobot_env.paths import assets_dir, models_dir
+from softrobot_env.robots import ARM, RIG, read_gripper, read_robot
+from softrobot_env.tasks import make_task
+
+_TIMES = 500
+_LQI = 42  # gains a point
+_TEXTS = (b"nan", b"inf", b"-1", b"1e400", b'"x"', b"[]", b"{}", b"true", b"", b"\xff", b"0")
+
+
+def finite(value) -> bool:
+    """Whether all floating numbers within are finite; infinity may be a limit that is none."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return all(finite(getattr(value, field.name)) for field in fields(value))
+    if isinstance(value, dict):
+        return all(map(finite, value.values()))
+    if isinstance(value, list | tuple | set):
+        return all(map(finite, value))
+    if isinstance(value, np.ndarray) and value.dtype.kind in "fc":
+        return not np.isnan(value).any()
+    return not (isinstance(value, float) and np.isnan(value))
+
+
+def damaged(data: bytes, rng: np.random.Generator) -> bytes:
+    """Cut, overwritten in one to eight places, or with another value in a text."""
+    how = rng.integers(3)
+    if how == 0:
+        return data[: rng.integers(len(data))]
+    if how == 1:
+        out = bytearray(data)
+        for place in rng.integers(len(out), size=rng.integers(1, 9)):
+            out[place] = rng.integers(256)
+        return bytes(out)
+    words = data.split(b" ")
+    words[rng.integers(len(words))] = _TEXTS[rng.integers(len(_TEXTS))]
+    return b" ".join(words)
+
+
+def rollout(folder):
+    """The record of a short motion."""
+    env = TrackingEnv(replace(make_task("swing"), duration=0.1))
+    run_episode(env, make_policy("hold", ARM, env.control_period)).save(folder / "a.npz")
+    return folder / "a.npz"
+
+
+def copied(source):
+    def make(folder):
+        return shutil.copy(source, folder / source.name)
+
+    return make
+
+
+def gripper(folder):
+    for name in ("robots", "grippers"):
+        shutil.copytree(assets_dir() / name, folder / name)
+    return folder / "grippers" / "gripper.toml"
+
+
+def hardware(folder):
+    write_robot_file(virtual_file(), folder / "rig.toml")
+    return folder / "rig.toml"
+
+
+def facts(folder):
+    (folder / "a.json").write_text('{"meta": {"a": 1.5}, "rows": [{"x": 2.5, "y": [1, 2e-3]}]}')
+    return folder / "a.json"
+
+
+def checkpoint(folder):
+    pytest.importorskip("torch")
+    pytest.importorskip("stable_baselines3")
+    from training.test_checkpoint import FIRST
+
+    from softrobot_env.training.checkpoint import write
+
+    write(folder, FIRST)
+    return folder / "checkpoint.pt"
+
+
+def read_checkpoint(path):
+    from softrobot_env.training.checkpoint import read
+
+    found = read(path.parent)
+    return [tensor.numpy() for tensor in found.learner["weights"].values()], found.curve
+
+
+def link(folder):
+    """A recorded link: a header and a few records."""
+    transport = LoggingTransport(Quiet(), folder / "a.link", iter(range(99)).__next__)
+    for k in range(8):
+        transport.write(bytes(range(k + 3)))
+    transport.close()
+    return folder / "a.link"
+
+
+class Quiet:
+    """A transport that takes all and says nothing."""
+
+    def write(self, data):
+        pass
+
+    def close(self):
+        pass
+
+
+KINDS = {
+    "network": (copied(models_dir() / "imitation.npz"), Network.load),
+    "gains": (copied(models_dir() / "lqi.npz"), lambda path: load_gains(path, ARM, "lqi", _LQI)),
+    "identified": (
+        copied(models_dir() / "rig_nn.npz"),
+        lambda path: IdentifiedParameters.load(RIG, path),
+    ),
+    "rollout": (rollout, Rollout.load),
+    "link": (link, read_link_log),
+    "robot": (copied(assets_dir() / "robots" / "hanging_trunk.toml"), read_robot),
+    "gripper": (gripper, read_gripper),
+    "hardware": (hardware, read_robot_file),
+    "facts": (facts, read_facts),
+    "checkpoint": (checkpoint, read_checkpoint),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_damage_is_refused_in_a_line_or_leaves_finite_content(kind, tmp_path):
+    make, read = KINDS[kind]
+    path, rng = make(tmp_path), np.random.default_rng(1)
+    path = Path(path)
+    data = path.read_bytes()
+    assert finite(read(path))
+    refused = 0
+    for _ in range(_TIMES):
+        path.write_bytes(damaged(data, rng))
+        try:
+            found = read(path)
+        except (ValueError, OSError, RobotError) as error:
+            refused += 1
+            assert "\n" not in str(error) and path.name in str(error), error
+        else:
+            assert finite(found), path.read_bytes()[:400]
+    assert refused > _TIMES / 4
