@@ -58,7 +58,7 @@ def test_the_command_line_takes_one_thread(tmp_path):
 @needs_proc
 def test_the_user_and_importing_programs_decide_for_themselves(tmp_path):
     two = {"OPENBLAS_NUM_THREADS": "2"}
-    assert threads(tmp_path, "-m", "softrobot_env", "--help", **two) == 2
+    assert threads(tmp_path, "-m", "softrobot_env", "--help", **two) > 1
     assert threads(tmp_path, "-c", "import softrobot_env") > 1
 
 
