@@ -17,7 +17,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.fields import Count, NotNegative, Positive, Range, Whole, check_fields
+from softrobot_env.fields import NotNegative, Positive, Range, Whole, check_fields
 from softrobot_env.identification.excitation import resting_task
 from softrobot_env.learned.reduction import Record
 from softrobot_env.robots import RIG, RobotParams
@@ -171,7 +171,9 @@ def collect(
     longest = max(plan.run, 12 * drives.first + plan.decay) + 1
     done, total = 0, plan.decays + plan.excited + runs
     decays, forced = [], []
-    with closing(_environment(replace(task, duration=longest, start_input=start), drives.period, twin)) as env:
+    with closing(
+        _environment(replace(task, duration=longest, start_input=start), drives.period, twin)
+    ) as env:
         for k in range(total):
             if k < plan.decays:
                 actions, begin = _release(drives, plan, rng)
@@ -192,9 +194,7 @@ def collect(
 def _environment(task: Any, period: float, twin: Twin | int | None) -> gymnasium.Env:
     kind = RigEnv if task.robot == RIG else TrackingEnv
     options = {} if twin is None else {"twin": twin}
-    return kind(
-        task, observe=("tip_position", "previous_action"), control_period=period, **options
-    )
+    return kind(task, observe=("tip_position", "previous_action"), control_period=period, **options)
 
 
 def drive(env: gymnasium.Env, actions: np.ndarray, seed: int) -> Record:
@@ -214,12 +214,13 @@ def drive(env: gymnasium.Env, actions: np.ndarray, seed: int) -> Record:
     return Record(np.array(tips), told.astype(float), env.unwrapped.control_period)
 
 
-def _release(
-    drives: Drives, plan: Plan, rng: np.random.Generator
-) -> tuple[np.ndarray, int]:
+def _release(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.ndarray, int]:
     """Bent somewhere, rest, let go: actions (t, m) and the first sample without any."""
     there = plan.amplitude * _target(drives, rng)
-    moving, resting = round(3 * drives.first / drives.period), round(2 * drives.first / drives.period)
+    moving, resting = (
+        round(3 * drives.first / drives.period),
+        round(2 * drives.first / drives.period),
+    )
     share = np.linspace(0, 1, moving)[:, None]
     share = share**3 * (10 - 15 * share + 6 * share**2)
     actions = np.vstack([share * there, np.tile(there, (resting, 1))])
@@ -264,8 +265,12 @@ def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:
     turn = 2 * np.pi * np.cumsum(speed) * drives.period
     share = np.interp(time, at, np.sqrt(rng.uniform(0.05, 1, knots)))[:, None]
     share = share / _resonance(speed * drives.first)[:, None]
-    one = plan.laps_amplitude * np.stack([np.interp(time, at, x) for x in _ways(drives, rng, knots)], -1)
-    other = plan.laps_amplitude * np.stack([np.interp(time, at, x) for x in _ways(drives, rng, knots)], -1)
+    one = plan.laps_amplitude * np.stack(
+        [np.interp(time, at, x) for x in _ways(drives, rng, knots)], -1
+    )
+    other = plan.laps_amplitude * np.stack(
+        [np.interp(time, at, x) for x in _ways(drives, rng, knots)], -1
+    )
     phase = turn[:, None]
     actions = share * (np.cos(phase) * one + np.sin(phase) * other)
     return _within_speed(drives, _from_rest(drives, actions))

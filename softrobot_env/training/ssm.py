@@ -203,7 +203,9 @@ def run(order: Order, show: Show) -> Figures:
     learned = trusted(model, [*forced[:-kept], *decays])
     about = {"seed": order.seed} | ({"twin": given["twin"]} if "twin" in given else {})
     write_arrays(order.path, {**learned.arrays(), **fingerprint(robot), **about})
-    told = [] if not decays else [("spectrum", str(spectrum(decays, model.delays, model.dimension)))]
+    told = (
+        [] if not decays else [("spectrum", str(spectrum(decays, model.delays, model.dimension)))]
+    )
     minutes = sum(r.samples for r in (*decays, *forced)) * model.period / 60
     return [
         ("recorded", f"{minutes:.1f} min"),

@@ -91,9 +91,7 @@ def estimate(
 
 
 @kernel
-def ahead(
-    motion: Motion, x: np.ndarray, disturbance: np.ndarray, told: np.ndarray
-) -> np.ndarray:
+def ahead(motion: Motion, x: np.ndarray, disturbance: np.ndarray, told: np.ndarray) -> np.ndarray:
     """State (n,) when the next input acts, after those told (lag, m)."""
     now, terms = x.copy(), np.empty(len(motion.parents))
     for row in range(len(told)):

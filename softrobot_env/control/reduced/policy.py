@@ -7,10 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.artifacts import Arrays, check_robot, find_artifact, read_arrays
-from softrobot_env.control.base import Controller, state_sizes
+from softrobot_env.control.base import Controller
 from softrobot_env.control.limits import kept
 from softrobot_env.control.mpc.optimisation import BoundedSolver
-from softrobot_env.control.reduced.planning import Shape, ahead, estimate, outputs, program
+from softrobot_env.control.reduced.planning import Shape, ahead, estimate, program
 from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED
 from softrobot_env.fields import Count, Positive, check_fields
 from softrobot_env.interfaces import Observation
@@ -91,12 +91,13 @@ def ssm_environment(robot: RobotParams) -> dict[str, Any]:
     learned = _find(robot, None)
     return {
         "control_period": learned.model.period,
-        "preview": preview_times(learned.model, Planning()),
+        "preview": preview_times(learned.model),
     }
 
 
-def preview_times(model: ReducedModel, planning: Planning) -> tuple[float, ...]:
+def preview_times(model: ReducedModel, planning: Planning | None = None) -> tuple[float, ...]:
     """Times [s] ahead at which the reference is needed."""
+    planning = planning or Planning()
     last = model.lag + planning.samples
     steps = np.unique(np.round(np.linspace(0, 1, _KNOTS + 1)[1:] ** 1.5 * last).astype(int))
     return tuple(round(float(step * model.period), 9) for step in steps if step > 0)
@@ -240,7 +241,9 @@ class ReducedPlanner(Controller):
         )  # fmt: skip
         begin = ahead(motion, x, disturbance, told[1:]) if model.lag else x
         times = np.array((0.0, *self.preview))
-        shown = np.vstack([observation["reference"], observation["reference_preview"].reshape(-1, o)])
+        shown = np.vstack(
+            [observation["reference"], observation["reference_preview"].reshape(-1, o)]
+        )
         wanted = (model.lag + 1 + np.arange(self._planning.samples) - self._late) * model.period
         reference = np.stack([np.interp(wanted, times, column) for column in shown.T], axis=1)
         nodes, code = self._shifted @ state.nodes, 0

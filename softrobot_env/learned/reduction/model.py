@@ -183,4 +183,6 @@ class ReducedModel:
                     f"reduced model: {name} must have shape {shape}, got {getattr(self, name).shape}"
                 )
         if self.period <= 0 or self.delays < 1 or self.lag < 0 or self.substeps < 0:
-            raise ValueError("reduced model: period and delays must be positive, lag and substeps >= 0")
+            raise ValueError(
+                "reduced model: period and delays must be positive, lag and substeps >= 0"
+            )

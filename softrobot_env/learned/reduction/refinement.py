@@ -225,7 +225,9 @@ class _NormalEquations:
         """Steps of the coefficients (n, terms) and of the starts (b, n)."""
         size = len(self.matrix)
         mean = np.trace(self.matrix) / size
-        damped = self.matrix + damping * (np.diag(np.diag(self.matrix)) + 1e-3 * mean * np.eye(size))
+        damped = self.matrix + damping * (
+            np.diag(np.diag(self.matrix)) + 1e-3 * mean * np.eye(size)
+        )
         step = np.linalg.solve(damped, self.right)
         moves = [np.linalg.solve(r, rest - share @ step) for r, share, rest in self.back]
         return step.reshape(self.shape), np.array(moves)
