@@ -18,10 +18,10 @@ from softrobot_env.benchmarks.reduction.rows import (
 from softrobot_env.rendering.tables import Column, make_table, new_table, number, verdict
 
 _NOTE = (
-    "Predictions are from rest and the inputs alone, two laps. Each model is learned from motion of "
-    "the same rig: the thesis' settings from 70 decays and 28 min of random inputs, the others from "
-    "70 decays and 30 min of random inputs and laps. NMTE: mean error over the largest distance of "
-    "the tip from rest. Settings were chosen on the rig without errors and on twin 0."
+    "Predictions are from rest and the inputs alone, two laps. Each model is learned from motion "
+    "of the same rig: the thesis' settings from 70 decays and 28 min of random inputs, the others "
+    "from 70 decays and 30 min of random inputs and laps. NMTE: mean error over the largest "
+    "distance of the tip from rest. Settings were chosen on the rig without errors and on twin 0."
 )
 
 

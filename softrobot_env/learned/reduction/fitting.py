@@ -263,7 +263,7 @@ def _samples(
     if settings.substeps == 0:
         return x[:-1], v[:-1], x[1:], vectors[:-1]
     rate = savgol_filter(x, settings.window, settings.degree, deriv=1, delta=record.period, axis=0)
-    # Inputs are held from sample to sample: at a sample, the rate is of what comes before and after.
+    # Inputs are held between samples: at one, the rate is of what comes before and after.
     middle = (v + np.vstack([v[:1], v[:-1]])) / 2
     inside = slice(settings.window // 2, len(x) - settings.window // 2)
     return x[inside], middle[inside], rate[inside], vectors[inside]

@@ -178,10 +178,9 @@ class ReducedModel:
             "scale": (n + m,),
         }
         for name, shape in shapes.items():
-            if getattr(self, name).shape != shape:
-                raise ValueError(
-                    f"reduced model: {name} must have shape {shape}, got {getattr(self, name).shape}"
-                )
+            found = getattr(self, name).shape
+            if found != shape:
+                raise ValueError(f"reduced model: {name} must have shape {shape}, got {found}")
         if self.period <= 0 or self.delays < 1 or self.lag < 0 or self.substeps < 0:
             raise ValueError(
                 "reduced model: period and delays must be positive, lag and substeps >= 0"
