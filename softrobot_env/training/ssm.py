@@ -17,6 +17,7 @@ from softrobot_env.learned.reduction import (
     ReducedModel,
     Refinement,
     Settings,
+    check_stable,
     fit,
     refine,
     spectrum,
@@ -34,6 +35,9 @@ PLAN = Plan(minutes=30, amplitude=0.6, laps_amplitude=1.0)
 #: Samples and degree of the polynomials that smooth outputs before the regression.
 _SMOOTH = 7, 3
 
+#: Lengths of stretches over the first mode's period.
+_STRETCHES = (0.65, 1.9)
+
 #: [1/s], how far inputs that stand for disturbances wander in the root of a second.
 _WANDER = 0.03
 
@@ -47,13 +51,16 @@ def learn(
     settings: Settings | None = None,
     refinement: Refinement | None = None,
     show: Show | None = None,
+    lower: bool = True,
 ) -> ReducedModel:
     """A model of measured motion: a regression on smoothed outputs, refined on stretches.
+
 
     Args:
         decays, forced: See `learned.reduction.fit`.
         settings, refinement: How.
         show: Told the progress.
+        lower: Whether lower orders are tried where a model is unstable.
 
     Raises:
         FitError: What the data lack.
@@ -63,8 +70,30 @@ def learn(
         if show is not None:
             show(f"error {error:.3g} m over a stretch", done, total)
 
-    model = fit([smoothed(r) for r in decays], [smoothed(r) for r in forced], settings)
-    return refine(model, [*forced, *decays], refinement, progress)
+    settings = settings or Settings()
+    clean = [smoothed(r) for r in decays], [smoothed(r) for r in forced]
+    records = [*forced, *decays]
+    for order in range(settings.order, 0, -1):
+        how = replace(settings, order=order, input_order=min(order, settings.input_order))
+        try:
+            model = fit(*clean, how, stable=False)
+            model = refine(model, records, refinement or _stretches(model), progress)
+            check_stable(model, records)
+        except ValueError:
+            if order == 1 or not lower:
+                raise
+            continue
+        return model
+    raise AssertionError("order 1 is returned or refused")
+
+
+def _stretches(model: ReducedModel) -> Refinement:
+    """Stretches of the first mode's period, by the model's own modes."""
+    slow = model.eigenvalues()
+    frequency = np.abs(slow.imag)[np.abs(slow.imag) > 0]
+    period = 2 * np.pi / frequency.min() if len(frequency) else 2 / np.abs(slow.real).min()
+    shortest = 20 * model.period
+    return Refinement(lengths=tuple(max(share * period, shortest) for share in _STRETCHES))
 
 
 def smoothed(record: Record) -> Record:
@@ -211,6 +240,7 @@ def run(order: Order, show: Show) -> Figures:
         ("recorded", f"{minutes:.1f} min"),
         *told,
         ("lag of the inputs", f"{model.lag * model.period:.3g} s"),
+        ("coordinates, order", f"{model.dimension}, {int(model.powers.sum(axis=1).max())}"),
         ("terms", str(model.coefficients.size)),
         ("mean error over 2 s, motion left out", f"{1e3 * judged(model, forced[-kept:]):.3g} mm"),
     ]

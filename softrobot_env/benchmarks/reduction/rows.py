@@ -16,7 +16,8 @@ class PathRow(Record):
         twin: Seed of the rig; None without friction and errors.
         path: "rectangle" or "circle".
         period: [s] of a lap.
-        mean: [m], mean distance of predicted and measured tips; None where it diverges.
+        mean: [m], mean distance of predicted and measured tips; None where it diverges
+            (10 m or more off).
         nmte: Mean distance over the largest distance of the tip from rest [1], the normalised mean
             trajectory error of Cenedese et al. (2022).
         goal: [m], of the mean over both paths, or None.

@@ -15,7 +15,7 @@ from softrobot_env.benchmarks.reduction.rows import (
     Row,
     SpectrumRow,
 )
-from softrobot_env.rendering.tables import Column, make_table, new_table, number, verdict
+from softrobot_env.rendering.tables import Column, make_table, new_table, number
 
 _NOTE = (
     "Predictions are from rest and the inputs alone, two laps. Each model is learned from motion "
@@ -46,14 +46,17 @@ def rig_name(twin: int | None) -> str:
 
 def _paths(twin: int | None, rows: list[PathRow]) -> Table:
     periods = [p for (p,) in groups(rows, "period")]
-    heads = [f"T = {p:g} s" for p in periods]
-    title = f"Rig {rig_name(twin)}: mean error in mm over rectangle and circle, NMTE (goal)"
-    out = new_table(title, ("model",), [*heads, "learned in s", "25 s in ms"])
+    title = (
+        f"Rig {rig_name(twin)}: mean error in mm over rectangle and circle (goal), by the period of "
+        "a lap; NMTE of the slowest and of the fastest"
+    )
+    heads = [*(f"{p:g} s" for p in periods), "NMTE %", "learned s", "25 s in ms"]
+    out = new_table(title, ("model",), heads)
     for (model,), mine in groups(rows, "model").items():
         cells = [_cell(select(mine, period=p)) for p in periods]
-        first = mine[0]
-        times = number(first.fit_time, ".3g"), number(first.predict_time, ".3g", "ms")
-        out.add_row(model, *cells, *times)
+        share = " / ".join(_share(select(mine, period=p)) for p in (periods[0], periods[-1]))
+        times = number(mine[0].fit_time, ".2g"), number(mine[0].predict_time, ".2g", "ms")
+        out.add_row(model, *cells, share, *times)
     return out
 
 
@@ -62,10 +65,15 @@ def _cell(rows: list[PathRow]) -> str:
     if None in means:
         return "diverges"
     mean, goal = sum(means) / len(means), rows[0].goal
-    text = f"{1e3 * mean:.2g}, {100 * sum(row.nmte for row in rows) / len(rows):.2g} %"
+    text = f"{1e3 * mean:.2g}"
     if goal is None:
         return text
-    return f"{text} ({1e3 * goal:g}: {verdict(mean <= goal)})"
+    return f"{text} ({1e3 * goal:g}{'' if mean <= goal else ' missed'})"
+
+
+def _share(rows: list[PathRow]) -> str:
+    shares = [row.nmte for row in rows]
+    return "-" if None in shares else f"{100 * sum(shares) / len(shares):.2g}"
 
 
 def _orders(rows: list[OrderRow]) -> Table:
@@ -96,9 +104,9 @@ _LOOPS = (
     Column("mean mm", "mean", ".3g", "mm"),
     Column("largest mm", "largest", ".3g", "mm"),
     Column("goal mm", "goal", "g", "mm"),
-    Column("decides in ms", "decision", ".2g", "ms"),
+    Column("decides ms", "decision", ".2g", "ms"),
     Column("99 % ms", "longest", ".2g", "ms"),
-    Column("", "failure"),
+    Column("failure"),
 )
 
 _MODES = (

@@ -7,7 +7,7 @@ are not small, r has products of x and u too, so that every equilibrium has dyna
 (Haller and Kaundinya, Chaos 34 (2024) 043152).
 """
 
-from softrobot_env.learned.reduction.fitting import THESIS, FitError, Settings, fit
+from softrobot_env.learned.reduction.fitting import THESIS, FitError, Settings, check_stable, fit
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.normal_form import NormalForm, normal_form
 from softrobot_env.learned.reduction.records import Record
@@ -23,6 +23,7 @@ __all__ = [
     "Refinement",
     "Settings",
     "Spectrum",
+    "check_stable",
     "fit",
     "normal_form",
     "refine",

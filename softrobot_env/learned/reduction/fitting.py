@@ -36,7 +36,8 @@ class Settings:
     """What kind of model.
 
     Attributes:
-        dimension: n, coordinates of the manifold; None: two for each output.
+        dimension: n, coordinates of the manifold; None: two for each output, but no more than two for
+            each reduced input.
         delays: Samples in a delay vector.
         shape_order: n_w, of the manifold (3.14).
         order: n_r, of the motion (3.15) in the coordinates.
@@ -101,6 +102,7 @@ def fit(
     forced: Sequence[Record],
     settings: Settings | None = None,
     origin: np.ndarray | None = None,
+    stable: bool = True,
 ) -> ReducedModel:
     """Learn a model.
 
@@ -109,6 +111,8 @@ def fit(
         forced: Motion under changing inputs; may be empty.
         settings: What kind of model.
         origin: (o,) outputs at rest; found unless given.
+        stable: Whether to refuse an unstable model; one that is refined may be judged later, by
+            `check_stable`.
 
     Raises:
         FitError: The data are too few, too short, do not excite what the model has, or what was
@@ -130,13 +134,14 @@ def fit(
     if origin.shape != found_origin.shape:
         raise ValueError(f"origin must have shape {found_origin.shape}, got {origin.shape}")
     basis = _input_basis(forced, rest, settings)
-    tangent = _tangent(decays or forced, origin, settings)
+    tangent = _tangent(decays or forced, origin, settings, basis.shape[1])
     lags = [settings.lag or 0]
     if settings.lag is None and basis.shape[1]:
         lags = list(range(round(settings.longest_lag / records[0].period) + 1))
     found = [_at_lag(decays, forced, settings, origin, rest, basis, tangent, lag) for lag in lags]
     model, _ = min(found, key=lambda pair: pair[1])
-    _check_stable(model, records)
+    if stable:
+        check_stable(model, records)
     return model
 
 
@@ -167,11 +172,13 @@ def _input_basis(forced: Sequence[Record], rest: np.ndarray, settings: Settings)
     return directions[:count].T
 
 
-def _tangent(records: Sequence[Record], origin: np.ndarray, settings: Settings) -> np.ndarray:
+def _tangent(
+    records: Sequence[Record], origin: np.ndarray, settings: Settings, inputs: int
+) -> np.ndarray:
     """V (p, n): the principal directions of delay vectors (thesis sec. 3.3.2)."""
     vectors = [delay_vectors(record.outputs - origin, settings.delays) for record in records]
     values, directions = _principal(np.concatenate(vectors))
-    n = settings.dimension or 2 * len(origin)
+    n = settings.dimension or 2 * min(len(origin), inputs or len(origin))
     if n > len(values):
         raise FitError(
             f"{n} coordinates need delay vectors of {n} numbers or more, got {len(values)}: raise "
@@ -299,7 +306,7 @@ def _solve(
     return solution.T, float(np.mean(left**2))
 
 
-def _check_stable(model: ReducedModel, records: Sequence[Record]) -> None:
+def check_stable(model: ReducedModel, records: Sequence[Record]) -> None:
     """Raise FitError where a model leaves what it was learned from."""
     if not any(record.samples for record in records):
         return
