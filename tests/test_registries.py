@@ -25,7 +25,7 @@ from softrobot_env.control.registry import (
     policy_environment,
 )
 from softrobot_env.registries import load
-from softrobot_env.robots import ARM, ROBOTS, RobotParams
+from softrobot_env.robots import ARM, RIG, ROBOTS, RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import SCENES
 from softrobot_env.tasks import ALL_TASKS, make_task
@@ -105,7 +105,7 @@ def test_policies_load_with_what_they_need_of_an_environment(name):
         pytest.skip(f"needs {spec.package}")
     assert callable(load(spec.make))
     assert all(spec.takes(option) for option in spec.options)
-    wanted = policy_environment(name)
+    wanted = policy_environment(name, ARM if name in POLICIES else RIG)
     ids = registration.ENVIRONMENTS if name in POLICIES else registration.RIG_ENVIRONMENTS
     env_id = next(iter(ids))
     with gymnasium.make(env_id, observe="all", **wanted) as env:

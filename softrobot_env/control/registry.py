@@ -116,15 +116,6 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     **{
         name: PolicySpec(
-            "softrobot_env.control.reduced.policy:ReducedPlanner",
-            {"constrained": constrained},
-            environment="softrobot_env.control.reduced.policy:ssm_environment",
-            package="daqp" if constrained else None,
-        )
-        for name, constrained in (("ssm_mpc", True), ("ssm_lq", False))
-    },
-    **{
-        name: PolicySpec(
             _LEARNED,
             {"policy": name},
             environment=partial(_learned_environment, name),
@@ -134,9 +125,9 @@ POLICIES: dict[str, PolicySpec] = {
 }
 
 #: Policies of the spatial test rig, whose environments have other observations and actions; the
-#: inverse dynamics and the hybrid are of any robot. All but the inverse dynamics take as option
-#: `learnt` the identified parameters of one rig; without it, they take those that are shipped, of
-#: twin 0. For another robot it is the file of its network.
+#: inverse dynamics, the hybrid and plans on a learned model (`ssm`) are of any robot. The thesis'
+#: networks and hybrids take as option `learnt` the identified parameters of one rig; without it,
+#: they take those that are shipped, of twin 0. For another robot it is the file of its network.
 RIG_POLICIES: dict[str, PolicySpec] = {
     name: PolicySpec(f"softrobot_env.control.feedforward.policies:{make}", options)
     for name, make, options in (
@@ -159,6 +150,15 @@ RIG_POLICIES: dict[str, PolicySpec] = {
             {"model": "calibrated", "ahead": True, "backlash": True, "feedback": True},
         ),
     )
+}
+RIG_POLICIES |= {
+    name: PolicySpec(
+        "softrobot_env.control.reduced.policy:ReducedPlanner",
+        {"constrained": constrained},
+        environment="softrobot_env.control.reduced.environment:ssm_environment",
+        package="daqp" if constrained else None,
+    )
+    for name, constrained in (("ssm_mpc", True), ("ssm_lq", False))
 }
 
 

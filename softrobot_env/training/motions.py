@@ -205,12 +205,13 @@ def drive(env: gymnasium.Env, actions: np.ndarray, seed: int) -> Record:
     """
     observation = env.reset(seed=seed)[0]
     tips = [observation["tip_position"]]
-    for number, action in enumerate(np.clip(actions, -1, 1).astype(np.float32)):
+    told = actions.astype(np.float32)
+    for number, action in enumerate(told):
         observation, *_, info = env.step(action)
         if "failure" in info:
             raise ValueError(f"the robot failed in step {number}: {info['failure']}")
         tips.append(observation["tip_position"])
-    told = np.vstack([np.clip(actions, -1, 1).astype(np.float32), actions[-1:]])
+    told = np.vstack([told, told[-1:]])
     return Record(np.array(tips), told.astype(float), env.unwrapped.control_period)
 
 
@@ -237,7 +238,7 @@ def _swing(drives: Drives, plan: Plan, rng: np.random.Generator) -> tuple[np.nda
 
 def _let_go(drives: Drives, plan: Plan, actions: np.ndarray) -> tuple[np.ndarray, int]:
     still = np.zeros((round((plan.decay + 0.3) / drives.period), actions.shape[1]))
-    actions = _within_speed(drives, np.vstack([actions, still]))
+    actions = _possible(drives, np.vstack([actions, still]))
     moving = np.flatnonzero(np.abs(actions).max(axis=1) > 1e-9)
     return actions, int(moving[-1]) + 1 + round(0.1 / drives.period)
 
@@ -251,7 +252,7 @@ def _random(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:
     steps = np.repeat(np.array(holds), max(1, round(hold / drives.period)), axis=0)[:count]
     sos = butter(4, min(cutoff * drives.period * 2, 0.9), output="sos")  # twice: order 8
     smooth = sosfiltfilt(sos, steps, axis=0) if len(steps) > 60 else steps
-    return _within_speed(drives, _from_rest(drives, smooth))
+    return _possible(drives, _from_rest(drives, smooth))
 
 
 def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:
@@ -273,7 +274,7 @@ def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:
     )
     phase = turn[:, None]
     actions = share * (np.cos(phase) * one + np.sin(phase) * other)
-    return _within_speed(drives, _from_rest(drives, actions))
+    return _possible(drives, _from_rest(drives, actions))
 
 
 def _ways(drives: Drives, rng: np.random.Generator, knots: int) -> np.ndarray:
@@ -300,8 +301,11 @@ def _from_rest(drives: Drives, actions: np.ndarray) -> np.ndarray:
     return fade * actions
 
 
-def _within_speed(drives: Drives, actions: np.ndarray) -> np.ndarray:
-    """Actions (t, m) that the drives can follow."""
+def _possible(drives: Drives, actions: np.ndarray) -> np.ndarray:
+    """Actions (t, m) that are in [-1, 1], and that the drives can follow."""
+    change = actions @ drives.basis.T
+    room = np.where(change > 0, 1 - drives.rest, 1 + drives.rest) / np.maximum(abs(change), 1e-12)
+    actions = actions * np.minimum(room.min(axis=1, keepdims=True), 1.0)
     if not np.isfinite(drives.rate).all():
         return actions
     most = _FASTEST * drives.rate * drives.period

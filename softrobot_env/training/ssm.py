@@ -25,7 +25,7 @@ from softrobot_env.learned.reduction import (
 from softrobot_env.learned.reduction.records import delay_vectors
 from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.robots import RIG, RobotParams
-from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.training.motions import Plan, collect
 from softrobot_env.training.registry import Figures, Order
 
@@ -46,6 +46,9 @@ _KEPT, _JUDGED = 0.15, 2.0
 
 #: Largest error of such predictions, over how far the tip is from the middle.
 _WRONG = 0.15
+
+#: Largest difference of tensions that are the same, over the largest.
+_SAME = 1e-3
 
 #: Times that motion is collected, and how much smaller than before.
 _TRIALS, _SMALLER = 3, 0.6
@@ -124,7 +127,9 @@ def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
     whole[n:, n:] = _WANDER**2 * model.period * np.eye(m)
     moved = np.concatenate(inputs)
     floor = 1e-12 * np.eye(n) * np.square(model.scale[:n])
-    return Learned(model, whole, _covariance(noise) + floor, moved.min(axis=0), moved.max(axis=0))
+    far = max(np.linalg.norm(r.outputs - model.origin, axis=1).max() for r in records)
+    reached = moved.min(axis=0), moved.max(axis=0), np.array(far)
+    return Learned(model, whole, _covariance(noise) + floor, *reached)
 
 
 def _next(model: ReducedModel, x: np.ndarray, v: np.ndarray) -> np.ndarray:
@@ -153,16 +158,7 @@ def records_of(recording: Recording, robot: RobotParams, axes: str) -> list[Reco
     """
     if recording.static:
         raise FitError("the recording has rows at rest only; a reduced model learns from motion")
-    inputs = robot_inputs(robot)
-    if recording.kind == "action":
-        actions = recording.commands
-    elif recording.drive(robot) == robot.drive.kind == "length":
-        actions = (recording.controls(robot) - inputs.input_centre) / inputs.input_scale
-    else:
-        raise FitError(
-            f"a recording of {recording.kind}s does not tell the actions of {robot.name!r}: record "
-            "actions, or lengths of a robot driven by length"
-        )
+    actions = _actions(recording, robot)
     columns = ["xyz".index(axis) for axis in axes]
     tips = recording.markers[:, -1][:, columns]
     found = []
@@ -185,6 +181,28 @@ def records_of(recording: Recording, robot: RobotParams, axes: str) -> list[Reco
         outputs = np.stack([np.interp(even, times, column) for column in tips[rows].T], axis=1)
         found.append(Record(outputs, actions[rows][place], round(period, 6)))
     return found
+
+
+def _actions(recording: Recording, robot: RobotParams) -> np.ndarray:
+    """Actions (t, n_inputs) that make a recording's commands."""
+    if recording.kind == "action":
+        return recording.commands
+    if recording.drive(robot) != robot.drive.kind:
+        raise FitError(
+            f"robot {robot.name!r} is driven by {robot.drive.kind}, the recorded one by "
+            f"{recording.kind}"
+        )
+    inputs, controls = robot_inputs(robot), recording.controls(robot)
+    told = controls
+    if isinstance(inputs, TendonMap):
+        told = (controls - inputs.command(np.zeros(inputs.n_inputs))) @ inputs.phi.T
+        off = np.abs(inputs.command(told) - controls).max()
+        if off > _SAME * max(float(np.abs(controls).max()), 1.0):
+            raise FitError(
+                f"the recorded tensions are up to {off:.3g} N from those that actions of "
+                f"{robot.name!r} make: they resolve its redundancy in another way"
+            )
+    return (told - inputs.input_centre) / inputs.input_scale
 
 
 def split_decays(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:

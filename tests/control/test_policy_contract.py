@@ -29,7 +29,7 @@ ROBOTS = dict.fromkeys(POLICIES, ARM) | dict.fromkeys(RIG_POLICIES, RIG)
 
 def make_env(name, **options):
     """The environment of a policy's robot."""
-    options |= policy_environment(name)
+    options |= policy_environment(name, ROBOTS[name])
     return TrackingEnv(SHORT, **options) if ROBOTS[name] is ARM else RigEnv(RIG_SHORT, **options)
 
 
@@ -283,7 +283,7 @@ def test_records_have_one_time_and_status_per_decision(policy, env):
 
 
 def test_control_periods_that_do_not_fit_are_refused(name):
-    if "control_period" not in policy_environment(name):
+    if "control_period" not in policy_environment(name, ROBOTS[name]):
         pytest.skip("works at any control period")
     with pytest.raises(ValueError, match="control_period that divides"):
         make_policy(name, ROBOTS[name], 0.0017)

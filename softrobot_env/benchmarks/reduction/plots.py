@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 
 from softrobot_env.benchmarks.records import groups, of_kind, select
 from softrobot_env.benchmarks.reduction.data import PERIOD
@@ -40,7 +40,7 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
     save(figure, path)
 
 
-def _paths(axis: Axes, rows: list[PathRow]) -> None:
+def _paths(axis: Any, rows: list[PathRow]) -> None:
     measured = 1e3 * rows[0].measured
     axis.plot(*measured.T, color=_COLOURS["measured"], linewidth=2.5, label="measured")
     reach = 1.3 * np.abs(measured).max()
@@ -50,7 +50,7 @@ def _paths(axis: Axes, rows: list[PathRow]) -> None:
     axis.set(xlim=(-reach, reach), ylim=(-reach, reach))
 
 
-def _decay(axis: Axes, rows: list[SpectrumRow]) -> None:
+def _decay(axis: Any, rows: list[SpectrumRow]) -> None:
     """Fig. 3.11."""
     for record in rows[-1].decays[:1]:
         time = PERIOD * np.arange(len(record))
@@ -59,7 +59,7 @@ def _decay(axis: Axes, rows: list[SpectrumRow]) -> None:
     axis.set(title="a decay: x, y", xlabel="time [s]", ylabel="[mm]")
 
 
-def _speeds(axis: Axes, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
+def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
     """Fig. 3.18: decays are slow where the fastest path is fast."""
     fastest = min(paths, key=lambda row: row.period)
     for record, label, colour in (
@@ -73,7 +73,7 @@ def _speeds(axis: Axes, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
     axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="[m/s]")
 
 
-def _orders(axis: Axes, rows: list[OrderRow]) -> None:
+def _orders(axis: Any, rows: list[OrderRow]) -> None:
     """Fig. 3.14."""
     for (order,), mine in groups(rows, "shape_order").items():
         known = [row for row in mine if row.rms is not None]

@@ -10,16 +10,14 @@ from softrobot_env.artifacts import Arrays, check_robot, find_artifact, read_arr
 from softrobot_env.control.base import Controller
 from softrobot_env.control.limits import kept
 from softrobot_env.control.mpc.optimisation import BoundedSolver
+from softrobot_env.control.reduced.environment import ARTIFACT, SAMPLES, preview_times
 from softrobot_env.control.reduced.planning import Shape, ahead, estimate, program
-from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED
+from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED, UNREACHABLE
 from softrobot_env.fields import Count, Positive, check_fields
 from softrobot_env.interfaces import Observation
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.robots import RobotParams
-
-#: Name of the file of a learned model.
-ARTIFACT = "ssm"
 
 #: Shares of a plan's duration at which its inputs are chosen; they are on lines in between.
 _NODES = (0.0, 0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.62, 0.75, 1.0)
@@ -27,8 +25,8 @@ _NODES = (0.0, 0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.62, 0.75, 1.0)
 #: Share of the drives' speed for what the model does not know.
 _ASIDE = 0.4
 
-#: Times of the preview over the plan's duration, beyond its lag.
-_KNOTS = 16
+#: What no observable in SI units exceeds that makes sense.
+_ABSURD = 1e5
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Planning:
         iterations: Gauss-Newton steps in a decision.
     """
 
-    samples: Count = 60
+    samples: Count = SAMPLES
     smoothness: Positive = 1e-2
     iterations: Count = 1
 
@@ -57,7 +55,7 @@ class Learned(NamedTuple):
         process: (n + m, n + m), covariance of what it errs by in a sample, and of its inputs.
         noise: (n, n), covariance of states that outputs tell.
         lower, upper: (m,), reduced inputs that it was learned from.
-        outputs: Coordinates of the tip it tells, "xy" for instance.
+        farthest: [m], of outputs that it was learned from, from their origin.
     """
 
     model: ReducedModel
@@ -65,6 +63,7 @@ class Learned(NamedTuple):
     noise: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    farthest: np.ndarray
 
     def arrays(self) -> dict[str, Any]:
         """What `read_learned` reads."""
@@ -81,26 +80,10 @@ def read_learned(data: Arrays) -> Learned:
         "noise": (n, n),
         "lower": (m,),
         "upper": (m,),
+        "farthest": (),
     }.items():
         data.check_shape(name, shape)
     return Learned(model, *(np.array(data[name], float) for name in Learned._fields[1:]))
-
-
-def ssm_environment(robot: RobotParams) -> dict[str, Any]:
-    """What the policies need of an environment: the period of the model, and preview."""
-    learned = _find(robot, None)
-    return {
-        "control_period": learned.model.period,
-        "preview": preview_times(learned.model),
-    }
-
-
-def preview_times(model: ReducedModel, planning: Planning | None = None) -> tuple[float, ...]:
-    """Times [s] ahead at which the reference is needed."""
-    planning = planning or Planning()
-    last = model.lag + planning.samples
-    steps = np.unique(np.round(np.linspace(0, 1, _KNOTS + 1)[1:] ** 1.5 * last).astype(int))
-    return tuple(round(float(step * model.period), 9) for step in steps if step > 0)
 
 
 def _find(robot: RobotParams, weights: str | Path | None) -> Learned:
@@ -153,7 +136,7 @@ class ReducedPlanner(Controller):
 
         Args:
             robot: Nominal robot.
-            control_period: [s] between calls, that of the model.
+            control_period: [s] between calls, a whole part of the model's period.
             constrained: Whether plans keep the limits of actions, of the drives' speed, and of the
                 inputs that the model was learned from; else the first action is cut off there.
             weights: File; found unless given, see `artifacts.find_artifact`.
@@ -167,14 +150,15 @@ class ReducedPlanner(Controller):
         """
         self._learned = learned = _find(robot, weights)
         model, planning = learned.model, planning or Planning()
-        if abs(control_period - model.period) > 1e-9:
+        self.hold = max(round(model.period / control_period), 1)
+        if abs(self.hold * control_period - model.period) > 1e-9:
             raise ValueError(
-                f"the reduced model of {robot.name!r} was learned with a period of "
-                f"{model.period:g} s, the control period is {control_period:g} s"
+                f"the reduced model of {robot.name!r} needs a control_period that divides its "
+                f"period of {model.period:g} s, got {control_period:g} s"
             )
         self._model, self._planning = model, planning
-        self._late = round(tip_delay / control_period)
-        self.preview = preview_times(model, planning)
+        self._late = round(tip_delay / model.period)
+        self.preview = preview_times(model.period, model.lag, planning.samples)
         o = len(model.origin)
         self.sizes = {
             "tip_position": o,
@@ -196,14 +180,16 @@ class ReducedPlanner(Controller):
         self._weights = _hats(np.arange(count), places)
         self._shifted = _hats(np.minimum(places + 1, count - 1), places)
         rate = robot.drive.speed / _scale(robot) if np.isfinite(robot.drive.speed) else np.inf
-        self._rate = np.broadcast_to(rate * control_period, (len(model.rest),)).astype(float)
+        self._rate = np.broadcast_to(rate * model.period, (len(model.rest),)).astype(float)
         self._solve = BoundedSolver() if constrained else None
 
     def start(self, observation: Observation) -> _Past:
-        """At rest where the tip is seen."""
+        """At rest where the tip is seen, or where the model rests if that makes no sense."""
         model = self._model
         tip = np.array(observation["tip_position"], dtype=float)
-        told = model.reduced_inputs(np.array(observation["previous_action"], dtype=float))
+        tip = tip if (np.abs(tip) < _ABSURD).all() else model.origin
+        action = kept(np.array(observation["previous_action"], dtype=float))
+        told = model.reduced_inputs(action)
         tips = np.tile(tip, (model.delays, 1))
         m, n = len(told), model.dimension
         covariance = np.zeros((n + m, n + m))
@@ -227,8 +213,9 @@ class ReducedPlanner(Controller):
         seen = np.concatenate(
             [tip, before, observation["reference"], observation["reference_preview"]]
         )
-        if not np.isfinite(seen).all():
-            return kept(before), state._replace(code=NOT_FINITE)
+        if not (np.abs(seen) < _ABSURD).all():
+            code = NOT_COMPUTED if np.isfinite(seen).all() else NOT_FINITE
+            return kept(before), state._replace(code=code)
         told = np.vstack([state.told[1:], model.reduced_inputs(before)])
         tips = np.vstack([tip, state.tips[:-1]])
         x, disturbance = state.x.copy(), state.disturbance.copy()
@@ -262,7 +249,9 @@ class ReducedPlanner(Controller):
             nodes = nodes + step
         wanted_action = model.rest + aside + model.basis @ nodes[0]
         action = self._within(wanted_action, before)
-        if np.abs(action - wanted_action).max() > 1e-6 or self._at_limit(action, before):
+        if np.linalg.norm(reference - model.origin, axis=1).max() > learned.farthest:
+            code = UNREACHABLE
+        elif np.abs(action - wanted_action).max() > 1e-6 or self._at_limit(action, before):
             code = SATURATED
         return action, _Past(tips, told, x, disturbance, covariance, nodes, code)
 

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from softrobot_env.control.reduced.environment import ssm_environment
 from softrobot_env.control.reduced.planning import outputs, program
-from softrobot_env.control.reduced.policy import ReducedPlanner, ssm_environment
+from softrobot_env.control.reduced.policy import ReducedPlanner
 from softrobot_env.control.registry import make_policy
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case, run
@@ -99,7 +100,7 @@ def test_plans_keep_to_the_servos(policy):
 def test_what_it_cannot_drive_is_refused():
     with pytest.raises(ValueError, match="ssm has not been trained for robot 'arm'"):
         make_policy("ssm_lq", ARM, PERIOD)
-    with pytest.raises(ValueError, match=r"learned with a period of 0.01 s, the control period"):
+    with pytest.raises(ValueError, match=r"control_period that divides its period of 0.01 s"):
         make_policy("ssm_lq", RIG, 0.02)
     with pytest.raises(ValueError, match="ssm has not been trained"):
         make_policy("ssm_lq", replace(RIG, name="other", pieces=6), PERIOD)

@@ -1,0 +1,38 @@
+"""What plans on a learned model need of an environment, without loading the models themselves."""
+
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.artifacts import check_robot, find_artifact, read_arrays
+from softrobot_env.robots import RobotParams
+
+#: Name of the file of a learned model.
+ARTIFACT = "ssm"
+
+#: Samples of a plan, and times of the preview.
+SAMPLES, _KNOTS = 60, 16
+
+
+def ssm_environment(robot: RobotParams) -> dict[str, Any]:
+    """The period of a robot's model, and preview; nothing where none was learned."""
+    try:
+        data = read_arrays(find_artifact(robot, ARTIFACT))
+        check_robot(data, robot, ARTIFACT)
+    except ValueError:
+        return {}  # `make_policy` says what is missing
+    period, lag = float(data["period"]), int(data["lag"])
+    return {"control_period": period, "preview": preview_times(period, lag)}
+
+
+def preview_times(period: float, lag: int, samples: int = SAMPLES) -> tuple[float, ...]:
+    """Times [s] ahead at which a plan needs the reference.
+
+    Args:
+        period: [s] of a sample of the model.
+        lag: Samples by which inputs act later.
+        samples: Of the plan.
+    """
+    last = lag + samples
+    steps = np.unique(np.round(np.linspace(0, 1, _KNOTS + 1)[1:] ** 1.5 * last).astype(int))
+    return tuple(round(float(step * period), 9) for step in steps if step > 0)
