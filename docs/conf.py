@@ -34,7 +34,9 @@ myst_heading_anchors = 4
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 
 
-def plain(app: object, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
+def plain(
+    app: object, what: str, name: str, obj: object, options: object, lines: list[str]
+) -> None:
     """Keep formulas of docstrings as they are: `r_` is no link and `|x|` no substitution."""
     for k, line in enumerate(lines):
         parts = line.split("`")  # every second one is code

@@ -7,12 +7,12 @@ A text between `<!-- figures TEMPLATE -->` and `<!-- end -->` is the template wi
 
     <!-- figures {laws policy=lqi robot=arm: median share_mean % .2g} -->0.12<!-- end -->
 
-A figure names a report (`docs/results/NAME/report.json`), fields that its rows must have
-(`variation.delay=0.02` for a field within a field, `x=` for an empty or absent one, `a|b` for one of
-several), and what is shown: a field, before it one of `FUNCTIONS` where there are several rows,
-behind it a unit of `softrobot_env.rendering.tables.FACTORS` and a format (`.2g`, `,.0f`; a plain
-number is significant digits). `first` at least says that rows agree. A line of a template such as
-`each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure.
+A figure names a report (`docs/results/NAME/report.json`), fields that its rows must have, and what
+is shown. `variation.delay=0.02` is a field within a field, `x=` an empty or absent one, `x=a|b` one
+of several, `_` a space or colon. What is shown is a field, behind it a unit of
+`softrobot_env.rendering.tables.FACTORS` and a format (`.2g`, `,.0f`; a plain number is significant
+digits), before it one of `FUNCTIONS`; without a function all rows must agree. A line of a template
+such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure.
 """
 
 import gzip
@@ -75,7 +75,7 @@ def matches(row: dict[str, Any], name: str, allowed: str) -> bool:
     """Whether a row's field is one of the values divided by "|"; "" is empty or absent."""
     value = field(row, name)
     text = "" if value is None or value == {} else str(value)
-    return text in allowed.split("|")
+    return re.sub("[ :]", "_", text) in allowed.split("|")
 
 
 def figure(source: str, shown: str) -> str:
@@ -103,9 +103,9 @@ def figure(source: str, shown: str) -> str:
         return value or NONE
     unit = next((word for word in how if word in FACTORS), "")
     form = next((word for word in how if word not in FACTORS), "g")
-    return significant(value * FACTORS.get(unit, 1), int(form)) if form.isdigit() else number(
-        value, form, unit
-    )
+    if form.isdigit():
+        return significant(value * FACTORS.get(unit, 1), int(form))
+    return number(value, form, unit)
 
 
 def significant(value: float, digits: int) -> str:
