@@ -6,7 +6,7 @@ import re
 import sphinx.application
 
 project = "softrobot_env"
-author = "the authors of softrobot_env"
+author = "the softrobot_env authors"
 copyright = author
 try:
     release = importlib.metadata.version(project)

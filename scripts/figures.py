@@ -9,7 +9,7 @@ A text between `<!-- figures TEMPLATE -->` and `<!-- end -->` is the template wi
 
 A figure names a report (`docs/results/NAME/report.json`), fields that its rows must have, and what
 is shown. `variation.delay=0.02` is a field within a field, `x=` an empty or absent one, `x=a|b` one
-of several, `_` a space or colon. What is shown is a field, behind it a unit of
+of several, `_` a space or colon, `*` any text. What is shown is a field, behind it a unit of
 `softrobot_env.rendering.tables.FACTORS` and a format (`.2g`, `,.0f`; a plain number is significant
 digits), before it one of `FUNCTIONS`; without a function all rows must agree. A line of a template
 such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure.
@@ -21,6 +21,7 @@ import math
 import re
 import sys
 from collections.abc import Callable
+from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from statistics import mean, median
@@ -72,10 +73,11 @@ def field(row: dict[str, Any], name: str) -> Any:
 
 
 def matches(row: dict[str, Any], name: str, allowed: str) -> bool:
-    """Whether a row's field is one of the values divided by "|"; "" is empty or absent."""
+    """Whether a field is like one of the patterns divided by "|"; "" is empty or absent."""
     value = field(row, name)
     text = "" if value is None or value == {} else str(value)
-    return re.sub("[ :]", "_", text) in allowed.split("|")
+    text = re.sub("[ :]", "_", text)
+    return any(fnmatchcase(text, pattern) for pattern in allowed.split("|"))
 
 
 def figure(source: str, shown: str) -> str:
