@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from softrobot_env.cli import build_parser
+from softrobot_env.cli import build_parser, main
 from softrobot_env.paths import assets_dir
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -21,6 +21,8 @@ NOT_RUN = {
     "docs/howto/hardware.md": "needs a robot",
     "docs/howto/own_task.md": "is run by tests/commands/test_any_robot.py",
 }
+#: What a page's Python needs to have been done, in fewer steps.
+BEFORE = {"docs/howto/policies.md": "train lq_preview --robot my.toml --quick"}
 #: What trainings take, and what they take here.
 SHORTER = {"200_000": "256"}
 
@@ -73,6 +75,8 @@ def test_python_runs(path, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out").mkdir()
     (tmp_path / "my.toml").write_text((assets_dir() / "robots" / "hanging_trunk.toml").read_text())
+    if name(path) in BEFORE:
+        assert main(shlex.split(BEFORE[name(path)])) == 0
     known = {}
     for block in blocks(path, "python"):
         for long, short in SHORTER.items():
