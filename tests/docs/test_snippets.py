@@ -82,3 +82,15 @@ def test_python_runs(path, tmp_path, monkeypatch):
         for long, short in SHORTER.items():
             block = block.replace(long, short)
         exec(compile(block, name(path), "exec"), known)
+
+
+def test_relative_links_of_the_readme_lead_somewhere():
+    links = re.findall(r"\]\(([^)#:]+)\)", (ROOT / "README.md").read_text())
+    assert len(links) > 20
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_moving_pictures_of_the_readme_are_small():
+    links = re.findall(r"\]\(([^)]+\.gif)\)", (ROOT / "README.md").read_text())
+    assert len(links) == 3
+    assert sum((ROOT / link).stat().st_size for link in links) < 3e6
