@@ -94,3 +94,11 @@ def test_moving_pictures_of_the_readme_are_small():
     links = re.findall(r"\]\(([^)]+\.gif)\)", (ROOT / "README.md").read_text())
     assert len(links) == 3
     assert sum((ROOT / link).stat().st_size for link in links) < 3e6
+
+
+def test_every_model_card_has_a_page():
+    pages = ROOT / "docs" / "models"
+    index = (pages / "index.md").read_text().splitlines()
+    for card in (ROOT / "models").glob("*.md"):
+        assert f"../../models/{card.name}" in (pages / card.name).read_text()
+        assert card.stem in index
