@@ -14,7 +14,7 @@ export MKL_NUM_THREADS ?= 1
 # in the order of tests/conftest.py: what compiles longest first.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: setup evaluate check test slow test-clients lint clean
+.PHONY: setup evaluate check test slow test-clients lint docs clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -41,6 +41,11 @@ slow: .venv/.setup-test
 test-clients: .venv/bin/python
 	$(BIN)/python tests/clients/run.py $(CLIENTS)
 
+# The documentation site in out/docs; warnings, which broken links are, end it.
+docs: .venv/.setup-docs
+	$(BIN)/python scripts/figures.py --check
+	$(BIN)/python -m sphinx -q -W --keep-going -b html -d out/doctrees docs out/docs
+
 lint: .venv/.setup-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -57,5 +62,9 @@ lint: .venv/.setup-test
 	$(PIP) install --quiet -c constraints.txt -e '.[viz,rl,mpc,robot,recordings,test]'
 	touch $@
 
+.venv/.setup-docs: .venv/.setup
+	$(PIP) install --quiet -c constraints.txt -e '.[docs,viz,rl,mpc,robot,recordings]'
+	touch $@
+
 clean:
-	rm -rf .venv out dist build
+	rm -rf .venv out dist build docs/api

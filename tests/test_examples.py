@@ -1,9 +1,12 @@
 """The examples run as they are, for a few steps; those of RLlib and rl_zoo3 in `tests/clients`."""
 
+import json
 import runpy
+import shutil
 import sys
 from pathlib import Path
 
+import matplotlib.image as plt_image
 import pytest
 
 from softrobot_env.cli import main
@@ -33,3 +36,60 @@ def test_ppo_in_one_file(monkeypatch, tmp_path, capsys):
     assert "mean error:" in capsys.readouterr().out
     given = ["--tasks", "step", "--policies", str(tmp_path / "new" / "ppo_network.npz")]
     assert main(["evaluate", *given, "--no-plots", "--out", str(tmp_path / "out")]) == 0
+
+
+#: Each writes a picture of its name to out/examples.
+PICTURES = (
+    *("first_steps", "compare_controllers", "own_robot", "own_task", "own_controller"),
+    *("identify_stiffness", "gripper_sensors", "randomised_batch", "plain_mujoco", "beam_model"),
+    *("train_and_show", "virtual_rig"),
+)
+
+
+def test_every_example_is_tested_and_short():
+    others = {"cleanrl_ppo", "rllib_ppo", "sb3_ppo"}  # of other libraries, see above
+    assert {path.stem for path in EXAMPLES.glob("*.py")} == {*PICTURES, *others}
+    assert all(len((EXAMPLES / f"{x}.py").read_text().splitlines()) <= 60 for x in PICTURES)
+    page = (EXAMPLES.parent / "docs" / "tutorials" / "index.md").read_text()
+    assert all(f"examples/{name}.py" in page for name in PICTURES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PICTURES)
+def test_pictures(name, monkeypatch, tmp_path):
+    if name == "train_and_show":
+        pytest.importorskip("stable_baselines3")
+    if name == "virtual_rig" and shutil.which("c++") is None:
+        pytest.skip("no C++ compiler")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("STEPS", "64")
+    try:
+        known = run(f"{name}.py", monkeypatch)
+    except RuntimeError as error:
+        if "OpenGL" not in str(error):
+            raise
+        pytest.skip(str(error))
+    assert known["picture"] == Path("out/examples") / f"{name}.png"
+    image = plt_image.imread(known["picture"])
+    assert image.std() > 0.01  # something is drawn
+    if name == "identify_stiffness":
+        assert known["found"] == pytest.approx(0.8, abs=0.01)
+    if name == "own_controller":
+        static, shifted = (x.error.mean() for x in known["rollouts"].values())
+        assert shifted < 0.3 * static
+    if name == "gripper_sensors":
+        assert known["info"]["success"]
+
+
+def test_notebooks_are_made_of_examples(tmp_path):
+    made = runpy.run_path(str(EXAMPLES.parent / "scripts" / "notebooks.py"))["main"](
+        [str(tmp_path)]
+    )
+    assert made == 0
+    notebook = json.loads((tmp_path / "beam_model.ipynb").read_text())
+    cells = notebook["cells"]
+    assert cells[0]["cell_type"] == "markdown" and "A beam model alone" in cells[0]["source"]
+    code = [cell["source"] for cell in cells if cell["cell_type"] == "code"]
+    assert "PCC(ARM" in "\n".join(code) and "Image(" in code[-1]
+    for source in code:
+        compile(source, "cell", "exec")

@@ -2,7 +2,6 @@
 
 import ast
 import importlib
-import re
 import shlex
 from pathlib import Path
 
@@ -156,19 +155,6 @@ def test_commands_parse_their_own_examples(prefix, name, command):
 def test_public_paths_import(path):
     module = importlib.import_module(path)
     assert [name for name in vars(module) if not name.startswith("_")]
-
-
-def test_imports_of_the_readme_work():
-    blocks = re.findall(r"^```python\n(.*?)^```", (ROOT / "README.md").read_text(), re.M | re.S)
-    imports = [
-        node
-        for block in blocks
-        for node in ast.walk(ast.parse(block))
-        if isinstance(node, ast.Import | ast.ImportFrom)
-    ]
-    assert any("softrobot_env.beams" in ast.unparse(node) for node in imports)
-    for node in imports:
-        exec(compile(ast.Module([node], []), "README.md", "exec"), {})
 
 
 def test_only_registries_load_by_names_made_at_run_time():

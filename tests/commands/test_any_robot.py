@@ -231,9 +231,8 @@ def test_list_tells_what_there_is_and_why_not(capsys):
 
 
 @pytest.mark.slow
-def test_commands_of_the_readme_work_as_printed(tmp_path, monkeypatch):
-    text = (ROOT / "README.md").read_text()
-    section = text.split("#### Your own robot on the command line")[1].split("#### Training for")[0]
+def test_commands_of_the_page_work_as_printed(tmp_path, monkeypatch):
+    section = (ROOT / "docs" / "howto" / "own_task.md").read_text()
     for block in re.findall(r"```python\n(.*?)```", section, re.S):
         name = re.match(r"# (\w+\.py)\n", block)
         if name:

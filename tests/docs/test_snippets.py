@@ -1,0 +1,104 @@
+"""Code of README.md and docs/ runs: imports and command lines always, whole pages where slow."""
+
+import ast
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from softrobot_env.cli import build_parser, main
+from softrobot_env.paths import assets_dir
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    path
+    for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+    if not {"results", "models", "api"} & set(path.relative_to(ROOT).parts)
+]
+#: Pages whose Python is not run from top to bottom, and why.
+NOT_RUN = {
+    "docs/howto/hardware.md": "needs a robot",
+    "docs/howto/own_task.md": "is run by tests/commands/test_any_robot.py",
+}
+#: What a page's Python needs to have been done, in fewer steps.
+BEFORE = {"docs/howto/policies.md": "train lq_preview --robot my.toml --quick"}
+#: What trainings take, and what they take here.
+SHORTER = {"200_000": "256"}
+
+
+def blocks(path, language):
+    return re.findall(rf"^```{language}\n(.*?)^```", path.read_text(), re.M | re.S)
+
+
+def name(path):
+    return path.relative_to(ROOT).as_posix()
+
+
+def test_pages_have_code():
+    assert sum(len(blocks(path, "python")) for path in PAGES) > 15
+    assert sum(len(blocks(path, "bash")) for path in PAGES) > 10
+    assert set(NOT_RUN) <= {name(path) for path in PAGES}
+
+
+def test_imports_work():
+    found = {
+        ast.unparse(node)
+        for path in PAGES
+        for block in blocks(path, "python")
+        for node in ast.walk(ast.parse(block))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+    }
+    for line in found:
+        if "stable_baselines3" in line or "training" in line:
+            pytest.importorskip("stable_baselines3")
+        exec(compile(line, "docs", "exec"), {})
+
+
+@pytest.mark.parametrize("path", PAGES, ids=name)
+def test_command_lines_are_understood(path):
+    parser = build_parser()
+    for block in blocks(path, "bash"):
+        for line in block.splitlines():
+            program, *words = shlex.split(line, comments=True) or [""]
+            if program == "softrobot":
+                parser.parse_args(words)  # ends with status 2 where it is not
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "path", [p for p in PAGES if blocks(p, "python") and name(p) not in NOT_RUN], ids=name
+)
+def test_python_runs(path, tmp_path, monkeypatch):
+    if "stable_baselines3" in path.read_text():
+        pytest.importorskip("stable_baselines3")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "out").mkdir()
+    (tmp_path / "my.toml").write_text((assets_dir() / "robots" / "hanging_trunk.toml").read_text())
+    if name(path) in BEFORE:
+        assert main(shlex.split(BEFORE[name(path)])) == 0
+    known = {}
+    for block in blocks(path, "python"):
+        for long, short in SHORTER.items():
+            block = block.replace(long, short)
+        exec(compile(block, name(path), "exec"), known)
+
+
+def test_relative_links_of_the_readme_lead_somewhere():
+    links = re.findall(r"\]\(([^)#:]+)\)", (ROOT / "README.md").read_text())
+    assert len(links) > 20
+    assert [link for link in links if not (ROOT / link).exists()] == []
+
+
+def test_moving_pictures_of_the_readme_are_small():
+    links = re.findall(r"\]\(([^)]+\.gif)\)", (ROOT / "README.md").read_text())
+    assert len(links) == 3
+    assert sum((ROOT / link).stat().st_size for link in links) < 3e6
+
+
+def test_every_model_card_has_a_page():
+    pages = ROOT / "docs" / "models"
+    index = (pages / "index.md").read_text().splitlines()
+    for card in (ROOT / "models").glob("*.md"):
+        assert f"../../models/{card.name}" in (pages / card.name).read_text()
+        assert card.stem in index
