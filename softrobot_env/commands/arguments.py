@@ -130,13 +130,6 @@ def add_learnt(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_out(parser: argparse.ArgumentParser, default: str, note: str = "") -> None:
-    """--out DIR."""
-    parser.add_argument(
-        "--out", type=Path, default=Path(default), metavar="DIR", help=f"default: {default}{note}"
-    )
-
-
 def positive(text: str) -> float:
     """A positive number."""
     return number(text, lambda value: 0 < value < inf, "a positive number")

@@ -13,7 +13,6 @@ from rich.progress import Progress
 from softrobot_env.commands.arguments import (
     add_feedback,
     add_learnt,
-    add_out,
     add_plant,
     add_robot,
     add_twin,
@@ -24,6 +23,7 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
+from softrobot_env.commands.output import add_out, check_free, new_results
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
 from softrobot_env.commands.task_options import TASK_HELP, option, task_name
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
@@ -199,7 +199,14 @@ class Result:
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if any episode failed."""
     console = Console()
-    args.out.mkdir(parents=True, exist_ok=True)
+    with new_results(args.out, args.overwrite):
+        return _evaluate(args, console)
+
+
+def _evaluate(args: argparse.Namespace, console: Console) -> int:
+    """Run all cases and write."""
+    if args.record is not None and args.record.is_dir():
+        check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
     setup = make_setup(args)
     cases = make_cases(args, setup)
     missing = left_out(args, cases)
