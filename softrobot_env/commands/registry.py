@@ -10,6 +10,7 @@ from softrobot_env.commands import (
     render,
     robot_file,
     train,
+    view,
 )
 from softrobot_env.commands.recording import command as recording
 from softrobot_env.commands.robot import command as robot
@@ -24,6 +25,7 @@ COMMANDS: Registry[Command] = Registry(
             evaluate, "run policies on tasks; write report.json, report.md and plots"
         ),
         "render": Command(render, "write a video of a policy on a task"),
+        "view": Command(view, "show a robot alive, with sliders for its drives"),
         "grip": Command(grip, "close a gripper on a bar; write a video"),
         "benchmark": Command(benchmark, "measure accuracy and speed"),
         "train": Command(train, "make the trained artifacts that policies load"),
