@@ -11,6 +11,7 @@ from softrobot_env.commands import (
     robot_file,
     train,
     view,
+    warm_up,
 )
 from softrobot_env.commands.recording import command as recording
 from softrobot_env.commands.robot import command as robot
@@ -30,6 +31,7 @@ COMMANDS: Registry[Command] = Registry(
         "benchmark": Command(benchmark, "measure accuracy and speed"),
         "train": Command(train, "make the trained artifacts that policies load"),
         "inspect": Command(inspect, "print what a scene contains and what it leaves out"),
+        "warm-up": Command(warm_up, "compile what is compiled at its first use, ahead of it"),
         "list": Command(listing, "print the robots, tasks, policies, environments there are"),
         "export": Command(export, "write the MJCF of the registered scenes, or of a robot"),
         "robot-file": Command(robot_file, "check the file of a robot of your own"),

@@ -104,10 +104,10 @@ def counted(window, frame):
     draw(window, frame)
     frames += 1
     tips.append(window._view._tip.copy())
-    if frames == 1:
+    if frames == 10:  # the window is fully open
         window.controls[:] = 0.5 * window._view.model.actuator_ctrlrange[:, 1] * np.arange(
             window.controls.size)
-    if frames == 40:
+    if frames == 60:
         window._on_key(32)
         assert window.paused
         window._on_key(32)
