@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import Progress
 
-from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark
+from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark, measured
 from softrobot_env.commands.arguments import seed
 from softrobot_env.commands.output import add_out, new_results
 from softrobot_env.evaluation.report import write_json
@@ -24,7 +24,9 @@ _OPTIONS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("what", choices=tuple(BENCHMARKS))
+    told = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
+    parser.description = f"{parser.description}:{told}"
+    parser.add_argument("what", choices=tuple(BENCHMARKS), metavar="WHAT", help="one of the above")
     parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
     for name, what in _OPTIONS.items():
         parser.add_argument(f"--{name}", type=seed, metavar="N", help=what)

@@ -18,7 +18,7 @@ _REPORT, _LIST = "report.json", ".written"
 
 
 def add_out(
-    parser: argparse.ArgumentParser, default: str | None, note: str = "", metavar: str = "DIR"
+    parser: argparse._ActionsContainer, default: str | None, note: str = "", metavar: str = "DIR"
 ) -> None:
     """--out and --overwrite."""
     told = note if default is None else f"default: {default}{note}"

@@ -48,7 +48,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--port", type=int, default=0, help="of --web; default: a free one from 8080 on"
     )
-    parser.set_defaults(plant=MUJOCO, twin=None, **dict.fromkeys(_SCENE))
+    parser.set_defaults(plant=MUJOCO, twin=None, learnt=None, **dict.fromkeys(_SCENE))
 
 
 def run(args: argparse.Namespace) -> int:
