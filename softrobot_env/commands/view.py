@@ -19,7 +19,7 @@ from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import scene_of
 
 if TYPE_CHECKING:
-    from softrobot_env.envs.base import EpisodeEnv
+    from softrobot_env.envs.tracking import TrackingEnv
 
 EXAMPLE = """softrobot view --robot my.toml
   softrobot view --task swing --policy feedforward_pi
@@ -90,20 +90,20 @@ def _case(args: argparse.Namespace, setup: Setup, task: Any) -> Case:
     return replace(case, duration=None)
 
 
-def _by_hand(env: "EpisodeEnv") -> None:
+def _by_hand(env: "TrackingEnv") -> None:
     """Let the sliders drive."""
     env.reset()
     window, simulation = env.open_window(), env.simulation
-    window.controls[:] = simulation.ctrl
+    window.controls[:] = env.command
     while window.is_open:
         window.push(simulation.data)
-        simulation.ctrl[:] = window.controls
+        env.command[:] = window.controls
         if not simulation.advance():
             env.reset()
         env.render()
 
 
-def _by_policy(env: "EpisodeEnv", case: Case) -> None:
+def _by_policy(env: "TrackingEnv", case: Case) -> None:
     """Let a policy drive, episode by episode."""
     from softrobot_env.evaluation.run import play
 
