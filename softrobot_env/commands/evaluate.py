@@ -231,15 +231,20 @@ def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list
     results = []
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("evaluate", total=len(cases))
-        for case in cases:
+        for count, case in enumerate(cases):
             progress.update(bar, description=case.label)
+            duration = case.duration or case.task.duration
+
+            def show(now: float, count: int = count, duration: float = duration) -> None:
+                progress.update(bar, completed=count + min(1.0, now / duration))
+
             try:
                 with closing(setup.environment(case)) as env:
-                    results.append(Result(runner.run(case, env)))
+                    results.append(Result(runner.run(case, env, progress=show)))
             except RobotError as error:
                 console.print(f"Ended before {case.label}: {error}")
                 break
-            progress.advance(bar)
+            progress.update(bar, completed=count + 1)
     return results
 
 
