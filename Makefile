@@ -22,7 +22,7 @@ setup: .venv/.setup
 
 # Run all policies on all tasks; table on the terminal, report and plots in out/evaluate.
 evaluate: .venv/.setup
-	$(BIN)/softrobot evaluate
+	$(BIN)/softrobot evaluate --overwrite
 
 # The daily loop: lint, and the tests that were quick when they were last run.
 check: lint
@@ -55,11 +55,11 @@ lint: .venv/.setup-test
 	$(PYTHON) -m venv .venv
 
 .venv/.setup: .venv/bin/python pyproject.toml constraints.txt
-	$(PIP) install --quiet -c constraints.txt -e '.[viz,mpc,robot]'
+	$(PIP) install -c constraints.txt -e '.[viz,mpc,robot]'
 	touch $@
 
 .venv/.setup-test: .venv/.setup
-	$(PIP) install --quiet -c constraints.txt -e '.[viz,rl,mpc,robot,recordings,test]'
+	$(PIP) install -c constraints.txt -e '.[viz,rl,mpc,robot,recordings,test]'
 	touch $@
 
 .venv/.setup-docs: .venv/.setup

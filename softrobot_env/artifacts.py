@@ -14,7 +14,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from softrobot_env.paths import models_dir
+from softrobot_env.paths import assets_dir, models_dir
 from softrobot_env.robots import ARM, RIG, ROBOTS, RobotParams, read_robot
 from softrobot_env.writing import whole
 
@@ -100,18 +100,33 @@ def artifact_folder(robot: RobotParams) -> Path:
     return models_dir() if robot.file is None else robot.file.parent
 
 
+def training_folder(robot: RobotParams) -> Path:
+    """Where a training writes unless told otherwise: beside the file of a robot of one's own, else
+    in `out`, so that it replaces nothing that comes with the package."""
+    own = robot.file is not None and assets_dir().resolve() not in robot.file.resolve().parents
+    return artifact_folder(robot) if own else Path("out")
+
+
 def find_artifact(robot: RobotParams, policy: str) -> Path:
-    """What a policy has learned of a robot: beside the robot's file, in the folder of models, or
-    what is shipped there for the thesis' robots, which other robots are refused when it is read.
+    """What a policy has learned of a robot: beside the robot's file, in the folder of models, where
+    trainings write, or what is shipped for the thesis' robots, which other robots are refused when
+    it is read.
 
     Raises:
         ValueError: There is none; the message tells the command that makes it.
     """
-    name, shipped = artifact_name(robot, policy), models_dir() / f"{policy}.npz"
-    for path in (artifact_folder(robot) / name, models_dir() / name, shipped):
-        if path.is_file():
-            return path
-    raise ValueError(_untrained(robot, policy))
+    found = looked_up(robot, policy)
+    if found is None:
+        raise ValueError(_untrained(robot, policy))
+    return found
+
+
+def looked_up(robot: RobotParams, policy: str) -> Path | None:
+    """The file of `find_artifact`, None if there is none."""
+    folders = artifact_folder(robot), models_dir(), training_folder(robot)
+    places = [folder / artifact_name(robot, policy) for folder in folders]
+    found = (path for path in (*places, models_dir() / f"{policy}.npz") if path.is_file())
+    return next(found, None)
 
 
 def train_command(robot: RobotParams, policy: str) -> str:

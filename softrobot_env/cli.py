@@ -3,6 +3,9 @@
 import argparse
 import shlex
 import sys
+from signal import SIGINT, default_int_handler, getsignal, signal
+from threading import current_thread, main_thread
+from types import FrameType
 
 from softrobot_env import __version__
 
@@ -31,14 +34,43 @@ def main(argv: list[str] | None = None) -> int:
     """
     argv = sys.argv[1:] if argv is None else argv
     name = "softrobot"
+    stop = _Stop()
     try:
         args = build_parser().parse_args(argv)  # loads all commands, and MuJoCo, which may refuse
         args.command_line = shlex.join(["softrobot", *argv])
         name = f"softrobot {args.command}" if args.command else name
         return args.command_run(args)
     except KeyboardInterrupt:
-        print(f"{name}: stopped by Ctrl-C", file=sys.stderr)
-        return _STOPPED
+        stop.asked = True
     except (ValueError, ImportError, RuntimeError, OSError) as error:
-        print(f"{name}: {error}", file=sys.stderr)
-        return _REFUSED
+        # Ctrl-C ends workers too, and what it interrupts may tell it as something else.
+        if not stop.asked:
+            print(f"{name}: {error}", file=sys.stderr)
+            return _REFUSED
+    finally:
+        stop.restore()
+    print(f"{name}: stopped by Ctrl-C", file=sys.stderr)
+    return _STOPPED
+
+
+class _Stop:
+    """Remembers that Ctrl-C was pressed, besides what it does anyway.
+
+    Attributes:
+        asked: Whether it was.
+    """
+
+    def __init__(self) -> None:
+        self.asked = False
+        self._usual = getsignal(SIGINT)
+        if self._usual is default_int_handler and current_thread() is main_thread():
+            signal(SIGINT, self._note)
+
+    def _note(self, number: int, frame: FrameType | None) -> None:
+        self.asked = True
+        default_int_handler(number, frame)
+
+    def restore(self) -> None:
+        """Let Ctrl-C do what it did."""
+        if getsignal(SIGINT) == self._note:
+            signal(SIGINT, self._usual)

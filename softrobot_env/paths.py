@@ -34,7 +34,7 @@ def firmware_dir() -> Path:
 def cache_dir() -> Path:
     """Folder for what is compiled: in the user's cache, else a private one for temporary files."""
     own = _user_cache()
-    return _private() if own is None else own / "softrobot_env"
+    return private_dir() if own is None else own / "softrobot_env"
 
 
 def give_numba_a_place() -> None:
@@ -57,7 +57,7 @@ def _user_cache() -> Path | None:
 
 
 @cache
-def _private() -> Path:
+def private_dir() -> Path:
     """A folder that nobody else can write to: what lies in a cache is run."""
     user = os.getuid() if hasattr(os, "getuid") else 0
     path = Path(tempfile.gettempdir()) / f"softrobot_env-{user}"

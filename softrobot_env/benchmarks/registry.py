@@ -8,6 +8,7 @@ of the same records.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 
 from rich.console import Group
@@ -73,3 +74,12 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "transfer": _in_folder("transfer"),
     },
 )
+
+
+def measured(name: str) -> str:
+    """What a benchmark measures, in a line: what its folder says; "" of one from elsewhere."""
+    try:
+        text = import_module(f"{__package__}.{name}").__doc__ or ""
+    except ImportError:
+        return ""
+    return text.split("\n\n")[0].replace("\n", " ")

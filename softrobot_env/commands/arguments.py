@@ -85,7 +85,7 @@ def plant_options(args: argparse.Namespace, policy: str, robot: RobotParams) -> 
     return policy_environment(policy, robot) | {"plant": plant, **period}
 
 
-def add_feedback(parser: argparse.ArgumentParser) -> None:
+def add_feedback(parser: argparse._ActionsContainer) -> None:
     """--feedback."""
     parser.add_argument(
         "--feedback",
@@ -104,7 +104,7 @@ def add_feedback(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_twin(parser: argparse.ArgumentParser, several: bool = False) -> None:
+def add_twin(parser: argparse._ActionsContainer, several: bool = False) -> None:
     """--twin, a list of one seed or of several; None unless given."""
     parser.add_argument(
         "--twin",
@@ -118,7 +118,7 @@ def add_twin(parser: argparse.ArgumentParser, several: bool = False) -> None:
     )
 
 
-def add_learnt(parser: argparse.ArgumentParser) -> None:
+def add_learnt(parser: argparse._ActionsContainer) -> None:
     """--learnt FILE, None unless given."""
     parser.add_argument(
         "--learnt",
@@ -127,13 +127,6 @@ def add_learnt(parser: argparse.ArgumentParser) -> None:
         help="identified parameters that policies of the rig act on, a file of "
         "`softrobot train rig_nn --twin SEED`; default: the one shipped, of twin 0, whichever rig "
         "is driven",
-    )
-
-
-def add_out(parser: argparse.ArgumentParser, default: str, note: str = "") -> None:
-    """--out DIR."""
-    parser.add_argument(
-        "--out", type=Path, default=Path(default), metavar="DIR", help=f"default: {default}{note}"
     )
 
 

@@ -1,12 +1,14 @@
 """`softrobot benchmark`: models, controllers, scenes, contacts, speed, stability, the thesis."""
 
 import argparse
+from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
 
-from softrobot_env.benchmarks.registry import BENCHMARKS
-from softrobot_env.commands.arguments import add_out, seed
+from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark, measured
+from softrobot_env.commands.arguments import seed
+from softrobot_env.commands.output import add_out, new_results
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.writing import write_text
@@ -22,7 +24,9 @@ _OPTIONS = {
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
-    parser.add_argument("what", choices=tuple(BENCHMARKS))
+    told = "".join(f"\n  {name:<16}{measured(name)}" for name in BENCHMARKS)
+    parser.description = f"{parser.description}:{told}"
+    parser.add_argument("what", choices=tuple(BENCHMARKS), metavar="WHAT", help="one of the above")
     parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
     for name, what in _OPTIONS.items():
         parser.add_argument(f"--{name}", type=seed, metavar="N", help=what)
@@ -41,7 +45,19 @@ def run(args: argparse.Namespace) -> int:
     options = _own_options(args, benchmark.options)
     console = Console()
     out = args.out / args.what
-    out.mkdir(parents=True, exist_ok=True)
+    with new_results(out, args.overwrite):
+        _measure(args, benchmark, out, options, console)
+    return 0
+
+
+def _measure(
+    args: argparse.Namespace,
+    benchmark: Benchmark,
+    out: Path,
+    options: dict[str, int],
+    console: Console,
+) -> None:
+    """Run, print and write."""
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task(args.what, total=None)
 
@@ -54,13 +70,14 @@ def run(args: argparse.Namespace) -> int:
     console.print(tables)
     text = text_page(f"Benchmark: {args.what}", tables, args.command_line)
     write_text(out / "report.md", text)
+    plotted = False
     if benchmark.plot is not None:
         try:
             benchmark.plot(records, out / f"{args.what}.png")
+            plotted = True
         except ImportError as error:  # the reports are complete without pictures
             console.print(f"No plots: {error}", markup=False)
-    console.print(f"Wrote {', '.join(sorted(path.name for path in out.iterdir()))} to {out}")
-    return 0
+    console.print(f"Wrote report.json, report.md{' and plots' if plotted else ''} to {out}")
 
 
 def _own_options(args: argparse.Namespace, known: tuple[str, ...]) -> dict[str, int]:

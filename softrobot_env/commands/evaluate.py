@@ -13,7 +13,6 @@ from rich.progress import Progress
 from softrobot_env.commands.arguments import (
     add_feedback,
     add_learnt,
-    add_out,
     add_plant,
     add_robot,
     add_twin,
@@ -24,9 +23,9 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
+from softrobot_env.commands.output import add_out, check_free, new_results
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
-from softrobot_env.commands.task_options import TASK_HELP, option, task_name
-from softrobot_env.control.registry import POLICIES, RIG_POLICIES
+from softrobot_env.commands.task_options import option, task_name
 from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.evaluation import report, runner
 from softrobot_env.evaluation.labels import (
@@ -50,16 +49,28 @@ EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the command."""
+    """Arguments of the command, by what they are about."""
+    parser.usage = "softrobot evaluate [--tasks TASK ...] [--policies POLICY ...] [OPTION ...]"
     add_robot(parser, "all tasks are for it; default: the arm's and the rig's have theirs")
     _add_cases(parser)
-    _add_options(parser)
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
-    parser.add_argument("--no-plots", action="store_true", help="skip the plots")
-    parser.add_argument("--save-rollouts", action="store_true", help="also write npz records")
-    add_twin(parser, several=True)
-    add_learnt(parser)
-    parser.add_argument(
+    _add_options(parser.add_argument_group("options of tasks"))
+    _add_errors(parser.add_argument_group("other robots than the policies know"))
+    rig = parser.add_argument_group("the test rig")
+    add_twin(rig, several=True)
+    add_learnt(rig)
+    _add_real(parser.add_argument_group("rigs over a serial line"))
+    add_feedback(parser.add_argument_group("feedback"))
+    add_plant(parser)
+    out = parser.add_argument_group("what is written")
+    add_out(out, "out/evaluate")
+    out.add_argument("--no-plots", action="store_true", help="skip the plots")
+    out.add_argument("--save-rollouts", action="store_true", help="also write npz records")
+
+
+def _add_errors(group: argparse._ArgumentGroup) -> None:
+    """--vary and --randomize."""
+    group.add_argument(
         "--vary",
         action="append",
         type=variation,
@@ -68,7 +79,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"values of one of {', '.join(NEUTRAL)}: in SI units or as factors; "
         "controllers keep the nominal robot",
     )
-    parser.add_argument(
+    group.add_argument(
         "--randomize",
         action="append",
         type=variation,
@@ -77,11 +88,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="ranges of the same quantities, of which --draws robots are drawn besides those of "
         "--vary; every policy gets the same ones",
     )
-    parser.add_argument("--draws", type=seed, metavar="N", help="of --randomize; default: 5")
-    _add_real(parser)
-    add_feedback(parser)
-    add_plant(parser)
-    add_out(parser, "out/evaluate")
+    group.add_argument("--draws", type=seed, metavar="N", help="of --randomize; default: 5")
 
 
 def _add_cases(parser: argparse.ArgumentParser) -> None:
@@ -92,8 +99,8 @@ def _add_cases(parser: argparse.ArgumentParser) -> None:
         type=or_all(task_name),
         default=["all"],
         metavar="TASK",
-        help=f"{TASK_HELP}; default: all, which is {', '.join(TASKS)} of the arm, and of --robot "
-        "all that it has. Those of the rig are named explicitly",
+        help="out of `softrobot list tasks`, or one's own, package.module:name or file.py:name; "
+        f"default: all of --robot, of the arm {', '.join(TASKS)}",
     )
     parser.add_argument(
         "--policies",
@@ -101,12 +108,12 @@ def _add_cases(parser: argparse.ArgumentParser) -> None:
         type=or_all(policy),
         default=["all"],
         metavar="POLICY",
-        help=f"of the arm: {', '.join(POLICIES)}; of the test rig: {', '.join(RIG_POLICIES)}; "
-        "default: all that fit a task",
+        help="out of `softrobot list policies`, or one's own as of tasks; default: all that fit a "
+        "task",
     )
 
 
-def _add_options(parser: argparse.ArgumentParser) -> None:
+def _add_options(parser: argparse._ArgumentGroup) -> None:
     """--option, and short forms of some."""
     parser.add_argument(
         "--option",
@@ -115,7 +122,9 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
         default=[],
         metavar="NAME=V1,V2",
         help="values of an option of tasks, in SI units: "
-        + "; ".join(f"{name} of {', '.join(tasks)}" for name, tasks in WITH_OPTION.items()),
+        + "; ".join(
+            f"{name} of {', '.join(tasks)}" for name, tasks in WITH_OPTION.items() if tasks
+        ),
     )
     parser.add_argument(
         "--step-widths",
@@ -140,7 +149,7 @@ def _add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def _add_real(parser: argparse.ArgumentParser) -> None:
+def _add_real(parser: argparse._ArgumentGroup) -> None:
     """--env, and where a real robot is."""
     parser.add_argument(
         "--env",
@@ -199,7 +208,14 @@ class Result:
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if any episode failed."""
     console = Console()
-    args.out.mkdir(parents=True, exist_ok=True)
+    with new_results(args.out, args.overwrite):
+        return _evaluate(args, console)
+
+
+def _evaluate(args: argparse.Namespace, console: Console) -> int:
+    """Run all cases and write."""
+    if args.record is not None and args.record.is_dir():
+        check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
     setup = make_setup(args)
     cases = make_cases(args, setup)
     missing = left_out(args, cases)
@@ -215,15 +231,20 @@ def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list
     results = []
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("evaluate", total=len(cases))
-        for case in cases:
+        for count, case in enumerate(cases):
             progress.update(bar, description=case.label)
+            duration = case.duration or case.task.duration
+
+            def show(now: float, count: int = count, duration: float = duration) -> None:
+                progress.update(bar, completed=count + min(1.0, now / duration))
+
             try:
                 with closing(setup.environment(case)) as env:
-                    results.append(Result(runner.run(case, env)))
+                    results.append(Result(runner.run(case, env, progress=show)))
             except RobotError as error:
                 console.print(f"Ended before {case.label}: {error}")
                 break
-            progress.advance(bar)
+            progress.update(bar, completed=count + 1)
     return results
 
 

@@ -4,14 +4,15 @@ import argparse
 
 from rich.console import Console
 
-from softrobot_env.commands.arguments import add_out, add_robot
+from softrobot_env.commands.arguments import add_robot
+from softrobot_env.commands.output import add_out, check_free
 from softrobot_env.robots import find_robot
 from softrobot_env.scene.build import scene_xml
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import SCENES, scene_of
 from softrobot_env.writing import write_text
 
-EXAMPLE = """softrobot export --out assets
+EXAMPLE = """softrobot export --out assets --overwrite
   softrobot export --robot my.toml --out out"""
 
 
@@ -27,9 +28,10 @@ def run(args: argparse.Namespace) -> int:
     if args.robot is not None:
         scene = scene_of(find_robot(args.robot))
         scenes = {scene.robot.name: scene, f"{scene.robot.name}_view": visible(scene)}
-    args.out.mkdir(parents=True, exist_ok=True)
+    paths = {name: args.out / f"{name}.xml" for name in scenes}
+    check_free(*paths.values(), overwrite=args.overwrite)
     for name, config in scenes.items():
-        path = args.out / f"{name}.xml"
+        path = paths[name]
         write_text(path, scene_xml(config))
         Console().print(f"Wrote {path}")
     return 0

@@ -2,7 +2,6 @@
 
 import argparse
 from collections.abc import Callable
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,6 +9,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from softrobot_env.commands.arguments import positive, size
+from softrobot_env.commands.output import add_out, check_free
 from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.gripper import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
@@ -46,7 +46,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--pieces", type=int, help="of each finger; default: by fineness")
     parser.add_argument("--timestep", type=positive, metavar="S", help="default: by fineness")
-    parser.add_argument("--out", type=Path, metavar="FILE", help=".mp4 or .gif; default: no video")
+    add_out(parser, None, ".mp4 or .gif; default: no video", "FILE")
     parser.add_argument("--fps", type=int, default=25, help="frames per second; default: 25")
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
 
@@ -58,6 +58,8 @@ def run(args: argparse.Namespace) -> int:
     from softrobot_env.envs.gripper import GripperEnv
     from softrobot_env.evaluation.run import play
 
+    if args.out is not None:
+        check_free(args.out, overwrite=args.overwrite)
     width, height = args.size
     gripper = find_gripper(args.gripper)
     sensed = args.out is not None and senses(gripper)

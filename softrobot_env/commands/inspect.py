@@ -10,12 +10,14 @@ from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.commands.arguments import add_robot, add_scene, add_twin, scene_options
+from softrobot_env.commands.output import add_out, check_free
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.rendering.tables import Column, make_table, named_values
+from softrobot_env.rendering.workspace import draw_workspace, picture_of
 from softrobot_env.robots import RIG, RobotParams, Tendon, find_robot
 from softrobot_env.robots.twin import Twin, twin_or_ideal
 from softrobot_env.scene.build import Scene, build_scene
@@ -48,9 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--workspace", action="store_true", help="of --robot: draw where its tip rests"
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path("inspect"), metavar="DIR", help="of the picture"
-    )
+    add_out(parser, "out/inspect", "; of the picture")
     add_twin(parser)
     add_scene(parser)
 
@@ -69,6 +69,8 @@ def _inspect_robot(args: argparse.Namespace) -> int:
     if args.twin is not None or args.option or args.step_width:
         raise ValueError("--option, --step-width and --twin go with a --task only")
     config = replace(scene_of(find_robot(args.robot)), **scene_options(args))
+    if args.workspace:
+        check_free(picture_of(config.robot, args.out), overwrite=args.overwrite)
     own = {"bends": f"{config.bending}, {'twists' if config.torsion else 'without torsion'}"}
     title = f"Robot {config.robot.name}"
     _print(build_scene(config), title, [] if config.torsion else ["torsion"], own)
@@ -79,8 +81,6 @@ def _inspect_robot(args: argparse.Namespace) -> int:
 
 def _show_workspace(robot: RobotParams, folder: Path) -> None:
     """Draw the workspace and tell its size."""
-    from softrobot_env.rendering.workspace import draw_workspace  # which loads matplotlib
-
     picture = draw_workspace(robot, folder)
     sample, ground = sample_of(robot), workspace_of(robot).ground
     low, high = 1e3 * sample.tips.min(axis=0), 1e3 * sample.tips.max(axis=0)

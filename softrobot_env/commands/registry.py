@@ -10,6 +10,8 @@ from softrobot_env.commands import (
     render,
     robot_file,
     train,
+    view,
+    warm_up,
 )
 from softrobot_env.commands.recording import command as recording
 from softrobot_env.commands.robot import command as robot
@@ -24,10 +26,12 @@ COMMANDS: Registry[Command] = Registry(
             evaluate, "run policies on tasks; write report.json, report.md and plots"
         ),
         "render": Command(render, "write a video of a policy on a task"),
+        "view": Command(view, "show a robot alive, with sliders for its drives"),
         "grip": Command(grip, "close a gripper on a bar; write a video"),
         "benchmark": Command(benchmark, "measure accuracy and speed"),
         "train": Command(train, "make the trained artifacts that policies load"),
         "inspect": Command(inspect, "print what a scene contains and what it leaves out"),
+        "warm-up": Command(warm_up, "compile what is compiled at its first use, ahead of it"),
         "list": Command(listing, "print the robots, tasks, policies, environments there are"),
         "export": Command(export, "write the MJCF of the registered scenes, or of a robot"),
         "robot-file": Command(robot_file, "check the file of a robot of your own"),

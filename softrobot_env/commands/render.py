@@ -18,6 +18,7 @@ from softrobot_env.commands.arguments import (
     size,
 )
 from softrobot_env.commands.cases import fitting, make_setup
+from softrobot_env.commands.output import add_out, check_free, new_file
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
@@ -41,9 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         f"{', '.join(RIG_POLICIES)}; default: hybrid; of other robots static, or one's own, "
         "package.module:name or file.py:name; default: static",
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/render.mp4"), metavar="FILE", help=".mp4 or .gif"
-    )
+    add_out(parser, "out/render.mp4", ", or a .gif", "FILE")
     parser.add_argument("--fps", type=int, default=30, help="frames per second; default: 30")
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
@@ -60,6 +59,8 @@ def run(args: argparse.Namespace) -> int:
     """Run the command."""
     from softrobot_env.rendering.video import record, write_video
 
+    if args.record is not None:
+        check_free(args.record, overwrite=args.overwrite)
     setup = make_setup(args)
     case = _case(args, setup)
     setup.check([case])
@@ -69,7 +70,10 @@ def run(args: argparse.Namespace) -> int:
     if args.record is not None:
         env = RecordEpisodes(env, args.record)
     console = Console()
-    with Progress(console=console, transient=True) as progress:
+    with (
+        new_file(args.out, args.overwrite),
+        Progress(console=console, transient=True) as progress,
+    ):
         bar = progress.add_task(case.label, total=1.0)
         frames = record(
             env,

@@ -1,6 +1,7 @@
 """`softrobot train`: make the trained artifacts that policies load, for any robot."""
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -8,16 +9,19 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
+from softrobot_env.artifacts import artifact_folder, looked_up, training_folder
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_robot, policy, seed
+from softrobot_env.commands.output import add_out, claimed, inside, new_file
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import ARM, RobotParams, find_robot
 from softrobot_env.training.registry import TRAININGS, Order, Training, file_of
+from softrobot_env.training.rl_config import checkpoint_of
 
 EXAMPLE = """softrobot train lq_preview --robot my.toml
   softrobot train imitation --robot my.toml --teacher lq_preview
   softrobot train ppo --robot my.toml --start none
-  softrobot train rig_nn --twin 3 --out out"""
+  softrobot train rig_nn --twin 3"""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -31,14 +35,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_robot(parser, "a name or a file; default: the thesis' of the artifact")
     parser.add_argument("--seed", type=seed, default=0, help="of the randomness; default: 0")
+    add_out(parser, None, "default: beside the file of a robot of one's own, else out")
     parser.add_argument(
-        "--out",
-        type=Path,
-        metavar="DIR",
-        help="default: beside the robot's file, else the folder of models: where policies look",
-    )
-    parser.add_argument(
-        "--overwrite", action="store_true", help="replace the file of an earlier training"
+        "--ship",
+        action="store_true",
+        help="write what comes with the package: models/, or beside the robots in assets/",
     )
     parser.add_argument(
         "--quick", action="store_true", help="seconds, to see that everything runs; no good policy"
@@ -84,13 +85,13 @@ def run(args: argparse.Namespace) -> int:
     training.check(name, robot, settings)
     _check_settings(training, settings)
     order = Order(robot, _path(args, name, robot), args.seed, settings)
-    if order.path.exists() and not (args.overwrite or settings.get("resume")):
-        raise ValueError(
-            f"{order.path} is there already: --overwrite replaces it, --out DIR writes elsewhere"
-        )
-    order.path.parent.mkdir(parents=True, exist_ok=True)
     console, began = Console(), perf_counter()
-    with Progress(console=console, transient=True) as progress:
+    with ExitStack() as held:
+        held.enter_context(new_file(order.path, args.overwrite or bool(settings.get("resume"))))
+        if "checkpoint" in training.options:
+            held.enter_context(claimed(checkpoint_of(settings, order.path)))
+        order.path.parent.mkdir(parents=True, exist_ok=True)
+        progress = held.enter_context(Progress(console=console, transient=True))
         bar = progress.add_task(name, total=None)
 
         def show(description: str, done: int, total: int) -> None:
@@ -99,7 +100,10 @@ def run(args: argparse.Namespace) -> int:
         figures = training.run(order, show)
     figures = dict(figures) | {"time": f"{perf_counter() - began:.1f} s"}
     console.print(named_values(f"{name} of {robot.name}, seed {args.seed}", figures))
-    console.print(f"Wrote {order.path}")
+    console.print(f"Wrote {order.path}", soft_wrap=True)
+    used = looked_up(robot, name)
+    if used is not None and used.resolve() != order.path.resolve():
+        console.print(f"The policy {name} still acts on {used}: --ship replaces it", soft_wrap=True)
     return 0
 
 
@@ -119,5 +123,8 @@ def _check_settings(training: Training, settings: dict[str, Any]) -> None:
 
 def _path(args: argparse.Namespace, name: str, robot: RobotParams) -> Path:
     """The file to write."""
-    path = file_of(robot, args.name or name, args.out)
+    if args.ship and args.out is not None:
+        raise ValueError("--ship has its folder: give it or --out")
+    folder = artifact_folder(robot) if args.ship else args.out or training_folder(robot)
+    path = file_of(robot, inside(folder, name if args.name is None else args.name), folder)
     return path.with_stem(f"{path.stem}_{args.twin}") if args.twin else path

@@ -10,7 +10,7 @@ from numpy import float64
 from softrobot_env.envs.observations.table import Measured, Sources, copied
 from softrobot_env.envs.options import ResetOptions, check_rendering, one_action
 from softrobot_env.envs.reference import ReferenceTable
-from softrobot_env.envs.rendering.renderer import Frame, lifted, make_renderer
+from softrobot_env.envs.rendering.renderer import Frame, WindowRenderer, lifted, make_renderer
 from softrobot_env.envs.rewards import NO_REWARD
 from softrobot_env.envs.setting import SimulatedSetting, Start
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
@@ -114,6 +114,11 @@ class EpisodeEnv(gymnasium.Env[Seen, np.ndarray]):
     def scene(self) -> Scene | None:
         """The scene of the running episode; None with another plant than the MuJoCo chain."""
         return self._simulation.scene
+
+    @property
+    def simulation(self) -> Simulation | BeamSimulation:
+        """What is advanced; another one after a reset that varies the robot."""
+        return self._simulation
 
     def _install(self, simulation: Simulation | BeamSimulation) -> None:
         """Connect to a simulation, so that a step looks nothing up."""
@@ -281,6 +286,16 @@ class EpisodeEnv(gymnasium.Env[Seen, np.ndarray]):
             scene = self._setting.plant.config
             self._renderer = make_renderer(self.render_mode, scene, self._frame_size)
         return self._renderer.draw(self._frame())
+
+    def open_window(self) -> WindowRenderer:
+        """The window of render mode "human", opened with sliders for the drives if it is not open.
+
+        Raises:
+            RenderError: There is no display.
+        """
+        if self._renderer is None:
+            self._renderer = WindowRenderer(self._setting.plant.config, controls=True)
+        return self._renderer
 
     def _frame(self) -> Frame:
         return Frame(

@@ -220,6 +220,11 @@ class TrackingEnv(EpisodeEnv, gymnasium.Env[Seen, np.ndarray]):
         self._redrawn = isinstance(task, str) and "seed" not in task_options and setting.is_drawn
         super().__init__(setting, render_mode, (width, height))
 
+    @property
+    def command(self) -> np.ndarray:
+        """(nu,) what the drives are told [N or m], to be written to by who acts without `step`."""
+        return self._target
+
     def _make_readout(self, simulation: Simulation | BeamSimulation) -> Measured:
         self._target = simulation.ctrl
         if self._servos is not None:

@@ -1,6 +1,6 @@
 """One episode of a policy in an environment, instant by instant or recorded."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -16,6 +16,9 @@ from softrobot_env.recordings.episodes import at_their_time
 _PLANE = slice(0, 3, 2)
 
 _NOTHING = np.empty(0)
+
+#: Seconds between two words about the progress, which must not show in times.
+_TOLD_EVERY = 0.5
 
 #: Observables a recorded environment has to provide.
 RECORDED = ("tip_position", "reference", "previous_action")
@@ -75,6 +78,7 @@ def run_episode(
     policy: Policy,
     seed: int | None = None,
     options: dict[str, Any] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Rollout:
     """Run one episode to its end.
 
@@ -82,6 +86,7 @@ def run_episode(
         env: Environment that observes at least `RECORDED` and what the policy needs.
         policy: A policy; it sees only the observables it `requires`, if it says so.
         seed, options: Passed to `reset`.
+        progress: Told the time [s] in the episode now and again.
 
     Returns:
         The record. After a failure it ends at the last instant before it. Where `info` has a
@@ -98,9 +103,12 @@ def run_episode(
             f'recording needs a dict with the observables {missing}: pass observe="all"'
         )
     axes = getattr(env.unwrapped, "axes", _PLANE)
-    begin = perf_counter()
+    begin = due = perf_counter()
     samples, policy_time, status = _Table(), _Table(), []
     for moment in play(env, policy, seed, options):
+        if progress is not None and perf_counter() > due:
+            progress(float(moment.info["time"]))
+            due = perf_counter() + _TOLD_EVERY
         if moment.policy_time is not None:
             policy_time.add({"policy_time": moment.policy_time})
             status.append(moment.status or "")

@@ -1,6 +1,6 @@
 """The one way from a case to an episode with record and row."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -182,19 +182,25 @@ def _shares(status: np.ndarray) -> dict[str, float]:
     return {str(r): float(c / len(status)) for r, c in zip(reasons, counts, strict=True) if r}
 
 
-def run(case: Case, env: gymnasium.Env | None = None, policy: Policy | None = None) -> Outcome:
+def run(
+    case: Case,
+    env: gymnasium.Env | None = None,
+    policy: Policy | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> Outcome:
     """Run an episode, after a step that loads and compiles what is needed.
 
     Args:
         case: The episode.
         env: Environment to run it in, which stays open; the simulation of the case unless given.
         policy: The policy; that of the case unless given.
+        progress: Told the time [s] in the episode now and again.
     """
     if env is None:
         with closing(case.environment()) as made:
-            return run(case, made, policy)
+            return run(case, made, policy, progress)
     if policy is None:
         policy = case.make_policy(env.control_period)
     warm_up(env, policy, case.reset_options)
-    rollout = run_episode(env, policy, _SEED, case.reset_options)
+    rollout = run_episode(env, policy, _SEED, case.reset_options, progress)
     return Outcome(case, rollout, getattr(policy, "hold", 1) * env.control_period)

@@ -4,6 +4,8 @@ from typing import Any
 
 import numba
 
+from softrobot_env.machine_code import notice as notice
+
 #: Options of a function that compiled code calls, for `njit` and `overload`, and of one that Python
 #: or C code calls. Without them Numba does as it always does.
 LINKED: dict[str, Any] = {}

@@ -39,7 +39,12 @@ def draw_workspace(robot: RobotParams, folder: Path | str) -> Path:
     figure.suptitle(f"{robot.name}: tips at rest, {len(sample.tips)} of a sample", fontsize=11)
     add_legend(figure, axes[0, 0])
     Path(folder).mkdir(parents=True, exist_ok=True)
-    return save(figure, Path(folder) / f"workspace_{robot.name}.png")
+    return save(figure, picture_of(robot, folder))
+
+
+def picture_of(robot: RobotParams, folder: Path | str) -> Path:
+    """The picture of `draw_workspace`."""
+    return Path(folder) / f"workspace_{robot.name}.png"
 
 
 def _draw(axis: Axes, space: Workspace, sample: Sample, view: str) -> None:

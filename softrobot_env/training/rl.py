@@ -40,6 +40,7 @@ from softrobot_env.training.rl_config import (
     ROBOT_TASKS,
     TRAINING_TASKS,
     RLConfig,
+    checkpoint_of,
     of_any_robot,
     preset,
 )
@@ -133,7 +134,7 @@ def run(algorithm: str, order: Order, show: Show) -> Figures:
         order.seed,
         show,
         start,
-        checkpoint=settings.get("checkpoint", Path("out") / "train" / path.stem),
+        checkpoint=checkpoint_of(settings, path),
         resume=settings.get("resume", False),
         log=settings.get("log"),
         robot=robot,

@@ -1,6 +1,9 @@
 """Settings of reinforcement learning, and the ones that the shipped policies were trained with."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.fields import Count, Positive, check_fields
@@ -210,3 +213,8 @@ def of_any_robot(config: RLConfig, robot: RobotParams) -> RLConfig:
         trials=trials,
         **_ROBOT_SIZES[config.algorithm],
     )
+
+
+def checkpoint_of(settings: Mapping[str, Any], path: Path) -> Path:
+    """Folder of what a training that writes to a file needs to go on."""
+    return settings.get("checkpoint", Path("out") / "train" / path.stem)

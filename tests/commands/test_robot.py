@@ -131,7 +131,7 @@ def test_calibrate_goes_on_after_marks_that_contradict(robot, tmp_path, monkeypa
 def test_calibrate_replaces_no_file_and_tells_so_before_it_opens_the_port(robot, capsys):
     arguments = ["robot", "calibrate", "--robot-file", robot.file, "--out", robot.file]
     assert main([*arguments, "--port", "/dev/no-robot"]) == 2
-    assert "exists already" in capsys.readouterr().err
+    assert "is there already" in capsys.readouterr().err
 
 
 def test_calibrate_leaves_a_board_that_measures_lengths_its_zero(

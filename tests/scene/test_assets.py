@@ -13,7 +13,7 @@ PRECISION = 5e-6
 @pytest.mark.parametrize("name", SCENES)
 def test_exported_scene_is_what_the_builder_makes(name):
     text = (assets_dir() / f"{name}.xml").read_text(encoding="utf-8")
-    assert text == scene_xml(SCENES[name]), "run: softrobot export --out assets"
+    assert text == scene_xml(SCENES[name]), "run: softrobot export --out assets --overwrite"
 
 
 @pytest.mark.parametrize("name", SCENES)

@@ -8,7 +8,8 @@ from rich.console import Console, Group
 from rich.progress import Progress
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS
-from softrobot_env.commands.arguments import add_out, seed
+from softrobot_env.commands.arguments import seed
+from softrobot_env.commands.output import add_out, new_results
 from softrobot_env.commands.recording.check import add_file
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import Column, make_table, text_page
@@ -70,6 +71,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if a part of the recording could not be simulated."""
+    with new_results(args.out, args.overwrite):
+        return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
+    """Replay, print and write."""
     from softrobot_env.evaluation.report import write_json
     from softrobot_env.identification.replay import error_rows, replay
 
@@ -94,7 +101,6 @@ def run(args: argparse.Namespace) -> int:
     told = [*result.notes, *(f"Failed: {failure}" for failure in result.failures)]
     for line in told:
         console.print(line, soft_wrap=True, markup=False)
-    args.out.mkdir(parents=True, exist_ok=True)
     common = {"robot": robot.name, "plant": args.plant, "cpu_time": result.cpu_time}
     columns = [common | row.columns() for row in rows]
     write_json(args.out / "report.json", columns, args.command_line)

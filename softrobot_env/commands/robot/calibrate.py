@@ -11,6 +11,7 @@ from time import monotonic
 import numpy as np
 from rich.console import Console
 
+from softrobot_env.commands.output import add_out, new_file
 from softrobot_env.commands.robot.link import add_robot, numbers, open_driver, robot_of
 from softrobot_env.hardware.calibration import HELP, Calibration, UnknownCommandError, jog_file
 from softrobot_env.hardware.driver import Driver
@@ -29,9 +30,7 @@ quit        stop without a file"""
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     add_robot(parser)
-    parser.add_argument(
-        "--out", type=Path, default=Path("robot.toml"), help="file to write; default: robot.toml"
-    )
+    add_out(parser, "robot.toml", metavar="FILE")
 
 
 def run(args: argparse.Namespace) -> int:
@@ -41,9 +40,10 @@ def run(args: argparse.Namespace) -> int:
         FileExistsError: The file to write is there; the robot has not moved.
     """
     robot, console = robot_of(args), Console()
-    if args.out.exists():
-        raise FileExistsError(f"{args.out} exists already: choose another --out")
-    with open_driver(jog_file(robot), args.record) as driver:
+    with (
+        new_file(args.out, args.overwrite),
+        open_driver(jog_file(robot), args.record) as driver,
+    ):
         info = driver.connect()
         console.print(_HELP, highlight=False)
         driver.arm()

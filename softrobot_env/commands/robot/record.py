@@ -12,6 +12,7 @@ from rich.progress import Progress
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.commands.arguments import add_robot, positive, seed, variation
+from softrobot_env.commands.output import add_out, check_free
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
@@ -85,15 +86,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--static", action="store_true", help="keep one row for each rest, averaged over its end"
     )
-    parser.add_argument(
-        "--out", type=Path, default=Path("out/recording.csv"), metavar="FILE", help=".csv, .parquet"
-    )
+    add_out(parser, "out/recording.csv", ", or a .parquet", "FILE")
 
 
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if the robot was stopped before the end."""
     console = Console(highlight=False)
-    _check_free(args.out)
+    check_writable(args.out)
+    check_free(args.out, header_path(args.out), overwrite=args.overwrite)
     robot = RIG if args.robot is None else find_robot(args.robot)
     planned = plan(robot, _excitation(args), args.control_period)
     scales = ", ".join(f"{scale:.2g}" for scale in planned.scales)
@@ -107,14 +107,6 @@ def run(args: argparse.Namespace) -> int:
     write_recording(recording, args.out)
     console.print(f"Wrote {len(recording.times)} rows to {args.out}, and its header beside it")
     return int(bool(stopped))
-
-
-def _check_free(path: Path) -> None:
-    """Refuse to replace a recording, and what cannot be written, before the robot moves."""
-    check_writable(path)
-    for there in (path, header_path(path)):
-        if there.exists():
-            raise ValueError(f"{there} is there already: name another --out")
 
 
 def _recorded(

@@ -16,7 +16,8 @@ from rich.progress import Progress
 from rich.table import Table
 
 from softrobot_env.artifacts import read_arrays
-from softrobot_env.commands.arguments import add_out, positive
+from softrobot_env.commands.arguments import positive
+from softrobot_env.commands.output import add_out, new_results
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.robot_file.toml import read_robot_file
@@ -63,10 +64,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if a promise was broken."""
+    console = Console()
+    with new_results(args.out, args.overwrite):
+        return _run(args, console)
+
+
+def _run(args: argparse.Namespace, console: Console) -> int:
+    """Run, print and write."""
     from softrobot_env.evaluation.report import write_json
 
-    console = Console()
-    args.out.mkdir(parents=True, exist_ok=True)
     with _robot(args) as (file, tip, log):
         row = _soak(file, tip, args.seconds, console)
     if log is not None:

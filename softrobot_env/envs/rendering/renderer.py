@@ -29,6 +29,9 @@ _TRAIL_POINTS = 300
 _TRAIL_STEP = 0.008  # m between two points of the trail
 _FULL_SIZE = 0.4  # m of reach from which on target and tip are drawn in full size
 
+_SPACE = 32  # GLFW's number of the key that pauses
+_PAUSE = 0.02  # s between two looks at a window that is paused
+
 _SLACK = np.array([0.62, 0.67, 0.76, 1.0])
 _TIGHT = np.array([0.75, 0.0, 0.10, 1.0])
 _PATH = np.array([0.40, 0.42, 0.48, 1.0])
@@ -114,10 +117,14 @@ class OffscreenRenderer:
 
 
 class WindowRenderer:
-    """Shows frames in MuJoCo's viewer, not faster than real time."""
+    """Shows frames in MuJoCo's viewer, not faster than real time.
 
-    def __init__(self, config: SceneConfig) -> None:
-        """Open the window.
+    Attributes:
+        paused: Whether frames wait, which the space bar changes.
+    """
+
+    def __init__(self, config: SceneConfig, controls: bool = False) -> None:
+        """Open the window, with sliders for the drives if asked for. The space bar pauses.
 
         Raises:
             RenderError: There is no display.
@@ -133,8 +140,13 @@ class WindowRenderer:
         self._view = _View(config, 4 / 3)
         others = set(threading.enumerate())
         self._window = viewer.launch_passive(
-            self._view.model, self._view.data, show_left_ui=False, show_right_ui=False
+            self._view.model,
+            self._view.data,
+            key_callback=self._on_key,
+            show_left_ui=False,
+            show_right_ui=controls,
         )
+        self.paused = False
         camera = self._window.cam
         reach = config.robot.reach
         x, z = self._view.camera.center
@@ -146,7 +158,10 @@ class WindowRenderer:
 
     def draw(self, frame: Frame) -> None:
         """Update the window, after waiting until the frame is due; no picture is returned."""
-        if not self._window.is_running():
+        while self.paused and self.is_open:
+            self._window.sync()
+            time.sleep(_PAUSE)
+        if not self.is_open:
             return
         self._wait(frame.time)
         with self._window.lock():
@@ -154,6 +169,27 @@ class WindowRenderer:
             self._window.user_scn.ngeom = 0
             self._view.decorate_in_space(self._window.user_scn, frame)
         self._window.sync()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether nobody has closed the window."""
+        return self._window.is_running()
+
+    @property
+    def controls(self) -> np.ndarray:
+        """(nu,) where the sliders are [N or m], to be written to."""
+        return self._view.data.ctrl
+
+    def push(self, data: mujoco.MjData) -> None:
+        """Let the force of the mouse act on the bodies of the simulated scene."""
+        seen = self._view.data
+        for body in range(1, data.model.nbody):
+            name = data.model.body(body).name
+            data.xfrc_applied[body] = seen.body(name).xfrc_applied
+
+    def _on_key(self, key: int) -> None:
+        if key == _SPACE:
+            self.paused = not self.paused
 
     def _wait(self, now: float) -> None:
         simulated, wall = self._last

@@ -1,0 +1,132 @@
+"""Where commands write: nothing that is there is replaced unless --overwrite is given.
+
+One rule for files and folders of results. Nobody else writes to them meanwhile.
+"""
+
+import argparse
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from hashlib import sha256
+from pathlib import Path
+
+from softrobot_env.paths import private_dir
+from softrobot_env.writing import write_text
+
+#: What makes a folder one of results, and the list of what was written to it.
+_REPORT, _LIST = "report.json", ".written"
+
+
+def add_out(
+    parser: argparse._ActionsContainer, default: str | None, note: str = "", metavar: str = "DIR"
+) -> None:
+    """--out and --overwrite."""
+    told = note if default is None else f"default: {default}{note}"
+    usual = None if default is None else Path(default)
+    parser.add_argument("--out", type=Path, default=usual, metavar=metavar, help=told)
+    parser.add_argument(
+        "--overwrite", action="store_true", help="replace what is there of an earlier run"
+    )
+
+
+def check_free(*paths: Path, overwrite: bool) -> None:
+    """Refuse to replace files.
+
+    Raises:
+        FileExistsError: One is there, and is not to be overwritten.
+    """
+    for path in paths:
+        if path.exists() and not overwrite:
+            raise FileExistsError(
+                f"{path} is there already: --overwrite replaces it, --out writes elsewhere"
+            )
+
+
+@contextmanager
+def new_file(path: Path, overwrite: bool) -> Iterator[None]:
+    """Hold a file that is free while it is made.
+
+    Raises:
+        FileExistsError: As `check_free`.
+        BlockingIOError: Another run writes to it.
+    """
+    with claimed(path):
+        check_free(path, overwrite=overwrite)
+        yield
+
+
+@contextmanager
+def new_results(folder: Path, overwrite: bool) -> Iterator[None]:
+    """Hold a folder without results, or whose results are to be overwritten, and fill it.
+
+    What an earlier run left there and this one did not write anew is deleted at the end, if this
+    one wrote a report; other files stay.
+
+    Raises:
+        FileExistsError: There are results.
+        BlockingIOError: Another run writes to it.
+    """
+    with claimed(folder):
+        check_free(folder / _REPORT, overwrite=overwrite)
+        folder.mkdir(parents=True, exist_ok=True)
+        listed, before = _listed(folder), _states(folder)
+        try:
+            yield
+        finally:
+            now = _states(folder)
+            written = {name for name, state in now.items() if state != before.get(name)}
+            if _REPORT in written:
+                for name in listed - written:
+                    (folder / name).unlink(missing_ok=True)
+                write_text(folder / _LIST, "".join(f"{name}\n" for name in sorted(written)))
+
+
+def _listed(folder: Path) -> set[str]:
+    """Names of what an earlier run wrote to a folder."""
+    with suppress(OSError, UnicodeDecodeError):
+        names = (folder / _LIST).read_text(encoding="utf-8").splitlines()
+        return {name for name in names if Path(name).name == name and (folder / name).is_file()}
+    return set()
+
+
+def _states(folder: Path) -> dict[str, tuple[int, int]]:
+    """What changes of a file when it is written anew, by name."""
+    found = {path.name: path.stat() for path in folder.iterdir() if path.is_file()}
+    return {name: (s.st_ino, s.st_mtime_ns) for name, s in found.items() if name != _LIST}
+
+
+@contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """Hold a file or folder; a process that ends, however it ends, holds nothing any more.
+
+    The lock is on a file of its own among temporary ones, so it keeps out the runs of this user on
+    this machine. Systems without `fcntl` have no locks.
+
+    Raises:
+        BlockingIOError: Another run holds it.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    name = sha256(str(path.resolve()).encode()).hexdigest()[:24]
+    with (private_dir() / f"{name}.lock").open("w") as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BlockingIOError(
+                f"another run writes to {path}: wait for it, or --out writes elsewhere"
+            ) from None
+        yield
+
+
+def inside(folder: Path, name: str) -> str:
+    """A name that stays within a folder.
+
+    Raises:
+        ValueError: It has other parts than one name.
+    """
+    if name in ("", ".", "..") or any(mark in name for mark in {"/", "\\", os.sep, "\0"}):
+        raise ValueError(f"--name {name!r}: a name without folders, as it is written to {folder}")
+    return name

@@ -1,0 +1,140 @@
+"""`softrobot view`: a robot alive in a window or a browser, with sliders for its drives."""
+
+import argparse
+from contextlib import closing
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+
+from softrobot_env.beams.registry import MUJOCO
+from softrobot_env.commands.arguments import add_robot, policy
+from softrobot_env.commands.cases import make_setup
+from softrobot_env.commands.setups import Setup
+from softrobot_env.commands.task_options import add_task, one_task
+from softrobot_env.envs.rendering.opengl import RenderError, check_display
+from softrobot_env.evaluation.runner import Case
+from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.config import visible
+from softrobot_env.scene.registry import scene_of
+
+if TYPE_CHECKING:
+    from softrobot_env.envs.tracking import TrackingEnv
+
+EXAMPLE = """softrobot view --robot my.toml
+  softrobot view --task swing --policy feedforward_pi
+  softrobot view --robot planar_finger --web"""
+
+_HELP = "Space pauses; double-click on a piece, then Ctrl and drag, pulls it"
+_HOST = "127.0.0.1"
+
+#: Arguments of a scene, which is the robot's own here.
+_SCENE = ("control_period", "pieces", "rule", "timestep", "integrator", "accuracy")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    add_robot(parser, "default: the task's")
+    add_task(parser)
+    parser.add_argument(
+        "--policy", type=policy, metavar="POLICY", help="drives the robot; default: the sliders do"
+    )
+    parser.add_argument(
+        "--web",
+        action="store_true",
+        help="in a browser of this machine, without display: MuJoCo's studio, which has no "
+        "authentication (whoever runs programs here can reach it)",
+    )
+    parser.add_argument(
+        "--port", type=int, default=0, help="of --web; default: a free one from 8080 on"
+    )
+    parser.set_defaults(plant=MUJOCO, twin=None, learnt=None, **dict.fromkeys(_SCENE))
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command until the window is closed.
+
+    Raises:
+        ValueError: A policy together with --web.
+        RenderError: There is no display.
+    """
+    setup = make_setup(args)
+    task = one_task(args, setup.robot)
+    if args.web:
+        if args.policy is not None:
+            raise ValueError("--policy goes with a window only, not with --web")
+        _browse(scene_of(task.robot), args.port)
+        return 0
+    try:
+        check_display()
+    except RenderError as error:
+        raise RenderError(f"{error}: softrobot view --web shows the robot in a browser") from None
+    case = _case(args, setup, task)
+    Console().print(_HELP)
+    with closing(setup.environment(case, render_mode="human").unwrapped) as env:
+        if args.policy is None:
+            _by_hand(env)
+        else:
+            _by_policy(env, case)
+    return 0
+
+
+def _case(args: argparse.Namespace, setup: Setup, task: Any) -> Case:
+    """What is shown; without a policy as the usual one of the robot would have it."""
+    name = args.policy or setup.default_policy(task.robot)
+    reason = setup.misfit(name, task.robot)
+    if reason is not None:
+        raise ValueError(f"policy {name!r} is not for the task {task.name}: {reason}")
+    case = setup.complete(Case(task, name, twin=None))
+    setup.check([case])
+    return replace(case, duration=None)
+
+
+def _by_hand(env: "TrackingEnv") -> None:
+    """Let the sliders drive."""
+    env.reset()
+    window, simulation = env.open_window(), env.simulation
+    window.controls[:] = env.command
+    while window.is_open:
+        window.push(simulation.data)
+        env.command[:] = window.controls
+        if not simulation.advance():
+            env.reset()
+        env.render()
+
+
+def _by_policy(env: "TrackingEnv", case: Case) -> None:
+    """Let a policy drive, episode by episode."""
+    from softrobot_env.evaluation.run import play
+
+    window, acting = env.open_window(), case.make_policy(env.control_period)
+    while window.is_open:
+        for _ in play(env, acting, options=case.reset_options):
+            window.push(env.simulation.data)
+            window.controls[:] = env.simulation.ctrl
+            env.render()
+            if not window.is_open:
+                return
+
+
+def _browse(config: Any, port: int) -> None:
+    """Serve MuJoCo's studio to this machine alone."""
+    try:
+        from mujoco.studio import app, launch_web, viewer_protocol, web_viewer
+    except ImportError as error:
+        raise ImportError(f"--web needs mujoco.studio, which this MuJoCo lacks: {error}") from None
+
+    # MuJoCo's own way is to listen to every network, with nothing that asks who is there.
+    bind = web_viewer.web_server.bind_public_socket
+    web_viewer.web_server.bind_public_socket = lambda host, port=0: bind(_HOST, port)
+    web_viewer._print_url_banner = lambda host, port: _tell(port)
+    scene = build_scene(replace(visible(config), timestep=None, integrator="discrete"))
+    setting = viewer_protocol.ViewerConfig(title=config.robot.name, gfx="web", http_port=port)
+    launch_web.run(setting, model=scene.model, plugins=[app.App(), *app.SIM_PLUGINS])
+
+
+def _tell(port: int) -> None:
+    Console(soft_wrap=True).print(
+        f"http://{_HOST}:{port}/ shows the robot; Ctrl-C ends it. It has no authentication: all "
+        "programs of this machine, and pages open in its browsers, can reach it"
+    )

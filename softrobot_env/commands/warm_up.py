@@ -1,0 +1,85 @@
+"""`softrobot warm-up`: compile ahead what is otherwise compiled, in silence, at its first use."""
+
+import argparse
+from concurrent.futures import as_completed
+from contextlib import closing
+from itertools import islice
+from time import perf_counter
+
+from rich.console import Console
+from rich.progress import Progress
+
+from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
+from softrobot_env.control.registry import POLICIES, RIG_POLICIES, installed_policies
+from softrobot_env.processes import usable_cores, worker_processes
+
+EXAMPLE = """softrobot warm-up
+  softrobot warm-up lq_adaptive pcc"""
+
+#: What runs until nothing more is compiled.
+_STEPS = 3
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    parser.add_argument(
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help=f"plants ({', '.join(PLANTS)}) and policies of the arm and the rig; default: all",
+    )
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command; 1 if one of them does not run.
+
+    Raises:
+        ValueError: There is no such plant or policy.
+    """
+    known = _known()
+    unknown = [name for name in args.names if name not in known]
+    if unknown:
+        raise ValueError(f"unknown {', '.join(unknown)}: choose from {', '.join(known)}")
+    names = list(dict.fromkeys([MUJOCO, *(args.names or known)]))
+    console, began, failed = Console(), perf_counter(), 0
+    with (
+        Progress(console=console, transient=True) as progress,
+        worker_processes(min(usable_cores(), len(names))) as pool,
+    ):
+        bar = progress.add_task("compiling", total=len(names))
+        pool.submit(warm, names[0]).result()  # what all others need
+        progress.advance(bar)
+        waiting = {pool.submit(warm, name): name for name in names[1:]}
+        for done in as_completed(waiting):
+            progress.update(bar, advance=1, description=f"compiling: {waiting[done]} is done")
+            if (error := done.exception()) is not None:
+                failed += 1
+                console.print(f"{waiting[done]}: {error}", markup=False, soft_wrap=True)
+    ready = len(names) - failed
+    console.print(f"{ready} of {len(names)} are compiled, in {perf_counter() - began:.0f} s")
+    return int(failed > 0)
+
+
+def _known() -> list[str]:
+    """Plants and installed policies."""
+    return list(dict.fromkeys([*PLANTS, *installed_policies(), *RIG_POLICIES]))
+
+
+def warm(name: str) -> None:
+    """Compile what a plant or a policy needs, by running a few steps."""
+    from softrobot_env.control.registry import make_policy, policy_environment
+    from softrobot_env.envs.rig import RigEnv
+    from softrobot_env.envs.tracking import TrackingEnv
+    from softrobot_env.evaluation.run import play
+    from softrobot_env.robots import ARM, RIG
+
+    policy, robot, plant = ("hold", ARM, {}) if name in PLANTS else (name, ARM, {})
+    if name in PLANTS and name != MUJOCO:
+        plant = {"plant": BeamPlant(name)}
+    if name in RIG_POLICIES and name not in POLICIES:
+        robot = RIG
+    options = policy_environment(policy, robot) | plant
+    made = TrackingEnv("swing", **options) if robot == ARM else RigEnv("triangle", **options)
+    with closing(made) as env:
+        for _ in islice(play(env, make_policy(policy, robot, env.control_period)), _STEPS):
+            pass

@@ -1,0 +1,139 @@
+"""What commands write: nothing of an earlier run is lost, mixed up or written by two at once."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from softrobot_env.artifacts import find_artifact, training_folder
+from softrobot_env.cli import main
+from softrobot_env.commands.output import claimed, new_results
+from softrobot_env.paths import models_dir
+from softrobot_env.robots import ARM, read_robot
+
+_EVALUATE = ["evaluate", "--tasks", "lshape", "--policies", "hold", "--control-period", "0.2"]
+_SHORT = [*_EVALUATE, "--duration", "0.4", "--no-plots"]
+
+#: Calls that find what they would write, and the name of it.
+_TAKEN = {
+    "evaluate": (_SHORT, "report.json"),
+    "benchmark": (["benchmark", "speed", "--quick"], "speed/report.json"),
+    "export": (["export"], "arm.xml"),
+    "train": (["train", "lqi", "--quick"], "lqi.npz"),
+    "inspect": (
+        ["inspect", "--robot", "planar_finger", "--workspace"],
+        "workspace_planar_finger.png",
+    ),
+    "replay": (
+        ["recording", "replay", "rec.csv", "--robot", "rig"],
+        "report.json",
+    ),
+    "soak": (["robot", "soak"], "report.json"),
+}
+
+
+def refused(words, capsys):
+    assert main([str(word) for word in words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+@pytest.mark.parametrize("name", _TAKEN)
+def test_earlier_results_are_not_replaced(name, tmp_path, capsys):
+    words, written = _TAKEN[name]
+    path = tmp_path / written
+    path.parent.mkdir(exist_ok=True)
+    path.write_text("mine")
+    assert "--overwrite" in refused([*words, "--out", tmp_path], capsys)
+    assert path.read_text() == "mine"
+    assert [found for found in tmp_path.rglob("*") if found.is_file()] == [path]
+
+
+@pytest.mark.parametrize("words", [["render", "--task", "swing"], ["grip"]])
+def test_earlier_videos_are_not_replaced(words, tmp_path, capsys):
+    path = tmp_path / "a.gif"
+    path.write_text("mine")
+    assert "--overwrite" in refused([*words, "--out", path], capsys)
+    assert path.read_text() == "mine"
+
+
+def test_overwriting_leaves_nothing_old_and_nothing_of_others(tmp_path):
+    given = [*_SHORT, "--out", str(tmp_path)]
+    assert main([*given, "--save-rollouts"]) == 0
+    (mine := tmp_path / "ppo.npz").write_text("mine")
+    assert (tmp_path / "lshape_hold.npz").is_file()
+    assert main([*given, "--overwrite", "--vary", "density=2"]) == 0
+    assert not (tmp_path / "lshape_hold.npz").exists()
+    assert mine.read_text() == "mine"
+    (row,) = json.loads((tmp_path / "report.json").read_text())["rows"]
+    assert row["variation"] == {"density": 2.0}
+
+
+def test_what_fails_before_its_report_leaves_the_earlier_one_whole(tmp_path):
+    (tmp_path / "report.json").write_text("old")
+    (tmp_path / "a.png").write_text("old")
+    (tmp_path / ".written").write_text("report.json\na.png\n")
+
+    def fail():
+        with new_results(tmp_path, overwrite=True):
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        fail()
+    assert (tmp_path / "report.json").read_text() == (tmp_path / "a.png").read_text() == "old"
+
+
+_HOLD = """
+import sys
+from pathlib import Path
+from softrobot_env.commands.output import claimed
+with claimed(Path(sys.argv[1])):
+    print("held", flush=True)
+    sys.stdin.read()
+"""
+
+
+def test_two_runs_do_not_write_to_one_folder(tmp_path, capsys):
+    holder = subprocess.Popen(
+        [sys.executable, "-c", _HOLD, str(tmp_path)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert holder.stdout.readline() == "held\n"
+    try:
+        assert "another run writes to" in refused([*_SHORT, "--out", tmp_path], capsys)
+    finally:
+        holder.kill()
+        holder.communicate()
+    with claimed(tmp_path):  # what was killed holds nothing
+        pass
+
+
+@pytest.mark.parametrize("name", ["../x", "a/b", "", "..", "/tmp/x"])
+def test_names_do_not_leave_the_folder(name, tmp_path, capsys):
+    words = ["train", "--algo", "ppo", "--start", "none", "--quick", "--out", tmp_path / "in"]
+    pytest.importorskip("stable_baselines3")
+    assert "--name" in refused([*words, "--name", name], capsys)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_trainings_do_not_touch_what_is_shipped(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    shipped = (models_dir() / "lqi.npz").read_bytes()
+    assert main(["train", "lqi", "--quick"]) == 0
+    assert "--ship" in capsys.readouterr().out.replace("\n", " ")
+    assert (tmp_path / "out" / "lqi.npz").is_file()
+    assert (models_dir() / "lqi.npz").read_bytes() == shipped
+    assert find_artifact(ARM, "lqi") == models_dir() / "lqi.npz"
+    assert "--overwrite" in refused(["train", "lqi", "--quick", "--ship"], capsys)
+
+
+def test_trainings_of_ones_own_robot_go_beside_its_file(tmp_path):
+    source = Path(__file__).parents[2] / "assets" / "robots" / "planar_finger.toml"
+    assert training_folder(read_robot(source)) == Path("out")
+    own = tmp_path / "mine.toml"
+    own.write_text(source.read_text())
+    assert training_folder(read_robot(own)) == tmp_path

@@ -1,0 +1,144 @@
+"""A robot alive: in a window under a virtual display, in a browser of this machine, or refused."""
+
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import urllib.request
+
+import pytest
+
+from softrobot_env.cli import main
+
+_PROGRAM = [sys.executable, "-m", "softrobot_env", "view"]
+
+
+def test_without_display_there_is_one_line(monkeypatch, capsys):
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    if sys.platform != "linux":
+        pytest.skip("other systems always have a display")
+    assert main(["view", "--task", "swing"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "display" in line and "--web" in line
+
+
+def test_a_policy_does_not_go_with_the_browser(capsys):
+    assert main(["view", "--web", "--policy", "hold"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--policy" in line
+
+
+def own_address():
+    """An address of this machine that is not the loopback's, None without one."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+        except OSError:
+            return None
+        found = probe.getsockname()[0]
+    return None if found.startswith("127.") else found
+
+
+@pytest.mark.slow
+def test_the_browser_is_served_on_this_machine_alone(tmp_path):
+    pytest.importorskip("mujoco.studio.launch_web")
+    with subprocess.Popen(
+        [*_PROGRAM, "--robot", "planar_finger", "--web"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        cwd=tmp_path,
+    ) as running:
+        try:
+            told = ""
+            while (found := re.search(r"http://127\.0\.0\.1:(\d+)/", told)) is None:
+                line = running.stdout.readline()
+                assert line, told
+                told += line
+            assert "no authentication" in told
+            port = int(found[1])
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=20) as page:
+                assert page.status == 200
+            if (address := own_address()) is not None:
+                with socket.socket() as other:
+                    assert other.connect_ex((address, port)) != 0
+        finally:
+            running.send_signal(signal.SIGINT)
+            running.communicate(timeout=30)
+
+
+@pytest.fixture
+def display(monkeypatch):
+    if shutil.which("Xvfb") is None:
+        pytest.skip("Xvfb is not installed")
+    read, write = os.pipe()
+    server = subprocess.Popen(
+        ["Xvfb", "-displayfd", str(write), "-screen", "0", "800x600x24"],
+        pass_fds=[write],
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(write)
+    with os.fdopen(read) as told:
+        number = told.readline().strip()
+    monkeypatch.setenv("DISPLAY", f":{number}")
+    yield
+    server.terminate()
+    server.wait()
+
+
+_BY_HAND = """
+import sys
+import numpy as np
+from softrobot_env.cli import main
+from softrobot_env.envs.rendering import renderer
+
+frames, tips = 0, []
+draw = renderer.WindowRenderer.draw
+
+def counted(window, frame):
+    global frames
+    draw(window, frame)
+    frames += 1
+    tips.append(window._view._tip.copy())
+    if frames == 10:  # the window is fully open
+        window.controls[:] = 0.5 * window._view.model.actuator_ctrlrange[:, 1] * np.arange(
+            window.controls.size)
+    if frames == 60:
+        window._on_key(32)
+        assert window.paused
+        window._on_key(32)
+        window._window.close()
+
+renderer.WindowRenderer.draw = counted
+status = main(["view", *sys.argv[1:]])
+print("moved", float(np.linalg.norm(tips[-1] - tips[0])), "frames", frames)
+sys.exit(status)
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["--task", "swing"],
+        ["--robot", "planar_finger"],
+        ["--task", "triangle"],
+        ["--task", "swing", "--policy", "feedforward_pi"],
+    ],
+    ids=" ".join,
+)
+def test_the_window_shows_the_robot_move(words, display, tmp_path):
+    done = subprocess.run(
+        [sys.executable, "-c", _BY_HAND, *words],
+        capture_output=True,
+        text=True,
+        timeout=180,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    moved = float(re.search(r"moved (\S+)", done.stdout)[1])
+    assert moved > 1e-3, done.stdout
