@@ -5,6 +5,7 @@ MuJoCo chain: a row takes 0.2 ms instead of some 5. What is found is written as 
 header, and confirmed there by the chain.
 """
 
+from copy import copy
 from dataclasses import dataclass, replace
 from math import atan2, ceil, degrees
 
@@ -59,6 +60,10 @@ class StaticModel:
         robot, recording: As given; the recording's columns are the robot's tendons by then.
         unknowns: The parameters.
         begins: (t,) bool, rows where another run begins.
+        points: (t, k, 3) [m], recorded markers along the robot's axes at its base.
+        spatial: Whether the robot leaves its plane.
+        layout: Its pieces.
+        stretches: First piece after each end of a section or tendon.
     """
 
     def __init__(
@@ -67,6 +72,7 @@ class StaticModel:
         recording: Recording,
         turned: bool = False,
         pieces: int | None = None,
+        as_filed: bool = False,
     ) -> None:
         """Build the arrays.
 
@@ -75,6 +81,8 @@ class StaticModel:
             recording: Of rows at rest, with known tendons.
             turned: Whether the recording's axes may be turned about the robot's by any angle.
             pieces: Between two ends of sections or tendons; two or more unless given.
+            as_filed: Whether friction is the file's, also where that is too little to begin a
+                search with.
 
         Raises:
             ValueError: The model lacks what the robot has, or the recording has no markers.
@@ -82,6 +90,7 @@ class StaticModel:
         _check(robot, recording)
         self.robot, self.recording = robot, recording
         self._controls = np.ascontiguousarray(recording.controls(robot))
+        self._gravity = np.array(robot.own_gravity)
         self._by_length = recording.drive(robot) == "length"
         self.begins = np.append(True, np.diff(recording.runs) != 0)
         self._axes = np.eye(3) if robot.base is None else robot.base.axes
@@ -100,8 +109,20 @@ class StaticModel:
             )
         )
         travel = float(np.ptp(recording.commands, axis=0).max())
-        self._friction = start_friction(robot, travel, self._by_length)
+        self._friction = np.array([t.friction for t in robot.tendons], dtype=float)
+        if not as_filed:
+            self._friction = start_friction(robot, travel, self._by_length)
         self._lay(pieces)
+
+    def on(self, recording: Recording, gravity: np.ndarray | None = None) -> "StaticModel":
+        """The same model of another recording, with gravity (3,) [m/s2] along the robot's axes."""
+        other = copy(self)
+        other.recording, other._controls = recording, recording.controls(self.robot)
+        other.begins = np.append(True, np.diff(recording.runs) != 0)
+        other.points = (recording.markers - self._base) @ self._axes
+        if gravity is not None:
+            other._gravity = gravity
+        return other
 
     def _lay(self, pieces: int | None) -> None:
         robot, markers = self.robot, self.recording.header.marker
@@ -116,6 +137,7 @@ class StaticModel:
             + [ends[-1:]]
         )
         self._edges, sizes = edges, np.diff(edges)
+        self.stretches = pieces * np.arange(len(ends) - 1)
         tendons = robot.tendons
         last = np.array([int(np.argmin(np.abs(edges - t.end))) for t in tendons], dtype=int)
         spans = np.full((len(tendons), len(sizes)), float(_CHANNEL))
@@ -179,7 +201,7 @@ class StaticModel:
         heavy = np.exp(take("mass", 1)[0])
         head = robot.head
         over = np.array([0.0, 0.0]) if head is None else np.array([head.mass, head.centre])
-        gravity = self._turn(x, "gravity_tilt").T @ np.array(robot.own_gravity)
+        gravity = self._turn(x, "gravity_tilt").T @ self._gravity
         straight = self._edges[self.layout.last] + x[:1].sum() * 0
         return Body(
             stiffness,
