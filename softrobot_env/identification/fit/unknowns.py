@@ -16,6 +16,8 @@ from scipy.linalg import block_diag
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
+_BEND = 0.1  # rad, by which the zero of a servo may bend a robot
+
 #: Stages in their order, and what they find.
 STAGES: dict[str, str] = {
     "frame": "frame of the recording and offsets of its markers",
@@ -74,8 +76,6 @@ def groups(
     loose = 3.0 if turned else radians(2)
     about = [loose if axis == "z" else radians(3) for axis in turns]
     size = robot.length
-    travel = float(np.ptp(recording.commands, axis=0).max())
-    force = _typical_force(robot, travel, by_length)
     found = [
         Group("frame_turn", "frame", turns, tuple(about), "rad"),
         Group("frame_shift", "frame", axes, 0.03 * size, "m"),
@@ -99,7 +99,9 @@ def groups(
     found.append(Group("youngs_modulus", "statics", sections, 0.1, "log", 0.3))
     if by_length:
         found.append(Group("tendon_stiffness", "statics", names, 0.3, "log", 1.0))
-        found.append(Group("pretension", "statics", names, force / 2, "N", force))
+        zero = _BEND * np.median([t.farthest * t.stiffness for t in robot.tendons])
+        usual = float(np.median([t.pretension for t in robot.tendons]))
+        found.append(Group("pretension", "statics", names, zero, "N", usual + zero))
     found.append(Group("tendon_friction", "statics", names, 0.4, "log", 2.0))
     return found
 
