@@ -46,6 +46,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "default: all",
     )
     parser.add_argument(
+        "--known",
+        type=lambda text: tuple(text.split(",")),
+        default=(),
+        metavar="A,B",
+        help="kinds of parameters that the robot file says exactly, such as mass,tendon_radius",
+    )
+    parser.add_argument(
         "--any-turn",
         action="store_true",
         help="the recording's frame may be turned by any angle about the robot's axis, as it may "
@@ -86,6 +93,7 @@ def run(args: argparse.Namespace) -> int:
             recording,
             robot,
             stages,
+            known=args.known,
             any_turn=args.any_turn,
             validate=not args.no_validation,
             show=show,

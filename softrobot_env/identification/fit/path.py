@@ -98,6 +98,7 @@ def identify(
     robot: RobotParams,
     stages: Sequence[str] = tuple(STAGES),
     *,
+    known: Sequence[str] = (),
     any_turn: bool = False,
     validate: bool = True,
     show: Show | None = None,
@@ -108,6 +109,7 @@ def identify(
         recording: Of it; of a moving robot the statics use what is at rest.
         robot: As its file says.
         stages: Out of `STAGES`; what the others would find stays as the file says.
+        known: Kinds of parameters that the file says exactly, such as "mass".
         any_turn: Whether the recording's frame may be turned by any angle about the robot's axis,
             as it is where columns' tendons are not known.
         validate: Whether to cross-validate.
@@ -131,7 +133,7 @@ def identify(
     turned = any_turn or found is not None
     model = StaticModel(robot, static, turned)
     unknowns = model.unknowns
-    free, x = _free(model, stages), np.zeros(len(unknowns.spread))
+    free, x = _free(model, stages, known), np.zeros(len(unknowns.spread))
     if found is not None:
         x[unknowns.place("frame_turn").stop - 1] = found.turn
     began = perf_counter()
@@ -162,12 +164,20 @@ def identify(
     built = replace(model.robot_of(fit.x), name=f"{robot.name}_identified")
     header = model.header_of(fit.x, static.header)
     dynamics = None
-    if moving is not None:
-        header = replace(header, static=recording.static)
+    if moving is not None:  # rows at rest were made here: what is read again is what was recorded
+        lost = [marker.may_be_lost for marker in recording.header.marker]
+        markers = tuple(
+            replace(m, may_be_lost=own) for m, own in zip(header.marker, lost, strict=True)
+        )
+        header = replace(header, static=recording.static, marker=markers)
     if moving is not None and "dynamics" in stages:
         began = perf_counter()
         dynamics = dynamics_of(
-            built, placed(moving, header), lambda n, _: told("dynamics", n, 6)
+            built,
+            placed(moving, header),
+            _common(unknowns, fit, "youngs_modulus"),
+            _common(unknowns, fit, "tendon_friction"),
+            lambda n, _: told("dynamics", n, 6),
         )
         built = dynamics.robot
         late = tuple(replace(m, delay_s=m.delay_s + dynamics.delay) for m in header.marker)
@@ -212,9 +222,26 @@ def placed(recording: Recording, header: Header) -> Recording:
     )
 
 
-def _free(model: StaticModel, stages: Sequence[str]) -> np.ndarray:
-    """(p,) bool: parameters of the stages, but turns of points that were not wholly measured."""
+def _common(unknowns: Unknowns, fit: Fit, name: str) -> float:
+    """Standard deviation of what the parameters of a kind have in common."""
+    place = unknowns.place(name)
+    part = fit.covariance[place, place]
+    return float(np.sqrt(part.mean()))
+
+
+def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np.ndarray:
+    """(p,) bool: parameters of the stages, but turns of points that were not wholly measured.
+
+    Raises:
+        ValueError: A known kind is none, or nothing is left.
+    """
     free = model.unknowns.of(stages)
+    for name in known:
+        place = model.unknowns.place(name)
+        if place is None:
+            kinds = ", ".join(group.name for group in model.unknowns.groups)
+            raise ValueError(f"known must be out of {kinds}, got {name!r}")
+        free[place] = False
     turn = model.unknowns.place("frame_turn")
     if turn is not None and np.isnan(model.points).all(axis=(0, 1)).any():
         free[turn] = False

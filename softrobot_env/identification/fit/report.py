@@ -167,7 +167,8 @@ def error_rows(found: Identification) -> list[ErrorRow]:
 def _error(
     rows: str, model: str, pattern: str, error: np.ndarray, mean: np.ndarray | None = None
 ) -> ErrorRow:
-    distance = np.sqrt(np.nansum(error**2, axis=-1))
+    known = error[~np.isnan(error).all(axis=-1)]
+    distance = np.sqrt(np.nansum(known**2, axis=-1))
     off = centred(error) if mean is None else size(error - mean)
     return ErrorRow(
         rows,
@@ -176,8 +177,8 @@ def _error(
         len(error),
         size(error),
         off,
-        float(distance.mean()),
-        float(distance.max()),
+        float(distance.mean()) if distance.size else 0.0,
+        float(distance.max(initial=0.0)),
     )
 
 
