@@ -21,7 +21,8 @@ _WINDOW, _BEFORE = 1.5, 3.0  # s after it begins to move, and at most before
 _STEPS = 6
 _PROBE = (0.05, 0.004, 0.01, 0.05)  # of log damping, delay [s], log modulus, log friction
 _PRIOR = (1.5, 0.05)  # of the first two
-_LEAST = 1e-6  # of the others
+_LEAST = 1e-3  # of the modulus
+_IN_MOTION = 0.2  # by which friction in motion may differ from that at rest
 _MOST = np.array([1.0, 0.03, 0.2, 0.5])  # of a step
 _START_DELAY = 0.0
 
@@ -103,7 +104,7 @@ def dynamics_of(
         return out
 
     values = np.array([0.0, _START_DELAY, 0.0, 0.0])
-    prior = np.array([*_PRIOR, max(modulus, _LEAST), max(friction, _LEAST)])
+    prior = np.array([*_PRIOR, max(modulus, _LEAST), np.hypot(friction, _IN_MOTION)])
     count = len(values)
     here = error(values)
     before = _rms(here)
