@@ -1,4 +1,4 @@
-"""Pictures of an identification: errors over rows and workspace, and how well parameters are known."""
+"""Pictures of an identification: errors over rows and workspace, and spreads of parameters."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -104,6 +104,9 @@ def _parameters(parameters: Sequence[Known], title: str) -> Figure:
     figure.suptitle(f"{title}: parameters with 95 % intervals", fontsize=11)
     add_legend(
         figure,
-        [entry("found", color=GREEN, marker="o"), entry("believed, 95 %", color="0.8", linewidth=6)],
+        [
+            entry("found", color=GREEN, marker="o"),
+            entry("believed, 95 %", color="0.8", linewidth=6),
+        ],
     )
     return figure

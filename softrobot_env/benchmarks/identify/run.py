@@ -61,7 +61,7 @@ def repetition(seed: int) -> list[FoundRow]:
     truth = drawn(seed)
     recording = recorded(truth, seed)
     began = perf_counter()
-    found = identify(recording, BELIEVED, _STAGES, known=("mass","marker_offset"), validate=False)
+    found = identify(recording, BELIEVED, _STAGES, known=("mass", "marker_offset"), validate=False)
     taken, rms = perf_counter() - began, size(found.fit.simulated.error)
     rows = {row.parameter: row for row in parameter_rows(found)}
     out = []
@@ -79,9 +79,7 @@ def repetition(seed: int) -> list[FoundRow]:
         value, low, high = (begin * exp(x) for x in (row.value, row.low, row.high))
         inside = row.low <= log(true / begin) <= row.high
         out.append(
-            FoundRow(
-                seed, kind, name, true, value, low, high, inside, value / true - 1, rms, taken
-            )
+            FoundRow(seed, kind, name, true, value, low, high, inside, value / true - 1, rms, taken)
         )
     late = rows["marker_delay: all"]
     inside = late.low <= truth.delay <= late.high

@@ -21,6 +21,7 @@ _TURNS = 12  # about the axis, tried at first
 _KEPT = 3  # assignments that are improved
 _ROWS = 160
 _SWEEPS = 4
+_PIECES = 3
 
 #: Told how many assignments have been simulated.
 Show = Callable[[int], None]
@@ -137,7 +138,9 @@ class _Search:
         known = small & np.isfinite(moved).all(axis=1)
         change, moved = change[known], moved[known]
         square = change.T @ change
-        return np.linalg.solve(square + 1e-2 * np.trace(square) / len(square) * np.eye(len(square)), change.T @ moved)
+        return np.linalg.solve(
+            square + 1e-2 * np.trace(square) / len(square) * np.eye(len(square)), change.T @ moved
+        )
 
     def _improve(self, order: tuple[int, ...], sign: float) -> None:
         for _ in range(_SWEEPS):
@@ -164,7 +167,9 @@ class _Search:
         if len({len(g) for g in groups}) == 1 and len(groups) <= 4:
             for other in permutations(groups):
                 swap = {
-                    a: b for one, two in zip(groups, other, strict=True) for a, b in zip(one, two, strict=True)
+                    a: b
+                    for one, two in zip(groups, other, strict=True)
+                    for a, b in zip(one, two, strict=True)
                 }
                 found.append(tuple(swap[k] for k in order))
         return [one for one in dict.fromkeys(found) if one != order]
@@ -176,7 +181,7 @@ class _Search:
             )
             header = replace(self._part.header, commands=commands)
             part = replace(self._part, header=header, commands=sign * self._part.commands)
-            model = StaticModel(self._robot, part, pieces=1)
+            model = StaticModel(self._robot, part, pieces=_PIECES)
             found = model.simulate(np.zeros(len(model.unknowns.spread)), rubs=False)
             self._seen[order, sign] = _aligned(found.markers, model.points)
             if self._show is not None:

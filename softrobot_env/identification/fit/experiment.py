@@ -117,5 +117,10 @@ def _slopes(
     if gravity is not None:  # it is put up anew: the old frame does not count
         for place in frame:
             if place is not None:
-                slopes[..., np.flatnonzero(np.isin(np.flatnonzero(fit.free), range(place.start, place.stop)))] = 0
+                slopes[
+                    ...,
+                    np.flatnonzero(
+                        np.isin(np.flatnonzero(fit.free), range(place.start, place.stop))
+                    ),
+                ] = 0
     return slopes if found.found.all() and np.isfinite(slopes).all() else None

@@ -113,22 +113,24 @@ def tendon_lengths(layout, place, q, length, arm):
         r2 = dx * dx + dy * dy
         for i in range(layout.last[k]):
             m = layout.spans[k, i]
-            l = layout.sizes[i] / m
+            span = layout.sizes[i] / m
             p0, p1, p2 = q[3 * i] / m, q[3 * i + 1] / m, q[3 * i + 2] / m
             x = p0 * p0 + p1 * p1 + p2 * p2
-            a, b, c, e, f = _series(x)
+            _a, b, c, e, _f = _series(x)
             s, ds = 2 * b, 2 * e - c  # sinc(t / 2)^2 and its derivative by x
             # (1 - s) / x = 2 e, and its derivative: that of the series of e
             de = -(1 - x / 28 * (1 - x / 60 * (1 - x / 99))) / 360
-            up = l + p0 * dy - p1 * dx
+            up = span + p0 * dy - p1 * dx
             square = p2 * p2 * r2 + up * up
-            along = l * l * p2 * p2
+            along = span * span * p2 * p2
             chord = np.sqrt(s * square + 2 * e * along)
             total += m * chord
             common = 2 * ds * square + 2 * de * along
             arm[k, 3 * i] = (common * p0 + 2 * s * up * dy) / (2 * chord)
             arm[k, 3 * i + 1] = (common * p1 - 2 * s * up * dx) / (2 * chord)
-            arm[k, 3 * i + 2] = (common * p2 + 2 * s * p2 * r2 + 4 * e * l * l * p2) / (2 * chord)
+            arm[k, 3 * i + 2] = (common * p2 + 2 * s * p2 * r2 + 4 * e * span * span * p2) / (
+                2 * chord
+            )
         length[k] = total
 
 
@@ -144,16 +146,28 @@ def posture(layout, q, place, axes):
     for i in range(n):
         p0, p1, p2 = q[3 * i], q[3 * i + 1], q[3 * i + 2]
         x = p0 * p0 + p1 * p1 + p2 * p2
-        a, b, c, e, f = _series(x)
-        l = layout.sizes[i]
+        a, b, c, _e, _f = _series(x)
+        span = layout.sizes[i]
         v0, v1, v2 = b * p1 + c * p0 * p2, -b * p0 + c * p1 * p2, a + c * p2 * p2
         one = 1 - x * b
-        turn[0, 0], turn[0, 1], turn[0, 2] = one + b * p0 * p0, b * p0 * p1 - a * p2, b * p0 * p2 + a * p1
-        turn[1, 0], turn[1, 1], turn[1, 2] = b * p0 * p1 + a * p2, one + b * p1 * p1, b * p1 * p2 - a * p0
-        turn[2, 0], turn[2, 1], turn[2, 2] = b * p0 * p2 - a * p1, b * p1 * p2 + a * p0, one + b * p2 * p2
+        turn[0, 0], turn[0, 1], turn[0, 2] = (
+            one + b * p0 * p0,
+            b * p0 * p1 - a * p2,
+            b * p0 * p2 + a * p1,
+        )
+        turn[1, 0], turn[1, 1], turn[1, 2] = (
+            b * p0 * p1 + a * p2,
+            one + b * p1 * p1,
+            b * p1 * p2 - a * p0,
+        )
+        turn[2, 0], turn[2, 1], turn[2, 2] = (
+            b * p0 * p2 - a * p1,
+            b * p1 * p2 + a * p0,
+            one + b * p2 * p2,
+        )
         for j in range(3):
             r0, r1, r2 = axes[i, j, 0], axes[i, j, 1], axes[i, j, 2]
-            place[i + 1, j] = place[i, j] + l * (r0 * v0 + r1 * v1 + r2 * v2)
+            place[i + 1, j] = place[i, j] + span * (r0 * v0 + r1 * v1 + r2 * v2)
             for k in range(3):
                 axes[i + 1, j, k] = r0 * turn[0, k] + r1 * turn[1, k] + r2 * turn[2, k]
 
@@ -184,10 +198,10 @@ def _add_weight(layout, body, q, place, axes, out):
         n2 = r[0, 2] * m0 + r[1, 2] * m1 + r[2, 2] * m2
         s = (db * p1 + dc * p0 * p2) * l0 + (dc * p1 * p2 - db * p0) * l1 + (da + dc * p2 * p2) * l2
         d = p0 * n0 + p1 * n1 + p2 * n2
-        l = layout.sizes[i]
-        out[3 * i] -= l * (2 * p0 * s + c * p2 * l0 - b * l1)
-        out[3 * i + 1] -= l * (2 * p1 * s + b * l0 + c * p2 * l1)
-        out[3 * i + 2] -= l * (2 * p2 * s + c * p0 * l0 + c * p1 * l1 + 2 * c * p2 * l2)
+        span = layout.sizes[i]
+        out[3 * i] -= span * (2 * p0 * s + c * p2 * l0 - b * l1)
+        out[3 * i + 1] -= span * (2 * p1 * s + b * l0 + c * p2 * l1)
+        out[3 * i + 2] -= span * (2 * p2 * s + c * p0 * l0 + c * p1 * l1 + 2 * c * p2 * l2)
         out[3 * i] -= a * n0 - b * (p1 * n2 - p2 * n1) + c * p0 * d
         out[3 * i + 1] -= a * n1 - b * (p2 * n0 - p0 * n2) + c * p1 * d
         out[3 * i + 2] -= a * n2 - b * (p0 * n1 - p1 * n0) + c * p2 * d
@@ -310,7 +324,9 @@ def _seen(layout, marker, work, out):
 
 
 @kernel
-def follow(layout, body, many, controls, begins, tolerance, real, work, turns, markers, slopes, rub):
+def follow(
+    layout, body, many, controls, begins, tolerance, real, work, turns, markers, slopes, rub
+):
     """Equilibria under one row of controls after the other, each from that before.
 
     Args:

@@ -7,6 +7,7 @@ header, and confirmed there by the chain.
 
 from copy import copy
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from math import atan2, ceil, degrees
 
 import numpy as np
@@ -80,7 +81,8 @@ class StaticModel:
             robot: As its file says.
             recording: Of rows at rest, with known tendons.
             turned: Whether the recording's axes may be turned about the robot's by any angle.
-            pieces: Between two ends of sections or tendons; two or more unless given.
+            pieces: At least, in all; six, and two between ends of sections or tendons, unless
+                given.
             as_filed: Whether friction is the file's, also where that is too little to begin a
                 search with.
 
@@ -131,10 +133,10 @@ class StaticModel:
             np.round([*robot.backbone.ends, *(t.end for t in robot.tendons), *stations], 12)
         )
         ends = ends[(ends >= 0) & (ends <= robot.length * (1 + 1e-12))]
-        pieces = pieces or max(2, ceil(_PIECES / (len(ends) - 1)))
+        least, total = (2, _PIECES) if pieces is None else (1, pieces)
+        pieces = max(least, ceil(total / (len(ends) - 1)))
         edges = np.concatenate(
-            [a + (b - a) / pieces * np.arange(pieces) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-            + [ends[-1:]]
+            [a + (b - a) / pieces * np.arange(pieces) for a, b in pairwise(ends)] + [ends[-1:]]
         )
         self._edges, sizes = edges, np.diff(edges)
         self.stretches = pieces * np.arange(len(ends) - 1)
@@ -279,7 +281,9 @@ class StaticModel:
         shifted = [_contiguous(self.body(y), complex) for y in steps]
         many = Body(
             *(
-                np.ascontiguousarray(np.stack(parts)) if parts else np.zeros((0, *own.shape), complex)
+                np.ascontiguousarray(np.stack(parts))
+                if parts
+                else np.zeros((0, *own.shape), complex)
                 for own, parts in zip(
                     body, zip(*shifted, strict=True) if shifted else [()] * len(body), strict=True
                 )
@@ -405,9 +409,7 @@ class StaticModel:
         body = _contiguous(self.body(x), float)
         slack = np.minimum(body.pretension, 0.0) / body.spring
         zeros = np.array(commands.zeros or (0.0,) * len(whose)) + slack[whose]
-        return replace(
-            commands, zeros=tuple(zeros.tolist()) if zeros.any() else None
-        )
+        return replace(commands, zeros=tuple(zeros.tolist()) if zeros.any() else None)
 
 
 def rotation(vector: np.ndarray) -> np.ndarray:
@@ -452,7 +454,7 @@ def _spans(stations: np.ndarray, edges: np.ndarray) -> np.ndarray:
     """
     found = np.ones(len(edges) - 1)
     lengths = np.diff(stations)
-    for i, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
+    for i, (a, b) in enumerate(pairwise(edges)):
         inside = np.clip(np.minimum(stations[1:], b) - np.maximum(stations[:-1], a), 0, None)
         if inside.sum() > 0:
             mean = np.sqrt((inside * lengths**2).sum() / inside.sum())

@@ -126,7 +126,9 @@ def parameter_rows(found: Identification) -> list[ParameterRow]:
             place += 1
     dynamics = found.dynamics
     if dynamics is not None:
-        for k, (name, unit) in enumerate((("damping_time: all", "log"), ("marker_delay: all", "s"))):
+        for k, (name, unit) in enumerate(
+            (("damping_time: all", "log"), ("marker_delay: all", "s"))
+        ):
             numbers = (float(x[k]) for x in (dynamics.values, dynamics.deviation, dynamics.prior))
             rows.append(_parameter(name, "dynamics", *numbers, unit, True))
     return rows

@@ -117,9 +117,7 @@ def bends_of(model: StaticModel, turns: np.ndarray) -> np.ndarray:
     )
 
 
-def corrected(
-    residual: Residual, robot: RobotParams, recording: Recording
-) -> np.ndarray:
+def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> np.ndarray:
     """(t, k, 3) [m] in the world, to be added to a simulation of an identified robot's markers."""
     model = StaticModel(robot, recording, as_filed=True)
     found = model.simulate(np.zeros(len(model.unknowns.spread)))

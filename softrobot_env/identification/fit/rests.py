@@ -11,6 +11,7 @@ _SHORTEST = 0.3  # s without a new command
 _MEASURED = 0.25  # share of a rest, at its end, that is averaged
 _STILL = 0.01  # way of a marker over that end, over its whole range
 _JUMP = 0.5  # share of the way between two rests that is made in one row
+_LITTLE = 0.02  # change of a command, over its range, that lets nothing go
 _SAME = 1e-3  # change of a command, over its range
 
 #: Fewest rests that a static identification takes.
@@ -21,7 +22,8 @@ def at_rest(recording: Recording) -> Recording:
     """One row for each rest: the command, and markers averaged over its end.
 
     Where the robot was let go on the way to a rest another run begins, and the marker does not
-    count: as it sways, its tendons come to rest anywhere within their friction. A rest in which a marker still moves by more than a hundredth of its range does not count.
+    count: as it sways, its tendons come to rest anywhere within their friction. A rest in which a
+    marker still moves by more than a hundredth of its range does not count.
 
     Raises:
         ValueError: There are fewer than `FEWEST` of them.
@@ -72,7 +74,7 @@ def _jumps(recording: Recording, rows: np.ndarray, span: np.ndarray) -> np.ndarr
     for begin, end in pairwise(rows):
         changes = np.abs(np.diff(recording.commands[begin : end + 1], axis=0)) / span
         whole = np.abs(recording.commands[end] - recording.commands[begin]) / span
-        found.append(bool(changes.max() > _JUMP * max(whole.max(), _JUMP)))
+        found.append(bool(changes.max() > _JUMP * whole.max() > _JUMP * _LITTLE))
     return np.array(found, dtype=bool)
 
 
