@@ -62,6 +62,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "laws": _in_folder("laws"),
         "learning": _in_folder("learning"),
         "ppo_defaults": _in_folder("ppo_defaults"),
+        "reduction": _in_folder("reduction"),
         "rig": _in_folder("rig"),
         "rig_networks": _in_folder("rig_networks", run="run:run_on_twin"),
         "scenes": _in_folder("scenes", options=("count", "seed")),

@@ -51,6 +51,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "the seed in its name, for `softrobot evaluate --learnt`",
     )
     parser.add_argument(
+        "--recording",
+        type=Path,
+        metavar="FILE",
+        help="that ssm learns from, see `softrobot recording`; default: motion that is simulated",
+    )
+    parser.add_argument(
         "--teacher",
         type=policy,
         metavar="POLICY",
@@ -99,7 +105,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _settings(args: argparse.Namespace) -> dict[str, Any]:
     """Settings of trainings that are given."""
-    own = {name: getattr(args, name) for name in ("twin", "teacher", "quick")}
+    own = {name: getattr(args, name) for name in ("twin", "recording", "teacher", "quick")}
     return {n: v for n, v in own.items() if v not in (None, False)} | train_rl.given(args)
 
 

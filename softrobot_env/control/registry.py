@@ -116,6 +116,15 @@ POLICIES: dict[str, PolicySpec] = {
     ),
     **{
         name: PolicySpec(
+            "softrobot_env.control.reduced.policy:ReducedPlanner",
+            {"constrained": constrained},
+            environment="softrobot_env.control.reduced.policy:ssm_environment",
+            package="daqp" if constrained else None,
+        )
+        for name, constrained in (("ssm_mpc", True), ("ssm_lq", False))
+    },
+    **{
+        name: PolicySpec(
             _LEARNED,
             {"policy": name},
             environment=partial(_learned_environment, name),

@@ -265,6 +265,13 @@ def _sensors(order: Order, show: Show) -> Figures:
     return run(order, show)
 
 
+def _reduced(order: Order, show: Show) -> Figures:
+    """Reduced model of a robot as built, learned from its motion (thesis sec. 3.3)."""
+    from softrobot_env.training.ssm import run
+
+    return run(order, show)
+
+
 def _reinforcement(algorithm: str, randomize: bool, order: Order, show: Show) -> Figures:
     """Network that learns by reward; its learning curve is written beside it."""
     from softrobot_env.training.rl import run
@@ -312,6 +319,7 @@ TRAININGS: Registry[Training] = Registry(
             ("daqp",),
         ),
         "rig_nn": Training(_rig_network, ("twin",), robot=RIG),
+        "ssm": Training(_reduced, ("twin", "recording", "quick")),
         "sensors": Training(_sensors, ("twin", "quick")),
         "imitation": Training(_imitation, ("teacher", "quick"), ("torch",), also=_teachers_package),
         **{

@@ -395,9 +395,9 @@ def test_missing_packages_are_named(monkeypatch, tmp_path):
         return load(name, *args, **kwargs)
 
     monkeypatch.setattr(builtins, "__import__", refuse)
-    with pytest.raises(ImportError, match="pip install .*imageio"):
+    with pytest.raises(ImportError, match=r"pip install .*imageio"):
         write_video(tmp_path / "a.mp4", moving_square(1), fps=30)
-    with pytest.raises(ImportError, match="pip install .*pillow"):
+    with pytest.raises(ImportError, match=r"pip install .*pillow"):
         caption(moving_square(1)[0], ["text"])
 
 

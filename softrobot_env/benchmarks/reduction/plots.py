@@ -1,0 +1,82 @@
+"""Figs. 3.11 and 3.14 to 3.18 of the thesis anew."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from softrobot_env.benchmarks.records import groups, of_kind, select
+from softrobot_env.benchmarks.reduction.data import PERIOD
+from softrobot_env.benchmarks.reduction.models import OURS, THESIS_MODEL
+from softrobot_env.benchmarks.reduction.rows import OrderRow, PathRow, Row, SpectrumRow
+from softrobot_env.rendering.figures import add_legend, new_figure, save
+
+_COLOURS = {"measured": "0.6", THESIS_MODEL: "#D55E00", OURS: "#0072B2"}
+
+
+def plot(rows: Sequence[Row], path: Path | str) -> None:
+    """Draw measured and predicted paths by speed, a decay, speeds, and Fig. 3.14.
+
+    Args:
+        rows: Rows of `benchmarks.reduction.run`.
+        path: The PNG.
+    """
+    shown = [row for row in of_kind(rows, PathRow) if row.measured is not None]
+    shown = [row for row in shown if row.model in _COLOURS]
+    periods = [p for (p,) in groups(shown, "period")]
+    figure, axes = new_figure(3, max(len(periods), 3), (3.2 * max(len(periods), 3), 9.6))
+    for line, name in zip(axes, ("rectangle", "circle"), strict=False):
+        for axis, period in zip(line, periods, strict=False):
+            _paths(axis, select(shown, path=name, period=period))
+            axis.set(title=f"{name}, T = {period:g} s", aspect="equal", xlabel="x [mm]")
+        line[0].set_ylabel("y [mm]")
+    _decay(axes[2][0], of_kind(rows, SpectrumRow))
+    _speeds(axes[2][1], shown, of_kind(rows, SpectrumRow))
+    _orders(axes[2][2], of_kind(rows, OrderRow))
+    for axis in [*axes[2][3:], *(one for line in axes[:2] for one in line[len(periods) :])]:
+        axis.set_visible(False)
+    add_legend(figure, axes[0][0])
+    save(figure, path)
+
+
+def _paths(axis: Axes, rows: list[PathRow]) -> None:
+    measured = 1e3 * rows[0].measured
+    axis.plot(*measured.T, color=_COLOURS["measured"], linewidth=2.5, label="measured")
+    reach = 1.3 * np.abs(measured).max()
+    for row in rows:
+        if row.predicted is not None:
+            axis.plot(*(1e3 * row.predicted).T, color=_COLOURS[row.model], label=row.model)
+    axis.set(xlim=(-reach, reach), ylim=(-reach, reach))
+
+
+def _decay(axis: Axes, rows: list[SpectrumRow]) -> None:
+    """Fig. 3.11."""
+    for record in rows[-1].decays[:1]:
+        time = PERIOD * np.arange(len(record))
+        axis.plot(time, 1e3 * record[:, 0], color=_COLOURS[OURS])
+        axis.plot(time, 1e3 * record[:, 1], color=_COLOURS[THESIS_MODEL])
+    axis.set(title="a decay: x, y", xlabel="time [s]", ylabel="[mm]")
+
+
+def _speeds(axis: Axes, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
+    """Fig. 3.18: decays are slow where the fastest path is fast."""
+    fastest = min(paths, key=lambda row: row.period)
+    for record, label, colour in (
+        (fastest.measured, f"{fastest.path}, T = {fastest.period:g} s", _COLOURS["measured"]),
+        (rows[-1].decays[0], "a decay", _COLOURS[OURS]),
+    ):
+        speed = np.linalg.norm(np.diff(record, axis=0), axis=1) / PERIOD
+        distance = np.linalg.norm(record[1:], axis=1)
+        axis.plot(1e3 * distance, speed, ".", markersize=2, color=colour, label=label)
+    axis.legend(frameon=False, fontsize="small")
+    axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="[m/s]")
+
+
+def _orders(axis: Axes, rows: list[OrderRow]) -> None:
+    """Fig. 3.14."""
+    for (order,), mine in groups(rows, "shape_order").items():
+        known = [row for row in mine if row.rms is not None]
+        axis.plot([r.p for r in known], [1e3 * r.rms for r in known], "o-", label=f"n_w = {order}")
+    axis.legend(frameon=False, fontsize="small")
+    axis.set(title="thesis' settings", xlabel="p", ylabel="RMS error [mm]", yscale="log")

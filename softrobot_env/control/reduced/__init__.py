@@ -1,0 +1,1 @@
+"""Control on reduced models that were learned from recorded motion (`learned.reduction`)."""

@@ -1,0 +1,157 @@
+"""Estimating the state of a reduced model, and planning its inputs, as machine code."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from softrobot_env.beams.numerics.compilation import kernel
+from softrobot_env.learned.reduction.polynomials import Motion, advance, linearise
+
+
+class Shape(NamedTuple):
+    """Outputs z (o,) of coordinates x (n,), for the kernels.
+
+    Attributes:
+        parents, factors: Of the monomials, as of `Motion`.
+        coefficients: (o, terms).
+        scale: (n,).
+        origin: (o,).
+    """
+
+    parents: np.ndarray
+    factors: np.ndarray
+    coefficients: np.ndarray
+    scale: np.ndarray
+    origin: np.ndarray
+
+
+@kernel
+def outputs(shape: Shape, x: np.ndarray, z: np.ndarray, slope: np.ndarray) -> None:
+    """Outputs z (o,) at x (n,), and their change with it, slope (o, n)."""
+    count, n = len(shape.parents), len(x)
+    terms, slopes = np.empty(count), np.zeros((count, n))
+    z[:] = shape.origin
+    slope[:] = 0.0
+    for j in range(count):
+        parent, k = shape.parents[j], shape.factors[j]
+        lower = 1.0 if parent < 0 else terms[parent]
+        value = x[k] / shape.scale[k] if k >= 0 else 1.0
+        terms[j] = lower * value
+        if parent >= 0:
+            for i in range(n):
+                slopes[j, i] = slopes[parent, i] * value
+        if k >= 0:
+            slopes[j, k] += lower / shape.scale[k]
+        for o in range(len(z)):
+            z[o] += shape.coefficients[o, j] * terms[j]
+            for i in range(n):
+                slope[o, i] += shape.coefficients[o, j] * slopes[j, i]
+
+
+@kernel
+def estimate(
+    motion: Motion,
+    x: np.ndarray,
+    disturbance: np.ndarray,
+    covariance: np.ndarray,
+    acted: np.ndarray,
+    measured: np.ndarray,
+    process: np.ndarray,
+    noise: np.ndarray,
+) -> None:
+    """One step of an extended Kalman filter, in place.
+
+    What the model does not explain is taken for inputs that are added to those told, and that
+    change slowly: so plans leave no lasting error.
+
+    Args:
+        motion: The model.
+        x: (n,), state a sample ago.
+        disturbance: (m,) of the inputs.
+        covariance: (n + m, n + m), of both.
+        acted: (m,), inputs that acted since.
+        measured: (n,), the state as the outputs tell it.
+        process: (n + m, n + m), what is added to the covariance in a sample.
+        noise: (n, n), covariance of what is measured.
+    """
+    n, m = len(x), len(disturbance)
+    transition, effect = np.empty((n, n)), np.empty((n, m))
+    linearise(motion, x, acted + disturbance, transition, effect)
+    whole = np.eye(n + m)
+    whole[:n, :n] = transition
+    whole[:n, n:] = effect
+    predicted = whole @ covariance @ whole.T + process
+    spread = predicted[:n, :n] + noise
+    gain = np.linalg.solve(spread, predicted[:n, :].copy()).T
+    change = gain @ (measured - x)
+    x += change[:n]
+    disturbance += change[n:]
+    kept = predicted - gain @ predicted[:n, :].copy()
+    covariance[:] = (kept + kept.T) / 2
+
+
+@kernel
+def ahead(motion: Motion, x: np.ndarray, disturbance: np.ndarray, told: np.ndarray) -> np.ndarray:
+    """State (n,) when the next input acts, after those told (lag, m)."""
+    now, terms = x.copy(), np.empty(len(motion.parents))
+    for row in range(len(told)):
+        advance(motion, now, told[row] + disturbance, terms)
+    return now
+
+
+@kernel
+def program(
+    motion: Motion,
+    shape: Shape,
+    x: np.ndarray,
+    disturbance: np.ndarray,
+    weights: np.ndarray,
+    nodes: np.ndarray,
+    reference: np.ndarray,
+    last: np.ndarray,
+    smoothness: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Hessian (c m, c m) and gradient (c m,) of half a plan's cost, by Gauss and Newton.
+
+    The cost is the sum of the squares of the outputs' errors, and `smoothness` times that of the
+    changes of the inputs.
+
+    Args:
+        motion, shape: The model.
+        x: (n,), where the plan begins.
+        disturbance: (m,).
+        weights: (t, c), inputs of the samples are `weights @ nodes`.
+        nodes: (c, m), the plan about which is linearised.
+        reference: (t, o), of the outputs after each sample.
+        last: (m,), the input before the plan.
+        smoothness: See above.
+    """
+    (count, m), n, size = nodes.shape, len(x), nodes.size
+    hessian, gradient = np.zeros((size, size)), np.zeros(size)
+    now, z, slope = x.copy(), np.empty(reference.shape[1]), np.empty((reference.shape[1], n))
+    transition, effect = np.empty((n, n)), np.empty((n, m))
+    sensitivity = np.zeros((n, size))
+    before, before_weights = last.copy(), np.zeros(count)
+    for t in range(len(reference)):
+        u = weights[t] @ nodes
+        linearise(motion, now, u + disturbance, transition, effect)
+        sensitivity = transition @ sensitivity
+        for c in range(count):
+            if weights[t, c] != 0.0:
+                for i in range(n):
+                    for j in range(m):
+                        sensitivity[i, c * m + j] += effect[i, j] * weights[t, c]
+        outputs(shape, now, z, slope)
+        tip = slope @ sensitivity
+        hessian += tip.T @ tip
+        gradient += tip.T @ (z - reference[t])
+        change = weights[t] - before_weights
+        for c in range(count):
+            if change[c] == 0.0:
+                continue
+            for j in range(m):
+                gradient[c * m + j] += smoothness * change[c] * (u[j] - before[j])
+                for d in range(count):
+                    hessian[c * m + j, d * m + j] += smoothness * change[c] * change[d]
+        before, before_weights = u, weights[t]
+    return hessian, gradient

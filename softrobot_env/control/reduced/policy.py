@@ -1,0 +1,335 @@
+"""`ssm_mpc` and `ssm_lq`: plans on a model that was learned from a robot's recorded motion."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from softrobot_env.artifacts import Arrays, check_robot, find_artifact, read_arrays
+from softrobot_env.control.base import Controller
+from softrobot_env.control.limits import kept
+from softrobot_env.control.mpc.optimisation import BoundedSolver
+from softrobot_env.control.reduced.planning import Shape, ahead, estimate, program
+from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED
+from softrobot_env.fields import Count, Positive, check_fields
+from softrobot_env.interfaces import Observation
+from softrobot_env.learned.reduction.model import ReducedModel
+from softrobot_env.learned.reduction.polynomials import Monomials
+from softrobot_env.robots import RobotParams
+
+#: Name of the file of a learned model.
+ARTIFACT = "ssm"
+
+#: Shares of a plan's duration at which its inputs are chosen; they are on lines in between.
+_NODES = (0.0, 0.04, 0.09, 0.15, 0.22, 0.3, 0.4, 0.5, 0.62, 0.75, 1.0)
+
+#: Share of the drives' speed for what the model does not know.
+_ASIDE = 0.4
+
+#: Times of the preview over the plan's duration, beyond its lag.
+_KNOTS = 16
+
+
+@dataclass(frozen=True)
+class Planning:
+    """How to plan.
+
+    Attributes:
+        samples: In a plan.
+        smoothness: [m2], of the sum of squared changes of actions in a sample.
+        iterations: Gauss-Newton steps in a decision.
+    """
+
+    samples: Count = 60
+    smoothness: Positive = 1e-2
+    iterations: Count = 1
+
+    def __post_init__(self) -> None:
+        check_fields(self, "planning")
+
+
+class Learned(NamedTuple):
+    """A model, and how far it can be trusted.
+
+    Attributes:
+        model: What was learned.
+        process: (n + m, n + m), covariance of what it errs by in a sample, and of its inputs.
+        noise: (n, n), covariance of states that outputs tell.
+        lower, upper: (m,), reduced inputs that it was learned from.
+        outputs: Coordinates of the tip it tells, "xy" for instance.
+    """
+
+    model: ReducedModel
+    process: np.ndarray
+    noise: np.ndarray
+    lower: np.ndarray
+    upper: np.ndarray
+
+    def arrays(self) -> dict[str, Any]:
+        """What `read_learned` reads."""
+        own = {name: getattr(self, name) for name in self._fields if name != "model"}
+        return self.model.arrays() | own
+
+
+def read_learned(data: Arrays) -> Learned:
+    """Raises ValueError where arrays are missing, not finite, or of a wrong shape."""
+    model = ReducedModel.read(data)
+    n, m = model.dimension, model.basis.shape[1]
+    for name, shape in {
+        "process": (n + m, n + m),
+        "noise": (n, n),
+        "lower": (m,),
+        "upper": (m,),
+    }.items():
+        data.check_shape(name, shape)
+    return Learned(model, *(np.array(data[name], float) for name in Learned._fields[1:]))
+
+
+def ssm_environment(robot: RobotParams) -> dict[str, Any]:
+    """What the policies need of an environment: the period of the model, and preview."""
+    learned = _find(robot, None)
+    return {
+        "control_period": learned.model.period,
+        "preview": preview_times(learned.model),
+    }
+
+
+def preview_times(model: ReducedModel, planning: Planning | None = None) -> tuple[float, ...]:
+    """Times [s] ahead at which the reference is needed."""
+    planning = planning or Planning()
+    last = model.lag + planning.samples
+    steps = np.unique(np.round(np.linspace(0, 1, _KNOTS + 1)[1:] ** 1.5 * last).astype(int))
+    return tuple(round(float(step * model.period), 9) for step in steps if step > 0)
+
+
+def _find(robot: RobotParams, weights: str | Path | None) -> Learned:
+    path = find_artifact(robot, ARTIFACT) if weights is None else Path(weights)
+    data = read_arrays(path)
+    check_robot(data, robot, ARTIFACT)
+    return read_learned(data)
+
+
+class _Past(NamedTuple):
+    """What the policy remembers.
+
+    Attributes:
+        tips: (delays, o) [m], seen last, the newest first.
+        told: (lag + 1, m) reduced inputs, the oldest first.
+        x, disturbance, covariance: See `planning.estimate`.
+        nodes: (c, m), the plan.
+        code: Key of `REASONS`.
+    """
+
+    tips: np.ndarray
+    told: np.ndarray
+    x: np.ndarray
+    disturbance: np.ndarray
+    covariance: np.ndarray
+    nodes: np.ndarray
+    code: int
+
+    @property
+    def status(self) -> str | None:
+        """Why the action is not the one wanted, or None."""
+        return REASONS[self.code]
+
+
+class ReducedPlanner(Controller):
+    """Plans actions on the learned model so that the tip follows its reference."""
+
+    requires = ("tip_position", "reference", "reference_preview", "previous_action")
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        control_period: float,
+        constrained: bool = True,
+        weights: str | Path | None = None,
+        tip_delay: float = 0.0,
+        planning: Planning | None = None,
+    ) -> None:
+        """Load what was learned.
+
+        Args:
+            robot: Nominal robot.
+            control_period: [s] between calls, that of the model.
+            constrained: Whether plans keep the limits of actions, of the drives' speed, and of the
+                inputs that the model was learned from; else the first action is cut off there.
+            weights: File; found unless given, see `artifacts.find_artifact`.
+            tip_delay: [s], how late the tip is seen, in training as here.
+            planning: How to plan.
+
+        Raises:
+            ValueError: Nothing was learned of this robot, or another control period.
+            FileNotFoundError: No such file.
+            ImportError: The solver of constrained plans is not installed.
+        """
+        self._learned = learned = _find(robot, weights)
+        model, planning = learned.model, planning or Planning()
+        if abs(control_period - model.period) > 1e-9:
+            raise ValueError(
+                f"the reduced model of {robot.name!r} was learned with a period of "
+                f"{model.period:g} s, the control period is {control_period:g} s"
+            )
+        self._model, self._planning = model, planning
+        self._late = round(tip_delay / control_period)
+        self.preview = preview_times(model, planning)
+        o = len(model.origin)
+        self.sizes = {
+            "tip_position": o,
+            "reference": o,
+            "reference_preview": o * len(self.preview),
+            "previous_action": len(model.rest),
+        }
+        monomials = Monomials(model.shape_powers)
+        n = model.dimension
+        self._shape = Shape(
+            *monomials.chain,
+            np.ascontiguousarray(model.shape[:o]),
+            np.ascontiguousarray(model.scale[:n]),
+            model.origin,
+        )
+        count = planning.samples
+        places = np.unique(np.round(np.array(_NODES) * (count - 1))).astype(int)
+        self._places = places
+        self._weights = _hats(np.arange(count), places)
+        self._shifted = _hats(np.minimum(places + 1, count - 1), places)
+        rate = robot.drive.speed / _scale(robot) if np.isfinite(robot.drive.speed) else np.inf
+        self._rate = np.broadcast_to(rate * control_period, (len(model.rest),)).astype(float)
+        self._solve = BoundedSolver() if constrained else None
+
+    def start(self, observation: Observation) -> _Past:
+        """At rest where the tip is seen."""
+        model = self._model
+        tip = np.array(observation["tip_position"], dtype=float)
+        told = model.reduced_inputs(np.array(observation["previous_action"], dtype=float))
+        tips = np.tile(tip, (model.delays, 1))
+        m, n = len(told), model.dimension
+        covariance = np.zeros((n + m, n + m))
+        covariance[:n, :n] = self._learned.noise
+        covariance[n:, n:] = 1e-2 * np.eye(m)
+        return _Past(
+            tips,
+            np.tile(told, (model.lag + 1, 1)),
+            model.encode(tips.ravel()),
+            np.zeros(m),
+            covariance,
+            np.tile(told, (len(self._places), 1)),
+            0,
+        )
+
+    def act(self, observation: Observation, state: _Past) -> tuple[np.ndarray, _Past]:
+        """The first action of the plan."""
+        model, learned = self._model, self._learned
+        before = np.asarray(observation["previous_action"], dtype=float)
+        tip = np.asarray(observation["tip_position"], dtype=float)
+        seen = np.concatenate(
+            [tip, before, observation["reference"], observation["reference_preview"]]
+        )
+        if not np.isfinite(seen).all():
+            return kept(before), state._replace(code=NOT_FINITE)
+        told = np.vstack([state.told[1:], model.reduced_inputs(before)])
+        tips = np.vstack([tip, state.tips[:-1]])
+        x, disturbance = state.x.copy(), state.disturbance.copy()
+        covariance = state.covariance.copy()
+        measured = model.encode(tips.ravel())
+        motion, o = model.motion, len(tip)
+        estimate(
+            motion, x, disturbance, covariance, state.told[0], measured, learned.process,
+            learned.noise,
+        )  # fmt: skip
+        begin = ahead(motion, x, disturbance, told[1:]) if model.lag else x
+        times = np.array((0.0, *self.preview))
+        shown = np.vstack(
+            [observation["reference"], observation["reference_preview"].reshape(-1, o)]
+        )
+        wanted = (model.lag + 1 + np.arange(self._planning.samples) - self._late) * model.period
+        reference = np.stack([np.interp(wanted, times, column) for column in shown.T], axis=1)
+        nodes, code = self._shifted @ state.nodes, 0
+        aside = self._aside(before, told[-1])
+        for _ in range(self._planning.iterations):
+            hessian, gradient = program(
+                motion, self._shape, begin, disturbance, self._weights, nodes, reference, told[-1],
+                self._planning.smoothness,
+            )  # fmt: skip
+            step = self._step(hessian, gradient, nodes, before, aside)
+            if step is None:
+                return kept(before), state._replace(
+                    tips=tips, told=told, x=model.encode(tips.ravel()),
+                    disturbance=np.zeros_like(disturbance), code=NOT_COMPUTED,
+                )  # fmt: skip
+            nodes = nodes + step
+        wanted_action = model.rest + aside + model.basis @ nodes[0]
+        action = self._within(wanted_action, before)
+        if np.abs(action - wanted_action).max() > 1e-6 or self._at_limit(action, before):
+            code = SATURATED
+        return action, _Past(tips, told, x, disturbance, covariance, nodes, code)
+
+    def _step(
+        self,
+        hessian: np.ndarray,
+        gradient: np.ndarray,
+        nodes: np.ndarray,
+        before: np.ndarray,
+        aside: np.ndarray,
+    ) -> np.ndarray | None:
+        """What to add to the plan; None if there is nothing finite."""
+        if not (np.isfinite(hessian).all() and np.isfinite(gradient).all()):
+            return None
+        hessian = hessian + 1e-9 * np.trace(hessian) / len(hessian) * np.eye(len(hessian))
+        if self._solve is None:
+            return np.linalg.solve(hessian, -gradient).reshape(nodes.shape)
+        model, (count, _) = self._model, nodes.shape
+        lower = (self._learned.lower - nodes).ravel()
+        upper = (self._learned.upper - nodes).ravel()
+        lower, upper = np.minimum(lower, 0.0), np.maximum(upper, 0.0)
+        each = np.kron(np.eye(count), model.basis)
+        actions = model.rest + aside + nodes @ model.basis.T
+        rows, low, high = [each], [(-1 - actions).ravel()], [(1 - actions).ravel()]
+        if np.isfinite(self._rate).all():
+            gaps = np.diff(self._places, prepend=self._places[0] - 1)
+            change = np.diff(np.vstack([before, actions]), axis=0).ravel()
+            most = np.outer(gaps, self._rate).ravel()
+            rows.append(np.kron(np.eye(count) - np.eye(count, k=-1), model.basis))
+            low.append(-most - change)
+            high.append(most - change)
+        scale = np.trace(hessian) / len(hessian)
+        found = self._solve(
+            hessian / scale,
+            gradient / scale,
+            np.concatenate([lower, *low]),
+            np.concatenate([upper, *high]),
+            np.vstack(rows),
+        )
+        return None if found is None else found.reshape(nodes.shape)
+
+    def _aside(self, before: np.ndarray, told: np.ndarray) -> np.ndarray:
+        """What is left of an action's part that the model does not know, on the way to none.
+
+        Episodes may start elsewhere than where the model's motion did: tendons less taut, for
+        instance.
+        """
+        model = self._model
+        aside = before - model.rest - model.basis @ told
+        return aside - np.clip(aside, -_ASIDE * self._rate, _ASIDE * self._rate)
+
+    def _within(self, wanted: np.ndarray, before: np.ndarray) -> np.ndarray:
+        """What the drives can do, nearest to what is wanted."""
+        reach = np.clip(wanted, before - self._rate, before + self._rate)
+        return np.clip(reach, -1.0, 1.0)
+
+    def _at_limit(self, action: np.ndarray, before: np.ndarray) -> bool:
+        fast = np.abs(action - before) > self._rate * (1 - 1e-6)
+        return bool(np.any((np.abs(action) > 1 - 1e-6) | fast))
+
+
+def _hats(samples: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Weights (t, c) of values at places (c,), linear in between, at samples (t,)."""
+    return np.stack([np.interp(samples, places, one) for one in np.eye(len(places))], axis=1)
+
+
+def _scale(robot: RobotParams) -> np.ndarray:
+    from softrobot_env.robots.actuation import robot_inputs
+
+    return robot_inputs(robot).input_scale

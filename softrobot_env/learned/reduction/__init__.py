@@ -1,0 +1,31 @@
+"""Spectral submanifold reduction: models of few coordinates, learned from measured motion.
+
+Thesis sec. 3.3, after Haller and Ponsioen, Nonlinear Dyn. 86 (2016) 1493-1534, and Cenedese et al.,
+Nat. Commun. 13 (2022) 872. Measured outputs, with some of their past, are a point near a manifold
+of few coordinates x; polynomials tell where it is, w(x), and how x moves, r(x, u). Where inputs u
+are not small, r has products of x and u too, so that every equilibrium has dynamics of its own
+(Haller and Kaundinya, Chaos 34 (2024) 043152).
+"""
+
+from softrobot_env.learned.reduction.fitting import THESIS, FitError, Settings, check_stable, fit
+from softrobot_env.learned.reduction.model import ReducedModel
+from softrobot_env.learned.reduction.normal_form import NormalForm, normal_form
+from softrobot_env.learned.reduction.records import Record
+from softrobot_env.learned.reduction.refinement import Refinement, refine
+from softrobot_env.learned.reduction.spectrum import Spectrum, spectrum
+
+__all__ = [
+    "THESIS",
+    "FitError",
+    "NormalForm",
+    "Record",
+    "ReducedModel",
+    "Refinement",
+    "Settings",
+    "Spectrum",
+    "check_stable",
+    "fit",
+    "normal_form",
+    "refine",
+    "spectrum",
+]

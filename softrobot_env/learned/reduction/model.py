@@ -1,0 +1,187 @@
+"""A learned model: where outputs are on the manifold, and how its coordinates move."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from softrobot_env.artifacts import Arrays
+from softrobot_env.learned.reduction.polynomials import Monomials, Motion, roll
+from softrobot_env.learned.reduction.records import Record, delay_vectors
+
+_FIELDS = (
+    "period",
+    "delays",
+    "origin",
+    "rest",
+    "basis",
+    "lag",
+    "tangent",
+    "shape_powers",
+    "shape",
+    "powers",
+    "coefficients",
+    "scale",
+    "substeps",
+)
+
+
+@dataclass(frozen=True)
+class ReducedModel:
+    """Coordinates x (n,) of a manifold, outputs of them, and their motion under inputs.
+
+    Attributes:
+        period: [s] of a sample.
+        delays: Number of samples in a delay vector y (p,), p = delays times outputs.
+        origin: (o,) outputs at the equilibrium that coordinates are zero at.
+        rest: (k,) what the drives are told there.
+        basis: (k, m) orthonormal, reduced inputs v = basis' (u - rest).
+        lag: Samples by which inputs act later than they are told.
+        tangent: V (p, n) orthonormal, x = V' (y - y of the origin), (3.13).
+        shape_powers: (terms, n) of the monomials of w, (3.14).
+        shape: (p, terms), of monomials of x over its scale.
+        powers: (terms, n + m) of the monomials of the motion, (3.15) and B u.
+        coefficients: (n, terms), of monomials of (x, v) over their scale.
+        scale: (n + m,) usual sizes of x and v.
+        substeps: Runge-Kutta steps a sample; 0: the polynomials give the next sample's x.
+    """
+
+    period: float
+    delays: int
+    origin: np.ndarray
+    rest: np.ndarray
+    basis: np.ndarray
+    lag: int
+    tangent: np.ndarray
+    shape_powers: np.ndarray
+    shape: np.ndarray
+    powers: np.ndarray
+    coefficients: np.ndarray
+    scale: np.ndarray
+    substeps: int
+
+    @property
+    def dimension(self) -> int:
+        """n."""
+        return self.tangent.shape[1]
+
+    @cached_property
+    def motion(self) -> Motion:
+        """How x moves, for the kernels."""
+        parents, factors = Monomials(self.powers).chain
+        coefficients = np.ascontiguousarray(self.coefficients)
+        return Motion(parents, factors, coefficients, self.scale, self.period, self.substeps)
+
+    @cached_property
+    def _shapes(self) -> Monomials:
+        return Monomials(self.shape_powers)
+
+    def encode(self, vectors: np.ndarray) -> np.ndarray:
+        """Coordinates (..., n) of delay vectors (..., p)."""
+        return (vectors - np.tile(self.origin, self.delays)) @ self.tangent
+
+    def decode(self, x: np.ndarray) -> np.ndarray:
+        """Outputs (..., o) of coordinates (..., n)."""
+        return self.vectors(x)[..., : len(self.origin)]
+
+    def vectors(self, x: np.ndarray) -> np.ndarray:
+        """Delay vectors w(x) (..., p) of coordinates (..., n)."""
+        terms = self._shapes(x / self.scale[: self.dimension])
+        return terms @ self.shape.T + np.tile(self.origin, self.delays)
+
+    def reduced_inputs(self, inputs: np.ndarray) -> np.ndarray:
+        """v (..., m) of inputs (..., k)."""
+        return (inputs - self.rest) @ self.basis
+
+    def acting(self, inputs: np.ndarray) -> np.ndarray:
+        """Reduced inputs (t, m) that act at the samples of inputs (t, k), later by the lag."""
+        rows = np.maximum(np.arange(len(inputs)) - self.lag, 0)
+        return self.reduced_inputs(inputs)[rows]
+
+    def predict(self, past: np.ndarray, inputs: np.ndarray) -> np.ndarray:
+        """Outputs over time, from their past and the inputs alone; not finite where they diverge.
+
+        Args:
+            past: (delays, o) or (b, delays, o), the last one now.
+            inputs: (t, k) or (b, t, k), row i acts `lag` samples after sample i.
+
+        Returns:
+            (t, o) or (b, t, o), at the times of the inputs, the first one now.
+        """
+        single = past.ndim == 2
+        past, inputs = (a[None] if single else a for a in (past, inputs))
+        starts = self.encode(delay_vectors(past, self.delays)[:, -1])
+        acting = np.stack([self.acting(one) for one in inputs])
+        states = np.empty((*inputs.shape[:2], self.dimension))
+        roll(self.motion, np.ascontiguousarray(starts), acting, states)
+        outputs = self.decode(states)
+        return outputs[0] if single else outputs
+
+    def predict_record(self, record: Record) -> np.ndarray:
+        """Outputs (t - delays + 1, o) of a record, from its first `delays` samples on."""
+        first = self.delays - 1
+        lagged = record.inputs[np.maximum(np.arange(record.samples) - self.lag, 0)]
+        start = self.encode(delay_vectors(record.outputs[: self.delays], self.delays))
+        inputs = self.reduced_inputs(lagged[first:])[None]
+        states = np.empty((1, inputs.shape[1], self.dimension))
+        roll(self.motion, start, inputs, states)
+        return self.decode(states[0])
+
+    def linear_part(self) -> np.ndarray:
+        """(n, n + m) of the motion at the origin, by (x, v): of dx/dt [1/s], or of the next x."""
+        linear = np.zeros((self.dimension, len(self.scale)))
+        for row, powers in enumerate(self.powers):
+            if powers.sum() == 1:
+                k = int(np.argmax(powers))
+                linear[:, k] = self.coefficients[:, row] / self.scale[k]
+        return linear
+
+    def eigenvalues(self) -> np.ndarray:
+        """(n,) complex [1/s] at the origin, the slowest first."""
+        values = np.linalg.eigvals(self.linear_part()[:, : self.dimension]).astype(complex)
+        if self.substeps == 0:
+            with np.errstate(divide="ignore"):
+                values = np.log(values) / self.period
+        return values[np.argsort(-values.real)]
+
+    def arrays(self) -> dict[str, Any]:
+        """What `ReducedModel.read` needs."""
+        return {name: getattr(self, name) for name in _FIELDS}
+
+    @staticmethod
+    def read(data: Arrays | Mapping[str, np.ndarray]) -> "ReducedModel":
+        """The model of arrays.
+
+        Raises:
+            ValueError: One is missing, of another shape, or not finite.
+        """
+        if isinstance(data, Arrays):
+            data.check_finite()
+        whole = {n: int(data[n]) for n in ("delays", "lag", "substeps")}
+        arrays = {n: data[n] for n in _FIELDS if n not in whole and n != "period"}
+        model = ReducedModel(period=float(data["period"]), **whole, **arrays)
+        model._check()
+        return model
+
+    def _check(self) -> None:
+        n, m = self.dimension, self.basis.shape[-1]
+        p = self.delays * len(self.origin)
+        shapes = {
+            "rest": (self.basis.shape[0],),
+            "tangent": (p, n),
+            "shape_powers": (self.shape.shape[-1], n),
+            "shape": (p, len(self.shape_powers)),
+            "powers": (self.coefficients.shape[-1], n + m),
+            "coefficients": (n, len(self.powers)),
+            "scale": (n + m,),
+        }
+        for name, shape in shapes.items():
+            found = getattr(self, name).shape
+            if found != shape:
+                raise ValueError(f"reduced model: {name} must have shape {shape}, got {found}")
+        if self.period <= 0 or self.delays < 1 or self.lag < 0 or self.substeps < 0:
+            raise ValueError(
+                "reduced model: period and delays must be positive, lag and substeps >= 0"
+            )

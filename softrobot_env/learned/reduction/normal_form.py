@@ -1,0 +1,143 @@
+"""The normal form of an oscillation: its decay and frequency by its amplitude."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from softrobot_env.learned.reduction.model import ReducedModel
+
+
+@dataclass(frozen=True)
+class NormalForm:
+    """dw/dt = (c_0 + c_1 |w|^2 + c_2 |w|^4 + ...) w, with the outputs in terms of w.
+
+    Attributes:
+        coefficients: c (k,) complex [1/s], c_0 the eigenvalue.
+        outputs: (o, d + 1, d + 1) complex, of w^j conj(w)^k in the outputs less their origin.
+    """
+
+    coefficients: np.ndarray
+    outputs: np.ndarray
+
+    def decay(self, radius: np.ndarray) -> np.ndarray:
+        """Rate [1/s] of |w|, at radii |w|."""
+        return self._sum(radius).real
+
+    def frequency(self, radius: np.ndarray) -> np.ndarray:
+        """[rad/s] at radii |w|: the backbone curve."""
+        return self._sum(radius).imag
+
+    def _sum(self, radius: np.ndarray) -> np.ndarray:
+        return np.polynomial.polynomial.polyval(np.square(radius), self.coefficients)
+
+    def amplitude(self, radius: np.ndarray, points: int = 128) -> np.ndarray:
+        """Half of the way that each output goes in a round at radii (r,): (r, o)."""
+        radius = np.atleast_1d(radius)
+        w = radius[:, None] * np.exp(2j * np.pi * np.arange(points) / points)
+        powers = np.arange(self.outputs.shape[1])
+        terms = np.einsum("rtj,rtk->rtjk", w[..., None] ** powers, np.conj(w)[..., None] ** powers)
+        way = np.einsum("ojk,rtjk->rto", self.outputs, terms).real
+        return (way.max(axis=1) - way.min(axis=1)) / 2
+
+
+def normal_form(model: ReducedModel, order: int | None = None) -> NormalForm:
+    """The normal form of an autonomous model of one oscillation.
+
+    Terms that no change of coordinates removes near an undamped oscillation are kept, those of
+    w |w|^2k; the others are removed degree by degree (Haller and Ponsioen 2016, sec. 6).
+
+    Args:
+        model: Of two coordinates; its inputs are at rest.
+        order: Largest degree, odd; that of its polynomials, at least 3, unless given.
+
+    Raises:
+        ValueError: It has other than two coordinates, does not oscillate, or gives samples instead
+            of rates of change.
+    """
+    if model.dimension != 2 or model.substeps == 0:
+        raise ValueError(
+            "a normal form is of two coordinates and their rates of change (substeps > 0), got "
+            f"{model.dimension} coordinates and substeps {model.substeps}"
+        )
+    linear = model.linear_part()[:, :2]
+    values, vectors = np.linalg.eig(linear)
+    if not values[0].imag:
+        raise ValueError(f"the model does not oscillate: its eigenvalues are {values.tolist()} 1/s")
+    if values[0].imag < 0:
+        values, vectors = values[::-1], vectors[:, ::-1]
+    own = model.powers[:, 2:].sum(axis=1) == 0
+    powers = model.powers[own, :2]
+    degree = order or max(3, int(powers.sum(axis=1).max()) | 1)
+    physical = model.coefficients[:, own] / np.prod(model.scale[:2] ** powers, axis=1)
+    series = _Series(degree)
+    left = np.linalg.inv(vectors)[0]
+    rate = {tuple(p): left @ c for p, c in zip(powers.tolist(), physical.T, strict=True)}
+    z = series.variable()
+    kept = [values[0]]
+    for d in range(2, degree + 1):
+        x = [2 * series.real(vectors[i, 0] * z) for i in range(2)]
+        missing = series.polynomial(rate, x) - series.carried(z, kept)
+        for j in range(d + 1):
+            k = d - j
+            if j == k + 1:
+                kept.append(missing[j, k])
+            else:
+                z[j, k] = missing[j, k] / (j * values[0] + k * np.conj(values[0]) - values[0])
+    x = [2 * series.real(vectors[i, 0] * z) for i in range(2)]
+    shape = model.shape[: len(model.origin)] / np.prod(
+        model.scale[:2] ** model.shape_powers, axis=1
+    )
+    outputs = [
+        series.polynomial(dict(zip(map(tuple, model.shape_powers.tolist()), row, strict=True)), x)
+        for row in shape
+    ]
+    return NormalForm(np.array(kept), np.array(outputs))
+
+
+class _Series:
+    """Sums of c_jk w^j conj(w)^k up to a degree, as arrays c (d + 1, d + 1)."""
+
+    def __init__(self, degree: int) -> None:
+        self._size = degree + 1
+        self._within = np.add.outer(np.arange(self._size), np.arange(self._size)) <= degree
+
+    def variable(self) -> np.ndarray:
+        """w."""
+        out = np.zeros((self._size, self._size), dtype=complex)
+        out[1, 0] = 1
+        return out
+
+    def real(self, a: np.ndarray) -> np.ndarray:
+        """Real part."""
+        return (a + np.conj(a).T) / 2
+
+    def product(self, a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        """What is beyond the degree is left out."""
+        out = np.zeros_like(a)
+        for j, k in np.argwhere(a):
+            out[j:, k:] += a[j, k] * b[: self._size - j, : self._size - k]
+        return np.where(self._within, out, 0)
+
+    def polynomial(
+        self, coefficients: dict[tuple[int, ...], complex], values: list[np.ndarray]
+    ) -> np.ndarray:
+        """A polynomial of series, by its coefficients of powers."""
+        total = np.zeros_like(values[0])
+        for powers, coefficient in coefficients.items():
+            term = np.zeros_like(values[0])
+            term[0, 0] = coefficient
+            for value, power in zip(values, powers, strict=True):
+                for _ in range(power):
+                    term = self.product(term, value)
+            total = total + term
+        return total
+
+    def carried(self, z: np.ndarray, kept: list[complex]) -> np.ndarray:
+        """dz/dt as w moves by the coefficients c that are kept."""
+        j, k = np.indices(z.shape)
+        out = np.zeros_like(z)
+        for power, c in enumerate(kept):
+            along = z * (j * c + k * np.conj(c))
+            size = self._size - power
+            out[power:, power:] += along[:size, :size]
+        return np.where(self._within, out, 0)

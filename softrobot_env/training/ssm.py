@@ -1,0 +1,246 @@
+"""A reduced model of a robot as built, learned from its motion: `softrobot train ssm`."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from softrobot_env.artifacts import fingerprint, write_arrays
+from softrobot_env.control.reduced.policy import Learned
+from softrobot_env.interfaces import Show
+from softrobot_env.learned.reduction import (
+    FitError,
+    Record,
+    ReducedModel,
+    Refinement,
+    Settings,
+    check_stable,
+    fit,
+    refine,
+    spectrum,
+)
+from softrobot_env.learned.reduction.records import delay_vectors
+from softrobot_env.recordings import Recording, read_recording
+from softrobot_env.robots import RIG, RobotParams
+from softrobot_env.robots.actuation import robot_inputs
+from softrobot_env.training.motions import Plan, collect
+from softrobot_env.training.registry import Figures, Order
+
+#: What a robot does: half an hour, decays aside.
+PLAN = Plan(minutes=30, amplitude=0.6, laps_amplitude=1.0)
+
+#: Samples and degree of the polynomials that smooth outputs before the regression.
+_SMOOTH = 7, 3
+
+#: Lengths of stretches over the first mode's period.
+_STRETCHES = (0.65, 1.9)
+
+#: [1/s], how far inputs that stand for disturbances wander in the root of a second.
+_WANDER = 0.03
+
+#: Share of a recording that is kept to judge by, and [s] of a prediction of it.
+_KEPT, _JUDGED = 0.15, 2.0
+
+
+def learn(
+    decays: Sequence[Record],
+    forced: Sequence[Record],
+    settings: Settings | None = None,
+    refinement: Refinement | None = None,
+    show: Show | None = None,
+    lower: bool = True,
+) -> ReducedModel:
+    """A model of measured motion: a regression on smoothed outputs, refined on stretches.
+
+
+    Args:
+        decays, forced: See `learned.reduction.fit`.
+        settings, refinement: How.
+        show: Told the progress.
+        lower: Whether lower orders are tried where a model is unstable.
+
+    Raises:
+        FitError: What the data lack.
+    """
+
+    def progress(done: int, total: int, error: float) -> None:
+        if show is not None:
+            show(f"error {error:.3g} m over a stretch", done, total)
+
+    settings = settings or Settings()
+    clean = [smoothed(r) for r in decays], [smoothed(r) for r in forced]
+    records = [*forced, *decays]
+    for order in range(settings.order, 0, -1):
+        how = replace(settings, order=order, input_order=min(order, settings.input_order))
+        try:
+            model = fit(*clean, how, stable=False)
+            model = refine(model, records, refinement or _stretches(model), progress)
+            check_stable(model, records)
+        except ValueError:
+            if order == 1 or not lower:
+                raise
+            continue
+        return model
+    raise AssertionError("order 1 is returned or refused")
+
+
+def _stretches(model: ReducedModel) -> Refinement:
+    """Stretches of the first mode's period, by the model's own modes."""
+    slow = model.eigenvalues()
+    frequency = np.abs(slow.imag)[np.abs(slow.imag) > 0]
+    period = 2 * np.pi / frequency.min() if len(frequency) else 2 / np.abs(slow.real).min()
+    shortest = 20 * model.period
+    return Refinement(lengths=tuple(max(share * period, shortest) for share in _STRETCHES))
+
+
+def smoothed(record: Record) -> Record:
+    """With less noise: local polynomials, which do not shift in time."""
+    return replace(record, outputs=savgol_filter(record.outputs, *_SMOOTH, axis=0))
+
+
+def trusted(model: ReducedModel, records: Sequence[Record]) -> Learned:
+    """A model with what it errs by, as records show."""
+    clean = [smoothed(record) for record in records]
+    late = model.delays - 1
+    noise, process, inputs = [], [], []
+    for record, better in zip(records, clean, strict=True):
+        x, true = (model.encode(delay_vectors(r.outputs, model.delays)) for r in (record, better))
+        v = model.acting(record.inputs)[late:]
+        noise.append(x - true)
+        process.append(true[1:] - _next(model, true, v)[:-1])
+        inputs.append(v)
+    n, m = model.dimension, model.basis.shape[1]
+    whole = np.zeros((n + m, n + m))
+    whole[:n, :n] = _covariance(process)
+    whole[n:, n:] = _WANDER**2 * model.period * np.eye(m)
+    moved = np.concatenate(inputs)
+    floor = 1e-12 * np.eye(n) * np.square(model.scale[:n])
+    return Learned(model, whole, _covariance(noise) + floor, moved.min(axis=0), moved.max(axis=0))
+
+
+def _next(model: ReducedModel, x: np.ndarray, v: np.ndarray) -> np.ndarray:
+    from softrobot_env.learned.reduction.polynomials import roll
+
+    states = np.empty((len(x), 2, x.shape[1]))
+    held = np.ascontiguousarray(np.stack([v, v], axis=1))
+    roll(model.motion, np.ascontiguousarray(x), held, states)
+    return states[:, 1]
+
+
+def _covariance(parts: Sequence[np.ndarray]) -> np.ndarray:
+    """Of rows about zero; those far out, at the ends of records for instance, do not count."""
+    rows = np.concatenate(parts)
+    size = np.linalg.norm(rows / np.maximum(rows.std(axis=0), 1e-300), axis=1)
+    rows = rows[size <= np.quantile(size, 0.99)]
+    return rows.T @ rows / len(rows)
+
+
+def records_of(recording: Recording, robot: RobotParams, axes: str) -> list[Record]:
+    """A recording's runs: tips along axes, and the actions that make its commands.
+
+    Raises:
+        FitError: Rows at rest, markers that were lost, or times that are not evenly spaced.
+        ValueError: Commands that are not those of the robot's drives.
+    """
+    if recording.static:
+        raise FitError("the recording has rows at rest only; a reduced model learns from motion")
+    inputs = robot_inputs(robot)
+    if recording.kind == "action":
+        actions = recording.commands
+    elif recording.drive(robot) == robot.drive.kind == "length":
+        actions = (recording.controls(robot) - inputs.input_centre) / inputs.input_scale
+    else:
+        raise FitError(
+            f"a recording of {recording.kind}s does not tell the actions of {robot.name!r}: record "
+            "actions, or lengths of a robot driven by length"
+        )
+    columns = ["xyz".index(axis) for axis in axes]
+    tips = recording.markers[:, -1][:, columns]
+    found = []
+    for run in np.unique(recording.runs):
+        rows = recording.runs == run
+        times = recording.times[rows]
+        if len(times) < 2:
+            continue
+        period = float(np.median(np.diff(times)))
+        even = np.arange(times[0], times[-1] + period / 2, period)
+        if np.diff(times).max() > 1.5 * period:
+            late = float(times[int(np.argmax(np.diff(times)))])
+            raise FitError(
+                f"run {run} has a gap of {np.diff(times).max():.3g} s after {late:.6g} s; samples "
+                f"{period:.3g} s apart are needed"
+            )
+        if np.isnan(tips[rows]).any():
+            raise FitError(f"run {run}: the marker at the tip was lost")
+        place = np.minimum(np.searchsorted(times, even + 1e-9, side="right") - 1, len(times) - 1)
+        outputs = np.stack([np.interp(even, times, column) for column in tips[rows].T], axis=1)
+        found.append(Record(outputs, actions[rows][place], round(period, 6)))
+    return found
+
+
+def split_decays(records: Sequence[Record]) -> tuple[list[Record], list[Record]]:
+    """Decays, under inputs that do not change, and other motion."""
+    quiet = [bool(np.ptp(record.inputs, axis=0).max() < 1e-9) for record in records]
+    decays = [r for r, still in zip(records, quiet, strict=True) if still]
+    return decays, [r for r, still in zip(records, quiet, strict=True) if not still]
+
+
+def judged(model: ReducedModel, records: Sequence[Record]) -> float:
+    """Mean distance [m] between predicted and measured outputs, over predictions of 2 s."""
+    count = round(_JUDGED / model.period)
+    need = count + model.delays + model.lag
+    errors = []
+    for record in records:
+        for first in range(0, record.samples - need, need):
+            part = slice(first, first + need)
+            cut = Record(record.outputs[part], record.inputs[part], record.period)
+            gap = model.predict_record(cut) - cut.outputs[model.delays - 1 :]
+            errors.append(np.linalg.norm(gap, axis=1))
+    return float(np.mean(np.concatenate(errors))) if errors else float("nan")
+
+
+def run(order: Order, show: Show) -> Figures:
+    """Learn as ordered and write the file."""
+    given: dict[str, Any] = dict(order.settings)
+    quick, robot = "quick" in given, order.robot
+    if "recording" in given:
+        recording = read_recording(Path(given["recording"]))
+        axes = "xy" if robot == RIG else "xz" if robot.moves_in_xz else "xyz"
+        decays, forced = split_decays(records_of(recording, robot, axes))
+    else:
+        plan = replace(PLAN, seed=order.seed)
+        if quick:
+            plan = replace(plan, decays=6, excited=2, minutes=3.0)
+        twin = given.get("twin", 0 if robot == RIG else None)
+        decays, forced = collect(robot, plan, twin, show)
+    if not forced:
+        raise FitError("there is no motion under changing inputs to learn from")
+    kept = max(1, round(_KEPT * len(forced)))
+    if len(forced) == 1:
+        cut = round((1 - _KEPT) * forced[0].samples)
+        one = forced[0]
+        forced = [
+            Record(one.outputs[part], one.inputs[part], one.period)
+            for part in (slice(0, cut), slice(cut, None))
+        ]
+    settings = Settings(order=2, input_order=2) if quick else Settings()
+    short = Refinement(lengths=(0.5,), iterations=2, stretches=50) if quick else None
+    model = learn(decays, forced[:-kept], settings, short, show)
+    learned = trusted(model, [*forced[:-kept], *decays])
+    about = {"seed": order.seed} | ({"twin": given["twin"]} if "twin" in given else {})
+    write_arrays(order.path, {**learned.arrays(), **fingerprint(robot), **about})
+    told = (
+        [] if not decays else [("spectrum", str(spectrum(decays, model.delays, model.dimension)))]
+    )
+    minutes = sum(r.samples for r in (*decays, *forced)) * model.period / 60
+    return [
+        ("recorded", f"{minutes:.1f} min"),
+        *told,
+        ("lag of the inputs", f"{model.lag * model.period:.3g} s"),
+        ("coordinates, order", f"{model.dimension}, {int(model.powers.sum(axis=1).max())}"),
+        ("terms", str(model.coefficients.size)),
+        ("mean error over 2 s, motion left out", f"{1e3 * judged(model, forced[-kept:]):.3g} mm"),
+    ]
