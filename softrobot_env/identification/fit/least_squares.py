@@ -176,7 +176,7 @@ def fitted(
         fit = search(model, x if fit is None else fit.x, free, weights, least=_ROUGH, show=show)
         weights = weights_of(fit, model)
     assert fit is not None
-    return search(model, fit.x, free, weights, show=show, steps=6)
+    return search(model, fit.x, free, weights, show=show, steps=6, least=1e-3)
 
 
 def weights_of(fit: Fit, model: StaticModel) -> Weights:

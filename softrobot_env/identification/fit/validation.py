@@ -23,9 +23,9 @@ SCHEMES: tuple[Scheme, ...] = ("interleaved", "contiguous")
 
 BLOCKS = 5
 _CHUNKS = 20  # of a recording without patterns
-_STEPS = 8
+_STEPS = 6
 _PROCESSES = 2
-_ENOUGH = 3e-3
+_ENOUGH = 6e-3
 
 
 @dataclass(frozen=True)
