@@ -197,6 +197,9 @@ def test_rests_are_the_ends_of_times_without_a_command():
     assert rests.static and rests.commands[:, 0].tolist() == list(range(12))
     # It jumped to all but the first: tendons come to rest anywhere, and the markers do not count.
     assert rests.runs.tolist() == list(range(12)) and np.isnan(rests.markers[1:]).all()
+    # What is read with another header keeps what was lost.
+    again = placed(rests, replace(header, static=True))
+    assert np.array_equal(again.markers, rests.markers, equal_nan=True)
     with pytest.raises(ValueError, match="rests 7 times in the recording, fewer than 8: record"):
         at_rest(moving.part(slice(0, 700)))
 

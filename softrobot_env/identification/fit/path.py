@@ -207,7 +207,12 @@ def identify(
 
 def placed(recording: Recording, header: Header) -> Recording:
     """The recording as it is read with another header of the same columns."""
-    old, new = recording.header, header
+    old = recording.header
+    lost = [
+        m.may_be_lost or was.may_be_lost for m, was in zip(header.marker, old.marker, strict=True)
+    ]
+    kept = tuple(replace(m, may_be_lost=x) for m, x in zip(header.marker, lost, strict=True))
+    new = replace(header, marker=kept)  # what was lost stays so
     gone = np.isnan(recording.markers)
     points = old.frame.to_recorded(np.where(gone, 0.0, recording.markers))
     if gone.any():
