@@ -44,6 +44,12 @@ _WANDER = 0.03
 #: Share of a recording that is kept to judge by, and [s] of a prediction of it.
 _KEPT, _JUDGED = 0.15, 2.0
 
+#: Largest error of such predictions, over how far the tip is from the middle.
+_WRONG = 0.15
+
+#: Times that motion is collected, and how much smaller than before.
+_TRIALS, _SMALLER = 3, 0.6
+
 
 def learn(
     decays: Sequence[Record],
@@ -206,41 +212,88 @@ def run(order: Order, show: Show) -> Figures:
     """Learn as ordered and write the file."""
     given: dict[str, Any] = dict(order.settings)
     quick, robot = "quick" in given, order.robot
+    settings = Settings(order=2, input_order=2) if quick else Settings()
+    short = Refinement(lengths=(0.5,), iterations=2, stretches=50) if quick else None
+    figures: Figures = []
     if "recording" in given:
         recording = read_recording(Path(given["recording"]))
         axes = "xy" if robot == RIG else "xz" if robot.moves_in_xz else "xyz"
-        decays, forced = split_decays(records_of(recording, robot, axes))
+        found = _judged(*split_decays(records_of(recording, robot, axes)), settings, short, show)
     else:
         plan = replace(PLAN, seed=order.seed)
         if quick:
             plan = replace(plan, decays=6, excited=2, minutes=3.0)
         twin = given.get("twin", 0 if robot == RIG else None)
-        decays, forced = collect(robot, plan, twin, show)
-    if not forced:
-        raise FitError("there is no motion under changing inputs to learn from")
-    kept = max(1, round(_KEPT * len(forced)))
-    if len(forced) == 1:
-        cut = round((1 - _KEPT) * forced[0].samples)
-        one = forced[0]
-        forced = [
-            Record(one.outputs[part], one.inputs[part], one.period)
-            for part in (slice(0, cut), slice(cut, None))
-        ]
-    settings = Settings(order=2, input_order=2) if quick else Settings()
-    short = Refinement(lengths=(0.5,), iterations=2, stretches=50) if quick else None
-    model = learn(decays, forced[:-kept], settings, short, show)
-    learned = trusted(model, [*forced[:-kept], *decays])
+        found, plan = _simulated(robot, plan, twin, settings, short, show)
+        figures.append(("largest inputs, of the workspace's", f"{plan.laps_amplitude:.2g}"))
+    model, decays, forced, error = found
+    learned = trusted(model, [*forced, *decays])
     about = {"seed": order.seed} | ({"twin": given["twin"]} if "twin" in given else {})
     write_arrays(order.path, {**learned.arrays(), **fingerprint(robot), **about})
-    told = (
-        [] if not decays else [("spectrum", str(spectrum(decays, model.delays, model.dimension)))]
-    )
+    if decays:
+        figures.append(("spectrum", str(spectrum(decays, model.delays, model.dimension))))
     minutes = sum(r.samples for r in (*decays, *forced)) * model.period / 60
     return [
-        ("recorded", f"{minutes:.1f} min"),
-        *told,
+        ("learned from", f"{minutes:.1f} min"),
+        *figures,
         ("lag of the inputs", f"{model.lag * model.period:.3g} s"),
         ("coordinates, order", f"{model.dimension}, {int(model.powers.sum(axis=1).max())}"),
         ("terms", str(model.coefficients.size)),
-        ("mean error over 2 s, motion left out", f"{1e3 * judged(model, forced[-kept:]):.3g} mm"),
+        ("mean error over 2 s, motion left out", f"{1e3 * error:.3g} mm"),
     ]
+
+
+#: A model, what it was learned from, and its error [m].
+_Found = tuple[ReducedModel, list[Record], list[Record], float]
+
+
+def _simulated(
+    robot: RobotParams,
+    plan: Plan,
+    twin: int | None,
+    settings: Settings,
+    refinement: Refinement | None,
+    show: Show,
+) -> tuple[_Found, Plan]:
+    """A model of simulated motion; of smaller motion where larger one is not predicted."""
+    for _ in range(_TRIALS - 1):
+        try:
+            return _judged(*collect(robot, plan, twin, show), settings, refinement, show), plan
+        except FitError:
+            smaller = _SMALLER * plan.amplitude, _SMALLER * plan.laps_amplitude
+            plan = replace(plan, amplitude=smaller[0], laps_amplitude=smaller[1])
+    return _judged(*collect(robot, plan, twin, show), settings, refinement, show), plan
+
+
+def _judged(
+    decays: list[Record],
+    forced: list[Record],
+    settings: Settings,
+    refinement: Refinement | None,
+    show: Show,
+) -> _Found:
+    """Learn from most of the motion, and judge by the rest of it.
+
+    Raises:
+        FitError: It is not predicted.
+    """
+    if not forced:
+        raise FitError("there is no motion under changing inputs to learn from")
+    if len(forced) == 1:
+        one, cut = forced[0], round((1 - _KEPT) * forced[0].samples)
+        parts = slice(0, cut), slice(cut, None)
+        forced = [Record(one.outputs[part], one.inputs[part], one.period) for part in parts]
+    kept = max(1, round(_KEPT * len(forced)))
+    known, unseen = forced[:-kept], forced[-kept:]
+    model = learn(decays, known, settings, refinement, show)
+    error = judged(model, unseen)
+    moved = float(
+        np.mean(np.concatenate([np.linalg.norm(r.outputs - model.origin, axis=1) for r in unseen]))
+    )
+    if not error <= _WRONG * moved:
+        raise FitError(
+            f"predictions of {_JUDGED:g} s of motion that was left out err by {1e3 * error:.3g} mm "
+            f"on average, where the tip is {1e3 * moved:.3g} mm from the middle: more, smaller or "
+            "slower motion is needed"
+        )
+    return model, decays, known, error

@@ -47,8 +47,8 @@ def rig_name(twin: int | None) -> str:
 def _paths(twin: int | None, rows: list[PathRow]) -> Table:
     periods = [p for (p,) in groups(rows, "period")]
     title = (
-        f"Rig {rig_name(twin)}: mean error in mm over rectangle and circle (goal), by the period of "
-        "a lap; NMTE of the slowest and of the fastest"
+        f"Rig {rig_name(twin)}: mean error in mm over rectangle and circle (goal), by the period "
+        "of a lap; NMTE of the slowest and of the fastest"
     )
     heads = [*(f"{p:g} s" for p in periods), "NMTE %", "learned s", "25 s in ms"]
     out = new_table(title, ("model",), heads)

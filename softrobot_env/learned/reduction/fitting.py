@@ -36,8 +36,8 @@ class Settings:
     """What kind of model.
 
     Attributes:
-        dimension: n, coordinates of the manifold; None: two for each output, but no more than two for
-            each reduced input.
+        dimension: n, coordinates of the manifold; None: two for each output, but no more than
+            two for each reduced input.
         delays: Samples in a delay vector.
         shape_order: n_w, of the manifold (3.14).
         order: n_r, of the motion (3.15) in the coordinates.
