@@ -59,6 +59,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "feedback": _in_folder("feedback"),
         "generalization": _in_folder("generalization"),
         "gripper": _in_folder("gripper"),
+        "identify": _in_folder("identify"),
         "laws": _in_folder("laws"),
         "learning": _in_folder("learning"),
         "ppo_defaults": _in_folder("ppo_defaults"),

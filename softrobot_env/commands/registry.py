@@ -5,6 +5,7 @@ from softrobot_env.commands import (
     evaluate,
     export,
     grip,
+    identify,
     inspect,
     listing,
     render,
@@ -37,6 +38,9 @@ COMMANDS: Registry[Command] = Registry(
         "robot-file": Command(robot_file, "check the file of a robot of your own"),
         "recording": Command(
             recording, "check tables of commands and markers, and replay them with any robot"
+        ),
+        "identify": Command(
+            identify, "find a robot's parameters in a recording; write its file and a report"
         ),
         "robot": Command(
             robot, "find, calibrate, hold and stop a real robot, or run a virtual one"

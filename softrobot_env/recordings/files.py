@@ -92,7 +92,7 @@ def recording_of(columns: Columns, header: Header) -> Recording:
     return Recording(
         header=header,
         times=_times(columns, header, runs),
-        commands=commands * header.commands.scale,
+        commands=commands * header.commands.scale + header.commands.offset,
         markers=frame.to_world(marked),
         labels=labels,
         runs=runs,
@@ -157,7 +157,7 @@ def write_recording(recording: Recording, path: Path | str) -> None:
         columns[head.runs] = recording.runs
     if head.label is not None:
         columns[head.label] = recording.labels
-    raw = recording.commands / head.commands.scale
+    raw = (recording.commands - head.commands.offset) / head.commands.scale
     columns |= dict(zip(head.commands.columns, raw.T, strict=True))
     for k, marker in enumerate(head.marker):
         points = _recorded(recording.markers[:, k], head) / UNITS["length"][marker.unit]

@@ -56,6 +56,8 @@ class Commands:
             the order of the environment and no tendons.
         factors: What each column is multiplied by: -1 where it counts what is let out, the radius
             of a spool [m] where it holds angles [rad]; 1 unless given.
+        zeros: What is added after that [m, N or 1]: what a servo pulls in, or lets out, where its
+            column says zero; none unless given.
         in_force: Whether a row's command acts "from" its time to that of the next, or from the
             row before "until" its own.
     """
@@ -65,6 +67,7 @@ class Commands:
     unit: str
     tendons: tuple[str, ...] | None = None
     factors: tuple[float, ...] | None = None
+    zeros: tuple[float, ...] | None = None
     in_force: Literal["from", "until"] = "from"
 
     def __post_init__(self) -> None:
@@ -76,7 +79,7 @@ class Commands:
         if self.tendons is not None and self.kind == "action":
             raise ValueError("commands: actions have the environment's order and no tendons")
         check_unique(list(self.tendons or ()), "commands: tendons")
-        for name in ("tendons", "factors"):
+        for name in ("tendons", "factors", "zeros"):
             given = getattr(self, name)
             if given is not None and len(given) != len(self.columns):
                 raise ValueError(
@@ -89,6 +92,11 @@ class Commands:
         """(n,) what columns are multiplied by to have SI units."""
         factors = self.factors or (1.0,) * len(self.columns)
         return UNITS[self.kind][self.unit] * np.array(factors, dtype=float)
+
+    @property
+    def offset(self) -> np.ndarray:
+        """(n,) what is added to columns after that, in SI units."""
+        return np.array(self.zeros or (0.0,) * len(self.columns), dtype=float)
 
 
 @dataclass(frozen=True)

@@ -129,9 +129,9 @@ def read_robot(path: Path | str) -> RobotParams:
         return replace(_robot(read_table(Path(path))), file=Path(path).resolve())
 
 
-def write_robot(robot: RobotParams, path: Path | str) -> None:
-    """Write a file that is read as the same robot."""
-    write_text(path, _text(robot))
+def write_robot(robot: RobotParams, path: Path | str, notes: Sequence[str] = ()) -> None:
+    """Write a file that is read as the same robot, with lines of notes above as comments."""
+    write_text(path, "".join(f"# {note}".rstrip() + "\n" for note in notes) + _text(robot))
 
 
 def read_gripper(path: Path | str) -> Gripper:

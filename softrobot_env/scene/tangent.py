@@ -35,7 +35,7 @@ import numpy as np
 from softrobot_env.scene.chain import TIP_SITE
 
 #: [m] of sliding at which a tendon's friction is whole.
-_LOOSE = 2e-6
+_LOOSE = 2e-5
 
 
 class StaticForces:

@@ -213,7 +213,7 @@ def test_friction_has_its_derivative_while_tendons_stick_and_slide():
     lengths = StaticForces(model).tendon_length(q)
     # One tendon slides in, one out, and one sticks: differences must not break it loose.
     away = np.zeros_like(lengths)
-    away[np.flatnonzero(model.tendon_frictionloss)] = (1e-3, -1e-3, 1e-6)
+    away[np.flatnonzero(model.tendon_frictionloss)] = (1e-3, -1e-3, 1e-5)
     forces, ctrl = RubbingForces(model, lengths + away), np.zeros(model.nu)
     found = differences(forces, q, ctrl, step=1e-9)
     rub = forces.force(q, ctrl) - StaticForces(model).force(q, ctrl)

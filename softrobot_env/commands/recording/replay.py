@@ -1,6 +1,7 @@
 """`softrobot recording replay`: how far a simulated robot is from a recorded one."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,7 @@ from softrobot_env.robots import ROBOTS, RobotParams, find_robot
 from softrobot_env.writing import write_text
 
 if TYPE_CHECKING:
-    from softrobot_env.identification.replay import ErrorRow
+    from softrobot_env.identification.replay import ErrorRow, Replay
 
 EXAMPLE = """softrobot recording replay test.csv --robot out/identify/robot.toml
   softrobot recording replay train.csv --header my_header.toml --robot my.toml --plant cosserat"""
@@ -39,6 +40,8 @@ _COLUMNS = (
 )
 _CAPTION = "centred: with the mean offset over all rows removed"
 
+_LEARNED = "with residual"
+
 _WORST = 5  # patterns on the terminal
 
 
@@ -50,7 +53,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         required=True,
         metavar="ROBOT",
         help=f"a robot file (*.toml), or a robot out of {', '.join(ROBOTS)}; {_BESIDE_ROBOT} "
-        "beside the file counts as --header unless that is given",
+        "beside the file counts as --header unless that is given, and residual.npz as a correction "
+        "that is told apart",
     )
     parser.add_argument(
         "--plant",
@@ -78,7 +82,8 @@ def run(args: argparse.Namespace) -> int:
 def _run(args: argparse.Namespace) -> int:
     """Replay, print and write."""
     from softrobot_env.evaluation.report import write_json
-    from softrobot_env.identification.replay import error_rows, replay
+    from softrobot_env.identification.replay import error_rows
+    from softrobot_env.identification.replay import replay as replayed
 
     console = Console(highlight=False)
     robot = find_robot(args.robot)
@@ -88,7 +93,7 @@ def _run(args: argparse.Namespace) -> int:
     recording = read_recording(args.recording, header)
     with Progress(console=console, transient=True) as progress:
         bar = progress.add_task("replay", total=len(recording.times))
-        result = replay(
+        result = replayed(
             recording,
             robot,
             args.plant,
@@ -105,7 +110,15 @@ def _run(args: argparse.Namespace) -> int:
     columns = [common | row.columns() for row in rows]
     write_json(args.out / "report.json", columns, args.command_line)
     table = make_table(title, _COLUMNS, rows, caption=_CAPTION)
-    text = text_page("Replay of a recording", Group(table, *told), args.command_line)
+    parts = [table, *told]
+    learned = _with_residual(result)
+    if learned is not None:
+        better = error_rows(learned)
+        console.print(make_table(f"{title}, {_LEARNED}", _COLUMNS, better[:1], caption=_CAPTION))
+        columns += [common | {"model": _LEARNED} | row.columns() for row in better]
+        write_json(args.out / "report.json", columns, args.command_line)
+        parts.append(make_table(f"{title}, {_LEARNED}", _COLUMNS, better, caption=_CAPTION))
+    text = text_page("Replay of a recording", Group(*parts), args.command_line)
     write_text(args.out / "report.md", text)
     console.print(f"{result.cpu_time:.1f} s of CPU time. Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
@@ -114,6 +127,22 @@ def _run(args: argparse.Namespace) -> int:
         plot_replay(result, rows, args.out)
         console.print(f"Wrote plots to {args.out}")
     return int(bool(result.failures))
+
+
+def _with_residual(result: "Replay") -> "Replay | None":
+    """The replay corrected by what was learned of an identified robot, beside whose file it is."""
+    from softrobot_env.identification.fit.residual import (
+        RESIDUAL_FILE,
+        corrected,
+        read_residual,
+    )
+
+    file = result.robot.file
+    path = None if file is None else file.parent / RESIDUAL_FILE
+    if path is None or not path.is_file() or not result.static:
+        return None
+    change = corrected(read_residual(path), result.robot, result.recording)
+    return replace(result, simulated=result.simulated + change)
 
 
 def _worst(rows: "list[ErrorRow]") -> "list[ErrorRow]":

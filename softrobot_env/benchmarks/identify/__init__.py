@@ -1,0 +1,1 @@
+"""Study of identifications: robots of another model class, with truths that nobody is told."""

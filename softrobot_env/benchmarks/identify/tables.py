@@ -1,0 +1,83 @@
+"""Tables of `benchmarks.identify`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from rich.console import Group
+
+from softrobot_env.benchmarks.identify.run import FoundRow
+from softrobot_env.benchmarks.records import groups
+from softrobot_env.rendering.tables import Column, make_table, verdict
+
+#: Kind -> largest relative error that is asked for; of the delay none is.
+GOALS = {"modulus": 0.02, "damping": 0.05, "friction": 0.2}
+
+#: Share of repetitions whose interval has to hold the truth.
+COVERAGE = 0.9
+
+
+@dataclass(frozen=True)
+class _Summary:
+    kind: str
+    count: int
+    bias: float
+    median: float
+    most: float
+    within: float | None
+    inside: float
+    met: bool | None
+
+
+def tables(rows: Sequence[FoundRow]) -> Group:
+    """Errors and coverage of each kind of parameter."""
+    found = [_summary(kind, mine) for (kind,), mine in groups(rows, "kind").items()]
+    relative = [row for row in found if row.kind in GOALS]
+    delay = [row for row in found if row.kind not in GOALS]
+    percent = {"form": ".1f", "unit": "%"}
+    columns = (
+        Column("parameter", "kind"),
+        Column("count", "count", "d"),
+        Column("mean error %", "bias", **percent),
+        Column("median |error|", "median", **percent),
+        Column("largest", "most", **percent),
+        Column("asked", lambda row: GOALS[row.kind], **percent),
+        Column("within it", "within", **percent),
+        Column("truth in 95 %", "inside", **percent),
+        Column("met", lambda row: verdict(row.met), ">"),
+    )
+    times = [row.time for row in rows if row.kind == "modulus"]
+    caption = (
+        f"{len(times)} robots; an identification took {np.median(times):.1f} s. met: all within "
+        f"what is asked, and the truth in at least {100 * COVERAGE:.0f} % of the intervals"
+    )
+    late = (
+        Column("parameter", "kind"),
+        Column("count", "count", "d"),
+        Column("mean error ms", "bias", ".1f", "ms"),
+        Column("median |error|", "median", ".1f", "ms"),
+        Column("largest", "most", ".1f", "ms"),
+        Column("truth in 95 %", "inside", **percent),
+    )
+    return Group(
+        make_table("Cosserat rods, identified", columns, relative, caption=caption),
+        make_table("Delay of the markers", late, delay),
+    )
+
+
+def _summary(kind: str, rows: Sequence[FoundRow]) -> _Summary:
+    error = np.array([row.error for row in rows])
+    inside = float(np.mean([row.inside for row in rows]))
+    goal = GOALS.get(kind)
+    within = None if goal is None else float(np.mean(np.abs(error) <= goal))
+    met = None if within is None else bool(within == 1 and inside >= COVERAGE)
+    return _Summary(
+        kind,
+        len(rows),
+        float(error.mean()),
+        float(np.median(np.abs(error))),
+        float(np.abs(error).max()),
+        within,
+        inside,
+        met,
+    )

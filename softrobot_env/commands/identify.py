@@ -1,0 +1,143 @@
+"""`softrobot identify`: find a robot's parameters in a recording of it."""
+
+import argparse
+from dataclasses import replace
+from time import perf_counter
+from typing import TYPE_CHECKING
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress, TaskID
+
+from softrobot_env.commands.arguments import add_out
+from softrobot_env.commands.recording.check import add_file
+from softrobot_env.recordings import read_recording
+from softrobot_env.rendering.tables import text_page
+from softrobot_env.robots import ROBOTS, find_robot
+from softrobot_env.writing import write_text
+
+if TYPE_CHECKING:
+    from softrobot_env.identification.fit.path import Identification
+    from softrobot_env.identification.fit.report import ErrorRow
+
+EXAMPLE = """softrobot identify train.csv --header assets/recordings/ftdcr_v4.toml --robot ftdcr_v4
+  softrobot identify pulls.csv --robot my.toml --stages frame,tendons,statics
+  softrobot recording replay test.csv --robot out/identify/robot.toml"""
+
+_STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of the command."""
+    add_file(parser)
+    parser.add_argument(
+        "--robot",
+        required=True,
+        metavar="ROBOT",
+        help=f"as it is believed to be: a robot file (*.toml), or a robot out of "
+        f"{', '.join(ROBOTS)}",
+    )
+    parser.add_argument(
+        "--stages",
+        type=_stages,
+        default=_STAGES,
+        metavar="A,B",
+        help=f"what to find, out of {','.join(_STAGES)}; the rest stays as the robot file says; "
+        "default: all",
+    )
+    parser.add_argument(
+        "--known",
+        type=lambda text: tuple(text.split(",")),
+        default=(),
+        metavar="A,B",
+        help="kinds of parameters that the robot file says exactly, such as mass,tendon_radius",
+    )
+    parser.add_argument(
+        "--any-turn",
+        action="store_true",
+        help="the recording's frame may be turned by any angle about the robot's axis, as it may "
+        "anyway where the columns' tendons are not known",
+    )
+    parser.add_argument(
+        "--no-validation", action="store_true", help="skip the cross-validation, half of the time"
+    )
+    parser.add_argument("--no-plots", action="store_true", help="skip the plots")
+    add_out(parser, "out/identify")
+
+
+def _stages(text: str) -> tuple[str, ...]:
+    names = tuple(name.strip() for name in text.split(","))
+    unknown = [name for name in names if name not in _STAGES]
+    if unknown:
+        raise argparse.ArgumentTypeError(f"{unknown[0]!r} is not one of {', '.join(_STAGES)}")
+    return names
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the command."""
+    from softrobot_env.evaluation.report import write_json
+    from softrobot_env.identification.fit import report
+    from softrobot_env.identification.fit.path import check_stages, identify
+
+    console, began = Console(highlight=False), perf_counter()
+    stages = check_stages(args.stages)
+    robot = find_robot(args.robot)
+    recording = read_recording(args.recording, args.header)
+    with Progress(console=console, transient=True) as progress:
+        bar = progress.add_task("identify", total=None)
+
+        def show(what: str, done: int, total: int) -> None:
+            progress.update(bar, description=what, completed=done, total=total)
+
+        found = identify(
+            recording,
+            robot,
+            stages,
+            known=args.known,
+            any_turn=args.any_turn,
+            validate=not args.no_validation,
+            show=show,
+        )
+        chain = _on_chain(found, progress, bar)
+    console.print(report.tables(found, chain, whole=False))
+    files = report.write_files(found, args.out)
+    write_json(args.out / "report.json", report.report_rows(found, chain), args.command_line)
+    page = text_page(
+        "Identification of a robot", report.tables(found, chain, whole=True), args.command_line
+    )
+    write_text(args.out / "report.md", page)
+    wrote = ", ".join([*files, "report.json", "report.md"])
+    console.print(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
+    if not args.no_plots:
+        _plot(found, args)
+        console.print(f"Wrote plots to {args.out}")
+    return 0
+
+
+def _on_chain(found: "Identification", progress: Progress, bar: TaskID) -> "ErrorRow | None":
+    """Errors of the robot that was found, simulated by the MuJoCo chain."""
+    from softrobot_env.identification.fit.path import placed
+    from softrobot_env.identification.fit.report import chain_row
+    from softrobot_env.identification.replay import replay
+
+    static = placed(found.recording, replace(found.header, static=True))
+    progress.update(bar, description="MuJoCo chain", total=len(static.times), completed=0)
+    error = replay(
+        static, found.robot, progress=lambda rows: progress.update(bar, completed=rows)
+    ).error
+    return None if np.isnan(error).all() else chain_row(error)
+
+
+def _plot(found: "Identification", args: argparse.Namespace) -> None:
+    from softrobot_env.identification.fit.report import parameter_rows
+    from softrobot_env.rendering.identification import plot_identification
+
+    errors = {"fitted": found.fit.simulated.error[:, -1]}
+    for validation in found.validations:
+        errors[f"cross-validated, {validation.scheme}"] = validation.error[:, -1]
+        if validation.corrected is not None:
+            name = f"cross-validated with residual, {validation.scheme}"
+            errors[name] = validation.corrected[:, -1]
+    rows = [row for row in parameter_rows(found) if row.found]
+    title = f"{args.recording.name}, {found.believed.name}"
+    plot_identification(found.recording.markers[:, -1], errors, rows, title, args.out)

@@ -1,0 +1,1 @@
+"""A robot identified from a recording: what is unknown, found, and how well it is known."""

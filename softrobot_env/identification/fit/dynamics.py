@@ -1,0 +1,219 @@
+"""Damping and delay of a robot that was recorded in motion, by the MuJoCo chain.
+
+The chain is given the recording's commands from rest, as a replay does; damping of the backbone
+and delay of the markers are changed until its markers move as the
+recorded ones. Errors at rest are the business of the statics: of each window the mean error of each
+marker is left out.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softrobot_env.identification.fit.least_squares import correlation_time
+from softrobot_env.identification.replay.simulation import replay
+from softrobot_env.recordings import Recording
+from softrobot_env.robots import RobotParams
+
+_LONGEST = 12.0  # s that are simulated
+_WINDOW, _BEFORE = 1.5, 3.0  # s after it begins to move, and at most before
+_STEPS = 6
+_PROBE = (0.05, 0.004, 0.01, 0.05)  # of log damping, delay [s], log modulus, log friction
+_PRIOR = (1.5, 0.05)  # of the first two
+_LEAST = 1e-3  # of the modulus
+_IN_MOTION = 0.2  # by which friction in motion may differ from that at rest
+_MOST = np.array([1.0, 0.03, 0.2, 0.5])  # of a step
+_START_DELAY = 0.0
+
+#: What is found, and its unit.
+NAMES = (("damping_time", "log"), ("marker_delay", "s"))
+
+
+@dataclass(frozen=True)
+class Dynamics:
+    """What was found.
+
+    Attributes:
+        robot: With its damping.
+        delay: [s] of the markers.
+        values: (2,) logarithm of the damping's factor, and delay [s].
+        deviation: (2,) standard deviations.
+        prior: (2,) those of the prior.
+        before, after: RMS [m] of the markers' errors in the windows, their means left out.
+        duration: [s] of the windows.
+    """
+
+    robot: RobotParams
+    delay: float
+    values: np.ndarray
+    deviation: np.ndarray
+    prior: np.ndarray
+    before: float
+    after: float
+    duration: float
+
+
+def dynamics_of(
+    robot: RobotParams,
+    recording: Recording,
+    modulus: float = 0.0,
+    friction: float = 0.0,
+    show: Callable[[int, float], None] | None = None,
+) -> Dynamics:
+    """Find damping and delay.
+
+    Args:
+        robot: With its statics identified.
+        recording: In motion, in its identified frame.
+        modulus, friction: Standard deviations of the logarithms of Young's modulus and of the
+            tendons' friction, as the statics left them. Both may change with damping and delay, so
+            that these are as uncertain as that makes them, but stay as they are in the result.
+        show: Told each step and its RMS [m].
+
+    Raises:
+        ValueError: The robot has no damping to begin with, or the simulation fails everywhere.
+    """
+    if not all(s.damping_time > 0 for s in robot.backbone.sections):
+        raise ValueError(
+            f"robot {robot.name!r} has damping_time_s = 0: give a guess to begin with, such as 0.02"
+        )
+    windows = _windows(recording)
+
+    def built(values: np.ndarray, whole: bool = True) -> RobotParams:
+        damped = robot.vary(damping_time=float(np.exp(values[0])))
+        if not whole:
+            return damped
+        rubbing = tuple(
+            replace(t, friction=t.friction * float(np.exp(values[3]))) for t in damped.tendons
+        )
+        return replace(damped.vary(youngs_modulus=float(np.exp(values[2]))), tendons=rubbing)
+
+    def error(values: np.ndarray) -> np.ndarray:
+        delay = max(float(values[1]), 0.0)
+        markers = tuple(replace(m, delay_s=m.delay_s + delay) for m in windows.header.marker)
+        moved = replace(windows, header=replace(windows.header, marker=markers))
+        found = replay(moved, built(values)).error
+        out = np.full_like(found, np.nan)
+        for run in range(int(windows.runs[-1]) + 1):
+            rows = windows.runs == run
+            if np.isfinite(found[rows]).any():
+                out[rows] = found[rows] - np.nanmean(found[rows], axis=0)
+        if np.isnan(out).all():
+            raise ValueError("the identified robot could not be simulated in motion")
+        return out
+
+    values = np.array([0.0, _START_DELAY, 0.0, 0.0])
+    prior = np.array([*_PRIOR, max(modulus, _LEAST), np.hypot(friction, _IN_MOTION)])
+    count = len(values)
+    here = error(values)
+    before = _rms(here)
+    damping, normal = 1e-3, np.eye(count)
+
+    def cost(left: np.ndarray, at: np.ndarray, variance: float) -> float:
+        return float(np.nansum(left**2) / variance + np.sum((at / prior) ** 2))
+
+    for step in range(_STEPS):
+        slopes = np.stack(
+            [
+                (error(values + np.eye(count)[k] * probe) - here) / probe
+                for k, probe in enumerate(_PROBE)
+            ],
+            axis=-1,
+        )
+        variance = max(_rms(here) ** 2 / 3, 1e-12) * correlation_time(here, windows.runs)
+        known = np.isfinite(here) & np.isfinite(slopes).all(axis=-1)
+        a, b = slopes[known], here[known]
+        normal = a.T @ a / variance + np.diag(1 / prior**2)
+        right = a.T @ b / variance + values / prior**2
+        better = False
+        for _ in range(5):
+            step_by = np.linalg.solve(normal + damping * np.diag(np.diag(normal)), right)
+            there = values - np.clip(step_by, -_MOST, _MOST)
+            there[1] = max(there[1], 0.0)
+            trial = error(there)
+            if cost(trial, there, variance) < cost(here, values, variance):
+                better = True
+                break
+            damping *= 10
+        if not better:
+            break
+        moved = np.abs(there - values) / prior
+        values, here, damping = there, trial, max(damping / 10, 1e-6)
+        if show is not None:
+            show(step + 1, _rms(here))
+        if moved.max() < 2e-3:
+            break
+    deviation = np.sqrt(np.diag(np.linalg.inv(normal)))
+    return Dynamics(
+        robot=built(values, whole=False),
+        delay=float(values[1]),
+        values=values[:2],
+        deviation=deviation[:2],
+        prior=prior[:2],
+        before=before,
+        after=_rms(here),
+        duration=float(sum(windows.times[windows.runs == r][-1] for r in set(windows.runs))),
+    )
+
+
+def _windows(recording: Recording) -> Recording:
+    """Parts of the recording, each from rest on, in which markers move fastest.
+
+    Markers on the way to where a part begins do not count.
+    """
+    if recording.times[-1] <= _LONGEST and recording.runs[-1] == 0:
+        return recording
+    times, runs = recording.times, recording.runs
+    same = np.append(False, np.diff(runs) == 0)
+    change = np.append(0.0, np.abs(np.diff(recording.commands, axis=0)).max(axis=1))
+    speed = np.linalg.norm(
+        np.nan_to_num(np.diff(recording.markers[:, -1], axis=0, prepend=recording.markers[:1, -1])),
+        axis=1,
+    )
+    quiet = change <= 1e-3 * np.ptp(recording.commands, axis=0).max()
+    begins = np.flatnonzero(~quiet & np.append(True, quiet[:-1]) & same) - 1
+    judged, last = [], None
+    for begin in begins:
+        still = (times >= times[begin] - 0.3) & (times <= times[begin]) & (runs == runs[begin])
+        if not quiet[still][1:].all():
+            continue
+        after = (times >= times[begin]) & (times <= times[begin] + _WINDOW) & (runs == runs[begin])
+        # The way there sets which way the tendons rub before it is let go.
+        first = begin
+        if last is not None and runs[last] == runs[begin]:
+            first = last if times[begin] - times[last] <= _BEFORE else begin
+        rows = (times >= times[first]) & (times <= times[begin] + _WINDOW) & (runs == runs[begin])
+        judged.append((float(speed[after].max()), times[begin], rows))
+        last = begin
+    judged.sort(key=lambda one: -one[0])
+    chosen: list[np.ndarray] = []
+    lead = np.zeros(len(times), dtype=bool)
+    for _, moment, rows in judged:
+        if sum(np.ptp(times[other]) for other in chosen) >= _LONGEST:
+            break
+        if all(not np.any(rows & other) for other in chosen):
+            chosen.append(rows)
+            lead |= rows & (times < moment)
+    if not chosen:
+        rows = (times <= _LONGEST) & (runs == 0)
+        return recording.part(rows)
+    chosen.sort(key=lambda rows: int(np.argmax(rows)))
+    order = np.concatenate([np.flatnonzero(rows) for rows in chosen])
+    number = np.concatenate([np.full(int(rows.sum()), k) for k, rows in enumerate(chosen)])
+    first = np.append(True, np.diff(number) != 0)
+    elapsed = times[order] - times[order][first][number]
+    lost = tuple(replace(marker, may_be_lost=True) for marker in recording.header.marker)
+    return replace(
+        recording,
+        header=replace(recording.header, marker=lost),
+        times=elapsed,
+        commands=recording.commands[order],
+        markers=np.where(lead[order, None, None], np.nan, recording.markers[order]),
+        labels=recording.labels[order],
+        runs=number,
+    )
+
+
+def _rms(error: np.ndarray) -> float:
+    return float(np.sqrt(np.nanmean(np.nansum(error**2, axis=-1))))

@@ -1,0 +1,126 @@
+"""Which commands would tell most about what is known least.
+
+Candidates are single pulls of each tendon, the others held or let out, and the robot lying or
+hanging where gravity matters. Each is simulated with what was found; with its slopes the spread of
+the least known parameters follows before anything is measured.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from softrobot_env.identification.fit.least_squares import Fit
+from softrobot_env.identification.fit.model import StaticModel
+
+_LEVELS = 8
+_ASKED = 5  # parameters that are known least
+_TOLD = 5  # experiments
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Commands that would tell more.
+
+    Attributes:
+        name: What to do.
+        gain: [1], sum over the least known parameters of the share by which variances fall.
+        parameter: Which of them gains most.
+        before, after: Its standard deviation, without and with the experiment.
+        commands: (t, n) in SI units, in the recording's columns.
+    """
+
+    name: str
+    gain: float
+    parameter: str
+    before: float
+    after: float
+    commands: np.ndarray
+
+
+def best_experiments(model: StaticModel, fit: Fit) -> list[Experiment]:
+    """The best of some experiments, the most telling first; none where nothing is free."""
+    spread = model.unknowns.spread
+    free = np.flatnonzero(fit.free)
+    share = fit.deviation[free] / spread[free]
+    asked = free[np.argsort(-share)[:_ASKED]]
+    found = []
+    for name, commands, gravity in _candidates(model):
+        slopes = _slopes(model, fit, commands, gravity)
+        if slopes is None:
+            continue
+        a = slopes.reshape(-1, len(free)) / fit.weights.deviation
+        old = fit.covariance[np.ix_(free, free)]
+        gained = np.linalg.solve(np.eye(len(a)) + a @ old @ a.T, a @ old)
+        new = np.diag(old - old @ a.T @ gained)
+        places = [int(np.flatnonzero(free == k)[0]) for k in asked]
+        falls = np.array([1 - new[p] / old[p, p] for p in places])
+        most = int(np.argmax(falls))
+        found.append(
+            Experiment(
+                name,
+                float(falls.sum()),
+                model.unknowns.labels[asked[most]],
+                float(np.sqrt(old[places[most], places[most]])),
+                float(np.sqrt(max(new[places[most]], 0.0))),
+                commands,
+            )
+        )
+    return sorted(found, key=lambda one: -one.gain)[:_TOLD]
+
+
+def _candidates(model: StaticModel) -> list[tuple[str, np.ndarray, np.ndarray | None]]:
+    """Name, commands (t, n) and another gravity (3,) along the robot's axes, or None."""
+    recording = model.recording
+    names = recording.tendons or recording.header.commands.columns
+    low, high = recording.commands.min(axis=0), recording.commands.max(axis=0)
+    rise = np.concatenate([np.linspace(0, 1, _LEVELS), np.linspace(1, 0, _LEVELS)[1:]])
+    middle = np.median(recording.commands, axis=0)
+    lets_out = recording.kind == "length" and bool(np.any(low < 0))
+    found: list[tuple[str, np.ndarray, np.ndarray | None]] = []
+    for k, name in enumerate(names):
+        held = np.tile(middle, (len(rise), 1))
+        held[:, k] = middle[k] + rise * (high[k] - middle[k]) / 2
+        found.append((f"pull {name}, hold the others", held, None))
+        if lets_out:
+            loose = np.tile(low, (len(rise), 1))
+            loose[:, k] = rise * high[k] / 2
+            found.append((f"pull {name}, let the others out", loose, None))
+    gravity = np.array(model.robot.own_gravity)
+    if gravity.any():
+        still = np.tile(middle, (3, 1))
+        size = float(np.linalg.norm(gravity))
+        found.append(("lay the robot level, its x axis up", still, np.array([-size, 0.0, 0.0])))
+        if model.spatial:
+            found.append(("lay the robot level, its y axis up", still, np.array([0.0, -size, 0.0])))
+        found.append(("turn the robot upside down", still, -gravity))
+    return found
+
+
+def _slopes(
+    model: StaticModel, fit: Fit, commands: np.ndarray, gravity: np.ndarray | None
+) -> np.ndarray | None:
+    """(t, k, 3, f) slopes of an experiment; None where it cannot be simulated."""
+    rows = len(commands)
+    recording = model.recording
+    planned = replace(
+        recording,
+        times=np.arange(rows, dtype=float),
+        commands=commands,
+        markers=np.zeros((rows, *recording.markers.shape[1:])),
+        labels=np.full(rows, ""),
+        runs=np.zeros(rows, dtype=int),
+    )
+    other = model.on(planned, gravity)
+    found = other.simulate(fit.x, fit.free)
+    slopes = found.slopes.copy()
+    frame = other.unknowns.place("frame_turn"), other.unknowns.place("frame_shift")
+    if gravity is not None:  # it is put up anew: the old frame does not count
+        for place in frame:
+            if place is not None:
+                slopes[
+                    ...,
+                    np.flatnonzero(
+                        np.isin(np.flatnonzero(fit.free), range(place.start, place.stop))
+                    ),
+                ] = 0
+    return slopes if found.found.all() and np.isfinite(slopes).all() else None

@@ -1,0 +1,254 @@
+"""Robust regularised least squares, what it leaves open, and honest spreads.
+
+Residuals along a path depend on each other: what the model lacks at one row it lacks at the next.
+Their number that counts is that of rows over the integrated correlation time, by which the data's
+weight is reduced.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from softrobot_env.identification.fit.model import Simulated, StaticModel
+
+_STEPS = 25
+_LEAST = 1e-4  # relative decrease of the cost at which a search ends
+_ROUGH = 3e-3  # of searches whose weights change afterwards
+_DAMPING = 1e-3
+_ROUNDS = 2  # of weights from residuals
+
+#: Told about each step: number, RMS [m].
+Show = Callable[[int, float], None]
+
+
+@dataclass(frozen=True)
+class Weights:
+    """How much residuals count.
+
+    Attributes:
+        scale: [m], beyond which a row counts less and less (soft L1).
+        deviation: [m], standard deviation of a coordinate, as if rows were independent of each
+            other: larger than the true one by the root of their correlation time.
+        correlation: Rows that a residual lasts.
+    """
+
+    scale: float
+    deviation: float
+    correlation: float = 1.0
+
+
+@dataclass(frozen=True)
+class Fit:
+    """What a search found.
+
+    Attributes:
+        x: (p,) parameters, zero where they were not free.
+        free: (p,) bool.
+        simulated: The model there.
+        weights: By which.
+        root: (f, f) of the prior's covariance, of free ones: they are root @ white.
+        information: (f, f) of the data on white, of which the prior has the identity.
+        covariance: (p, p) of the parameters, that of the prior where they were not free.
+        steps: It took.
+    """
+
+    x: np.ndarray
+    free: np.ndarray
+    simulated: Simulated
+    weights: Weights
+    root: np.ndarray
+    information: np.ndarray
+    covariance: np.ndarray
+    steps: int
+
+    @property
+    def deviation(self) -> np.ndarray:
+        """(p,) standard deviations."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def size(error: np.ndarray) -> float:
+    """RMS [m] of the distances of errors (t, k, 3), of what is known."""
+    known = ~np.isnan(error).all(axis=-1)
+    return float(np.sqrt(np.nansum(error**2) / max(known.sum(), 1)))
+
+
+def correlation_time(error: np.ndarray, runs: np.ndarray) -> float:
+    """Rows that errors (t, k, 3) last: 1 + 2 the sum of their correlations, up to the first zero.
+
+    Rows of different runs count as unrelated.
+    """
+    values = np.nan_to_num(error - np.nanmean(error, axis=0)).reshape(len(error), -1)
+    total = float(np.sum(values**2))
+    if total == 0 or len(values) < 4:
+        return 1.0
+    time = 1.0
+    for lag in range(1, len(values) // 4 + 1):
+        same = runs[lag:] == runs[:-lag]
+        share = float(np.sum(values[lag:][same] * values[:-lag][same])) / total
+        if share <= 0.05:
+            break
+        time += 2 * share
+    return time
+
+
+def search(
+    model: StaticModel,
+    x: np.ndarray,
+    free: np.ndarray,
+    weights: Weights,
+    *,
+    rows: np.ndarray | None = None,
+    used: np.ndarray | None = None,
+    rubs: bool = True,
+    steps: int = _STEPS,
+    least: float = _LEAST,
+    show: Show | None = None,
+) -> Fit:
+    """Levenberg's and Marquardt's method on the robust cost and the prior.
+
+    Args:
+        model: The robot.
+        x: (p,) where to begin.
+        free: (p,) bool, which to change.
+        weights: Of the rows.
+        rows: Rows that are simulated; all unless given.
+        used: (t,) bool, those of them whose markers count; all unless given.
+        rubs: Whether friction counts.
+        steps: At most.
+        least: Relative decrease of the cost at which it ends.
+        show: Told about each.
+    """
+    prior = model.unknowns.prior[np.ix_(free, free)]
+    root = np.linalg.cholesky(prior)  # parameters are root @ white, the prior of white is one
+
+    def cost(found: Simulated, at: np.ndarray) -> float:
+        square = _squares(found.error, used) / weights.scale**2
+        data = np.sum(np.sqrt(1 + square) - 1) * (weights.scale / weights.deviation) ** 2
+        return float(data + 0.5 * np.sum(np.linalg.solve(root, at[free]) ** 2))
+
+    x, damping, taken = x.copy(), _DAMPING, 0
+    here = model.simulate(x, free, rows, rubs)
+    value = cost(here, x)
+    for step in range(steps):
+        information, gradient = _normal(here, weights, used)
+        matrix = root.T @ information @ root + np.eye(len(root))
+        right = root.T @ gradient + np.linalg.solve(root, x[free])
+        better = None
+        for _ in range(6):
+            change = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)
+            there = x.copy()
+            there[free] -= root @ change
+            trial = model.simulate(there, None, rows, rubs)
+            new = cost(trial, there)
+            if new < value:
+                better = there
+                break
+            damping *= 5
+        if better is None:
+            break
+        gain, x, value, taken = value - new, better, new, step + 1
+        damping = max(damping / 5, 1e-7)
+        here = model.simulate(x, free, rows, rubs)
+        if show is not None:
+            show(taken, size(here.error))
+        if gain < least * value:
+            break
+    information, _ = _normal(here, weights, used)
+    white = root.T @ information @ root
+    covariance = model.unknowns.prior.copy()
+    covariance[free] = covariance[:, free] = 0.0
+    covariance[np.ix_(free, free)] = root @ np.linalg.inv(white + np.eye(len(root))) @ root.T
+    return Fit(x, free, here, weights, root, white, covariance, taken)
+
+
+def fitted(
+    model: StaticModel,
+    x: np.ndarray,
+    free: np.ndarray,
+    start: Weights,
+    show: Show | None = None,
+) -> Fit:
+    """`search`, with weights from the residuals of a first one."""
+    weights, fit = start, None
+    for _ in range(_ROUNDS):
+        fit = search(model, x if fit is None else fit.x, free, weights, least=_ROUGH, show=show)
+        weights = weights_of(fit, model)
+    assert fit is not None
+    return search(model, fit.x, free, weights, show=show, steps=6, least=1e-3)
+
+
+def weights_of(fit: Fit, model: StaticModel) -> Weights:
+    """Weights by the residuals of a fit."""
+    error = fit.simulated.error
+    known = error[~np.isnan(error)]
+    spread = 1.4826 * float(np.median(np.abs(known - np.median(known))))
+    spread = max(spread, 0.5 * float(np.sqrt(np.mean(known**2))), 1e-9)
+    time = correlation_time(error, model.recording.runs)
+    shared = min(time, len(error) / 2)
+    return Weights(2 * spread, spread * float(np.sqrt(shared)), time)
+
+
+def first_weights(model: StaticModel) -> Weights:
+    """Weights before anything is known: a hundredth of the robot's length."""
+    least = 0.01 * model.robot.length
+    return Weights(2 * least, least)
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Parameters that the data tell together only, or not at all.
+
+    Attributes:
+        information: Of the data over that of the prior: below one it is the prior that speaks.
+        parts: Label and change, over the prior's spread, largest first.
+    """
+
+    information: float
+    parts: tuple[tuple[str, float], ...]
+
+    def __str__(self) -> str:
+        terms = " ".join(f"{share:+.2f} ({label})" for label, share in self.parts)
+        return f"{terms}: information {self.information:.2g} of the prior's"
+
+
+def combinations(fit: Fit, labels: list[str], most: int = 12) -> list[Combination]:
+    """Combinations of free parameters that the data tell less of than the prior, least first.
+
+    By singular values of the slopes, parameters in units of the prior.
+    """
+    values, vectors = np.linalg.eigh(fit.information)
+    names = [label for label, free in zip(labels, fit.free, strict=True) if free]
+    found = []
+    for value, vector in zip(values, vectors.T, strict=True):
+        if value >= 1 or len(found) == most:
+            break
+        vector = fit.root @ vector / np.sqrt(np.sum(fit.root**2, axis=1))
+        order = np.argsort(-np.abs(vector))[:6]
+        sign = np.sign(vector[order[0]])
+        parts = tuple((names[i], float(sign * vector[i])) for i in order if abs(vector[i]) > 0.15)
+        found.append(Combination(float(max(value, 0.0)), parts))
+    return found
+
+
+def _squares(error: np.ndarray, used: np.ndarray | None) -> np.ndarray:
+    """(t, k) squared distances, of unknown coordinates and rows that do not count zero."""
+    squares = np.nansum(error**2, axis=-1)
+    return squares if used is None else squares * used[:, None]
+
+
+def _normal(
+    found: Simulated, weights: Weights, used: np.ndarray | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Information (f, f) of the data and gradient (f,) of their cost."""
+    square = np.nansum(found.error**2, axis=-1) / weights.scale**2
+    weight = 1 / np.sqrt(1 + square)
+    if used is not None:
+        weight = weight * used[:, None]
+    slopes = np.where(np.isnan(found.error)[..., None], 0.0, found.slopes)
+    flat = slopes.reshape(-1, slopes.shape[-1])
+    weighted = (slopes * weight[..., None, None]).reshape(flat.shape)
+    error = np.nan_to_num(found.error).ravel()
+    scale = weights.deviation**2
+    return flat.T @ weighted / scale, weighted.T @ error / scale

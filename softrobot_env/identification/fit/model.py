@@ -1,0 +1,480 @@
+"""A robot's statics as a function of unknown parameters, with exact derivatives.
+
+Constant-curvature pieces, two or more between the ends of tendons and sections, in place of the
+MuJoCo chain: a row takes 0.2 ms instead of some 5. What is found is written as a robot file and a
+header, and confirmed there by the chain.
+"""
+
+from copy import copy
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import atan2, ceil, degrees
+
+import numpy as np
+
+from softrobot_env.identification.fit.kernels import (
+    TINY,
+    Body,
+    Layout,
+    follow,
+    scratch,
+)
+from softrobot_env.identification.fit.unknowns import Unknowns, groups, start_friction
+from softrobot_env.processes import one_blas_thread
+from softrobot_env.recordings import Header, Recording
+from softrobot_env.recordings.header import Commands
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.parameters import Base
+
+_PIECES = 6  # at least, over all of the robot
+_CHANNEL = 1000  # spans of a continuous channel in a piece
+_LOOSE = 2e-5  # m
+_TOLERANCE = 1e-9  # of the imbalance, over the moment that bends the robot by a radian
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """What the model says of some rows.
+
+    Attributes:
+        error: (t, k, 3) [m] simulated less recorded markers, along the robot's axes; NaN where
+            they were not measured.
+        slopes: (t, k, 3, p) derivatives by the parameters; of none without.
+        turns: (t, 3 n) [rad] of the pieces.
+        rub: (t, n_tendons) share of friction, in [-1, 1].
+        found: (t,) bool, whether an equilibrium was found.
+        markers: (t, k, 3) [m] simulated, along the robot's axes.
+    """
+
+    error: np.ndarray
+    slopes: np.ndarray
+    turns: np.ndarray
+    rub: np.ndarray
+    found: np.ndarray
+    markers: np.ndarray
+
+
+class StaticModel:
+    """A robot and a recording of it at rest.
+
+    Attributes:
+        robot, recording: As given; the recording's columns are the robot's tendons by then.
+        unknowns: The parameters.
+        begins: (t,) bool, rows where another run begins.
+        points: (t, k, 3) [m], recorded markers along the robot's axes at its base.
+        spatial: Whether the robot leaves its plane.
+        layout: Its pieces.
+        stretches: First piece after each end of a section or tendon.
+    """
+
+    def __init__(
+        self,
+        robot: RobotParams,
+        recording: Recording,
+        turned: bool = False,
+        pieces: int | None = None,
+        as_filed: bool = False,
+    ) -> None:
+        """Build the arrays.
+
+        Args:
+            robot: As its file says.
+            recording: Of rows at rest, with known tendons.
+            turned: Whether the recording's axes may be turned about the robot's by any angle.
+            pieces: At least, in all; six, and two between ends of sections or tendons, unless
+                given.
+            as_filed: Whether friction is the file's, also where that is too little to begin a
+                search with.
+
+        Raises:
+            ValueError: The model lacks what the robot has, or the recording has no markers.
+        """
+        _check(robot, recording)
+        self.robot, self.recording = robot, recording
+        self._controls = np.ascontiguousarray(recording.controls(robot))
+        self._gravity = np.array(robot.own_gravity)
+        self._by_length = recording.drive(robot) == "length"
+        self.begins = np.append(True, np.diff(recording.runs) != 0)
+        self._axes = np.eye(3) if robot.base is None else robot.base.axes
+        self._base = np.zeros(3) if robot.base is None else np.array(robot.base.position)
+        self.points = (recording.markers - self._base) @ self._axes
+        self.spatial = not robot.is_planar
+        self.unknowns = Unknowns(
+            tuple(
+                groups(
+                    robot,
+                    recording,
+                    turned=turned,
+                    spatial=self.spatial,
+                    by_length=self._by_length,
+                )
+            )
+        )
+        travel = float(np.ptp(recording.commands, axis=0).max())
+        self._friction = np.array([t.friction for t in robot.tendons], dtype=float)
+        if not as_filed:
+            self._friction = start_friction(robot, travel, self._by_length)
+        self._lay(pieces)
+
+    def on(self, recording: Recording, gravity: np.ndarray | None = None) -> "StaticModel":
+        """The same model of another recording, with gravity (3,) [m/s2] along the robot's axes."""
+        other = copy(self)
+        other.recording, other._controls = recording, recording.controls(self.robot)
+        other.begins = np.append(True, np.diff(recording.runs) != 0)
+        other.points = (recording.markers - self._base) @ self._axes
+        if gravity is not None:
+            other._gravity = gravity
+        return other
+
+    def _lay(self, pieces: int | None) -> None:
+        robot, markers = self.robot, self.recording.header.marker
+        stations = [m.station_m for m in markers if m.station_m is not None]
+        ends = np.unique(
+            np.round([*robot.backbone.ends, *(t.end for t in robot.tendons), *stations], 12)
+        )
+        ends = ends[(ends >= 0) & (ends <= robot.length * (1 + 1e-12))]
+        least, total = (2, _PIECES) if pieces is None else (1, pieces)
+        pieces = max(least, ceil(total / (len(ends) - 1)))
+        edges = np.concatenate(
+            [a + (b - a) / pieces * np.arange(pieces) for a, b in pairwise(ends)] + [ends[-1:]]
+        )
+        self._edges, sizes = edges, np.diff(edges)
+        self.stretches = pieces * np.arange(len(ends) - 1)
+        tendons = robot.tendons
+        last = np.array([int(np.argmin(np.abs(edges - t.end))) for t in tendons], dtype=int)
+        spans = np.full((len(tendons), len(sizes)), float(_CHANNEL))
+        for k, tendon in enumerate(tendons):
+            if tendon.guides:
+                spans[k] = _spans(np.array(tendon.stations), edges)
+        nodes = [
+            len(sizes) if m.station_m is None else int(np.argmin(np.abs(edges - m.station_m)))
+            for m in markers
+        ]
+        self.layout = Layout(sizes, spans, last, self._by_length, np.array(nodes), _LOOSE)
+        backbone = robot.backbone
+        self._bending = backbone.in_series(backbone.bending, edges) / sizes
+        self._torsion = backbone.in_series(backbone.torsion, edges) / sizes
+        middle = edges[:-1] + sizes / 2
+        self._section = backbone.index(middle)
+        own = backbone.integrals(backbone.mass, edges)
+        first = backbone.integrals(lambda s: backbone.mass(s) * s, edges)
+        share = (first / own - edges[:-1]) / sizes
+        mass = np.zeros(len(edges))
+        mass[:-1] += own * (1 - share)
+        mass[1:] += own * share
+        for disc in robot.discs:
+            i = int(np.clip(np.searchsorted(edges, disc.station) - 1, 0, len(sizes) - 1))
+            part = (disc.station - edges[i]) / sizes[i]
+            mass[i] += disc.mass * (1 - part)
+            mass[i + 1] += disc.mass * part
+        self._mass = mass
+        self._scale = float(self._bending.min())
+
+    # ------------------------------------------------------------------ parameters to arrays
+
+    def body(self, x: np.ndarray) -> Body:
+        """The model's arrays for parameters (p,), real or complex."""
+        robot, take = self.robot, lambda name, count: self.unknowns.take(x, name, count)
+        tendons, n = robot.tendons, len(robot.tendons)
+        soft = np.exp(take("youngs_modulus", len(robot.backbone.sections)))[self._section]
+        unlike, azimuth = robot.anisotropy / 2, robot.stiff_azimuth
+        c, s = np.cos(azimuth), np.sin(azimuth)
+        # Bends towards x and y are turns about y and -x.
+        xx, xy, yy = 1 + unlike * (c * c - s * s), 2 * unlike * c * s, 1 - unlike * (c * c - s * s)
+        bend = self._bending * soft
+        stiffness = np.stack([bend * yy, -bend * xy, bend * xx, self._torsion * soft], axis=1)
+        more = take("precurvature", 2 if self.spatial else 1)
+        toward_x = robot.precurvature[0] + (more[0] if len(more) else 0.0)
+        toward_y = robot.precurvature[1] + (more[1] if len(more) > 1 else 0.0)
+        sizes = self.layout.sizes
+        rest = np.stack([-toward_y * sizes, toward_x * sizes], axis=1)
+        place = np.array([t.offset for t in tendons], dtype=x.dtype).reshape(-1, 2)
+        angle = take("tendon_angle", n)
+        radius = np.exp(take("tendon_radius", n))
+        c, s = np.cos(angle) * radius, np.sin(angle) * radius
+        place = np.stack(
+            [c * place[:, 0] - s * place[:, 1], s * place[:, 0] + c * place[:, 1]], axis=1
+        )
+        spring = np.ones(n, dtype=x.dtype)
+        if self._by_length:
+            spring = np.array([t.stiffness for t in tendons]) * np.exp(take("tendon_stiffness", n))
+        pre = np.array([t.pretension for t in tendons]) + take("pretension", n)
+        friction = self._friction * np.exp(take("tendon_friction", n))
+        heavy = np.exp(take("mass", 1)[0])
+        head = robot.head
+        over = np.array([0.0, 0.0]) if head is None else np.array([head.mass, head.centre])
+        gravity = self._turn(x, "gravity_tilt").T @ self._gravity
+        straight = self._edges[self.layout.last] + x[:1].sum() * 0
+        return Body(
+            stiffness,
+            rest,
+            place,
+            spring,
+            pre,
+            friction,
+            straight,
+            self._mass * heavy,
+            over * np.array([heavy, 1.0]),
+            gravity,
+            np.ones(n),
+            np.zeros(n),
+            self._offsets(x),
+        )
+
+    def _offsets(self, x: np.ndarray) -> np.ndarray:
+        """(k, 3) [m] of the markers along the axes at their nodes, a head's height included."""
+        markers = self.recording.header.marker
+        known = np.array([m.offset_m for m in markers], dtype=float)
+        if self.robot.head is not None:
+            known[[m.station_m is None for m in markers], 2] += self.robot.head.output
+        return known + self._three(self.unknowns.take(x, "marker_offset", 3 * len(markers)))
+
+    def _three(self, values: np.ndarray) -> np.ndarray:
+        """(k, 3) coordinates from those that are unknown, x and z of a planar robot."""
+        if self.spatial:
+            return values.reshape(-1, 3)
+        pairs = values.reshape(-1, 2)
+        return np.stack([pairs[:, 0], pairs[:, 0] * 0, pairs[:, 1]], axis=1)
+
+    def _turn(self, x: np.ndarray, name: str) -> np.ndarray:
+        """(3, 3) rotation by the parameters of a kind: about x, y and z, x and y, or y."""
+        found = self.unknowns.take(x, name, 0)
+        vector = np.zeros(3, dtype=x.dtype)
+        if len(found) == 1:
+            vector[1] = found[0]
+        else:
+            vector[: len(found)] = found
+        return rotation(vector)
+
+    def _shift(self, x: np.ndarray) -> np.ndarray:
+        found = self.unknowns.take(x, "frame_shift", 0)
+        return self._three(found)[0] if len(found) else np.zeros(3, dtype=x.dtype)
+
+    # ------------------------------------------------------------------ simulation
+
+    @one_blas_thread()
+    def simulate(
+        self,
+        x: np.ndarray,
+        free: np.ndarray | None = None,
+        rows: np.ndarray | None = None,
+        rubs: bool = True,
+    ) -> Simulated:
+        """Markers and errors for parameters x (p,).
+
+        Args:
+            x: Parameters.
+            free: (p,) bool, those to derive by; none unless given.
+            rows: Indices of rows, followed one after the other; all unless given.
+            rubs: Whether tendons have friction.
+        """
+        chosen = np.arange(len(self.begins)) if rows is None else np.asarray(rows)
+        by = np.zeros(0, dtype=int) if free is None else np.flatnonzero(free)
+        steps = []
+        for j in by:
+            moved = x.astype(complex)
+            moved[j] += TINY * 1j
+            steps.append(moved)
+        body = _contiguous(self.body(x), float)
+        if not rubs:
+            body = body._replace(friction=body.friction * 0)
+        shifted = [_contiguous(self.body(y), complex) for y in steps]
+        many = Body(
+            *(
+                np.ascontiguousarray(np.stack(parts))
+                if parts
+                else np.zeros((0, *own.shape), complex)
+                for own, parts in zip(
+                    body, zip(*shifted, strict=True) if shifted else [()] * len(body), strict=True
+                )
+            )
+        )
+        n, tendons, k = len(self.layout.sizes), len(body.spring), len(self.layout.nodes)
+        turns, markers = np.zeros((len(chosen), 3 * n)), np.zeros((len(chosen), k, 3))
+        slopes, rub = np.zeros((len(chosen), k, 3, len(by))), np.zeros((len(chosen), tendons))
+        begins = self.begins[chosen].copy()
+        begins[0] = True
+        begins |= np.append(False, np.diff(self.recording.runs[chosen]) != 0)
+        found = follow(
+            self.layout,
+            body,
+            many,
+            np.ascontiguousarray(self._controls[chosen]),
+            begins,
+            _TOLERANCE * self._scale,
+            scratch(n, tendons, float),
+            scratch(n, tendons, complex),
+            turns,
+            markers,
+            slopes,
+            rub,
+        )
+        points = self.points[chosen]
+        placed = self._placed(x, points)
+        for index, moved in enumerate(steps):
+            if self._moves_frame(by[index]):
+                slopes[..., index] -= np.nan_to_num(self._placed(moved, points).imag) / TINY
+        error = markers - placed
+        return Simulated(error, slopes, turns, rub, found, markers)
+
+    def _moves_frame(self, index: int) -> bool:
+        places = [self.unknowns.place(name) for name in ("frame_turn", "frame_shift")]
+        return any(p is not None and p.start <= index < p.stop for p in places)
+
+    def _placed(self, x: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Recorded points (t, k, 3) along the robot's axes."""
+        turn = self._turn(x, "frame_turn")
+        if np.isnan(points).all(axis=(0, 1)).any():
+            # A coordinate that was not measured: turns need all, shifts do not.
+            return points + self._shift(x)
+        return points @ turn.T + self._shift(x)
+
+    # ------------------------------------------------------------------ what was found
+
+    def robot_of(self, x: np.ndarray) -> RobotParams:
+        """The robot with parameters x (p,)."""
+        robot, body = self.robot, _contiguous(self.body(x), float)
+        take, tendons = lambda name, n: self.unknowns.take(x, name, n), []
+        angle = take("tendon_angle", len(robot.tendons))
+        radius = np.exp(take("tendon_radius", len(robot.tendons)))
+        for k, tendon in enumerate(robot.tendons):
+            moved = tendon.turned(float(angle[k]), float(radius[k]))
+            changes = {"friction": float(body.friction[k])}
+            if self._by_length:
+                changes["stiffness"] = float(body.spring[k])
+                most = 0.9 * tendon.tension_limit
+                changes["pretension"] = float(np.clip(body.pretension[k], 0.0, most))
+            tendons.append(replace(moved, **changes))
+        soft = np.exp(take("youngs_modulus", len(robot.backbone.sections)))
+        heavy = float(np.exp(take("mass", 1)[0]))
+        sections = [
+            section.vary(youngs_modulus=float(e), density=heavy)
+            for section, e in zip(robot.backbone.sections, soft, strict=True)
+        ]
+        head = robot.head
+        if head is not None:
+            head = replace(
+                head, mass=head.mass * heavy, inertia=tuple(heavy * i for i in head.inertia)
+            )
+        discs = tuple(
+            replace(d, mass=d.mass * heavy, inertia=tuple(heavy * i for i in d.inertia))
+            for d in robot.discs
+        )
+        more = take("precurvature", 2 if self.spatial else 1)
+        bend = np.array(robot.precurvature) + np.append(more, 0.0)[:2]
+        return replace(
+            robot.with_sections(*sections),
+            tendons=tuple(tendons),
+            precurvature=tuple(bend.tolist()),
+            head=head,
+            discs=discs,
+            base=self._base_of(x),
+            file=None,
+        )
+
+    def _base_axes(self, x: np.ndarray) -> np.ndarray:
+        return self._axes @ self._turn(x, "gravity_tilt")
+
+    def _base_of(self, x: np.ndarray) -> Base | None:
+        if not self.unknowns.take(x, "gravity_tilt", 2).any():
+            return self.robot.base
+        axes = self._base_axes(x)
+        plain = Base(direction=tuple(axes[:, 2].tolist())).axes.T @ axes
+        roll = atan2(plain[1, 0], plain[0, 0])
+        return Base(tuple(self._base.tolist()), tuple(axes[:, 2].tolist()), roll)
+
+    def header_of(self, x: np.ndarray, header: Header) -> Header:
+        """The recording's header with frame, markers, factors and zeros of parameters x (p,)."""
+        axes = self._base_axes(x)
+        turn = axes @ self._turn(x, "frame_turn") @ self._axes.T
+        frame = header.frame
+        shift = turn @ (np.array(frame.shift_m) - self._base) + axes @ self._shift(x) + self._base
+        # A turn by zero must stay zero: a coordinate that was not measured cannot be turned.
+        vector = turn_vector(turn @ rotation(np.radians(frame.turn_deg)))
+        told = [degrees(v) if abs(v) > 1e-12 else 0.0 for v in vector]
+        frame = replace(frame, turn_deg=tuple(told), shift_m=tuple(shift.tolist()))
+        extra = self._three(self.unknowns.take(x, "marker_offset", 3 * len(header.marker)))
+        markers = tuple(
+            replace(m, offset_m=tuple((np.array(m.offset_m) + e).tolist()))
+            for m, e in zip(header.marker, extra, strict=True)
+        )
+        return replace(header, frame=frame, marker=markers, commands=self._commands(x, header))
+
+    def _commands(self, x: np.ndarray, header: Header) -> Commands:
+        commands = header.commands
+        if not self._by_length or commands.kind != "length":
+            return commands
+        names = [t.name for t in self.robot.tendons]
+        whose = [names.index(name) for name in (self.recording.tendons or commands.columns)]
+        body = _contiguous(self.body(x), float)
+        slack = np.minimum(body.pretension, 0.0) / body.spring
+        zeros = np.array(commands.zeros or (0.0,) * len(whose)) + slack[whose]
+        return replace(commands, zeros=tuple(zeros.tolist()) if zeros.any() else None)
+
+
+def rotation(vector: np.ndarray) -> np.ndarray:
+    """(3, 3) rotation by a vector (3,) [rad], real or complex."""
+    x = (vector * vector).sum()
+    if abs(x) < 1e-8:
+        a, b = 1 - x / 6 * (1 - x / 20), 0.5 - x / 24
+    else:
+        t = np.sqrt(x)
+        a, b = np.sin(t) / t, (1 - np.cos(t)) / x
+    zero = x * 0
+    cross = np.array(
+        [
+            [zero, -vector[2], vector[1]],
+            [vector[2], zero, -vector[0]],
+            [-vector[1], vector[0], zero],
+        ]
+    )
+    return np.eye(3) + a * cross + b * cross @ cross
+
+
+def turn_vector(matrix: np.ndarray) -> np.ndarray:
+    """(3,) [rad] of a rotation (3, 3), the opposite of `rotation`."""
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_matrix(matrix).as_rotvec()
+
+
+def _contiguous(body: Body, kind: type) -> Body:
+    parts = []
+    for part in body:
+        values = np.asarray(part)
+        values = values.real if kind is float else values
+        parts.append(np.ascontiguousarray(values, dtype=kind))
+    return Body(*parts)
+
+
+def _spans(stations: np.ndarray, edges: np.ndarray) -> np.ndarray:
+    """(n,) spans between guides in each piece: size over the mean square length of what is there.
+
+    A span turns by its share, and what its chord lacks grows with the square.
+    """
+    found = np.ones(len(edges) - 1)
+    lengths = np.diff(stations)
+    for i, (a, b) in enumerate(pairwise(edges)):
+        inside = np.clip(np.minimum(stations[1:], b) - np.maximum(stations[:-1], a), 0, None)
+        if inside.sum() > 0:
+            mean = np.sqrt((inside * lengths**2).sum() / inside.sum())
+            found[i] = (b - a) / mean
+    return found
+
+
+def _check(robot: RobotParams, recording: Recording) -> None:
+    if not recording.header.marker:
+        raise ValueError("the recording has no markers: nothing can be identified from it")
+    if not robot.tendons:
+        raise ValueError(f"robot {robot.name!r} has no tendons: nothing is commanded")
+    crooked = [t.name for t in robot.tendons if not t.is_straight]
+    if crooked:
+        raise ValueError(
+            f"tendon {crooked[0]!r} of robot {robot.name!r} is not straight; an identification "
+            "knows tendons that stay at one place of the cross-section"
+        )
+    for marker in recording.header.marker:
+        if marker.station_m is not None and marker.station_m > robot.length * (1 + 1e-9):
+            raise ValueError(
+                f"marker: station_m must be at most {robot.length:g}, got {marker.station_m:g}"
+            )

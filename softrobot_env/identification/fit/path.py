@@ -1,0 +1,274 @@
+"""The path from a recording to a robot: stages, one after the other, and what they leave open."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+
+import numpy as np
+
+from softrobot_env.identification.fit.assignment import Assignment, assigned, with_tendons
+from softrobot_env.identification.fit.dynamics import Dynamics, dynamics_of
+from softrobot_env.identification.fit.experiment import Experiment, best_experiments
+from softrobot_env.identification.fit.least_squares import (
+    Combination,
+    Fit,
+    combinations,
+    first_weights,
+    fitted,
+    search,
+    size,
+)
+from softrobot_env.identification.fit.model import StaticModel
+from softrobot_env.identification.fit.residual import Residual, bends_of, trained
+from softrobot_env.identification.fit.rests import at_rest
+from softrobot_env.identification.fit.unknowns import STAGES, Unknowns
+from softrobot_env.identification.fit.validation import (
+    Validation,
+    cross_validated,
+    pattern_numbers,
+)
+from softrobot_env.recordings import Header, Recording
+from softrobot_env.robots import RobotParams
+
+#: Told what is done, how much of it, and of how much.
+Show = Callable[[str, int, int], None]
+
+_PHYSICS = ("frame", "tendons", "geometry", "statics")
+_FITS = 25  # steps shown as all
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a recording tells of a robot.
+
+    Attributes:
+        robot: With what was found.
+        header: Of the recording, with what was found.
+        believed: The robot as its file said.
+        recording: At rest, with known tendons, in the frame it was given in.
+        stages: That were run.
+        unknowns: The parameters.
+        fit: Of the statics.
+        assignment: Of columns to tendons; None where it was known.
+        validations: None without.
+        residual: The correction; None without, or where none helps.
+        dynamics: None of a recording at rest.
+        experiments: What would tell more, best first.
+        times: [s] that each part took.
+    """
+
+    robot: RobotParams
+    header: Header
+    believed: RobotParams
+    recording: Recording
+    stages: tuple[str, ...]
+    unknowns: Unknowns
+    fit: Fit
+    assignment: Assignment | None
+    validations: tuple[Validation, ...]
+    residual: Residual | None
+    correction: np.ndarray | None
+    dynamics: Dynamics | None
+    experiments: tuple[Experiment, ...]
+    times: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def combinations(self) -> list[Combination]:
+        """What the data cannot tell, least known first."""
+        return combinations(self.fit, self.unknowns.labels)
+
+
+def check_stages(stages: Sequence[str]) -> tuple[str, ...]:
+    """The stages in their order.
+
+    Raises:
+        ValueError: One is unknown, or none of the statics is among them.
+    """
+    unknown = [name for name in stages if name not in STAGES]
+    if unknown or not set(stages) & set(_PHYSICS):
+        raise ValueError(
+            f"stages must be out of {', '.join(STAGES)}, one of the first four at least, got "
+            f"{','.join(stages) or 'none'}"
+        )
+    return tuple(name for name in STAGES if name in stages)
+
+
+def identify(
+    recording: Recording,
+    robot: RobotParams,
+    stages: Sequence[str] = tuple(STAGES),
+    *,
+    known: Sequence[str] = (),
+    any_turn: bool = False,
+    validate: bool = True,
+    show: Show | None = None,
+) -> Identification:
+    """Find a robot's parameters.
+
+    Args:
+        recording: Of it; of a moving robot the statics use what is at rest.
+        robot: As its file says.
+        stages: Out of `STAGES`; what the others would find stays as the file says.
+        known: Kinds of parameters that the file says exactly, such as "mass".
+        any_turn: Whether the recording's frame may be turned by any angle about the robot's axis,
+            as it is where columns' tendons are not known.
+        validate: Whether to cross-validate.
+        show: Told about the progress.
+
+    Raises:
+        ValueError: Recording and robot do not fit, or have what cannot be identified.
+    """
+    stages, times = check_stages(stages), {}
+    told = show or (lambda what, done, total: None)
+    static, moving = at_rest(recording), None if recording.static else recording
+    found = None
+    began = perf_counter()
+    if static.tendons is None and static.kind != "action" and "tendons" in stages:
+        names = {t.name for t in robot.tendons}
+        if not set(static.header.commands.columns) <= names:
+            found = assigned(static, robot, lambda n: told("which column pulls what", n, 200))
+            static = with_tendons(static, found)
+            moving = None if moving is None else with_tendons(moving, found)
+            times["assignment"] = perf_counter() - began
+    turned = any_turn or found is not None
+    model = StaticModel(robot, static, turned)
+    unknowns = model.unknowns
+    free, x = _free(model, stages, known), np.zeros(len(unknowns.spread))
+    if found is not None:
+        x[unknowns.place("frame_turn").stop - 1] = found.turn
+    began = perf_counter()
+    fit = _fitted(model, x, free, lambda n, _: told("fit", min(n, _FITS), _FITS))
+    times["fit"] = perf_counter() - began
+    validations: list[Validation] = []
+    if validate:
+        began = perf_counter()
+        validations = cross_validated(
+            robot,
+            static,
+            turned,
+            fit.x,
+            free,
+            fit.weights,
+            "residual" in stages,
+            lambda done, total: told("cross-validation", done, total),
+        )
+        times["cross-validation"] = perf_counter() - began
+    residual, correction = None, None
+    if "residual" in stages:
+        told("residual", 0, 1)
+        began = perf_counter()
+        given = (bends_of(model, fit.simulated.turns), static.commands, model.begins)
+        residual = trained(*given, fit.simulated.error, pattern_numbers(static))
+        correction = None if residual is None else residual.correction(*given)
+        times["residual"] = perf_counter() - began
+    built = replace(model.robot_of(fit.x), name=f"{robot.name}_identified")
+    header = model.header_of(fit.x, static.header)
+    dynamics = None
+    if moving is not None:  # rows at rest were made here: what is read again is what was recorded
+        lost = [marker.may_be_lost for marker in recording.header.marker]
+        markers = tuple(
+            replace(m, may_be_lost=own) for m, own in zip(header.marker, lost, strict=True)
+        )
+        header = replace(header, static=recording.static, marker=markers)
+    if moving is not None and "dynamics" in stages:
+        began = perf_counter()
+        dynamics = dynamics_of(
+            built,
+            placed(moving, header),
+            _common(unknowns, fit, "youngs_modulus"),
+            _common(unknowns, fit, "tendon_friction"),
+            lambda n, _: told("dynamics", n, 6),
+        )
+        built = dynamics.robot
+        late = tuple(replace(m, delay_s=m.delay_s + dynamics.delay) for m in header.marker)
+        header = replace(header, marker=late)
+        times["dynamics"] = perf_counter() - began
+    told("what would tell more", 0, 1)
+    began = perf_counter()
+    experiments = best_experiments(model, fit)
+    times["experiments"] = perf_counter() - began
+    return Identification(
+        robot=built,
+        header=header,
+        believed=robot,
+        recording=static,
+        stages=stages,
+        unknowns=unknowns,
+        fit=fit,
+        assignment=found,
+        validations=tuple(validations),
+        residual=residual,
+        correction=correction,
+        dynamics=dynamics,
+        experiments=tuple(experiments),
+        times=times,
+    )
+
+
+def placed(recording: Recording, header: Header) -> Recording:
+    """The recording as it is read with another header of the same columns."""
+    old = recording.header
+    lost = [
+        m.may_be_lost or was.may_be_lost for m, was in zip(header.marker, old.marker, strict=True)
+    ]
+    kept = tuple(replace(m, may_be_lost=x) for m, x in zip(header.marker, lost, strict=True))
+    new = replace(header, marker=kept)  # what was lost stays so
+    gone = np.isnan(recording.markers)
+    points = old.frame.to_recorded(np.where(gone, 0.0, recording.markers))
+    if gone.any():
+        order = [int(np.abs(row).argmax()) for row in old.frame.rotation]
+        points[..., order] = np.where(gone, np.nan, points[..., order])
+    raw = (recording.commands - old.commands.offset) / old.commands.scale
+    return replace(
+        recording,
+        header=new,
+        markers=new.frame.to_world(points),
+        commands=raw * new.commands.scale + new.commands.offset,
+    )
+
+
+def _common(unknowns: Unknowns, fit: Fit, name: str) -> float:
+    """Standard deviation of what the parameters of a kind have in common."""
+    place = unknowns.place(name)
+    part = fit.covariance[place, place]
+    return float(np.sqrt(part.mean()))
+
+
+def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np.ndarray:
+    """(p,) bool: parameters of the stages, but turns of points that were not wholly measured.
+
+    Raises:
+        ValueError: A known kind is none, or nothing is left.
+    """
+    free = model.unknowns.of(stages)
+    for name in known:
+        place = model.unknowns.place(name)
+        if place is None:
+            kinds = ", ".join(group.name for group in model.unknowns.groups)
+            raise ValueError(f"known must be out of {kinds}, got {name!r}")
+        free[place] = False
+    turn = model.unknowns.place("frame_turn")
+    if turn is not None and np.isnan(model.points).all(axis=(0, 1)).any():
+        free[turn] = False
+    return free
+
+
+def _fitted(
+    model: StaticModel, x: np.ndarray, free: np.ndarray, show: Callable[[int, float], None]
+) -> Fit:
+    """The frame at first, then everything; from half and twice the stiffness as well if needed."""
+    start = first_weights(model)
+    frame = free & model.unknowns.of(["frame"])
+    if frame.any():
+        x = search(model, x, frame, start, rubs=False, steps=4).x
+    best = fitted(model, x, free, start, show)
+    stiff = model.unknowns.place("youngs_modulus")
+    if size(best.simulated.error) < 2.5 * start.deviation or stiff is None or not free[stiff].any():
+        return best
+    for change in (-0.7, 0.7):
+        other = x.copy()
+        other[stiff] += change
+        trial = fitted(model, other, free, start, show)
+        if size(trial.simulated.error) < size(best.simulated.error):
+            best = trial
+    return best

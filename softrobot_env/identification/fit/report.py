@@ -1,0 +1,347 @@
+"""What an identification found as rows, tables and files."""
+
+from dataclasses import asdict, dataclass
+from math import exp
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Group
+
+from softrobot_env.identification.fit.least_squares import size
+from softrobot_env.identification.fit.path import Identification
+from softrobot_env.identification.fit.residual import RESIDUAL_FILE
+from softrobot_env.identification.fit.validation import centred
+from softrobot_env.recordings.header import write_header
+from softrobot_env.rendering.tables import Column, make_table, named_values
+from softrobot_env.robots import write_robot
+from softrobot_env.writing import write_text
+
+#: Names of the files, as a replay looks for them.
+ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
+
+#: 95 % of a normal distribution lie within so many standard deviations.
+NORMAL_95 = 1.959964
+
+_UNITS = {"log": ("%", 100.0), "rad": ("deg", 180 / np.pi), "m": ("mm", 1e3)}
+
+
+@dataclass(frozen=True)
+class ParameterRow:
+    """A parameter that was found.
+
+    Attributes:
+        parameter: Kind and label.
+        stage: That found it.
+        value: Change of what the file said, in its unit; factors as logarithms.
+        deviation: Standard deviation.
+        low, high: 95 % interval.
+        prior: Standard deviation of what was believed.
+        unit: "log", "rad", "m", "N", "1/m" or "s".
+        found: Whether it was free.
+    """
+
+    parameter: str
+    stage: str
+    value: float
+    deviation: float
+    low: float
+    high: float
+    prior: float
+    unit: str
+    found: bool
+
+
+@dataclass(frozen=True)
+class ErrorRow:
+    """Distances of simulated and recorded markers.
+
+    Attributes:
+        rows: Which rows: "fitted", or cross-validated by "interleaved" or "contiguous" blocks.
+        model: "physics", "with residual", or "chain" for the MuJoCo chain of the robot file.
+        pattern: Label, or "all".
+        count: Number of rows.
+        rms, rms_centred, mean, max: [m]; centred has the mean offset over all rows removed.
+    """
+
+    rows: str
+    model: str
+    pattern: str
+    count: int
+    rms: float
+    rms_centred: float
+    mean: float
+    max: float
+
+
+@dataclass(frozen=True)
+class UnknownRow:
+    """A combination of parameters that the data hardly tell.
+
+    Attributes:
+        combination: Parameters with their shares.
+        information: Of the data, over that of the prior.
+    """
+
+    combination: str
+    information: float
+
+
+@dataclass(frozen=True)
+class ExperimentRow:
+    """Commands that would tell more.
+
+    Attributes:
+        experiment: What to do.
+        gain: Sum over the five least known parameters of the share by which variances fall.
+        parameter: Which of them gains most.
+        before, after: Its standard deviation.
+    """
+
+    experiment: str
+    gain: float
+    parameter: str
+    before: float
+    after: float
+
+
+def parameter_rows(found: Identification) -> list[ParameterRow]:
+    """All parameters."""
+    rows, unknowns = [], found.unknowns
+    place = 0
+    for group in unknowns.groups:
+        for label in group.labels:
+            value, deviation = float(found.fit.x[place]), float(found.fit.deviation[place])
+            rows.append(
+                _parameter(
+                    f"{group.name}: {label}",
+                    group.stage,
+                    value,
+                    deviation,
+                    float(unknowns.spread[place]),
+                    group.unit,
+                    bool(found.fit.free[place]),
+                )
+            )
+            place += 1
+    dynamics = found.dynamics
+    if dynamics is not None:
+        for k, (name, unit) in enumerate(
+            (("damping_time: all", "log"), ("marker_delay: all", "s"))
+        ):
+            numbers = (float(x[k]) for x in (dynamics.values, dynamics.deviation, dynamics.prior))
+            rows.append(_parameter(name, "dynamics", *numbers, unit, True))
+    return rows
+
+
+def _parameter(
+    name: str,
+    stage: str,
+    value: float,
+    deviation: float,
+    prior: float,
+    unit: str,
+    free: bool,
+) -> ParameterRow:
+    half = NORMAL_95 * deviation
+    return ParameterRow(
+        name, stage, value, deviation, value - half, value + half, prior, unit, free
+    )
+
+
+def error_rows(found: Identification) -> list[ErrorRow]:
+    """Errors of all rows, by what made them; and of each pattern, of physics."""
+    patterns = found.recording.patterns
+    error = found.fit.simulated.error
+    rows = [_error("fitted", "physics", "all", error)]
+    if found.correction is not None:
+        rows.append(_error("fitted", "with residual", "all", error + found.correction))
+    for validation in found.validations:
+        rows.append(_error(validation.scheme, "physics", "all", validation.error))
+        if validation.corrected is not None:
+            rows.append(_error(validation.scheme, "with residual", "all", validation.corrected))
+    mean = np.nanmean(error, axis=0)
+    for name in dict.fromkeys(patterns.tolist()):
+        rows.append(_error("fitted", "physics", name or "none", error[patterns == name], mean))
+    return rows
+
+
+def _error(
+    rows: str, model: str, pattern: str, error: np.ndarray, mean: np.ndarray | None = None
+) -> ErrorRow:
+    known = error[~np.isnan(error).all(axis=-1)]
+    distance = np.sqrt(np.nansum(known**2, axis=-1))
+    off = centred(error) if mean is None else size(error - mean)
+    return ErrorRow(
+        rows,
+        model,
+        pattern,
+        len(error),
+        size(error),
+        off,
+        float(distance.mean()) if distance.size else 0.0,
+        float(distance.max(initial=0.0)),
+    )
+
+
+def chain_row(error: np.ndarray) -> ErrorRow:
+    """Of the MuJoCo chain, errors (t, k, 3) [m]; rows that failed do not count."""
+    known = error[~np.isnan(error).all(axis=(1, 2))]
+    return _error("fitted", "chain", "all", known)
+
+
+def report_rows(found: Identification, chain: ErrorRow | None) -> list[dict[str, Any]]:
+    """Rows of report.json, each with its kind."""
+    errors = error_rows(found) + ([] if chain is None else [chain])
+    kinds: list[tuple[str, list[Any]]] = [
+        ("error", errors),
+        ("parameter", parameter_rows(found)),
+        ("not told", [UnknownRow(str(c), c.information) for c in found.combinations]),
+        ("experiment", _experiments(found)),
+    ]
+    return [{"kind": kind} | asdict(row) for kind, rows in kinds for row in rows]
+
+
+def _experiments(found: Identification) -> list[ExperimentRow]:
+    return [
+        ExperimentRow(e.name, e.gain, e.parameter, e.before, e.after) for e in found.experiments
+    ]
+
+
+_MM = {"form": ".2f", "unit": "mm"}
+_ERRORS = (
+    Column("rows", "rows"),
+    Column("model", "model"),
+    Column("pattern", "pattern"),
+    Column("count", "count", "d"),
+    Column("RMS mm", "rms", **_MM),
+    Column("centred", "rms_centred", **_MM),
+    Column("mean", "mean", **_MM),
+    Column("max", "max", **_MM),
+)
+
+
+def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
+    """Tables for people; of all patterns and parameters if `whole`."""
+    errors = error_rows(found)
+    general = [row for row in errors if row.pattern == "all"] + ([] if chain is None else [chain])
+    fit = found.fit
+    facts = {
+        "rows": len(found.recording.times),
+        "stages": ", ".join(found.stages),
+        "a residual lasts": f"{fit.weights.correlation:.1f} rows",
+        "independent rows": f"{len(found.recording.times) / fit.weights.correlation:.0f}",
+        "time": ", ".join(f"{name} {value:.0f} s" for name, value in found.times.items()),
+    }
+    if found.assignment is not None:
+        columns = found.recording.header.commands.columns
+        pairs = zip(columns, found.assignment.tendons, strict=True)
+        facts["columns"] = ", ".join(f"{column} = {tendon}" for column, tendon in pairs)
+        rms, second = 1e3 * found.assignment.rms, 1e3 * found.assignment.second
+        facts["columns: error"] = f"{rms:.1f} mm as the file says, next best {second:.1f} mm"
+    if found.dynamics is not None:
+        d = found.dynamics
+        facts["in motion"] = (
+            f"{1e3 * d.before:.2f} mm before, {1e3 * d.after:.2f} mm after, means left out, in "
+            f"{d.duration:.1f} s"
+        )
+    if found.residual is None and "residual" in found.stages:
+        facts["residual"] = "none: no correction helps on patterns that it has not seen"
+    parts: list[Any] = [
+        named_values(found.believed.name, facts),
+        make_table("Errors", _ERRORS, general, caption="centred: mean offset removed"),
+        make_table("Parameters, as changes of the file's", _PARAMETERS, _shown(found, whole)),
+    ]
+    if found.combinations:
+        cut = found.combinations[: None if whole else 4]
+        told = [UnknownRow(str(c), c.information) for c in cut]
+        parts.append(make_table("What the data cannot tell", (Column("combination"),), told))
+    if found.experiments:
+        parts.append(make_table("What would tell more", _EXPERIMENTS, _experiments(found)))
+    if whole:
+        parts.append(
+            make_table("Errors by pattern", _ERRORS, [r for r in errors if r.pattern != "all"])
+        )
+    return Group(*parts)
+
+
+def _value(row: ParameterRow) -> str:
+    return f"{_shown_number(row.value, row.unit):+.3g}"
+
+
+def _interval(row: ParameterRow) -> str:
+    low, high = (_shown_number(x, row.unit) for x in (row.low, row.high))
+    return f"{low:+.3g} to {high:+.3g}"
+
+
+def _shown_number(value: float, unit: str) -> float:
+    if unit == "log":
+        return 100 * (exp(min(value, 50.0)) - 1)
+    return value * _UNITS.get(unit, ("", 1.0))[1]
+
+
+_PARAMETERS = (
+    Column("parameter"),
+    Column("change", _value, ">"),
+    Column("95 %", _interval, ">"),
+    Column("unit", lambda row: _UNITS.get(row.unit, (row.unit, 1.0))[0]),
+    Column("spread left", lambda row: row.deviation / row.prior, ".2f"),
+)
+_EXPERIMENTS = (
+    Column("experiment"),
+    Column("gain", "gain", ".2f"),
+    Column("tells most of", "parameter"),
+    Column("deviation", "before", ".3g"),
+    Column("then", "after", ".3g"),
+)
+
+_FEW = 14  # parameters on the terminal
+
+
+def _shown(found: Identification, whole: bool) -> list[ParameterRow]:
+    """Parameters that were free; the best known ones on the terminal."""
+    rows = [row for row in parameter_rows(found) if row.found]
+    if whole or len(rows) <= _FEW:
+        return rows
+    best = sorted(rows, key=lambda row: row.deviation / row.prior)[:_FEW]
+    return [row for row in rows if row in best]
+
+
+def write_files(found: Identification, out: Path) -> list[str]:
+    """Write robot, header, residual and the next experiment; names of the files."""
+    out.mkdir(parents=True, exist_ok=True)
+    write_robot(found.robot, out / ROBOT_FILE, _notes(found))
+    write_header(found.header, out / HEADER_FILE)
+    written = [ROBOT_FILE, HEADER_FILE]
+    if found.residual is not None:
+        found.residual.save(out / RESIDUAL_FILE)
+        written.append(RESIDUAL_FILE)
+    else:  # one of an earlier run would not fit the robot
+        (out / RESIDUAL_FILE).unlink(missing_ok=True)
+    if found.experiments:
+        commands = found.recording.header.commands
+        raw = (found.experiments[0].commands - commands.offset) / commands.scale
+        lines = [",".join(commands.columns)] + [",".join(f"{x:.6g}" for x in r) for r in raw]
+        write_text(out / COMMANDS_FILE, "\n".join(lines) + "\n")
+        written.append(COMMANDS_FILE)
+    return written
+
+
+def _notes(found: Identification) -> list[str]:
+    """Comments of the robot file: what was found, and how well."""
+    rows = [row for row in parameter_rows(found) if row.found]
+    error = found.fit.simulated.error
+    notes = [
+        f"Identified from {len(error)} rows of {found.recording.header.robot or 'a recording'}: "
+        f"{1e3 * size(error):.2f} mm RMS.",
+        "Changes of the file it began with, standard deviations, and the share of the spread",
+        "believed before that is left (1: the data tell nothing).",
+    ]
+    for row in rows:
+        unit = _UNITS.get(row.unit, (row.unit, 1.0))[0]
+        scale = _UNITS.get(row.unit, ("", 1.0))[1]
+        notes.append(
+            f"  {row.parameter}: {_value(row)} {unit} +- {scale * row.deviation:.2g} "
+            f"({row.deviation / row.prior:.2f})"
+        )
+    return [*notes, ""]

@@ -1,0 +1,200 @@
+"""What physics leaves, learned from the rows of a recording: a kernel regression near the data.
+
+It knows the tensionless facts of a row: how the simulated robot bends in each section, from which
+side it came there (the part of its bends that a dead band holds back), and the commands. Features
+are in units of their spread over the data. Far from all rows the kernel and with it the correction
+are zero. Widths and weights are chosen by cross-validation over patterns of the data it is given;
+"no correction" is one of the choices.
+"""
+
+from dataclasses import dataclass
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+
+from softrobot_env.artifacts import read_arrays, write_arrays
+from softrobot_env.identification.fit.model import StaticModel
+from softrobot_env.recordings import Recording
+from softrobot_env.robots import RobotParams
+
+_WIDTHS = (0.7, 1.0, 1.5, 2.2, 3.2, 5.0)
+_NOISES = (0.03, 0.1, 0.3, 1.0)
+_MEMORY = (0.0, 1.0, 2.0)  # weight of where the robot came from
+_BAND = 0.15  # of the spread of a bend, half width of the dead band
+_FOLDS = 4
+_FAR = 4.0  # widths from the nearest row, where the correction is zero
+
+#: Name of the file beside an identified robot's.
+RESIDUAL_FILE = "residual.npz"
+
+
+@dataclass(frozen=True)
+class Residual:
+    """A correction of simulated markers.
+
+    Attributes:
+        middle, spread: (f,) of the features.
+        parts: Numbers of bends and of commands among the features.
+        band: (b,) half widths of the dead bands of the bends [rad].
+        memory: Weight of what the bands hold back.
+        width: Of the kernel.
+        rows: (n, f) features of the data.
+        weights: (n, 3 k) [m].
+    """
+
+    middle: np.ndarray
+    spread: np.ndarray
+    band: np.ndarray
+    memory: float
+    width: float
+    rows: np.ndarray
+    weights: np.ndarray
+
+    def correction(self, bends: np.ndarray, commands: np.ndarray, begins: np.ndarray) -> np.ndarray:
+        """What is to be added to simulated markers, (t, k, 3) [m], along the robot's axes.
+
+        Args:
+            bends: (t, b) [rad], see `bends_of`.
+            commands: (t, n) in SI units.
+            begins: (t,) bool, where another run begins.
+        """
+        raw = _features(bends, commands, begins, self.band)
+        features = self._scaled(raw)
+        out = np.zeros((len(features), self.weights.shape[1]))
+        for begin in range(0, len(features), 500):
+            part = slice(begin, begin + 500)
+            square = _squares(features[part], self.rows) / self.width**2
+            near = square.min(axis=1) < _FAR**2
+            out[part] = near[:, None] * (np.exp(-square / 2) @ self.weights)
+        return out.reshape(len(out), -1, 3)
+
+    def _scaled(self, raw: np.ndarray) -> np.ndarray:
+        scaled = (raw - self.middle) / self.spread
+        held = len(self.band)
+        scaled[:, held : 2 * held] *= self.memory
+        return scaled
+
+    def save(self, path: Path) -> None:
+        """Write the arrays; no code is in the file."""
+        write_arrays(
+            path,
+            {
+                "middle": self.middle,
+                "spread": self.spread,
+                "band": self.band,
+                "memory": np.array(self.memory),
+                "width": np.array(self.width),
+                "rows": self.rows,
+                "weights": self.weights,
+            },
+        )
+
+
+def read_residual(path: Path) -> Residual:
+    """The correction in a file.
+
+    Raises:
+        ValueError: The file is damaged or not of this kind.
+        OSError: It cannot be read.
+    """
+    arrays = read_arrays(path)
+    arrays.check_finite()
+    names = ("middle", "spread", "band", "rows", "weights")
+    found = {name: arrays[name] for name in names}
+    memory, width = float(arrays["memory"]), float(arrays["width"])
+    features = found["rows"].shape[-1]
+    if found["middle"].shape != (features,) or len(found["weights"]) != len(found["rows"]):
+        raise ValueError(f"{path}: its arrays do not fit together")
+    return Residual(memory=memory, width=width, **found)
+
+
+def bends_of(model: StaticModel, turns: np.ndarray) -> np.ndarray:
+    """(t, 2 m) [rad] turns about x and y of the stretches between ends of sections and tendons."""
+    starts = 3 * np.asarray(model.stretches)
+    return np.concatenate(
+        [np.add.reduceat(turns[:, axis::3], starts // 3, axis=1) for axis in (0, 1)], axis=1
+    )
+
+
+def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> np.ndarray:
+    """(t, k, 3) [m] in the world, to be added to a simulation of an identified robot's markers."""
+    model = StaticModel(robot, recording, as_filed=True)
+    found = model.simulate(np.zeros(len(model.unknowns.spread)))
+    change = residual.correction(bends_of(model, found.turns), recording.commands, model.begins)
+    axes = np.eye(3) if robot.base is None else robot.base.axes
+    return change @ axes.T
+
+
+def trained(
+    bends: np.ndarray,
+    commands: np.ndarray,
+    begins: np.ndarray,
+    error: np.ndarray,
+    patterns: np.ndarray,
+    used: np.ndarray | None = None,
+) -> Residual | None:
+    """Learn the correction; None where cross-validation finds that none helps.
+
+    Args:
+        bends, commands, begins: Of all rows, as they followed each other.
+        error: (t, k, 3) [m], simulated less recorded; NaN where unknown.
+        patterns: (t,) number of the pattern.
+        used: (t,) bool, rows to learn from; all unless given.
+    """
+    band = _BAND * np.maximum(bends.std(axis=0), 1e-6)
+    raw = _features(bends, commands, begins, band)
+    target = -error.reshape(len(error), -1)
+    known = np.isfinite(target).all(axis=1) & (True if used is None else used)
+    middle, spread = raw[known].mean(axis=0), raw[known].std(axis=0)
+    spread = np.maximum(spread, 1e-9 + 1e-6 * np.abs(raw[known]).max(axis=0))
+    held = bends.shape[1]
+    fold = np.unique(patterns[known], return_inverse=True)[1] % _FOLDS
+    scaled, target = (raw[known] - middle) / spread, target[known]
+    best, least = None, float(np.sum(target**2))
+    for memory in _MEMORY:
+        features = scaled.copy()
+        features[:, held : 2 * held] *= memory
+        square = _squares(features, features)
+        for width, noise in product(_WIDTHS, _NOISES):
+            left = _left(np.exp(-square / 2 / width**2), target, fold, noise)
+            if left < 0.98 * least:
+                best, least = (memory, width, noise), left
+    if best is None:
+        return None
+    memory, width, noise = best
+    features = scaled.copy()
+    features[:, held : 2 * held] *= memory
+    matrix = np.exp(-_squares(features, features) / 2 / width**2)
+    weights = np.linalg.solve(matrix + noise * np.eye(len(matrix)), target)
+    return Residual(middle, spread, band, memory, width, features, weights)
+
+
+def _left(matrix: np.ndarray, target: np.ndarray, fold: np.ndarray, noise: float) -> float:
+    """Sum of squares that corrections learned of other patterns leave."""
+    left = 0.0
+    for k in range(_FOLDS):
+        held, learned = fold == k, fold != k
+        if not held.any() or not learned.any():
+            continue
+        inner = matrix[np.ix_(learned, learned)] + noise * np.eye(int(learned.sum()))
+        weights = np.linalg.solve(inner, target[learned])
+        left += float(np.sum((target[held] - matrix[np.ix_(held, learned)] @ weights) ** 2))
+    return left
+
+
+def _features(
+    bends: np.ndarray, commands: np.ndarray, begins: np.ndarray, band: np.ndarray
+) -> np.ndarray:
+    """(t, 2 b + n): bends, what dead bands hold back of them, and commands."""
+    held, middle = np.zeros_like(bends), bends[0].copy()
+    for t, bend in enumerate(bends):
+        middle = bend.copy() if begins[t] else np.clip(middle, bend - band, bend + band)
+        held[t] = bend - middle
+    return np.concatenate([bends, held, commands], axis=1)
+
+
+def _squares(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """(n, m) mean squared differences of features (n, f) and (m, f)."""
+    square = np.sum(a**2, axis=1)[:, None] + np.sum(b**2, axis=1)[None, :] - 2 * a @ b.T
+    return np.maximum(square, 0.0) / a.shape[1] * 4

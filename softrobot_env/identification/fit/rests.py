@@ -1,0 +1,93 @@
+"""Rows at rest out of a recording of a moving robot: the ends of times without a new command."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+
+from softrobot_env.recordings import Recording
+
+_SHORTEST = 0.3  # s without a new command
+_MEASURED = 0.25  # share of a rest, at its end, that is averaged
+_STILL = 0.01  # way of a marker over that end, over its whole range
+_JUMP = 0.5  # share of the way between two rests that is made in one row
+_LITTLE = 0.02  # change of a command, over its range, that lets nothing go
+_SAME = 1e-3  # change of a command, over its range
+
+#: Fewest rests that a static identification takes.
+FEWEST = 8
+
+
+def at_rest(recording: Recording) -> Recording:
+    """One row for each rest: the command, and markers averaged over its end.
+
+    Where the robot was let go on the way to a rest another run begins, and the marker does not
+    count: as it sways, its tendons come to rest anywhere within their friction. A rest in which a
+    marker still moves by more than a hundredth of its range does not count.
+
+    Raises:
+        ValueError: There are fewer than `FEWEST` of them.
+    """
+    if recording.static:
+        return recording
+    rows, markers, runs = [], [], []
+    span = np.maximum(np.ptp(recording.commands, axis=0), 1e-12)
+    reach = np.nanmax(np.ptp(_known(recording.markers), axis=0))
+    moved = np.abs(np.diff(recording.commands, axis=0)) > _SAME * span
+    new = np.flatnonzero(moved.any(axis=1) | (np.diff(recording.runs) != 0)) + 1
+    for begin, end in zip([0, *new], [*new, len(recording.times)], strict=True):
+        lasted = recording.times[end - 1] - recording.times[begin]
+        if lasted < _SHORTEST:
+            continue
+        first = recording.times[end - 1] - max(_MEASURED * lasted, 0.05)
+        last = np.arange(begin, end)[recording.times[begin:end] >= first]
+        seen = _known(recording.markers[last])
+        if np.nanmax(np.ptp(seen, axis=0)) > _STILL * reach + 4 * _noise(seen):
+            continue
+        rows.append(last[-1])
+        runs.append(recording.runs[begin])
+        markers.append(recording.markers[last].mean(axis=0))
+    if len(rows) < FEWEST:
+        raise ValueError(
+            f"the robot moves and rests {len(rows)} times in the recording, fewer than {FEWEST}: "
+            "record pulls with rests (`softrobot robot record --kinds pulls`), or say static = "
+            "true in the header if it moved so slowly that every row is at rest"
+        )
+    jumped = _jumps(recording, np.array(rows), span)
+    number = np.cumsum(np.append(False, (np.diff(runs) != 0) | jumped))
+    seen = np.array(markers)
+    seen[1:][jumped] = np.nan
+    lost = tuple(replace(marker, may_be_lost=True) for marker in recording.header.marker)
+    return Recording(
+        header=replace(recording.header, static=True, marker=lost),
+        times=_since(recording.times[rows], number),
+        commands=recording.commands[rows],
+        markers=seen,
+        labels=recording.labels[rows],
+        runs=number,
+    )
+
+
+def _jumps(recording: Recording, rows: np.ndarray, span: np.ndarray) -> np.ndarray:
+    """(t - 1,) bool, where the robot was let go between two rests: friction then ends anywhere."""
+    found = []
+    for begin, end in pairwise(rows):
+        changes = np.abs(np.diff(recording.commands[begin : end + 1], axis=0)) / span
+        whole = np.abs(recording.commands[end] - recording.commands[begin]) / span
+        found.append(bool(changes.max() > _JUMP * whole.max() > _JUMP * _LITTLE))
+    return np.array(found, dtype=bool)
+
+
+def _since(times: np.ndarray, runs: np.ndarray) -> np.ndarray:
+    """(t,) [s] since the first row of each run."""
+    first = np.append(True, np.diff(runs) != 0)
+    return times - times[first][runs]
+
+
+def _known(markers: np.ndarray) -> np.ndarray:
+    return np.where(np.isnan(markers), 0.0, markers)
+
+
+def _noise(seen: np.ndarray) -> float:
+    """[m], standard deviation by differences of neighbours."""
+    return float(np.abs(np.diff(seen, axis=0)).std()) if len(seen) > 2 else 0.0

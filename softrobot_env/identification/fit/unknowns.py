@@ -1,0 +1,168 @@
+"""What is unknown of a robot, and how well its file is believed: parameters with prior spreads.
+
+All parameters are zero where the robot is as its file says. Each belongs to a stage that a user
+switches; spreads are standard deviations of a prior, what a datasheet and a careful hand leave
+open. What the data tell better does not depend on them.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import radians
+
+import numpy as np
+from scipy.linalg import block_diag
+
+from softrobot_env.recordings import Recording
+from softrobot_env.robots import RobotParams
+
+_BEND = 0.1  # rad, by which the zero of a servo may bend a robot
+
+#: Stages in their order, and what they find.
+STAGES: dict[str, str] = {
+    "frame": "frame of the recording and offsets of its markers",
+    "tendons": "which column pulls which tendon, their angles and distances, scales of commands",
+    "geometry": "curvature without load, direction of gravity",
+    "statics": "Young's modulus, mass, stiffness, pretension and friction of tendons",
+    "dynamics": "damping and delay, of a robot that was recorded in motion",
+    "residual": "what physics leaves, learned near the data",
+}
+
+
+@dataclass(frozen=True)
+class Group:
+    """Parameters of one kind.
+
+    Attributes:
+        name: Of the kind.
+        stage: That finds them.
+        labels: One for each.
+        spread: Of the prior, in its unit: standard deviation of what each has for itself; of all
+            of them or of each.
+        unit: Of the numbers; "log" of factors exp(x).
+        common: Standard deviation of what all have in common.
+    """
+
+    name: str
+    stage: str
+    labels: tuple[str, ...]
+    spread: float | tuple[float, ...]
+    unit: str
+    common: float = 0.0
+
+    @property
+    def prior(self) -> np.ndarray:
+        """(k, k) covariance."""
+        own = np.broadcast_to(np.array(self.spread, dtype=float), (len(self.labels),))
+        return np.diag(own**2) + self.common**2
+
+
+def groups(
+    robot: RobotParams, recording: Recording, *, turned: bool, spatial: bool, by_length: bool
+) -> list[Group]:
+    """The unknowns of a robot and a recording of it.
+
+    Args:
+        robot: As its file says.
+        recording: Of it.
+        turned: Whether the recording's axes may be turned about the robot's.
+        spatial: Whether the robot leaves its plane.
+        by_length: Whether the recording's commands are lengths.
+    """
+    names = tuple(t.name for t in robot.tendons)
+    sections = tuple(f"section {k + 1}" for k in range(len(robot.backbone.sections)))
+    markers = [f"marker {k + 1}" for k in range(len(recording.header.marker))]
+    axes, turns = ("x", "y", "z") if spatial else ("x", "z"), ("x", "y", "z") if spatial else ("y",)
+    loose = 3.0 if turned else radians(2)
+    about = [loose if axis == "z" else radians(3) for axis in turns]
+    size = robot.length
+    found = [
+        Group("frame_turn", "frame", turns, tuple(about), "rad"),
+        Group("frame_shift", "frame", axes, 0.03 * size, "m"),
+        Group(
+            "marker_offset",
+            "frame",
+            tuple(f"{m} {a}" for m in markers for a in axes),
+            max(0.015 * size, 1e-3),
+            "m",
+        ),
+        Group("tendon_radius", "tendons", names, 0.05, "log"),
+    ]
+    if spatial:
+        found.append(Group("tendon_angle", "tendons", names, radians(8), "rad", radians(5)))
+        bends = ("towards x", "towards y")
+        found.append(Group("precurvature", "geometry", bends, 0.1 / size, "1/m"))
+    if any(robot.gravity):
+        tilts = ("about x", "about y") if spatial else ("about y",)
+        found.append(Group("gravity_tilt", "geometry", tilts, radians(3), "rad"))
+        found.append(Group("mass", "statics", ("all",), 0.4, "log"))
+    found.append(Group("youngs_modulus", "statics", sections, 0.1, "log", 0.3))
+    if by_length:
+        found.append(Group("tendon_stiffness", "statics", names, 0.3, "log", 1.0))
+        zero = _BEND * np.median([t.farthest * t.stiffness for t in robot.tendons])
+        usual = float(np.median([t.pretension for t in robot.tendons]))
+        found.append(Group("pretension", "statics", names, zero, "N", usual + zero))
+    found.append(Group("tendon_friction", "statics", names, 0.4, "log", 2.0))
+    return found
+
+
+def _typical_force(robot: RobotParams, travel: float, by_length: bool) -> float:
+    """[N] that tendons bear, roughly: what half of the recorded range of commands takes."""
+    if not by_length:
+        return max(travel, 1e-6)
+    stiff = np.median([t.stiffness for t in robot.tendons])
+    bend = 2 * float(robot.backbone.bending(np.array([robot.length / 2]))[0]) / robot.length
+    arm = np.median([max(t.farthest, 1e-4) for t in robot.tendons])
+    return float(travel / 2 * min(stiff, bend / arm**2))
+
+
+def start_friction(robot: RobotParams, travel: float, by_length: bool) -> np.ndarray:
+    """(n_tendons,) [N] that a search begins with: the file's, or a twentieth of usual forces."""
+    least = 0.05 * _typical_force(robot, travel, by_length)
+    return np.array([max(t.friction, least) for t in robot.tendons])
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Parameters in a row.
+
+    Attributes:
+        groups: Their kinds, in order.
+    """
+
+    groups: tuple[Group, ...]
+
+    @cached_property
+    def prior(self) -> np.ndarray:
+        """(p, p) covariance of the prior; its mean is zero."""
+        return block_diag(*(group.prior for group in self.groups))
+
+    @property
+    def spread(self) -> np.ndarray:
+        """(p,) standard deviations of the prior."""
+        return np.sqrt(np.diag(self.prior))
+
+    @property
+    def labels(self) -> list[str]:
+        """(p,) names for people."""
+        return [f"{g.name}: {label}" for g in self.groups for label in g.labels]
+
+    def place(self, name: str) -> slice | None:
+        """Where the parameters of a kind stand, None where there is none."""
+        begin = 0
+        for group in self.groups:
+            end = begin + len(group.labels)
+            if group.name == name:
+                return slice(begin, end)
+            begin = end
+        return None
+
+    def take(self, x: np.ndarray, name: str, usual: Sequence[float] | int) -> np.ndarray:
+        """The parameters of a kind, zeros if there is none; `usual` is their number."""
+        place = self.place(name)
+        count = usual if isinstance(usual, int) else len(usual)
+        return np.zeros(count, dtype=x.dtype) if place is None else x[place]
+
+    def of(self, stages: Sequence[str]) -> np.ndarray:
+        """(p,) bool, those that some stages find."""
+        return np.concatenate([[g.stage in stages] * len(g.labels) for g in self.groups])

@@ -1,0 +1,134 @@
+"""Cross-validation by blocks of whole patterns: how far the result is off where it was not fitted.
+
+Commands of the rows left out are still followed, since friction remembers; their markers are not
+seen.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from softrobot_env.identification.fit.least_squares import Weights, search, size
+from softrobot_env.identification.fit.model import StaticModel
+from softrobot_env.identification.fit.residual import bends_of, trained
+from softrobot_env.processes import worker_processes
+from softrobot_env.recordings import Recording
+from softrobot_env.robots import RobotParams
+
+#: How patterns are put into blocks: every fifth one, or a fifth of the recording in one piece.
+Scheme = Literal["interleaved", "contiguous"]
+SCHEMES: tuple[Scheme, ...] = ("interleaved", "contiguous")
+
+BLOCKS = 5
+_CHUNKS = 20  # of a recording without patterns
+_STEPS = 6
+_PROCESSES = 2
+_ENOUGH = 6e-3
+
+
+@dataclass(frozen=True)
+class Validation:
+    """Errors of rows that were not fitted.
+
+    Attributes:
+        scheme: Of the blocks.
+        blocks: (t,) number of the block.
+        error: (t, k, 3) [m] by physics alone, along the robot's axes.
+        corrected: The same with the residual that was learned of the other blocks; None without.
+    """
+
+    scheme: Scheme
+    blocks: np.ndarray
+    error: np.ndarray
+    corrected: np.ndarray | None
+
+
+def pattern_numbers(recording: Recording) -> np.ndarray:
+    """(t,) number of each row's pattern; a recording without gets pieces of equal size."""
+    names = list(dict.fromkeys(recording.patterns.tolist()))
+    if len(names) >= BLOCKS:
+        where = {name: k for k, name in enumerate(names)}
+        return np.array([where[name] for name in recording.patterns.tolist()])
+    return np.arange(len(recording.times)) * _CHUNKS // len(recording.times)
+
+
+def blocks_of(patterns: np.ndarray, scheme: Scheme) -> np.ndarray:
+    """(t,) block of each row, from its pattern's number."""
+    if scheme == "interleaved":
+        return patterns % BLOCKS
+    rows = np.bincount(patterns)
+    middle = np.cumsum(rows) - rows / 2
+    return (middle / len(patterns) * BLOCKS).astype(int)[patterns]
+
+
+def cross_validated(
+    robot: RobotParams,
+    recording: Recording,
+    turned: bool,
+    x: np.ndarray,
+    free: np.ndarray,
+    weights: Weights,
+    residual: bool,
+    show: Callable[[int, int], None] | None = None,
+) -> list[Validation]:
+    """Fit without one block after the other, in two processes.
+
+    Args:
+        robot, recording, turned: See `StaticModel`.
+        x: (p,) found with all rows, where searches begin.
+        free: (p,) bool.
+        weights: Of the rows.
+        residual: Whether a residual is learned as well.
+        show: Told how many of how many fits are done.
+    """
+    patterns = pattern_numbers(recording)
+    tasks = [(scheme, block) for scheme in SCHEMES for block in range(BLOCKS)]
+    found: dict[Scheme, Validation] = {}
+    with worker_processes(_PROCESSES) as pool:
+        futures = []
+        for scheme, block in tasks:
+            used = blocks_of(patterns, scheme) != block
+            given = (robot, recording, turned, x, free, weights, used, residual)
+            futures.append(pool.submit(_without, *given))
+        for number, ((scheme, block), future) in enumerate(zip(tasks, futures, strict=True)):
+            error, corrected = future.result()
+            if show is not None:
+                show(number + 1, len(tasks))
+            if scheme not in found:
+                rows = blocks_of(patterns, scheme)
+                empty = np.full_like(error, np.nan)
+                found[scheme] = Validation(scheme, rows, empty, empty.copy() if residual else None)
+            held = found[scheme].blocks == block
+            found[scheme].error[held] = error[held]
+            if residual:
+                found[scheme].corrected[held] = corrected[held]
+    return list(found.values())
+
+
+def _without(
+    robot: RobotParams,
+    recording: Recording,
+    turned: bool,
+    x: np.ndarray,
+    free: np.ndarray,
+    weights: Weights,
+    used: np.ndarray,
+    residual: bool,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Errors (t, k, 3) of all rows by a fit of those that are used, without and with residual."""
+    model = StaticModel(robot, recording, turned)
+    fit = search(model, x, free, weights, used=used, steps=_STEPS, least=_ENOUGH)
+    error = fit.simulated.error
+    if not residual:
+        return error, error
+    bends = bends_of(model, fit.simulated.turns)
+    given = (bends, recording.commands, model.begins)
+    learned = trained(*given, error, pattern_numbers(recording), used)
+    return error, error if learned is None else error + learned.correction(*given)
+
+
+def centred(error: np.ndarray) -> float:
+    """RMS [m] of errors (t, k, 3) less the mean of each marker."""
+    return size(error - np.nanmean(error, axis=0))

@@ -1,0 +1,291 @@
+"""Identifications against truths: arcs, recordings of other robots, and what cannot be told."""
+
+import json
+from dataclasses import replace
+from math import pi
+
+import numpy as np
+import pytest
+
+from softrobot_env.cli import main
+from softrobot_env.identification.fit.assignment import assigned
+from softrobot_env.identification.fit.least_squares import size
+from softrobot_env.identification.fit.model import StaticModel
+from softrobot_env.identification.fit.path import identify, placed
+from softrobot_env.identification.fit.report import write_files
+from softrobot_env.identification.fit.residual import corrected, read_residual, trained
+from softrobot_env.identification.fit.rests import at_rest
+from softrobot_env.identification.fit.validation import blocks_of
+from softrobot_env.identification.replay import replay
+from softrobot_env.recordings import (
+    Commands,
+    Frame,
+    Header,
+    Marker,
+    Recording,
+    read_header,
+    write_recording,
+)
+from softrobot_env.recordings.files import recordings_dir
+from softrobot_env.robots import ROBOTS, RobotParams, Tendon, read_robot, write_robot
+
+RADIUS, TENDON, LENGTH, MODULUS = 0.004, 0.008, 0.2, 1e7
+BENDING = MODULUS * pi * RADIUS**4 / 4
+
+
+def rod(**other) -> RobotParams:
+    """A rod with three tendons in channels, driven by tension, weightless unless told."""
+    azimuth = 2 * np.pi * np.arange(3) / 3
+    tendons = tuple(
+        Tendon(f"t{k}", (TENDON * np.cos(a), TENDON * np.sin(a)), LENGTH, 0, 5.0)
+        for k, a in enumerate(azimuth)
+    )
+    size = {"length": LENGTH, "outer_radius": RADIUS, "inner_radius": 0.0, "pieces": 8}
+    material = {"youngs_modulus": MODULUS, "density": 1200.0, "damping_time": 0.05}
+    return RobotParams("rod", tendons=tendons, poisson_ratio=0.3, **size, **material, **other)
+
+
+def pulled(robot: RobotParams, levels: np.ndarray, noise: float = 0.0) -> Recording:
+    """What the MuJoCo chain shows at rest when each tendon is pulled in turn [N]."""
+    names = tuple(t.name for t in robot.tendons)
+    tension = np.concatenate([np.outer(levels, unit) for unit in np.eye(3)])
+    header = Header(Commands("tension", names, "N", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
+    header = replace(header, static=True)
+    rows = len(tension)
+    labels = np.repeat([f"pull {name}" for name in names], len(levels))
+    empty = np.zeros((rows, 1, 3))
+    blank = Recording(header, np.arange(rows) * 1.0, tension, empty, labels, np.zeros(rows, int))
+    seen = replay(blank, robot).simulated
+    return replace(
+        blank, markers=seen + noise * np.random.default_rng(1).standard_normal(seen.shape)
+    )
+
+
+UP_AND_DOWN = np.concatenate([np.linspace(0.1, 1, 6), np.linspace(0.8, 0.1, 4)])
+
+
+def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
+    robot, levels = rod(), np.linspace(0.1, 1.0, 4)
+    model = StaticModel(robot, pulled(robot, levels), as_filed=True)
+    x = np.zeros(len(model.unknowns.spread))
+    found = model.simulate(x, np.ones(len(x), dtype=bool))
+    turn = levels * TENDON * LENGTH / BENDING
+    arc = LENGTH / turn * np.stack([1 - np.cos(turn), 0 * turn, np.sin(turn)])
+    assert np.abs(found.markers[:4, 0].T - arc).max() < 1e-8
+    steps = 1e-6 * model.unknowns.spread
+    for k, step in enumerate(steps):
+        change = np.eye(len(x))[k] * step
+        there, back = model.simulate(x + change).error, model.simulate(x - change).error
+        slope = (there - back) / 2 / step
+        assert np.abs(slope - found.slopes[..., k]).max() < 1e-5 + 1e-5 * np.abs(slope).max()
+
+
+def test_friction_weight_and_modulus_are_found_in_what_the_chain_does():
+    """Of a heavy rod whose tendons rub; where friction was is carried from row to row."""
+    believed = rod(gravity=(0.0, 0.0, -9.81))
+    true = believed.vary(youngs_modulus=1.3, density=0.8, tendon_friction=0.03)
+    recording = pulled(true, UP_AND_DOWN, noise=1e-4)
+    found = identify(recording, believed, ("statics",), validate=False)
+    names = found.unknowns.labels
+    for name, value in (("youngs_modulus: section 1", 1.3), ("mass: all", 0.8)):
+        k = names.index(name)
+        assert abs(found.fit.x[k] - np.log(value)) < 4 * found.fit.deviation[k] + 0.01
+    assert [t.friction for t in found.robot.tendons] == pytest.approx([0.03] * 3, rel=0.1)
+    assert size(found.fit.simulated.error) < 4e-4 < 1e-2 < size(replay(recording, believed).error)
+
+
+def test_what_is_written_is_what_was_found(tmp_path):
+    """Robot file and header make the model, and MuJoCo's chain, do what was fitted."""
+    believed = ROBOTS["silicone_rod"]
+    names = tuple(t.name for t in believed.tendons)
+    rows = np.concatenate([np.outer(UP_AND_DOWN, unit) for unit in np.eye(3)]) * 8e-3 - 1e-3
+    frame = Frame(turn_deg=(1.0, -1.0, 0.0), shift_m=(2e-3, -1e-3, 1e-3))
+    header = Header(Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
+    header = replace(header, static=True)
+    marks = np.zeros((len(rows), 1, 3))
+    blank = Recording(
+        header, np.arange(len(rows)) * 1.0, rows, marks, np.full(len(rows), ""), marks[:, 0, 0] > 1
+    )
+    blank = replace(blank, runs=np.zeros(len(rows), dtype=int))
+    true = believed.vary(youngs_modulus=0.8, tendon_friction=0.1)
+    seen = frame.to_recorded(replay(blank, true).simulated)
+    recording = replace(blank, markers=seen)
+    found = identify(
+        recording, believed, ("frame", "tendons", "geometry", "statics"), validate=False
+    )
+    write_files(found, tmp_path)
+    robot, read = read_robot(tmp_path / "robot.toml"), read_header(tmp_path / "recording.toml")
+    text = (tmp_path / "robot.toml").read_text()
+    assert "# " in text and "youngs_modulus: section 1" in text
+    again = placed(recording, read)
+    model = StaticModel(robot, again, as_filed=True)
+    same = model.simulate(np.zeros(len(model.unknowns.spread)))
+    assert np.abs(same.markers - found.fit.simulated.markers).max() < 1e-7
+    assert size(replay(again, robot).error) < size(found.fit.simulated.error) + 2e-4 < 1e-3
+
+
+def test_columns_in_another_order_and_a_turned_frame_are_told_apart():
+    robot = rod(gravity=(0.0, 0.0, -9.81))
+    recording = pulled(robot, np.linspace(0.1, 1.0, 4))
+    order, turn = (2, 0, 1), 0.7
+    commands = replace(recording.header.commands, columns=("a", "b", "c"), tendons=None)
+    markers = Frame(turn_deg=(0, 0, np.degrees(turn))).to_recorded(recording.markers)
+    unknown = replace(
+        recording,
+        header=replace(recording.header, commands=commands),
+        commands=recording.commands[:, order],
+        markers=markers,
+    )
+    found = assigned(unknown, robot)
+    # Turned on by a third they are the same robot in a frame that is turned by a third.
+    places = [int(name[1:]) for name in found.tendons]
+    assert [(a - b) % 3 for a, b in zip(places, order, strict=True)] == [(places[0] - 2) % 3] * 3
+    third = 2 * np.pi / 3 * ((places[0] - 2) % 3)
+    assert np.cos(found.turn - turn - third) == pytest.approx(1, abs=1e-4)
+    assert found.sign == 1 and found.rms < 2e-3 < found.second
+
+
+def test_what_the_data_cannot_tell_is_named():
+    """A weightless robot driven by length bends alike whatever its modulus, beside the tendons'."""
+    robot = replace(ROBOTS["silicone_rod"], gravity=(0.0, 0.0, 0.0))
+    names = tuple(t.name for t in robot.tendons)
+    rows = np.concatenate([np.outer(UP_AND_DOWN, unit) for unit in np.eye(3)]) * 6e-3
+    header = Header(Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
+    marks = np.zeros((len(rows), 1, 3))
+    blank = Recording(
+        replace(header, static=True),
+        np.arange(len(rows)) * 1.0,
+        rows,
+        marks,
+        np.full(len(rows), ""),
+        np.zeros(len(rows), dtype=int),
+    )
+    recording = replace(blank, markers=replay(blank, robot).simulated)
+    found = identify(recording, robot, ("statics",), validate=False)
+    least = found.combinations[0]
+    named = {name.split(":")[0] for name, _ in least.parts}
+    assert least.information < 1e-6 and {"youngs_modulus", "tendon_stiffness"} <= named
+
+
+def test_a_residual_is_zero_far_from_the_data_and_survives_a_file(tmp_path):
+    rng = np.random.default_rng(0)
+    bends = np.cumsum(0.05 * rng.standard_normal((200, 2)), axis=0)
+    commands, begins = 3.0 * bends, np.arange(200) == 0
+    error = 1e-3 * np.stack([np.sin(3 * bends[:, 0]), bends[:, 1], 0 * bends[:, 0]], axis=1)
+    learned = trained(bends, commands, begins, error[:, None], np.arange(200) // 10)
+    assert learned is not None
+    left = error[:, None] + learned.correction(bends, commands, begins)
+    assert size(left) < 0.3 * size(error[:, None])
+    far = learned.correction(bends + 100.0, commands + 300.0, begins)
+    assert not far.any()
+    learned.save(tmp_path / "residual.npz")
+    again = read_residual(tmp_path / "residual.npz")
+    assert np.array_equal(again.correction(bends, commands, begins) + error[:, None], left)
+    noise = 1e-3 * rng.standard_normal((200, 1, 3))
+    assert trained(bends, commands, begins, noise, np.arange(200) // 10) is None
+
+
+def test_rests_are_the_ends_of_times_without_a_command():
+    times = np.arange(1200) * 0.01
+    level = times // 1.0
+    commands = np.stack([level, 0 * level], axis=1)
+    sway = np.exp(-8 * (times % 1.0)) * np.cos(30 * times)
+    markers = np.stack([level + 0.2 * sway, 0 * level, 0 * level], axis=1)[:, None]
+    header = Header(Commands("tension", ("a", "b"), "N"), (Marker("x", "y", "z"),), rate_Hz=100.0)
+    moving = Recording(header, times, commands, markers, np.full(1200, ""), np.zeros(1200, int))
+    rests = at_rest(moving)
+    assert rests.static and rests.commands[:, 0].tolist() == list(range(12))
+    # It jumped to all but the first: tendons come to rest anywhere, and the markers do not count.
+    assert rests.runs.tolist() == list(range(12)) and np.isnan(rests.markers[1:]).all()
+    # What is read with another header keeps what was lost.
+    again = placed(rests, replace(header, static=True))
+    assert np.array_equal(again.markers, rests.markers, equal_nan=True)
+    with pytest.raises(ValueError, match="rests 7 times in the recording, fewer than 8: record"):
+        at_rest(moving.part(slice(0, 700)))
+
+
+def test_blocks_hold_whole_patterns():
+    patterns = np.repeat(np.arange(10), 7)
+    for scheme in ("interleaved", "contiguous"):
+        blocks = blocks_of(patterns, scheme)
+        assert sorted(set(blocks)) == [0, 1, 2, 3, 4]
+        assert all(len(set(blocks[patterns == k])) == 1 for k in range(10))
+    assert blocks_of(patterns, "contiguous")[:14].tolist() == [0] * 14
+
+
+def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
+    true = rod(gravity=(0.0, 0.0, -9.81)).vary(youngs_modulus=1.2)
+    write_recording(pulled(true, UP_AND_DOWN, 1e-4), tmp_path / "pulls.csv")
+    write_robot(rod(gravity=(0.0, 0.0, -9.81)), tmp_path / "rod.toml")
+    out = tmp_path / "found"
+    command = ["identify", str(tmp_path / "pulls.csv"), "--robot", str(tmp_path / "rod.toml")]
+    quick = ["--no-validation", "--no-plots", "--out", str(out)]
+    assert main([*command, "--stages", "statics", "--known", "mass", *quick]) == 0
+    said = capsys.readouterr().out
+    assert "chain" in said and "What would tell more" in said
+    rows = json.loads((out / "report.json").read_text())["rows"]
+    found = {r["parameter"]: r for r in rows if r["kind"] == "parameter"}
+    modulus = found["youngs_modulus: section 1"]
+    assert modulus["value"] == pytest.approx(np.log(1.2), abs=0.02)
+    assert modulus["low"] < modulus["value"] < modulus["high"]
+    replayed = ["recording", "replay", str(tmp_path / "pulls.csv"), "--no-plots"]
+    assert main([*replayed, "--robot", str(out / "robot.toml"), "--out", str(out)]) == 0
+    assert json.loads((out / "report.json").read_text())["rows"][0]["rms"] < 1e-3
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        (["--stages", "statics,magic"], "'magic' is not one of frame, tendons"),
+        (["--stages", "residual"], "one of the first four at least, got residual"),
+        (["--known", "weight"], "known must be out of frame_turn"),
+    ],
+)
+def test_what_is_not_there_is_refused_in_one_line(given, told, tmp_path, capsys):
+    write_recording(pulled(rod(), np.linspace(0.2, 1, 3)), tmp_path / "pulls.csv")
+    write_robot(rod(), tmp_path / "rod.toml")
+    command = ["identify", str(tmp_path / "pulls.csv"), "--robot", str(tmp_path / "rod.toml")]
+    try:
+        code = main([*command, *given])
+    except SystemExit as stop:
+        code = stop.code
+    assert code == 2
+    assert told in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_the_real_robot_is_identified(tmp_path):
+    """Of its first 400 rows: pulls and the base section; the whole recording takes minutes."""
+    path = recordings_dir() / "ftdcr_v4" / "train.csv"
+    if not path.is_file():
+        pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
+    from softrobot_env.paths import assets_dir
+    from softrobot_env.recordings import read_recording
+
+    whole = read_recording(path, assets_dir() / "recordings" / "ftdcr_v4.toml")
+    recording = whole.part(slice(0, 700))
+    found = identify(recording, ROBOTS["ftdcr_v4"], validate=False)
+    # Which of the three tendons of a section is the first depends on how the frame is turned.
+    sections = {
+        column: tendon[:8]
+        for column, tendon in zip(
+            recording.header.commands.columns, found.assignment.tendons, strict=True
+        )
+    }
+    groups = [{f"servo_{k}_mm" for k in ids} for ids in ((4, 3, 9), (5, 2, 8), (6, 1, 7))]
+    assert [{sections[c] for c in group} for group in groups] == [
+        {"section1"},
+        {"section2"},
+        {"section3"},
+    ]
+    assert size(found.fit.simulated.error) < 6e-3
+    again = placed(whole, found.header)
+    assert size(replay(again, found.robot).error) < 12e-3  # most patterns it has not seen
+    write_files(found, tmp_path)
+    change = corrected(
+        read_residual(tmp_path / "residual.npz"),
+        read_robot(tmp_path / "robot.toml"),
+        placed(recording, found.header),
+    )
+    error = replay(placed(recording, found.header), found.robot).error
+    assert size(error + change) < size(error)
