@@ -11,6 +11,7 @@ from typing import Any
 import gymnasium
 
 from softrobot_env.control.outside import as_policy, is_policy, no_policy
+from softrobot_env.control.reduced.environment import is_reduced_model, ssm_environment
 from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Policy
 from softrobot_env.registries import Registry, is_path, load, load_given
@@ -67,6 +68,7 @@ class PolicySpec:
         return {"tip_delay": camera_delay} if asked else {}
 
 
+_REDUCED = "softrobot_env.control.reduced.policy:ReducedPlanner"
 _LEARNED = "softrobot_env.control.learned.vector_network:make_learned"
 
 
@@ -153,7 +155,7 @@ RIG_POLICIES: dict[str, PolicySpec] = {
 }
 RIG_POLICIES |= {
     name: PolicySpec(
-        "softrobot_env.control.reduced.policy:ReducedPlanner",
+        _REDUCED,
         {"constrained": constrained},
         environment="softrobot_env.control.reduced.environment:ssm_environment",
         package="daqp" if constrained else None,
@@ -219,6 +221,8 @@ def _one_of(robots: tuple[str | RobotParams, ...]) -> Callable[[RobotParams], st
 def find_policy(which: str) -> PolicySpec:
     """The policy of a name, or one's own as `package.module:name`, `file.py:name` or `file.npz`.
 
+    A file is that of a trained network, or of `softrobot train ssm`, by which `ssm_mpc` acts.
+
     Raises:
         ValueError: Unknown name, the message lists the known ones; or there is no such object or
             file, or it makes no policy.
@@ -234,10 +238,14 @@ def find_policy(which: str) -> PolicySpec:
 
 
 def _network_file(path: Path) -> PolicySpec:
-    """The policy of a trained network's file, which says what it reads."""
+    """The policy of a trained network's file, which says what it reads, or of a learned model."""
     if not path.is_file():
         raise ValueError(f"no policy at {path}")
-    own = {"policy": path.stem, "weights": path.resolve()}
+    weights = path.resolve()
+    if is_reduced_model(path):
+        needed = partial(ssm_environment, weights=weights)
+        return PolicySpec(_REDUCED, {"weights": weights}, environment=needed, package="daqp")
+    own = {"policy": path.stem, "weights": weights}
     return PolicySpec(
         _LEARNED,
         own,

@@ -1,5 +1,6 @@
 """What plans on a learned model need of an environment, without loading the models themselves."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,15 @@ ARTIFACT = "ssm"
 SAMPLES, _KNOTS = 60, 16
 
 
-def ssm_environment(robot: RobotParams) -> dict[str, Any]:
+def is_reduced_model(path: Path) -> bool:
+    """Whether a file of arrays holds a learned model; raises ValueError if it is damaged."""
+    return "tangent" in read_arrays(path)
+
+
+def ssm_environment(robot: RobotParams, weights: Path | None = None) -> dict[str, Any]:
     """The period of a robot's model, and preview; nothing where none was learned."""
     try:
-        data = read_arrays(find_artifact(robot, ARTIFACT))
+        data = read_arrays(find_artifact(robot, ARTIFACT) if weights is None else weights)
         check_robot(data, robot, ARTIFACT)
     except ValueError:
         return {}  # `make_policy` says what is missing

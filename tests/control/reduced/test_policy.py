@@ -1,10 +1,12 @@
 """Plans on a learned model: what they track, keep and refuse."""
 
+import shutil
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from softrobot_env.artifacts import find_artifact
 from softrobot_env.control.reduced.environment import ssm_environment
 from softrobot_env.control.reduced.planning import outputs, program
 from softrobot_env.control.reduced.policy import ReducedPlanner
@@ -104,6 +106,14 @@ def test_what_it_cannot_drive_is_refused():
         make_policy("ssm_lq", RIG, 0.02)
     with pytest.raises(ValueError, match="ssm has not been trained"):
         make_policy("ssm_lq", replace(RIG, name="other", pieces=6), PERIOD)
+
+
+def test_a_file_of_another_specimen_is_a_policy(tmp_path):
+    pytest.importorskip("daqp")
+    path = shutil.copy(find_artifact(RIG, "ssm"), tmp_path / "ssm_7.npz")
+    case = Case(make_task("triangle", period=1.0), str(path), twin=0, duration=0.1)
+    assert case.environment().unwrapped.control_period == PERIOD
+    assert isinstance(make_policy(str(path), RIG, PERIOD), ReducedPlanner)
 
 
 def test_observations_that_are_not_finite_keep_the_action(policy):
