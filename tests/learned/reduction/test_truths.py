@@ -160,6 +160,43 @@ def test_a_manifold_of_two_time_scales():
     np.testing.assert_allclose(found, exact, rtol=0.01)
 
 
+def test_the_slow_manifold_of_a_von_karman_beam():
+    """Two modes of a beam whose stretching couples them: q2 is a cubic of q1 and its rate.
+
+    q1'' + 2 c q1' + w^2 q1 + a q1^3 = 0, q2'' + 2 d q2' + v^2 q2 + b q1^3 = 0. On cubics the
+    flow of the first mode, linear at this order, is a matrix L: (L^2 + 2 d L + v^2) h = -b q1^3.
+    """
+    w, c, v, d, a, b = 3.0, 0.06, 8.3, 2.5, 4.0, 30.0
+    powers = [(3, 0), (2, 1), (1, 2), (0, 3)]
+    flow = np.zeros((4, 4))
+    for column, (j, k) in enumerate(powers):  # d/dt q^j p^k with q' = p, p' = -2 c p - w^2 q
+        flow[column, column] -= 2 * c * k
+        if j:
+            flow[column + 1, column] += j
+        if k:
+            flow[column - 1, column] -= w * w * k
+    exact = np.linalg.solve(flow @ flow + 2 * d * flow + v * v * np.eye(4), [-b, 0, 0, 0])
+
+    def rate(_, y):
+        q, p, other, speed = y
+        first = -2 * c * p - w * w * q - a * q**3
+        return [p, first, speed, -2 * d * speed - v * v * other - b * q**3]
+
+    starts = ([0.3, 0.0, 0.05, 0.0], [0.1, 0.7, 0.0, 0.1], [-0.2, 0.5, 0.0, 0.0])
+    decays = [record(solved(rate, start)[400:, :3]) for start in starts]
+    how = Settings(**CLEAN, dimension=2, delays=1, shape_order=5, order=5, substeps=1)
+    model = fit(decays, [], how, np.zeros(3))
+    angle = np.linspace(0, 2 * np.pi, 40)
+    x = np.stack([np.cos(angle), np.sin(angle)], axis=1) * model.scale[:2] / 3
+    q, p, other = model.decode(np.concatenate([0.3 * x, 0.2 * x])).T
+    terms = np.stack([q**j * p**k for j, k in powers], axis=1)
+    found = np.linalg.lstsq(terms, other, rcond=None)[0]
+    reach = np.abs(terms).max(axis=0)
+    np.testing.assert_allclose(
+        found * reach, exact * reach, atol=0.01 * np.abs(exact * reach).max()
+    )
+
+
 def test_a_gap_in_the_spectrum_is_told():
     def rate(_, y):
         return [y[1], -0.6 * y[1] - 9 * y[0], -12.0 * y[2]]
