@@ -9,7 +9,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress, TaskID
 
-from softrobot_env.commands.arguments import add_out
+from softrobot_env.commands.output import add_out, new_results
 from softrobot_env.commands.recording.check import add_file
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import text_page
@@ -74,7 +74,17 @@ def _stages(text: str) -> tuple[str, ...]:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run the command."""
+    """Run the command.
+
+    Raises:
+        FileExistsError: There are results already, and no --overwrite.
+        ValueError: A recording or robot that nothing can be identified of; says why.
+    """
+    with new_results(args.out, args.overwrite):
+        return _identified(args)
+
+
+def _identified(args: argparse.Namespace) -> int:
     from softrobot_env.evaluation.report import write_json
     from softrobot_env.identification.fit import report
     from softrobot_env.identification.fit.path import check_stages, identify
