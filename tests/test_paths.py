@@ -29,9 +29,9 @@ print(softrobot_env.__file__)
 @pytest.fixture(autouse=True)
 def fresh(monkeypatch, tmp_path):
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
-    paths._private.cache_clear()
+    paths.private_dir.cache_clear()
     yield
-    paths._private.cache_clear()
+    paths.private_dir.cache_clear()
 
 
 def test_the_users_cache_is_taken_where_it_can_be_written(monkeypatch, tmp_path):

@@ -18,6 +18,7 @@ from softrobot_env.commands.robot.command import ROBOT_COMMANDS
 from softrobot_env.control.base import Controller
 from softrobot_env.control.registry import (
     POLICIES,
+    REDUCED_POLICIES,
     RIG_POLICIES,
     installed_policies,
     make_policy,
@@ -97,9 +98,9 @@ def test_plants_are_built(name):
         assert at_rest.tip_position == pytest.approx([0.0, ARM.length])
 
 
-@pytest.mark.parametrize("name", POLICIES | RIG_POLICIES)
+@pytest.mark.parametrize("name", POLICIES | RIG_POLICIES | REDUCED_POLICIES)
 def test_policies_load_with_what_they_need_of_an_environment(name):
-    spec = (POLICIES | RIG_POLICIES)[name]
+    spec = (POLICIES | RIG_POLICIES | REDUCED_POLICIES)[name]
     if spec.package is not None and name not in installed_policies():
         pytest.skip(f"needs {spec.package}")
     assert callable(load(spec.make))

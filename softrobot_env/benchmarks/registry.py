@@ -6,9 +6,9 @@ what report.json has of them, less the fields declared with `drawn()`. Tables an
 of the same records.
 """
 
+import ast
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 
 from rich.console import Group
@@ -79,8 +79,8 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
 
 def measured(name: str) -> str:
     """What a benchmark measures, in a line: what its folder says; "" of one from elsewhere."""
-    try:
-        text = import_module(f"{__package__}.{name}").__doc__ or ""
-    except ImportError:
+    source = Path(__file__).with_name(name) / "__init__.py"
+    if not source.is_file():
         return ""
+    text = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
     return text.split("\n\n")[0].replace("\n", " ")

@@ -21,8 +21,7 @@ if TYPE_CHECKING:
     from softrobot_env.identification.fit.report import ErrorRow
 
 EXAMPLE = """softrobot identify train.csv --header assets/recordings/ftdcr_v4.toml --robot ftdcr_v4
-  softrobot identify pulls.csv --robot my.toml --stages frame,tendons,statics
-  softrobot recording replay test.csv --robot out/identify/robot.toml"""
+  softrobot identify pulls.csv --robot my.toml --stages frame,tendons,statics"""
 
 _STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual")
 

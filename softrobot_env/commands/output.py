@@ -111,7 +111,7 @@ def claimed(path: Path) -> Iterator[None]:
         yield
         return
     name = sha256(str(path.resolve()).encode()).hexdigest()[:24]
-    with (private_dir() / f"{name}.lock").open("w") as file:
+    with (private_dir() / f"{name}.lock").open("a") as file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

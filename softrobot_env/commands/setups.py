@@ -9,7 +9,15 @@ import gymnasium
 
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.commands.arguments import plant_options
-from softrobot_env.control.registry import FEEDBACKS, POLICIES, RIG_POLICIES, SENSORS, misfit
+from softrobot_env.control.registry import (
+    FEEDBACKS,
+    POLICIES,
+    REDUCED_POLICIES,
+    RIG_POLICIES,
+    SENSORS,
+    misfit,
+    policy_environment,
+)
 from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.envs.disturbances import split
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
@@ -36,7 +44,7 @@ _SHIPPED = 0
 _RIG_ARGUMENTS = ("twin", "learnt")
 
 #: The policies that were made for a robot: those that it is given unless --robot names it.
-FAMILIES = {ARM: tuple(POLICIES), RIG: tuple(RIG_POLICIES)}
+FAMILIES = {ARM: tuple(POLICIES), RIG: (*RIG_POLICIES, *REDUCED_POLICIES)}
 
 #: What is shown of a robot unless told otherwise, by robot, and of all others.
 _SHOWN, _SHOWN_OF_OTHERS = {ARM: "feedforward_pi", RIG: "hybrid"}, "static"
@@ -79,6 +87,10 @@ class Setup:
         Raises:
             ValueError: There is no such policy.
         """
+        own = policy_environment(policy, robot).get("control_period")
+        given = getattr(self._args, "control_period", None)
+        if None not in (own, given) and abs(round(own / given) * given - own) > 1e-9:
+            return f"{policy} needs a control_period that divides {own:g} s, not {given:g} s"
         families = {} if self.robot is not None else FAMILIES
         for owner, family in families.items():
             if policy in family and robot in families:

@@ -10,7 +10,12 @@ from rich.console import Console
 from rich.progress import Progress
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.control.registry import POLICIES, RIG_POLICIES, installed_policies
+from softrobot_env.control.registry import (
+    POLICIES,
+    REDUCED_POLICIES,
+    RIG_POLICIES,
+    installed_policies,
+)
 from softrobot_env.processes import usable_cores, worker_processes
 
 EXAMPLE = """softrobot warm-up
@@ -62,7 +67,7 @@ def run(args: argparse.Namespace) -> int:
 
 def _known() -> list[str]:
     """Plants and installed policies."""
-    return list(dict.fromkeys([*PLANTS, *installed_policies(), *RIG_POLICIES]))
+    return list(dict.fromkeys([*PLANTS, *installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]))
 
 
 def warm(name: str) -> None:
@@ -76,7 +81,7 @@ def warm(name: str) -> None:
     policy, robot, plant = ("hold", ARM, {}) if name in PLANTS else (name, ARM, {})
     if name in PLANTS and name != MUJOCO:
         plant = {"plant": BeamPlant(name)}
-    if name in RIG_POLICIES and name not in POLICIES:
+    if name in RIG_POLICIES | REDUCED_POLICIES and name not in POLICIES:
         robot = RIG
     options = policy_environment(policy, robot) | plant
     made = TrackingEnv("swing", **options) if robot == ARM else RigEnv("triangle", **options)

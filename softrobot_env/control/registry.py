@@ -127,9 +127,9 @@ POLICIES: dict[str, PolicySpec] = {
 }
 
 #: Policies of the spatial test rig, whose environments have other observations and actions; the
-#: inverse dynamics, the hybrid and plans on a learned model (`ssm`) are of any robot. The thesis'
-#: networks and hybrids take as option `learnt` the identified parameters of one rig; without it,
-#: they take those that are shipped, of twin 0. For another robot it is the file of its network.
+#: inverse dynamics and the hybrid are of any robot. All but the inverse dynamics take as option
+#: `learnt` the identified parameters of one rig; without it, they take those that are shipped, of
+#: twin 0. For another robot it is the file of its network.
 RIG_POLICIES: dict[str, PolicySpec] = {
     name: PolicySpec(f"softrobot_env.control.feedforward.policies:{make}", options)
     for name, make, options in (
@@ -153,7 +153,9 @@ RIG_POLICIES: dict[str, PolicySpec] = {
         ),
     )
 }
-RIG_POLICIES |= {
+#: Plans on a model that was learned of a robot's motion by `softrobot train ssm`; one of the rig is
+#: shipped.
+REDUCED_POLICIES: dict[str, PolicySpec] = {
     name: PolicySpec(
         _REDUCED,
         {"constrained": constrained},
@@ -171,7 +173,7 @@ def installed_policies() -> list[str]:
 
 
 #: Every policy by name, those of other packages as well.
-EVERY_POLICY: Registry[PolicySpec] = Registry("policy", POLICIES | RIG_POLICIES)
+EVERY_POLICY: Registry[PolicySpec] = Registry("policy", POLICIES | RIG_POLICIES | REDUCED_POLICIES)
 
 
 def register_policy(

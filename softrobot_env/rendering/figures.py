@@ -100,6 +100,8 @@ STYLES = {
     "hybrid_flexible": Style("#AA4499", marker="s"),
     "hybrid_calibrated": Style("#666600", marker="P"),
     "hybrid_feedback": Style("#D95F02", marker="X"),
+    "ssm_mpc": Style("#E7298A", marker="h"),
+    "ssm_lq": Style("#1F78B4", marker="8"),
     "mujoco_chain": Style(BLUE, "-", "o", "MuJoCo chain"),
     "pcc": Style(ORANGE, _DASHED, "s", "PCC"),
     "pcc/lumped": Style(ORANGE, "-", "s", "PCC, lumped mass"),

@@ -10,6 +10,7 @@ import pytest
 from softrobot_env.control.registry import (
     FEEDBACKS,
     POLICIES,
+    REDUCED_POLICIES,
     RIG_POLICIES,
     make_policy,
     policy_environment,
@@ -24,7 +25,7 @@ from softrobot_env.tasks import make_task
 SHORT = replace(make_task("swing"), duration=0.6)
 RIG_SHORT = replace(make_task("triangle"), duration=0.6)
 
-ROBOTS = dict.fromkeys(POLICIES, ARM) | dict.fromkeys(RIG_POLICIES, RIG)
+ROBOTS = dict.fromkeys(POLICIES, ARM) | dict.fromkeys(RIG_POLICIES | REDUCED_POLICIES, RIG)
 
 
 def make_env(name, **options):

@@ -229,8 +229,11 @@ def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
     assert modulus["value"] == pytest.approx(np.log(1.2), abs=0.02)
     assert modulus["low"] < modulus["value"] < modulus["high"]
     replayed = ["recording", "replay", str(tmp_path / "pulls.csv"), "--no-plots"]
-    assert main([*replayed, "--robot", str(out / "robot.toml"), "--out", str(out)]) == 0
-    assert json.loads((out / "report.json").read_text())["rows"][0]["rms"] < 1e-3
+    assert (
+        main([*replayed, "--robot", str(out / "robot.toml"), "--out", str(tmp_path / "replay")])
+        == 0
+    )
+    assert json.loads((tmp_path / "replay" / "report.json").read_text())["rows"][0]["rms"] < 1e-3
 
 
 @pytest.mark.parametrize(
