@@ -153,7 +153,7 @@ def test_nothing_is_overwritten_unless_asked_to(mine, capsys):
     assert main(["train", "qs_nn", "--robot", str(mine.file)]) == 2
     assert "--overwrite replaces it" in capsys.readouterr().err and path.read_bytes() == before
     assert time.process_time() - began < 1  # it has not been trained first
-    assert main(["train", "qs_nn", "--robot", "arm"]) == 2
+    assert main(["train", "qs_nn", "--robot", "arm", "--ship"]) == 2
     assert "qs_nn.npz is there already" in capsys.readouterr().err
 
 
