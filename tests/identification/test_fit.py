@@ -64,6 +64,7 @@ def pulled(robot: RobotParams, levels: np.ndarray, noise: float = 0.0) -> Record
 UP_AND_DOWN = np.concatenate([np.linspace(0.1, 1, 6), np.linspace(0.8, 0.1, 4)])
 
 
+@pytest.mark.slow
 def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
     robot, levels = rod(), np.linspace(0.1, 1.0, 4)
     model = StaticModel(robot, pulled(robot, levels), as_filed=True)
@@ -80,6 +81,7 @@ def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
         assert np.abs(slope - found.slopes[..., k]).max() < 1e-5 + 1e-5 * np.abs(slope).max()
 
 
+@pytest.mark.slow
 def test_friction_weight_and_modulus_are_found_in_what_the_chain_does():
     """Of a heavy rod whose tendons rub; where friction was is carried from row to row."""
     believed = rod(gravity=(0.0, 0.0, -9.81))
@@ -94,6 +96,7 @@ def test_friction_weight_and_modulus_are_found_in_what_the_chain_does():
     assert size(found.fit.simulated.error) < 4e-4 < 1e-2 < size(replay(recording, believed).error)
 
 
+@pytest.mark.slow
 def test_what_is_written_is_what_was_found(tmp_path):
     """Robot file and header make the model, and MuJoCo's chain, do what was fitted."""
     believed = ROBOTS["silicone_rod"]
@@ -124,6 +127,7 @@ def test_what_is_written_is_what_was_found(tmp_path):
     assert size(replay(again, robot).error) < size(found.fit.simulated.error) + 2e-4 < 1e-3
 
 
+@pytest.mark.slow
 def test_columns_in_another_order_and_a_turned_frame_are_told_apart():
     robot = rod(gravity=(0.0, 0.0, -9.81))
     recording = pulled(robot, np.linspace(0.1, 1.0, 4))
@@ -145,6 +149,7 @@ def test_columns_in_another_order_and_a_turned_frame_are_told_apart():
     assert found.sign == 1 and found.rms < 2e-3 < found.second
 
 
+@pytest.mark.slow
 def test_what_the_data_cannot_tell_is_named():
     """A weightless robot driven by length bends alike whatever its modulus, beside the tendons'."""
     robot = replace(ROBOTS["silicone_rod"], gravity=(0.0, 0.0, 0.0))
@@ -167,6 +172,7 @@ def test_what_the_data_cannot_tell_is_named():
     assert least.information < 1e-6 and {"youngs_modulus", "tendon_stiffness"} <= named
 
 
+@pytest.mark.slow
 def test_a_residual_is_zero_far_from_the_data_and_survives_a_file(tmp_path):
     rng = np.random.default_rng(0)
     bends = np.cumsum(0.05 * rng.standard_normal((200, 2)), axis=0)
@@ -213,6 +219,7 @@ def test_blocks_hold_whole_patterns():
     assert blocks_of(patterns, "contiguous")[:14].tolist() == [0] * 14
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_a_replay_reads(tmp_path, capsys):
     true = rod(gravity=(0.0, 0.0, -9.81)).vary(youngs_modulus=1.2)
     write_recording(pulled(true, UP_AND_DOWN, 1e-4), tmp_path / "pulls.csv")

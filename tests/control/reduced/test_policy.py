@@ -26,7 +26,7 @@ def policy():
     return ReducedPlanner(RIG, PERIOD)
 
 
-@pytest.mark.parametrize("name", ["ssm_mpc", "ssm_lq"])
+@pytest.mark.parametrize("name", [pytest.param("ssm_mpc", marks=pytest.mark.slow), "ssm_lq"])
 def test_fast_laps_of_the_triangle(name):
     """The goal of the study: 3 mm on average at one lap a second, without a physical model."""
     if name == "ssm_mpc":
