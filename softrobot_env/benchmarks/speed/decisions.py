@@ -13,7 +13,6 @@ from softrobot_env.benchmarks.jobs import Progress
 from softrobot_env.benchmarks.speed.rows import Row
 from softrobot_env.control.registry import (
     POLICIES,
-    REDUCED_POLICIES,
     RIG_POLICIES,
     installed_policies,
     make_policy,
@@ -38,7 +37,7 @@ print(json.dumps(measure(sys.argv[1])))
 
 def run(quick: bool, progress: Progress) -> list[Row]:
     """A row a policy, each from a process of its own."""
-    policies = [*installed_policies(), *RIG_POLICIES, *REDUCED_POLICIES]
+    policies = [*installed_policies(), *RIG_POLICIES]
     names = [name for name in policies if name in QUICK or not quick]
     rows = []
     for name in names:
