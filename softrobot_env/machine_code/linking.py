@@ -16,6 +16,8 @@ from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.environment import lookup_environment
 from numba.core.typed_passes import NoPythonBackend
+from numba.extending import overload
+from numba.np import arrayobj
 
 #: Prefix of the global variables that hold the Python side of compiled functions.
 _ENVIRONMENT = "_ZN08NumbaEnv"
@@ -69,6 +71,11 @@ class _Announce(LoweringPass):
         return True
 
 
+def _misfit(given: tuple, place: tuple) -> None:
+    """Raise ValueError: an array does not fit where it is to be copied to, as in `a[:2] = b`."""
+    raise NotImplementedError
+
+
 class KernelCompiler(CompilerBase):
     """Compiles what Python calls."""
 
@@ -79,6 +86,14 @@ class KernelCompiler(CompilerBase):
         state = self.state
         state.library = self._library(state.targetctx.codegen(), "kernel")
         state.library.enable_object_caching()
+
+    def _compile_core(self) -> Any:
+        # Numba's own error tells both shapes: it costs seconds to compile how numbers are written.
+        told, arrayobj.raise_with_shape_context = arrayobj.raise_with_shape_context, _misfit
+        try:
+            return super()._compile_core()
+        finally:
+            arrayobj.raise_with_shape_context = told
 
     def define_pipelines(self) -> list:
         """Numba's passes."""
@@ -105,6 +120,15 @@ LINKED: dict[str, Any] = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
 }
+
+
+@overload(_misfit, jit_options=LINKED)
+def _raise_misfit(given: Any, place: Any) -> Callable:
+    def impl(given: Any, place: Any) -> None:
+        raise ValueError("cannot copy an array to one of another shape")
+
+    return impl
+
 
 #: Options of a function that calls linked ones, for `njit` and `cfunc`.
 CALLED: dict[str, Any] = {"pipeline_class": KernelCompiler}

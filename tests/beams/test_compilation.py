@@ -121,3 +121,19 @@ def test_an_edit_of_any_source_recompiles_what_uses_it(tmp_path, before, files):
     assert run() == [6, 0]
     renewed = sorted((beams / "__pycache__").glob("first.value*.nbc"))
     assert len(renewed) == files and not set(renewed) & set(stored)
+
+
+def test_an_array_of_another_shape_is_refused_in_a_linked_kernel_too():
+    @kernel
+    def put(place, given):
+        place[:2] = given
+
+    @kernel
+    def call(place, given):
+        put(place, given)
+
+    place = np.zeros(3)
+    call(place, np.ones(2))
+    assert place.tolist() == [1, 1, 0]
+    with pytest.raises(ValueError, match="another shape"):
+        call(place, np.ones(4))
