@@ -144,7 +144,7 @@ def dynamics_of(
             show(step + 1, _rms(here))
         if moved.max() < 2e-3:
             break
-    deviation = np.sqrt(np.diag(np.linalg.inv(normal)))
+    deviation = np.sqrt(np.diag(_covariance(slopes, here, normal, variance, windows)))
     return Dynamics(
         robot=built(values, whole=False),
         delay=float(values[1]),
@@ -155,6 +155,29 @@ def dynamics_of(
         after=_rms(here),
         duration=float(sum(windows.times[windows.runs == r][-1] for r in set(windows.runs))),
     )
+
+
+def _covariance(
+    slopes: np.ndarray, left: np.ndarray, normal: np.ndarray, variance: float, windows: Recording
+) -> np.ndarray:
+    """Covariance of the values: of noise, of what windows pull apart, and of a sample's length.
+
+    What the model lacks pulls each window another way. Their scatter tells how much that matters:
+    N^-1 (sum of g g') N^-1 over the gradients g of the windows (White, Econometrica 48, 1980), as
+    if they were all the windows there are. When within a sample a command begins is not told.
+    """
+    noise = np.linalg.inv(normal)
+    pulls = []
+    for run in sorted(set(windows.runs.tolist())):
+        rows = windows.runs == run
+        known = np.isfinite(left[rows]) & np.isfinite(slopes[rows]).all(axis=-1)
+        pulls.append(slopes[rows][known].T @ left[rows][known] / variance)
+    scatter = np.array(pulls) - np.mean(pulls, axis=0)
+    factor = len(pulls) / max(len(pulls) - 1, 1)
+    found = noise + factor * noise @ (scatter.T @ scatter) @ noise
+    same = np.diff(windows.runs) == 0
+    found[1, 1] += float(np.median(np.diff(windows.times)[same])) ** 2 / 12
+    return found
 
 
 def _windows(recording: Recording) -> Recording:
