@@ -11,7 +11,6 @@ from rich.progress import Progress
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import (
-    POLICIES,
     REDUCED_POLICIES,
     RIG_POLICIES,
     installed_policies,
@@ -72,17 +71,15 @@ def _known() -> list[str]:
 
 def warm(name: str) -> None:
     """Compile what a plant or a policy needs, by running a few steps."""
-    from softrobot_env.control.registry import make_policy, policy_environment
+    from softrobot_env.control.registry import home_robot, make_policy, policy_environment
     from softrobot_env.envs.rig import RigEnv
     from softrobot_env.envs.tracking import TrackingEnv
     from softrobot_env.evaluation.run import play
-    from softrobot_env.robots import ARM, RIG
+    from softrobot_env.robots import ARM
 
-    policy, robot, plant = ("hold", ARM, {}) if name in PLANTS else (name, ARM, {})
-    if name in PLANTS and name != MUJOCO:
-        plant = {"plant": BeamPlant(name)}
-    if name in RIG_POLICIES | REDUCED_POLICIES and name not in POLICIES:
-        robot = RIG
+    policy = "hold" if name in PLANTS else name
+    plant = {"plant": BeamPlant(name)} if name in PLANTS and name != MUJOCO else {}
+    robot = home_robot(policy)
     options = policy_environment(policy, robot) | plant
     made = TrackingEnv("swing", **options) if robot == ARM else RigEnv("triangle", **options)
     with closing(made) as env:

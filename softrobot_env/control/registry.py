@@ -15,7 +15,7 @@ from softrobot_env.control.reduced.environment import is_reduced_model, ssm_envi
 from softrobot_env.fields import Positive, check_argument
 from softrobot_env.interfaces import Policy
 from softrobot_env.registries import Registry, is_path, load, load_given
-from softrobot_env.robots import ARM, RobotParams, find_robot
+from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
 
 #: Ending of the files of trained networks.
 NETWORK = ".npz"
@@ -170,6 +170,15 @@ def installed_policies() -> list[str]:
     """Names of the policies of `POLICIES` whose packages are installed."""
     packages = {name: spec.package for name, spec in POLICIES.items()}
     return [name for name, p in packages.items() if p is None or find_spec(p) is not None]
+
+
+def home_robot(name: str) -> RobotParams:
+    """The robot that a policy of `RIG_POLICIES` or `REDUCED_POLICIES` alone was made for: the rig.
+
+    All others, also those that drive any robot, are at home on the arm.
+    """
+    rig = name in RIG_POLICIES | REDUCED_POLICIES and name not in POLICIES
+    return RIG if rig else ARM
 
 
 #: Every policy by name, those of other packages as well.

@@ -230,7 +230,9 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         self._begin(which, fixed)
         self._started = True
         self._observation = self._view()
-        return self._observation, self._info(self._error(), dict.fromkeys(_TERMS, 0.0))
+        return self._observation, self._info(
+            self._error(), {name: np.zeros(self.num_envs) for name in _TERMS}
+        )
 
     def _parsed(self, name: str, value: Any) -> np.ndarray:
         """An option as an array that broadcasts to that of what is drawn."""
@@ -415,10 +417,11 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
             "error": error,
             "success": np.zeros(n, dtype=bool) if success is None else success,
             "bar_position": self.simulation.place,
-            **{name: np.broadcast_to(term, n).copy() for name, term in terms.items()},
+            **terms,
             **{name: value.copy() for name, value in self._drawn.items()},
         }
-        return info | {f"_{name}": np.ones(n, dtype=bool) for name in info}
+        everyone = np.ones(n, dtype=bool)
+        return info | {f"_{name}": everyone for name in info}
 
 
 def _sensors(batch: GripperBatch, control_period: float) -> "FingerSensors":

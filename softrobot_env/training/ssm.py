@@ -222,7 +222,8 @@ def judged(model: ReducedModel, records: Sequence[Record]) -> float:
             part = slice(first, first + need)
             cut = Record(record.outputs[part], record.inputs[part], record.period)
             gap = model.predict_record(cut) - cut.outputs[model.delays - 1 :]
-            errors.append(np.linalg.norm(gap, axis=1))
+            with np.errstate(over="ignore", invalid="ignore"):
+                errors.append(np.linalg.norm(gap, axis=1))
     return float(np.mean(np.concatenate(errors))) if errors else float("nan")
 
 

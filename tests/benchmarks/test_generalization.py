@@ -219,6 +219,12 @@ def test_the_command_writes_report_and_figures(tmp_path, monkeypatch, capsys):
     assert len(rows) == len(list(cases(quick=True)))
     assert np.all([row["e_max"] is not None for row in rows])
     written = {path.name for path in out.iterdir()}
-    expected = {"report.json", "report.md", "generalization.png", "generalization_disturbed.png"}
+    expected = {
+        ".written",
+        "report.json",
+        "report.md",
+        "generalization.png",
+        "generalization_disturbed.png",
+    }
     assert written == expected
     assert "Unseen references" in capsys.readouterr().out

@@ -50,7 +50,7 @@ def mine(tmp_path):
 
 def evaluated(out, *arguments):
     """Rows of a run without plots."""
-    assert main(["evaluate", *arguments, "--no-plots", "--out", str(out)]) == 0
+    assert main(["evaluate", *arguments, "--no-plots", "--out", str(out), "--overwrite"]) == 0
     return json.loads((out / "report.json").read_text())["rows"]
 
 
@@ -72,7 +72,12 @@ def test_an_example_is_evaluated_by_one_command(name, tmp_path):
 def test_an_example_is_rendered_by_one_command(name, tmp_path):
     size = ["--size", "64", "48", "--fps", "5", "--duration", "0.2"]
     out = tmp_path / "a.gif"
-    assert main(["render", "--robot", name, "--task", "reach", *size, "--out", str(out)]) == 0
+    assert (
+        main(
+            ["render", "--robot", name, "--task", "reach", *size, "--out", str(out), "--overwrite"]
+        )
+        == 0
+    )
     assert out.stat().st_size > 1000
 
 

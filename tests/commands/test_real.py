@@ -6,14 +6,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 import pytest
-from support.patience import patient_drivers
+from support.patience import patient_commands
 from support.rig_learnt_file import learnt_file
 
 from softrobot_env.cli import main
 from softrobot_env.commands.robot import setup as real_setup
-from softrobot_env.commands.robot import soak
 from softrobot_env.commands.robot.soak import answer_times
-from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.evaluation.labels import VIRTUAL
 from softrobot_env.evaluation.runner import Case
@@ -26,20 +24,9 @@ pytest.importorskip("cobs", reason="needs the robot extra")
 
 
 @pytest.fixture
-def patient(monkeypatch):
+def patient():
     """Virtual robots and their environments wait for a busy machine."""
-
-    @contextmanager
-    def process(*args, **options):
-        with virtual_process(*args, **options) as robot:
-            yield robot._replace(file=replace(robot.file, watchdog=1.0, ttl=0.9))
-
-    for module in (real_setup, soak):
-        monkeypatch.setattr(module, "virtual_process", process)
-    defaults = RealRigEnv.__init__.__kwdefaults__
-    monkeypatch.setitem(defaults, "max_missed", 10_000)
-    monkeypatch.setitem(defaults, "oldest", 2.0)
-    with patient_drivers():
+    with patient_commands():
         yield
 
 

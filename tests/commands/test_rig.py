@@ -16,7 +16,7 @@ FAST = ["--option", "period=0.5", "--control-period", "0.05"]
 
 def evaluated(out, *arguments):
     """Rows of a run, without plots unless asked for."""
-    assert main(["evaluate", *arguments, "--out", str(out)]) == 0
+    assert main(["evaluate", *arguments, "--out", str(out), "--overwrite"]) == 0
     return json.loads((out / "report.json").read_text())["rows"]
 
 

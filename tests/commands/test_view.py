@@ -3,7 +3,6 @@
 import os
 import re
 import shutil
-import signal
 import socket
 import subprocess
 import sys
@@ -67,7 +66,7 @@ def test_the_browser_is_served_on_this_machine_alone(tmp_path):
                 with socket.socket() as other:
                     assert other.connect_ex((address, port)) != 0
         finally:
-            running.send_signal(signal.SIGINT)
+            running.terminate()
             running.communicate(timeout=30)
 
 

@@ -6,7 +6,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from signal import SIGINT
+from signal import SIG_DFL, SIGINT, signal
 
 import pytest
 
@@ -82,6 +82,11 @@ def test_ctrl_c_ends_in_one_line(capsys, monkeypatch):
     assert capsys.readouterr().err == "softrobot list: stopped by Ctrl-C\n"
 
 
+def _heeding():
+    """Background jobs of a shell ignore Ctrl-C, and so do their children."""
+    signal(SIGINT, SIG_DFL)
+
+
 @pytest.mark.slow
 def test_ctrl_c_ends_workers_too(tmp_path):
     command = [sys.executable, "-m", "softrobot_env", "benchmark", "generalization"]
@@ -91,6 +96,7 @@ def test_ctrl_c_ends_workers_too(tmp_path):
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=_heeding,
     ) as running:
         time.sleep(15)
         assert running.poll() is None, running.stderr.read()

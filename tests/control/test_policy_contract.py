@@ -12,6 +12,7 @@ from softrobot_env.control.registry import (
     POLICIES,
     REDUCED_POLICIES,
     RIG_POLICIES,
+    home_robot,
     make_policy,
     policy_environment,
 )
@@ -25,7 +26,7 @@ from softrobot_env.tasks import make_task
 SHORT = replace(make_task("swing"), duration=0.6)
 RIG_SHORT = replace(make_task("triangle"), duration=0.6)
 
-ROBOTS = dict.fromkeys(POLICIES, ARM) | dict.fromkeys(RIG_POLICIES | REDUCED_POLICIES, RIG)
+ROBOTS = {name: home_robot(name) for name in POLICIES | RIG_POLICIES | REDUCED_POLICIES}
 
 
 def make_env(name, **options):

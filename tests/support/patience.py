@@ -1,9 +1,14 @@
 """Patience with robots of a busy machine."""
 
 from contextlib import contextmanager
+from dataclasses import replace
 
 import pytest
 
+from softrobot_env.commands.robot import setup as real_setup
+from softrobot_env.commands.robot import soak
+from softrobot_env.commands.robot.virtual import virtual_process
+from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware import driver
 
 
@@ -14,4 +19,22 @@ def patient_drivers():
         patch.setattr(driver, "_FRESH", 10.0)
         for method in (driver.Driver.connect, driver.Driver.arm):
             patch.setattr(method, "__defaults__", (20.0,))
+        yield
+
+
+@contextmanager
+def patient_commands():
+    """Commands' virtual robots and their environments wait as well."""
+
+    @contextmanager
+    def process(*args, **options):
+        with virtual_process(*args, **options) as robot:
+            yield robot._replace(file=replace(robot.file, watchdog=1.0, ttl=0.9))
+
+    with patient_drivers(), pytest.MonkeyPatch.context() as patch:
+        for module in (real_setup, soak):
+            patch.setattr(module, "virtual_process", process)
+        defaults = RealRigEnv.__init__.__kwdefaults__
+        patch.setitem(defaults, "max_missed", 10_000)
+        patch.setitem(defaults, "oldest", 2.0)
         yield

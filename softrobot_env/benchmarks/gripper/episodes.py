@@ -313,37 +313,48 @@ def learned(task: str, steps: int) -> Any:
 
 def speeds(task: str, many: int, threads: Sequence[int]) -> list[Speed]:
     """What steps cost by the rule and quickly, one gripper or many on some threads."""
-    truth, _ = _closed("rule", task, _COMPARED)
+    truth = _bends("rule", task)
     rows = []
     for fineness in ("rule", "quick"):
-        bends, _ = _closed(fineness, task, _COMPARED)
-        off = np.degrees(np.abs(bends - truth)) * GRIPPER.fingers[0].robot.length
+        off = np.degrees(np.abs(_bends(fineness, task) - truth)) * GRIPPER.fingers[0].robot.length
         off /= GRIPPER.fingers[0].robot.pieces
         errors = float(off.mean()), float(off.max())
-        rows.append(_speed(fineness, task, 1, 1, _closed(fineness, task, 1)[1], errors))
-    for count in threads:
-        rate = _closed("quick", task, many, count)[1]
-        rows.append(_speed("quick", task, many, count, rate, (None, None)))
-    return rows
+        rows.append(_speed(fineness, task, 1, 1, errors))
+    return rows + [_speed("quick", task, many, count, (None, None)) for count in threads]
 
 
-def _closed(fineness: str, task: str, count: int, threads: int = 1) -> tuple[np.ndarray, float]:
-    """Curvatures (steps, n, pieces) [1/m] during closings, and steps per second of all.
+def _bends(fineness: str, task: str) -> np.ndarray:
+    """Curvatures (steps, n, pieces) [1/m] of grippers that close, with neither pull nor shake."""
+    env = make(fineness, task, _COMPARED)
+    env.reset(seed=_TESTED, options={"pull": 0.0, "shake": 0.0})
+    bends = []
+    for k in range(round(_CLOSED / PERIOD)):
+        env.step(_closing(_COMPARED, k))
+        bends.append(env.simulation.curvature)
+    return np.stack(bends)
+
+
+def _closing(count: int, k: int) -> np.ndarray:
+    """Action k (n, inputs) of grippers that close and then hold."""
+    tension = _SQUEEZE * min(1.0, (k + 1) * PERIOD / RISE)
+    return np.tile((2 * tension / GRIPPER.tension_limits - 1).astype(np.float32), (count, 1))
+
+
+def _rate(fineness: str, task: str, count: int, threads: int) -> float:
+    """Steps per second of all grippers, over an episode: they close, hold, are pulled and shaken.
 
     Of processor time on one thread, which a busy machine does not change, else of wall time.
     """
     env = make(fineness, task, count, threads)
     clock = process_time if threads == 1 else perf_counter
-    env.reset(seed=_TESTED, options={"pull": 0.0, "shake": 0.0})
-    limits, bends, took = GRIPPER.tension_limits, [], 0.0
-    for k in range(round(_CLOSED / PERIOD)):
-        tension = _SQUEEZE * min(1.0, (k + 1) * PERIOD / RISE)
-        action = np.tile((2 * tension / limits - 1).astype(np.float32), (count, 1))
+    env.reset(seed=_TESTED)
+    took, steps = 0.0, env.max_episode_steps
+    for k in range(steps):
+        action = _closing(count, k)
         begin = clock()
         env.step(action)
         took += clock() - begin
-        bends.append(env.simulation.curvature)
-    return np.stack(bends), len(bends) * count / took
+    return steps * count / took
 
 
 def _speed(
@@ -351,8 +362,8 @@ def _speed(
     task: str,
     count: int,
     threads: int,
-    rate: float,
     errors: tuple[float | None, float | None],
 ) -> Speed:
     timestep = make(fineness, task, 1).simulation.scene.timestep.timestep
+    rate = _rate(fineness, task, count, threads)
     return Speed(task, _pieces(fineness), timestep, fineness, count, threads, rate, *errors)

@@ -75,6 +75,9 @@ def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
 
 def _orders(axis: Any, rows: list[OrderRow]) -> None:
     """Fig. 3.14."""
+    if not rows:
+        axis.set_visible(False)
+        return
     for (order,), mine in groups(rows, "shape_order").items():
         known = [row for row in mine if row.rms is not None]
         axis.plot([r.p for r in known], [1e3 * r.rms for r in known], "o-", label=f"n_w = {order}")

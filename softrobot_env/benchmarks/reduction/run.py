@@ -227,8 +227,9 @@ def _rms(model: Model | None, records: Records) -> float | None:
     if model is None:
         return None
     gaps = [model.predict_record(r) - r.outputs[model.delays - 1 :] for r in records]
-    squares = np.concatenate([np.sum(gap**2, axis=1) for gap in gaps])
-    return float(np.sqrt(squares.mean())) if np.isfinite(squares).all() else None
+    with np.errstate(over="ignore", invalid="ignore"):
+        squares = np.concatenate([np.sum(gap**2, axis=1) for gap in gaps])
+        return float(np.sqrt(squares.mean())) if np.isfinite(squares).all() else None
 
 
 def _orders(twin: int) -> list[Row]:

@@ -12,14 +12,15 @@ import numpy as np
 from softrobot_env.benchmarks.jobs import Progress
 from softrobot_env.benchmarks.speed.rows import Row
 from softrobot_env.control.registry import (
-    POLICIES,
     REDUCED_POLICIES,
     RIG_POLICIES,
+    home_robot,
     installed_policies,
     make_policy,
     policy_environment,
 )
 from softrobot_env.interfaces import Policy
+from softrobot_env.robots import ARM
 
 WHAT = "decision"
 
@@ -69,8 +70,9 @@ def measure(name: str) -> dict[str, float]:
         collection of garbage does; and `stacked` [s], the least of a call with as many stacked
         observations as `STACKED`.
     """
-    env_id = "SoftRobot/ArmSwing-v0" if name in POLICIES else "SoftRobot/RigTriangle-v0"
-    env = gymnasium.make(env_id, observe="all", **policy_environment(name)).unwrapped
+    robot = home_robot(name)
+    env_id = "SoftRobot/ArmSwing-v0" if robot == ARM else "SoftRobot/RigTriangle-v0"
+    env = gymnasium.make(env_id, observe="all", **policy_environment(name, robot)).unwrapped
     policy = make_policy(name, env)
     times, longest, observation = _decide(env, policy)
     many = {key: np.stack([value] * STACKED) for key, value in observation.items()}

@@ -89,7 +89,8 @@ class ReducedModel:
     def vectors(self, x: np.ndarray) -> np.ndarray:
         """Delay vectors w(x) (..., p) of coordinates (..., n)."""
         terms = self._shapes(x / self.scale[: self.dimension])
-        return terms @ self.shape.T + np.tile(self.origin, self.delays)
+        with np.errstate(over="ignore", invalid="ignore"):  # a motion may have diverged
+            return terms @ self.shape.T + np.tile(self.origin, self.delays)
 
     def reduced_inputs(self, inputs: np.ndarray) -> np.ndarray:
         """v (..., m) of inputs (..., k)."""
