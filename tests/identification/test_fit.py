@@ -256,7 +256,7 @@ def test_what_is_not_there_is_refused_in_one_line(given, told, tmp_path, capsys)
     write_robot(rod(), tmp_path / "rod.toml")
     command = ["identify", str(tmp_path / "pulls.csv"), "--robot", str(tmp_path / "rod.toml")]
     try:
-        code = main([*command, *given])
+        code = main([*command, *given, "--out", str(tmp_path / "out")])
     except SystemExit as stop:
         code = stop.code
     assert code == 2
