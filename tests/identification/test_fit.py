@@ -9,7 +9,7 @@ import pytest
 
 from softrobot_env.cli import main
 from softrobot_env.identification.fit.assignment import assigned
-from softrobot_env.identification.fit.least_squares import size
+from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, size
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files
@@ -256,7 +256,7 @@ def test_what_is_not_there_is_refused_in_one_line(given, told, tmp_path, capsys)
     write_robot(rod(), tmp_path / "rod.toml")
     command = ["identify", str(tmp_path / "pulls.csv"), "--robot", str(tmp_path / "rod.toml")]
     try:
-        code = main([*command, *given])
+        code = main([*command, *given, "--out", str(tmp_path / "out")])
     except SystemExit as stop:
         code = stop.code
     assert code == 2
@@ -299,3 +299,22 @@ def test_the_real_robot_is_identified(tmp_path):
     )
     error = replay(placed(recording, found.header), found.robot).error
     assert size(error + change) < size(error)
+
+
+@pytest.mark.parametrize("lacking", [0.0, 0.3])
+def test_intervals_hold_the_truth_also_where_the_model_lacks_something(lacking):
+    """Lines through few runs, each with a slope of its own about the common one."""
+    rng, inside, noise, count = np.random.default_rng(0), [], 0.1, 6
+    runs, times = np.repeat(np.arange(count), 20), np.tile(np.linspace(0, 1, 20), count)
+    slopes = times[:, None]
+    normal = slopes.T @ slopes / noise**2
+    for _ in range(400):
+        own = lacking * rng.standard_normal(count)[runs]
+        seen = (2 + own) * times + noise * rng.standard_normal(len(runs))
+        found = np.linalg.lstsq(slopes, seen, rcond=None)[0]
+        covariance = clustered(slopes, slopes @ found - seen, normal, noise**2, runs)
+        inside.append(abs(found[0] - 2) < NORMAL_95 * covariance[0, 0] ** 0.5)
+    # 400 draws of 95 % scatter by 1.1 %; noise counts twice where nothing lacks.
+    assert np.mean(inside) > 0.92
+    if lacking:
+        assert np.mean(inside) < 0.99

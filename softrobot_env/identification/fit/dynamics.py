@@ -1,9 +1,10 @@
-"""Damping and delay of a robot that was recorded in motion, by the MuJoCo chain.
+"""Damping, delay and friction of a robot that was recorded in motion, by the MuJoCo chain.
 
-The chain is given the recording's commands from rest, as a replay does; damping of the backbone
-and delay of the markers are changed until its markers move as the
-recorded ones. Errors at rest are the business of the statics: of each window the mean error of each
-marker is left out.
+The chain is given the recording's commands from rest, as a replay does; damping of the backbone,
+delay of the markers and friction of the tendons are changed until its markers move as the recorded
+ones. Errors at rest are the business of the statics: of each window the mean error of each marker
+is left out. Friction is of both: where a robot sways before it rests, part of the friction is gone
+by then, and the statics find too little.
 """
 
 from collections.abc import Callable
@@ -11,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softrobot_env.identification.fit.least_squares import correlation_time
+from softrobot_env.identification.fit.least_squares import clustered, correlation_time
 from softrobot_env.identification.replay.simulation import replay
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
@@ -22,12 +23,10 @@ _STEPS = 6
 _PROBE = (0.05, 0.004, 0.01, 0.05)  # of log damping, delay [s], log modulus, log friction
 _PRIOR = (1.5, 0.05)  # of the first two
 _LEAST = 1e-3  # of the modulus
-_IN_MOTION = 0.2  # by which friction in motion may differ from that at rest
+_IN_MOTION = 0.2  # by which friction in motion may differ from what is left of it at rest
 _MOST = np.array([1.0, 0.03, 0.2, 0.5])  # of a step
 _START_DELAY = 0.0
-
-#: What is found, and its unit.
-NAMES = (("damping_time", "log"), ("marker_delay", "s"))
+_FRICTION = 3
 
 
 @dataclass(frozen=True)
@@ -35,11 +34,13 @@ class Dynamics:
     """What was found.
 
     Attributes:
-        robot: With its damping.
+        robot: With its damping, and with its friction in motion if that was to be found.
         delay: [s] of the markers.
         values: (2,) logarithm of the damping's factor, and delay [s].
         deviation: (2,) standard deviations.
         prior: (2,) those of the prior.
+        friction: Logarithm of friction in motion over that of the statics, and its standard
+            deviation; zeros where friction was known.
         before, after: RMS [m] of the markers' errors in the windows, their means left out.
         duration: [s] of the windows.
     """
@@ -49,6 +50,7 @@ class Dynamics:
     values: np.ndarray
     deviation: np.ndarray
     prior: np.ndarray
+    friction: tuple[float, float]
     before: float
     after: float
     duration: float
@@ -58,17 +60,19 @@ def dynamics_of(
     robot: RobotParams,
     recording: Recording,
     modulus: float = 0.0,
-    friction: float = 0.0,
+    friction: float | None = 0.0,
     show: Callable[[int, float], None] | None = None,
 ) -> Dynamics:
-    """Find damping and delay.
+    """Find damping, delay and friction.
 
     Args:
         robot: With its statics identified.
         recording: In motion, in its identified frame.
-        modulus, friction: Standard deviations of the logarithms of Young's modulus and of the
-            tendons' friction, as the statics left them. Both may change with damping and delay, so
-            that these are as uncertain as that makes them, but stay as they are in the result.
+        modulus: Standard deviation of the logarithm of Young's modulus, as the statics left it. It
+            may change with damping and delay, so that these are as uncertain as that makes them,
+            but stays as it is in the result.
+        friction: Likewise of the tendons' friction in common, which is found anew; None where it is
+            known, which then stays as it is.
         show: Told each step and its RMS [m].
 
     Raises:
@@ -80,14 +84,11 @@ def dynamics_of(
         )
     windows = _windows(recording)
 
-    def built(values: np.ndarray, whole: bool = True) -> RobotParams:
-        damped = robot.vary(damping_time=float(np.exp(values[0])))
-        if not whole:
-            return damped
-        rubbing = tuple(
-            replace(t, friction=t.friction * float(np.exp(values[3]))) for t in damped.tendons
-        )
-        return replace(damped.vary(youngs_modulus=float(np.exp(values[2]))), tendons=rubbing)
+    def built(values: np.ndarray) -> RobotParams:
+        damping, _, modulus, friction = (float(np.exp(x)) for x in values)
+        rubbing = tuple(replace(t, friction=t.friction * friction) for t in robot.tendons)
+        moved = replace(robot, tendons=rubbing)
+        return moved.vary(damping_time=damping, youngs_modulus=modulus)
 
     def error(values: np.ndarray) -> np.ndarray:
         delay = max(float(values[1]), 0.0)
@@ -104,7 +105,7 @@ def dynamics_of(
         return out
 
     values = np.array([0.0, _START_DELAY, 0.0, 0.0])
-    prior = np.array([*_PRIOR, max(modulus, _LEAST), np.hypot(friction, _IN_MOTION)])
+    prior = np.array([*_PRIOR, max(modulus, _LEAST), np.hypot(friction or 0.0, _IN_MOTION)])
     count = len(values)
     here = error(values)
     before = _rms(here)
@@ -144,13 +145,20 @@ def dynamics_of(
             show(step + 1, _rms(here))
         if moved.max() < 2e-3:
             break
-    deviation = np.sqrt(np.diag(np.linalg.inv(normal)))
+    covariance = clustered(slopes, here, normal, variance, windows.runs)
+    # When within a sample a command begins is not told.
+    same = np.diff(windows.runs) == 0
+    covariance[1, 1] += float(np.median(np.diff(windows.times)[same])) ** 2 / 12
+    deviation = np.sqrt(np.diag(covariance))
+    rubs = friction is not None and any(t.friction > 0 for t in robot.tendons)
+    told = (float(values[_FRICTION]), float(deviation[_FRICTION])) if rubs else (0.0, 0.0)
     return Dynamics(
-        robot=built(values, whole=False),
+        robot=built(np.array([values[0], 0.0, 0.0, told[0]])),
         delay=float(values[1]),
         values=values[:2],
         deviation=deviation[:2],
         prior=prior[:2],
+        friction=told,
         before=before,
         after=_rms(here),
         duration=float(sum(windows.times[windows.runs == r][-1] for r in set(windows.runs))),

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from softrobot_env.identification.fit.model import Simulated, StaticModel
 
@@ -17,6 +18,9 @@ _LEAST = 1e-4  # relative decrease of the cost at which a search ends
 _ROUGH = 3e-3  # of searches whose weights change afterwards
 _DAMPING = 1e-3
 _ROUNDS = 2  # of weights from residuals
+
+#: 95 % of a normal distribution lie within so many standard deviations.
+NORMAL_95 = 1.959964
 
 #: Told about each step: number, RMS [m].
 Show = Callable[[int, float], None]
@@ -91,6 +95,36 @@ def correlation_time(error: np.ndarray, runs: np.ndarray) -> float:
             break
         time += 2 * share
     return time
+
+
+def clustered(
+    slopes: np.ndarray, left: np.ndarray, normal: np.ndarray, variance: float, runs: np.ndarray
+) -> np.ndarray:
+    """Covariance of least squares whose model lacks something: of noise, and of what it lacks.
+
+    What the model lacks pulls each run another way. Their scatter tells how much that matters:
+    N^-1 (sum of g g') N^-1 over the gradients g of w runs (Liang and Zeger, Biometrika 73, 1986),
+    times w / (w - 1), and as runs are few by Student's t of w - 1 over the normal quantile. One
+    run scatters nothing: then it is noise alone.
+
+    Args:
+        slopes: (t, ..., p) derivatives of residuals; NaN where unknown.
+        left: (t, ...) residuals.
+        normal: (p, p) matrix N of the normal equations, a prior's part included.
+        variance: Of the residuals, by which N is weighted.
+        runs: (t,) number of each row's run.
+    """
+    noise = np.linalg.inv(normal)
+    pulls = []
+    for run in np.unique(runs):
+        rows = runs == run
+        known = np.isfinite(left[rows]) & np.isfinite(slopes[rows]).all(axis=-1)
+        pulls.append(slopes[rows][known].T @ left[rows][known] / variance)
+    if (count := len(pulls)) == 1:
+        return noise
+    scatter = np.array(pulls) - np.mean(pulls, axis=0)
+    few = float(student_t.ppf(0.975, count - 1)) / NORMAL_95
+    return noise + few**2 * count / (count - 1) * noise @ (scatter.T @ scatter) @ noise
 
 
 def search(

@@ -171,12 +171,12 @@ def identify(
         )
         header = replace(header, static=recording.static, marker=markers)
     if moving is not None and "dynamics" in stages:
-        began = perf_counter()
+        began, rubs = perf_counter(), unknowns.place("tendon_friction")
         dynamics = dynamics_of(
             built,
             placed(moving, header),
             _common(unknowns, fit, "youngs_modulus"),
-            _common(unknowns, fit, "tendon_friction"),
+            _common(unknowns, fit, "tendon_friction") if free[rubs].any() else None,
             lambda n, _: told("dynamics", n, 6),
         )
         built = dynamics.robot

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from rich.console import Group
 
-from softrobot_env.identification.fit.least_squares import size
+from softrobot_env.identification.fit.least_squares import NORMAL_95, size
 from softrobot_env.identification.fit.path import Identification
 from softrobot_env.identification.fit.residual import RESIDUAL_FILE
 from softrobot_env.identification.fit.validation import centred
@@ -19,9 +19,6 @@ from softrobot_env.writing import write_text
 
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
-
-#: 95 % of a normal distribution lie within so many standard deviations.
-NORMAL_95 = 1.959964
 
 _UNITS = {"log": ("%", 100.0), "rad": ("deg", 180 / np.pi), "m": ("mm", 1e3)}
 
@@ -107,11 +104,14 @@ class ExperimentRow:
 
 def parameter_rows(found: Identification) -> list[ParameterRow]:
     """All parameters."""
-    rows, unknowns = [], found.unknowns
+    rows, unknowns, dynamics = [], found.unknowns, found.dynamics
     place = 0
     for group in unknowns.groups:
         for label in group.labels:
             value, deviation = float(found.fit.x[place]), float(found.fit.deviation[place])
+            if dynamics is not None and group.name == "tendon_friction":
+                value += dynamics.friction[0]
+                deviation = float(np.hypot(deviation, dynamics.friction[1]))
             rows.append(
                 _parameter(
                     f"{group.name}: {label}",
@@ -124,7 +124,6 @@ def parameter_rows(found: Identification) -> list[ParameterRow]:
                 )
             )
             place += 1
-    dynamics = found.dynamics
     if dynamics is not None:
         for k, (name, unit) in enumerate(
             (("damping_time: all", "log"), ("marker_delay: all", "s"))
