@@ -36,7 +36,7 @@ def main(argv: list[str] | None = None) -> int:
     name = "softrobot"
     stop = _Stop()
     try:
-        args = build_parser().parse_args(argv)  # loads all commands, and MuJoCo, which may refuse
+        args = _parsed(argv)
         args.command_line = shlex.join(["softrobot", *argv])
         name = f"softrobot {args.command}" if args.command else name
         return args.command_run(args)
@@ -51,6 +51,20 @@ def main(argv: list[str] | None = None) -> int:
         stop.restore()
     print(f"{name}: stopped by Ctrl-C", file=sys.stderr)
     return _STOPPED
+
+
+def _parsed(argv: list[str]) -> argparse.Namespace:
+    """The arguments, read with all commands at hand, which load MuJoCo.
+
+    Raises:
+        RuntimeError: MuJoCo refuses the backend that is asked for.
+    """
+    try:
+        return build_parser().parse_args(argv)
+    except RuntimeError as error:
+        if "MUJOCO_GL" not in str(error):
+            raise
+        raise RuntimeError(f"{error}; choose egl, osmesa or glfw, or unset it") from None
 
 
 class _Stop:

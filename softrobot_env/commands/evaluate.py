@@ -267,11 +267,11 @@ def _write(results: list[Result], args: argparse.Namespace, console: Console) ->
     console.print(f"Wrote {args.out}/report.json, report.md")
     if not args.no_plots:
         try:
-            _plot(results, args.out)
+            drawn = _plot(results, args.out)
         except ImportError as error:  # the reports are complete without pictures
             console.print(f"No plots: {error}", markup=False)
         else:
-            console.print(f"Wrote plots to {args.out}")
+            console.print(f"Wrote plots to {args.out}" if drawn else "No plots: nothing was run")
 
 
 def _record(results: list[Result], folder: Path) -> None:
@@ -286,23 +286,31 @@ def _record(results: list[Result], folder: Path) -> None:
         write_recording(outcome.rollout.recording(outcome.case.task), folder / f"{name}.csv")
 
 
-def _plot(results: list[Result], out: Path) -> None:
-    """Compare policies on each task, and variations of each policy where there are several."""
+def _plot(results: list[Result], out: Path) -> int:
+    """Compare policies on each task, and variations of each policy where there are several.
+
+    Returns:
+        How many comparisons were drawn.
+    """
     from softrobot_env.rendering.curves import policy_curves, varied_curves
     from softrobot_env.rendering.plots import plot_task
 
+    drawn = 0
     for group in dict.fromkeys(result.group for result in results):
         same = [result for result in results if result.group == group]
         task, stem = same[0].outcome.case.task, _in_file_name(group)
         nominal = {r.row.policy: r.outcome.rollout for r in same if not r.row.variation}
         if nominal:
             plot_task(policy_curves(nominal), task, group, out, stem)
+            drawn += 1
         for name in dict.fromkeys(r.row.policy for r in same):
             mine = [r for r in same if r.row.policy == name]
             varied = {robot_label(r.columns) or "nominal": r.outcome.rollout for r in mine}
             if len(varied) > 1:
                 title = f"{group}, {name}"
                 plot_task(varied_curves(varied), task, title, out, f"{stem}_{name}_varied")
+                drawn += 1
+    return drawn
 
 
 def _file_stem(result: Result) -> str:

@@ -408,8 +408,4 @@ def policy_environment(name: str, robot: RobotParams | str = ARM) -> dict[str, A
     if needed is None:
         needed = getattr(spec.loaded(), "environment", {})
     needed = load(needed) if isinstance(needed, str) else needed
-    return dict(
-        needed(find_robot(robot) if isinstance(robot, str) else robot)
-        if callable(needed)
-        else needed
-    )
+    return dict(needed(find_robot(robot)) if callable(needed) else needed)

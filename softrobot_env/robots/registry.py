@@ -4,9 +4,11 @@
 assumption of this package.
 """
 
+from collections.abc import Callable
 from dataclasses import replace as with_fields
 from math import cos, pi, sin
 from pathlib import Path
+from typing import Any
 
 from softrobot_env.paths import assets_dir
 from softrobot_env.registries import Registry
@@ -159,20 +161,27 @@ def register_robot(
     return named
 
 
-def find_robot(which: str) -> RobotParams:
-    """The robot of a name, or of a file: a path that ends in .toml.
+def find_robot(which: RobotParams | Path | str) -> RobotParams:
+    """The robot of a name, or of a file: a path that ends in .toml; a robot is itself.
 
     Raises:
         ValueError: No such name, the message lists them; or the file says what is not allowed.
         OSError: The file cannot be read.
     """
-    return read_robot(which) if which.endswith(".toml") else ROBOTS.find(which)
+    return which if isinstance(which, RobotParams) else _read_or_found(which, read_robot, ROBOTS)
+
+
+def _read_or_found(which: Path | str, read: Callable[[str], Any], known: Registry) -> Any:
+    if not isinstance(which, Path | str):
+        raise ValueError(f"a {known.kind} is given by its name or its file, got {which!r}")
+    is_file = isinstance(which, Path) or which.endswith(".toml")
+    return read(str(which)) if is_file else known.find(which)
 
 
 #: The named grippers, described by files as a user's own.
 GRIPPERS = Registry("gripper", {"gripper": read_gripper(assets_dir() / "grippers/gripper.toml")})
 
 
-def find_gripper(which: str) -> Gripper:
-    """The gripper of a name, or of a file: a path that ends in .toml; errors as `find_robot`."""
-    return read_gripper(which) if which.endswith(".toml") else GRIPPERS.find(which)
+def find_gripper(which: Gripper | Path | str) -> Gripper:
+    """The gripper of a name, or of a file, or itself; errors as of `find_robot`."""
+    return which if isinstance(which, Gripper) else _read_or_found(which, read_gripper, GRIPPERS)

@@ -41,7 +41,7 @@ def tasks_of(robot: RobotParams | str) -> TasksOf:
     Args:
         robot: The robot, the name of one, or a file that describes it.
     """
-    return TasksOf(find_robot(robot) if isinstance(robot, str) else robot)
+    return TasksOf(find_robot(robot))
 
 
 def register_task(
@@ -71,7 +71,7 @@ def register_task(
     if robot is None:
         GENERIC_TASKS.register(name, maker, replace)
         return
-    robot = find_robot(robot) if isinstance(robot, str) else robot
+    robot = find_robot(robot)
     own = OWN_TASKS.setdefault(robot, {})
     if name in own and not replace:
         raise ValueError(
@@ -140,8 +140,7 @@ def find_maker(
     """What makes a task of its options; arguments and errors as of `make_task`."""
     if robot is None and not is_path(name):
         return (among if isinstance(among, Registry) else Registry("task", among)).find(name)
-    if isinstance(robot, str):
-        robot = find_robot(robot)
+    robot = None if robot is None else find_robot(robot)
     return _given_maker(name, robot) if is_path(name) else TasksOf(robot).find(name)
 
 

@@ -37,27 +37,28 @@ def tables(rows: Sequence[FoundRow]) -> Group:
     percent = {"form": ".1f", "unit": "%"}
     columns = (
         Column("parameter", "kind"),
-        Column("count", "count", "d"),
-        Column("mean error %", "bias", **percent),
-        Column("median |error|", "median", **percent),
+        Column("n", "count", "d"),
+        Column("mean %", "bias", **percent),
+        Column("median", "median", **percent),
         Column("largest", "most", **percent),
         Column("asked", lambda row: GOALS[row.kind], **percent),
         Column("within it", "within", **percent),
-        Column("truth in 95 %", "inside", **percent),
+        Column("in 95 %", "inside", **percent),
         Column("met", lambda row: verdict(row.met), ">"),
     )
     times = [row.time for row in rows if row.kind == "modulus"]
     caption = (
-        f"{len(times)} robots; an identification took {np.median(times):.1f} s. met: all within "
+        f"{len(times)} robots; an identification took {np.median(times):.1f} s. mean: of the error; "
+        "median, largest: of its size; in 95 %: truths within the stated interval. met: all within "
         f"what is asked, and the truth in at least {100 * COVERAGE:.0f} % of the intervals"
     )
     late = (
         Column("parameter", "kind"),
-        Column("count", "count", "d"),
-        Column("mean error ms", "bias", ".1f", "ms"),
-        Column("median |error|", "median", ".1f", "ms"),
+        Column("n", "count", "d"),
+        Column("mean ms", "bias", ".1f", "ms"),
+        Column("median", "median", ".1f", "ms"),
         Column("largest", "most", ".1f", "ms"),
-        Column("truth in 95 %", "inside", **percent),
+        Column("in 95 %", "inside", **percent),
     )
     return Group(
         make_table("Cosserat rods, identified", columns, relative, caption=caption),
