@@ -24,7 +24,7 @@ STAGES: dict[str, str] = {
     "tendons": "which column pulls which tendon, their angles and distances, scales of commands",
     "geometry": "curvature without load, direction of gravity",
     "statics": "Young's modulus, mass, stiffness, pretension and friction of tendons",
-    "dynamics": "damping and delay, of a robot that was recorded in motion",
+    "dynamics": "damping, delay and friction, of a robot that was recorded in motion",
     "residual": "what physics leaves, learned near the data",
 }
 
