@@ -85,7 +85,7 @@ def _inputs(axis: Any) -> None:
     for one, cutoff, colour in zip(smooth, CUTOFFS, ("#0072B2", "#009E73", "#D55E00"), strict=True):
         axis.plot(time, one, color=colour, label=f"{cutoff:g} Hz")
     axis.legend(frameon=False, fontsize="small", ncols=2)
-    axis.set(title="random input, low-pass filtered", xlabel="time [s]", ylabel="first input [mm]")
+    axis.set(title="random inputs, filtered", xlabel="time [s]", ylabel="first input [mm]")
 
 
 def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
