@@ -148,6 +148,7 @@ def collect(
     twin: Twin | int | None = None,
     show: Callable[[str, int, int], None] | None = None,
     axes: str | None = None,
+    whole: bool = False,
 ) -> tuple[list[Record], list[Record]]:
     """Record a robot's decays and its motion under changing inputs, in simulation.
 
@@ -157,6 +158,7 @@ def collect(
         twin: The one as built, of a robot driven by length; or the seed of the rig's.
         show: Told the progress.
         axes: Coordinates of the tip, those of the robot's camera or task unless given.
+        whole: Whether decays come with what was done before the release.
 
     Raises:
         ValueError: The robot has no tendons, or fails.
@@ -183,6 +185,7 @@ def collect(
                 kind = plan.kinds[(k - plan.decays - plan.excited) % len(plan.kinds)]
                 actions, begin = _KINDS[kind](drives, plan, rng), 0
             record = drive(env, drives.rest + actions @ drives.basis.T, int(rng.integers(2**31)))
+            begin = 0 if whole else begin
             part = Record(record.outputs[begin:], record.inputs[begin:], record.period)
             (forced if k >= plan.decays + plan.excited else decays).append(part)
             done += 1
@@ -250,9 +253,16 @@ def _random(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:
     count = round(plan.run / drives.period)
     holds = [plan.amplitude * _target(drives, rng) for _ in range(int(plan.run / hold) + 2)]
     steps = np.repeat(np.array(holds), max(1, round(hold / drives.period)), axis=0)[:count]
-    sos = butter(4, min(cutoff * drives.period * 2, 0.9), output="sos")  # twice: order 8
-    smooth = sosfiltfilt(sos, steps, axis=0) if len(steps) > 60 else steps
-    return _possible(drives, _from_rest(drives, smooth))
+    return _possible(drives, _from_rest(drives, filtered(steps, cutoff, drives.period)))
+
+
+def filtered(steps: np.ndarray, cutoff: float, period: float) -> np.ndarray:
+    """Inputs (t, m) by a Butterworth low-pass of order 8 without lag, with a cutoff [Hz].
+
+    60 samples and fewer stay as they are.
+    """
+    sos = butter(4, min(cutoff * period * 2, 0.9), output="sos")  # twice: order 8
+    return sosfiltfilt(sos, steps, axis=0) if len(steps) > 60 else steps
 
 
 def _laps(drives: Drives, plan: Plan, rng: np.random.Generator) -> np.ndarray:

@@ -35,7 +35,15 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         Paths, what is refused, episodes, and goals.
     """
     with TemporaryDirectory() as folder:
-        return _run(*(_QUICK if quick else _ALL), Path(folder), progress)
+        rows = _run(*(_QUICK if quick else _ALL), Path(folder), progress)
+    return [_without(folder, row) for row in rows]
+
+
+def _without(folder: str, row: Row) -> Row:
+    """The row with robots' files named without their folder, which is gone."""
+    if not isinstance(row, RefusedRow):
+        return row
+    return replace(row, reason=row.reason.replace(f"{folder}/", ""))
 
 
 def _run(

@@ -14,7 +14,7 @@ from softrobot_env.identification.visits import nominal_lengths
 from softrobot_env.learned.reduction import Record
 from softrobot_env.robots import RIG
 from softrobot_env.robots.actuation import robot_inputs
-from softrobot_env.training.motions import Plan, collect, drive, drives_of
+from softrobot_env.training.motions import Plan, collect, drive, drives_of, filtered
 from softrobot_env.training.ssm import PLAN
 
 #: [s] between samples, the thesis' 100 Hz.
@@ -33,6 +33,23 @@ PATHS = ("rectangle", "circle")
 
 #: [s] to the first point and of rest there, and laps.
 _LEAD, _REST, _LAPS = 4.0, 3.0, 2
+
+
+#: Fig. 3.13: [s] that random inputs are held, cutoffs [Hz] of filters, and [s] of all.
+HELD, CUTOFFS, SHOWN_FOR = 0.5, (1.0, 2.0, 4.0), 8.0
+
+
+def random_inputs() -> np.ndarray:
+    """Random changes of a tendon's length, held and filtered by each of `CUTOFFS`.
+
+    Returns:
+        (1 + cutoffs, t) [m], samples `PERIOD` apart.
+    """
+    drives, rng = drives_of(RIG, 2, PERIOD), np.random.default_rng(0)
+    held = drives.targets[rng.integers(1, len(drives.targets), round(SHOWN_FOR / HELD))]
+    steps = np.repeat(THESIS_PLAN.amplitude * held, round(HELD / PERIOD), axis=0)
+    all_ = [steps, *(filtered(steps, cutoff, PERIOD) for cutoff in CUTOFFS)]
+    return np.stack([one @ drives.basis[0] for one in all_]) * robot_inputs(RIG).input_scale[0]
 
 
 @dataclass(frozen=True)
@@ -79,6 +96,12 @@ class RigData:
         count = 2 if self.quick else UNSEEN_COUNT
         plan = replace(UNSEEN, minutes=count * UNSEEN.run / 60, seed=1000)
         return collect(RIG, plan, self.twin)[1]
+
+    @cached_property
+    def excited(self) -> Record:
+        """A decay with the oscillation before it that the drives excite (Fig. 3.12)."""
+        plan = replace(THESIS_PLAN, decays=0, excited=1, minutes=0.0)
+        return collect(RIG, plan, self.twin, whole=True)[0][0]
 
     def _collect(self, plan: Plan) -> tuple[list[Record], list[Record]]:
         if self.quick:

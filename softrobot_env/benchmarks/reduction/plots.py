@@ -1,4 +1,4 @@
-"""Figs. 3.11 and 3.14 to 3.18 of the thesis anew."""
+"""Figs. 3.11 to 3.18 of the thesis anew."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.benchmarks.records import groups, of_kind, select
-from softrobot_env.benchmarks.reduction.data import PERIOD
+from softrobot_env.benchmarks.reduction.data import CUTOFFS, PERIOD, random_inputs
 from softrobot_env.benchmarks.reduction.models import OURS, THESIS_MODEL
 from softrobot_env.benchmarks.reduction.rows import OrderRow, PathRow, Row, SpectrumRow
 from softrobot_env.rendering.figures import add_legend, new_figure, save
@@ -34,7 +34,10 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
     _decay(axes[2][0], of_kind(rows, SpectrumRow))
     _speeds(axes[2][1], shown, of_kind(rows, SpectrumRow))
     _orders(axes[2][2], of_kind(rows, OrderRow))
-    for axis in [*axes[2][3:], *(one for line in axes[:2] for one in line[len(periods) :])]:
+    if len(axes[2]) > 4:
+        _excited(axes[2][3], of_kind(rows, SpectrumRow))
+        _inputs(axes[2][4])
+    for axis in [*axes[2][5:], *(one for line in axes[:2] for one in line[len(periods) :])]:
         axis.set_visible(False)
     add_legend(figure, axes[0][0])
     save(figure, path)
@@ -57,6 +60,32 @@ def _decay(axis: Any, rows: list[SpectrumRow]) -> None:
         axis.plot(time, 1e3 * record[:, 0], color=_COLOURS[OURS])
         axis.plot(time, 1e3 * record[:, 1], color=_COLOURS[THESIS_MODEL])
     axis.set(title="a decay: x, y", xlabel="time [s]", ylabel="[mm]")
+
+
+def _excited(axis: Any, rows: list[SpectrumRow]) -> None:
+    """Fig. 3.12: in the grey part the drives excite."""
+    known = [row.excited for row in rows if row.excited is not None]
+    if not known:
+        axis.set_visible(False)
+        return
+    time = PERIOD * np.arange(len(known[0]))
+    axis.plot(time, 1e3 * known[0][:, 0], color=_COLOURS[OURS], label="x of the tip")
+    axis.plot(time, 1e3 * known[0][:, 2], color=_COLOURS[THESIS_MODEL], label="first input")
+    active = time[np.flatnonzero(np.abs(known[0][:, 2]) > 1e-9)]
+    axis.axvspan(active[0], active[-1], color="0.9", linewidth=0)
+    axis.legend(frameon=False, fontsize="small")
+    axis.set(title="excited, then left alone", xlabel="time [s]", ylabel="[mm]")
+
+
+def _inputs(axis: Any) -> None:
+    """Fig. 3.13."""
+    held, *smooth = 1e3 * random_inputs()
+    time = PERIOD * np.arange(len(held))
+    axis.plot(time, held, color=_COLOURS["measured"], linewidth=1, label="drawn")
+    for one, cutoff, colour in zip(smooth, CUTOFFS, ("#0072B2", "#009E73", "#D55E00"), strict=True):
+        axis.plot(time, one, color=colour, label=f"{cutoff:g} Hz")
+    axis.legend(frameon=False, fontsize="small", ncols=2)
+    axis.set(title="random inputs, filtered", xlabel="time [s]", ylabel="first input [mm]")
 
 
 def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:

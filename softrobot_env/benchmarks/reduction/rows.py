@@ -112,6 +112,9 @@ class SpectrumRow(Record):
         twin: As of `PathRow`.
         decay, frequency: [1/s], [rad/s] of the slowest mode.
         separation: How many times as fast the modes left out decay.
+        decays: Some, (t, 2) [m].
+        excited: (t, 3), a decay and the oscillation before it: x, y [m], and the change of the
+            first tendon's length [m].
     """
 
     twin: int | None
@@ -119,6 +122,7 @@ class SpectrumRow(Record):
     frequency: float
     separation: float
     decays: tuple[np.ndarray, ...] = drawn(())
+    excited: np.ndarray | None = drawn()  # noqa: RUF009
 
 
 Row = PathRow | OrderRow | DataRow | LoopRow | SpectrumRow

@@ -42,6 +42,7 @@ from softrobot_env.learned.reduction import (
     spectrum,
 )
 from softrobot_env.robots import RIG
+from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import make_task
 from softrobot_env.training.ssm import learn, trusted
 
@@ -122,7 +123,13 @@ def _spectrum(data: RigData) -> SpectrumRow:
         float(abs(slow.imag)),
         found.separation,
         tuple(record.outputs for record in (decays[0], decays[-1])),
+        _oscillation(data.excited) if data.twin == SHOWN else None,
     )
+
+
+def _oscillation(record: Record) -> np.ndarray:
+    change = (record.inputs[:, :1] - record.inputs[0, 0]) * robot_inputs(RIG).input_scale[0]
+    return np.hstack([record.outputs, change])
 
 
 def _laps(path: Followed) -> np.ndarray:
