@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import read_facts
+from softrobot_env.artifacts import read_arrays, read_facts
 from softrobot_env.control.arm.operating_points import load_gains
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.rig.identified import IdentifiedParameters
@@ -22,11 +22,37 @@ from softrobot_env.hardware.link_log import LoggingTransport, read_link_log
 from softrobot_env.hardware.robot_file.model import virtual_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
 from softrobot_env.learned.network import Network
+from softrobot_env.learned.reduction import ReducedModel
 from softrobot_env.paths import assets_dir, models_dir
+from softrobot_env.recordings import (
+    Commands,
+    Header,
+    Marker,
+    Recording,
+    read_header,
+    read_recording,
+    write_recording,
+)
+from softrobot_env.recordings.files import header_path
+from softrobot_env.recordings.header import Time
 from softrobot_env.robots import ARM, RIG, read_gripper, read_robot
 from softrobot_env.tasks import make_task
 
 _TIMES = 500
+_MOVED = np.linspace(0.0, 1.0, 12)
+SHORT_RECORDING = Recording(
+    header=Header(
+        commands=Commands("tension", ("a", "b"), "N", ("a", "b")),
+        marker=(Marker("x", "y", "z"),),
+        time=Time("t"),
+        label="what",
+    ),
+    times=_MOVED,
+    commands=np.stack([_MOVED, 1 - _MOVED], axis=1),
+    markers=np.stack([_MOVED, _MOVED**2, 1 - _MOVED], axis=1)[:, None],
+    labels=np.array(["go"] * 12),
+    runs=np.zeros(12, dtype=int),
+)
 _LQI = 42  # gains a point
 _TEXTS = (b"nan", b"inf", b"-1", b"1e400", b'"x"', b"[]", b"{}", b"true", b"", b"\xff", b"0")
 
@@ -116,6 +142,22 @@ def link(folder):
     return folder / "a.link"
 
 
+def recording(name):
+    """Tensions and tips of a short motion."""
+
+    def make(folder):
+        if name.endswith("parquet"):
+            pytest.importorskip("pyarrow")
+        write_recording(SHORT_RECORDING, folder / name)
+        return folder / name
+
+    return make
+
+
+def recording_header(folder):
+    return header_path(recording("a.csv")(folder))
+
+
 class Quiet:
     """A transport that takes all and says nothing."""
 
@@ -140,6 +182,13 @@ KINDS = {
     "hardware": (hardware, read_robot_file),
     "facts": (facts, read_facts),
     "checkpoint": (checkpoint, read_checkpoint),
+    "reduced": (
+        copied(models_dir() / "ssm.npz"),
+        lambda path: ReducedModel.read(read_arrays(path)),
+    ),
+    "recording.csv": (recording("a.csv"), read_recording),
+    "recording.parquet": (recording("a.parquet"), read_recording),
+    "recording.toml": (recording_header, read_header),
 }
 
 

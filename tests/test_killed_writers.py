@@ -14,6 +14,7 @@ from softrobot_env.evaluation.report import write_json
 from softrobot_env.hardware.robot_file.model import virtual_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
 from softrobot_env.learned.network import Network, Scaling, initial_network
+from softrobot_env.recordings import read_header, read_recording
 from softrobot_env.robots import ROBOTS, read_robot, write_robot
 
 _TIMES = 100
@@ -76,6 +77,14 @@ def _read_checkpoint(path):
     assert read(path.parent) is not None
 
 
+def _write_recording(path):
+    from test_damaged_files import SHORT_RECORDING
+
+    from softrobot_env.recordings import write_recording
+
+    write_recording(SHORT_RECORDING, path)
+
+
 KINDS = {
     "network.npz": (_write_network, Network.load),
     "report.json": (_write_report, read_facts),
@@ -83,6 +92,8 @@ KINDS = {
     "rig.toml": (_write_hardware, read_robot_file),
     "plot.png": (_write_plot, _read_plot),
     "video.gif": (_write_video, _read_plot),
+    "recording.csv": (_write_recording, read_recording),
+    "recording.toml": (lambda path: _write_recording(path.with_suffix(".csv")), read_header),
     "checkpoint.pt": (_write_checkpoint, _read_checkpoint),
 }
 
@@ -137,7 +148,7 @@ def test_a_full_disk_loses_nothing(name, tmp_path):
         os.dup2(null, 2)  # the traceback of the child
         write(path)
 
-    for _ in range(_TIMES // 5):
+    for _ in range(_TIMES):
         rng.uniform()
         os.waitpid(in_a_child(once), 0)
         read(path)

@@ -40,10 +40,14 @@ def read_csv(path: Path) -> Columns:
     """The columns of a CSV file as texts; lines that begin with # are comments.
 
     Raises:
-        ValueError: There are no rows, or one has another number of columns than there are names.
+        ValueError: It is no text, there are no rows, or one has another number of columns than
+            there are names.
     """
-    with path.open(newline="", encoding="utf-8-sig") as file:
-        rows = list(csv.reader(line for line in file if not line.startswith("#")))
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            rows = list(csv.reader(line for line in file if not line.startswith("#")))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise ValueError(f"{path}: no CSV file in UTF-8, or damaged: {error}") from None
     if not rows:
         raise ValueError(f"{path}: the file is empty")
     names = [name.strip() for name in rows[0]]
@@ -81,7 +85,8 @@ def read_parquet(path: Path) -> Columns:
     try:
         table = parquet.read_table(path)
     except Exception as error:  # of pyarrow's own kinds
-        raise ValueError(f"{path}: no Parquet file, or damaged: {error}") from None
+        told = " ".join(str(error).split())
+        raise ValueError(f"{path}: no Parquet file, or damaged: {told}") from None
     columns = {}
     for name in table.column_names:
         values = table.column(name).to_numpy()

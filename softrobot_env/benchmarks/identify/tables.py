@@ -48,9 +48,9 @@ def tables(rows: Sequence[FoundRow]) -> Group:
     )
     times = [row.time for row in rows if row.kind == "modulus"]
     caption = (
-        f"{len(times)} robots; an identification took {np.median(times):.1f} s. mean: of the error; "
-        "median, largest: of its size; in 95 %: truths within the stated interval. met: all within "
-        f"what is asked, and the truth in at least {100 * COVERAGE:.0f} % of the intervals"
+        f"{len(times)} robots; an identification took {np.median(times):.1f} s. mean: of the "
+        "error; median, largest: of its size; in 95 %: truths within the stated interval. met: all "
+        f"within what is asked, and the truth in at least {100 * COVERAGE:.0f} % of the intervals"
     )
     late = (
         Column("parameter", "kind"),
