@@ -43,11 +43,12 @@ def run_in_processes(
 
     Args:
         tasks: Begun in this order, each in a process with one thread.
-        progress: Called with (description, done, total) after each, or None.
+        progress: Called with (description, done, total) at first and after each, or None.
         processes: Tasks at a time; one per core unless given.
     """
     with worker_processes(processes) as pool:
         running = {pool.submit(work): label for label, work in tasks}
+        (progress or quiet)("running", 0, len(running))
         for done, future in enumerate(as_completed(running), start=1):
             future.result()
             (progress or quiet)(running[future], done, len(running))

@@ -4,11 +4,11 @@ import argparse
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress
 
 from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark, measured
 from softrobot_env.commands.arguments import seed
 from softrobot_env.commands.output import add_out, new_results
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.writing import write_text
@@ -58,7 +58,7 @@ def _measure(
     console: Console,
 ) -> None:
     """Run, print and write."""
-    with Progress(console=console, transient=True) as progress:
+    with progress_on(console) as progress:
         bar = progress.add_task(args.what, total=None)
 
         def show(description: str, done: int, total: int) -> None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.progress import Progress
 
 from softrobot_env.commands.arguments import (
     add_feedback,
@@ -24,6 +23,7 @@ from softrobot_env.commands.arguments import (
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
 from softrobot_env.commands.output import add_out, check_free, new_results
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
 from softrobot_env.commands.task_options import option, task_name
 from softrobot_env.envs.disturbances import NEUTRAL
@@ -229,7 +229,7 @@ def _evaluate(args: argparse.Namespace, console: Console) -> int:
 def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list[Result]:
     """Results; those so far if a real robot does not go on."""
     results = []
-    with Progress(console=console, transient=True) as progress:
+    with progress_on(console) as progress:
         bar = progress.add_task("evaluate", total=len(cases))
         for count, case in enumerate(cases):
             progress.update(bar, description=case.label)

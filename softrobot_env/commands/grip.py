@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress
 
 from softrobot_env.commands.arguments import positive, size
 from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.gripper import FINENESS
 from softrobot_env.tasks.gripper import GRIP_TASKS
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> int:
     policy = ScriptedGrip(env.gripper, env.control_period, args.tension)
     fixed = {name: getattr(args, name) for name in _FIXED if getattr(args, name) is not None}
     console, pictures, info, shape = Console(), [], {}, None
-    with Progress(console=console, transient=True) as progress:
+    with progress_on(console) as progress:
         bar = progress.add_task(args.task, total=env.max_episode_steps)
         for moment in play(env, policy, args.seed, fixed):
             info = moment.info

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from softrobot_env.commands.output import add_out, new_results
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.recording.check import add_file
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import text_page
@@ -92,7 +93,7 @@ def _identified(args: argparse.Namespace) -> int:
     stages = check_stages(args.stages)
     robot = find_robot(args.robot)
     recording = read_recording(args.recording, args.header)
-    with Progress(console=console, transient=True) as progress:
+    with progress_on(console) as progress:
         bar = progress.add_task("identify", total=None)
 
         def show(what: str, done: int, total: int) -> None:

@@ -5,7 +5,6 @@ from dataclasses import replace
 from pathlib import Path
 
 from rich.console import Console
-from rich.progress import Progress
 
 from softrobot_env.commands.arguments import (
     add_feedback,
@@ -19,6 +18,7 @@ from softrobot_env.commands.arguments import (
 )
 from softrobot_env.commands.cases import fitting, make_setup
 from softrobot_env.commands.output import add_out, check_free, new_file
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
@@ -72,7 +72,7 @@ def run(args: argparse.Namespace) -> int:
     console = Console()
     with (
         new_file(args.out, args.overwrite),
-        Progress(console=console, transient=True) as progress,
+        progress_on(console) as progress,
     ):
         bar = progress.add_task(case.label, total=1.0)
         frames = record(

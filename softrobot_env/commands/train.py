@@ -7,12 +7,12 @@ from time import perf_counter
 from typing import Any
 
 from rich.console import Console
-from rich.progress import Progress
 
 from softrobot_env.artifacts import artifact_folder, looked_up, training_folder
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_robot, policy, seed
 from softrobot_env.commands.output import add_out, claimed, inside, new_file
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import ARM, RobotParams, find_robot
 from softrobot_env.training.registry import TRAININGS, Order, Training, file_of
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
         if "checkpoint" in training.options:
             held.enter_context(claimed(checkpoint_of(settings, order.path)))
         order.path.parent.mkdir(parents=True, exist_ok=True)
-        progress = held.enter_context(Progress(console=console, transient=True))
+        progress = held.enter_context(progress_on(console))
         bar = progress.add_task(name, total=None)
 
         def show(description: str, done: int, total: int) -> None:

@@ -7,9 +7,9 @@ from itertools import islice
 from time import perf_counter
 
 from rich.console import Console
-from rich.progress import Progress
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.control.registry import (
     REDUCED_POLICIES,
     RIG_POLICIES,
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> int:
     names = list(dict.fromkeys([MUJOCO, *(args.names or known)]))
     console, began, failed = Console(), perf_counter(), 0
     with (
-        Progress(console=console, transient=True) as progress,
+        progress_on(console) as progress,
         worker_processes(min(usable_cores(), len(names))) as pool,
     ):
         bar = progress.add_task("compiling", total=len(names))

@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console, Group
-from rich.progress import Progress
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS
 from softrobot_env.commands.arguments import seed
 from softrobot_env.commands.output import add_out, new_results
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.recording.check import add_file
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import Column, make_table, text_page
@@ -91,7 +91,7 @@ def _run(args: argparse.Namespace) -> int:
     if header is not None and args.header is None:
         console.print(f"Header: {header}", soft_wrap=True)
     recording = read_recording(args.recording, header)
-    with Progress(console=console, transient=True) as progress:
+    with progress_on(console) as progress:
         bar = progress.add_task("replay", total=len(recording.times))
         result = replayed(
             recording,

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import gymnasium
 from rich.console import Console
-from rich.progress import Progress
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.commands.arguments import add_robot, positive, seed, variation
 from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED
@@ -116,7 +116,7 @@ def _recorded(
     options = {"vary": _varied(args)} if args.vary else None
     with (
         _environment(args, robot, planned) as env,
-        Progress(console=console, transient=True) as progress,
+        progress_on(console) as progress,
     ):
         bar = progress.add_task("record", total=len(planned.actions))
         try:

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from softrobot_env.artifacts import read_arrays
 from softrobot_env.commands.arguments import positive
 from softrobot_env.commands.output import add_out, new_results
+from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.robot_file.toml import read_robot_file
@@ -118,7 +118,7 @@ def _soak(
     env = RealRigEnv(task, robot_file=file, tip=tip, max_missed=steps, oldest=_OLDEST)
     policy = make_policy(_POLICY, RIG, env.control_period)
     samples, last = {name: array("d") for name in _SAMPLED}, {}
-    with closing(env), Progress(console=console, transient=True) as progress:
+    with closing(env), progress_on(console) as progress:
         bar = progress.add_task("soak", total=seconds)
         for count, moment in enumerate(play(env, policy)):
             last = moment.info
