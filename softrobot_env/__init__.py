@@ -11,7 +11,7 @@ from typing import Any  # noqa: E402
 from softrobot_env.registration import register_envs  # noqa: E402  (loads NumPy)
 from softrobot_env.registries import load  # noqa: E402
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 register_envs()
 
