@@ -27,7 +27,7 @@ LEFT = {
     "howto/beams.md": 3,
     "howto/contacts.md": 7,
     "howto/environments.md": 2,
-    "howto/gripper.md": 31,
+    "howto/gripper.md": 16,
     "howto/identification.md": 11,
     "howto/own_robot.md": 3,
     "howto/policies.md": 13,
