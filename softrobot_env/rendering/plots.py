@@ -24,6 +24,9 @@ from softrobot_env.tasks import Task
 #: A step response is shown for this long [s]; later it only decays.
 _STEP_WINDOW = 6.0
 
+#: Episodes in a picture: more cannot be told apart.
+_MOST = 6
+
 #: Panels side by side in the view from above, and the side [in] of one.
 _COLUMNS, _SIDE = 4, 2.6
 
@@ -32,7 +35,7 @@ def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: 
     """Write three pictures of episodes on the same task.
 
     Args:
-        curves: The episodes.
+        curves: The episodes; of more than six, those that err least are drawn.
         task: Their task.
         title: Task and robot for people.
         out: Folder to write to.
@@ -45,6 +48,10 @@ def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: 
         shapes), of a spatial one `<stem>_path.png` (path of the tip from above). Where the
         trajectory has an approach, they begin after it.
     """
+    if len(curves) > _MOST:
+        title = f"{title}, the {_MOST} of {len(curves)} that err least"
+        least = sorted(curves, key=_typical_error)[:_MOST]
+        curves = [curve for curve in curves if any(curve is one for one in least)]
     robot = task.robot
     figures = {"tip": _tip(curves, task, title)}
     if robot.drive.kind == "length":
@@ -66,6 +73,12 @@ def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: 
     else:
         figures["path"] = _paths(curves, task, title)
     return [save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
+
+
+def _typical_error(curve: Curve) -> float:
+    """Root mean square error [m] of an episode; of one that failed it counts more than any."""
+    rollout = curve.rollout
+    return np.inf if rollout.failure else float(np.sqrt(np.mean(rollout.error**2)))
 
 
 def _shown(task: Task, rollout: Rollout) -> slice:
