@@ -14,7 +14,7 @@ export MKL_NUM_THREADS ?= 1
 # in the order of tests/conftest.py: what compiles longest first.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: setup evaluate check test slow test-clients lint docs clean
+.PHONY: setup evaluate check test slow test-clients lint docs demo test-demo clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -45,6 +45,22 @@ test-clients: .venv/bin/python
 docs: .venv/.setup-docs
 	$(BIN)/python scripts/figures.py --check
 	$(BIN)/python -m sphinx -q -W --keep-going -b html -d out/doctrees docs out/docs
+
+# The page with robots in the browser, at http://localhost:8000; needs Node.js.
+demo: docs/demo/node_modules
+	npm start --prefix docs/demo
+
+# Its robots move as they do in Python, and the page works in headless Chromium if that is there.
+test-demo: .venv/.setup docs/demo/node_modules
+	mkdir -p out/demo
+	$(BIN)/python scripts/demo.py --check
+	$(BIN)/python scripts/demo.py --motions out/demo/motions.json
+	node docs/demo/test/parity.js out/demo/motions.json
+	node docs/demo/test/screenshot.js out/demo
+
+docs/demo/node_modules: docs/demo/package-lock.json
+	npm ci --no-audit --no-fund --prefix docs/demo
+	touch $@
 
 lint: .venv/.setup-test
 	$(BIN)/ruff check .

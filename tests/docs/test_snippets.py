@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = [
     path
     for path in (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
-    if not {"results", "models", "api"} & set(path.relative_to(ROOT).parts)
+    if not {"results", "models", "api", "demo"} & set(path.relative_to(ROOT).parts)
 ]
 #: Pages whose Python is not run from top to bottom, and why.
 NOT_RUN = {
