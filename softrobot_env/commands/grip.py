@@ -47,7 +47,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--pieces", type=int, help="of each finger; default: by fineness")
     parser.add_argument("--timestep", type=positive, metavar="S", help="default: by fineness")
     add_out(parser, None, ".mp4 or .gif; default: no video", "FILE")
-    parser.add_argument("--fps", type=int, default=25, help="frames per second; default: 25")
+    parser.add_argument("--fps", type=positive, default=25, help="frames per second; default: 25")
     parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
 
 

@@ -25,6 +25,9 @@ from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.evaluation.runner import Case
 
+#: Frames per second of a GIF, and frames in all, unless told.
+_GIF_FPS, _GIF_FRAMES = 12, 180
+
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
   softrobot render --task triangle --policy hybrid --option period=1 --out triangle.gif
   softrobot render --robot my.toml --task circle --policy static --out circle.mp4"""
@@ -43,8 +46,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "package.module:name or file.py:name; default: static",
     )
     add_out(parser, "out/render.mp4", ", or a .gif", "FILE")
-    parser.add_argument("--fps", type=int, default=30, help="frames per second; default: 30")
-    parser.add_argument("--size", type=size, nargs=2, default=(640, 480), metavar=("W", "H"))
+    parser.add_argument(
+        "--fps",
+        type=positive,
+        help=f"frames per second; default: 30, of a .gif {_GIF_FPS}, with {_GIF_FRAMES} frames at "
+        "most",
+    )
+    parser.add_argument(
+        "--size",
+        type=size,
+        nargs=2,
+        metavar=("W", "H"),
+        help="default: 640 480, of a .gif 400 300",
+    )
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
     parser.add_argument(
         "--record", type=Path, metavar="FILE", help="also write a recording, .csv or .parquet"
@@ -64,7 +78,7 @@ def run(args: argparse.Namespace) -> int:
     setup = make_setup(args)
     case = _case(args, setup)
     setup.check([case])
-    width, height = args.size
+    fps, (width, height) = _format(args, case)
     env = setup.environment(case, render_mode="rgb_array", width=width, height=height)
     policy = case.make_policy(env.control_period)
     if args.record is not None:
@@ -78,15 +92,23 @@ def run(args: argparse.Namespace) -> int:
         frames = record(
             env,
             policy,
-            fps=args.fps,
+            fps=fps,
             title=case.label,
             options=case.reset_options,
             progress=lambda share: progress.update(bar, completed=share),
         )
-        count = write_video(args.out, frames, fps=args.fps)
+        count = write_video(args.out, frames, fps=fps)
     env.close()
     console.print(f"Wrote {args.out} ({count} frames)")
     return 0
+
+
+def _format(args: argparse.Namespace, case: Case) -> tuple[float, tuple[int, int]]:
+    """Frames per second, width and height: a GIF stays below some 2 MB unless told otherwise."""
+    if args.out.suffix.lower() != ".gif":
+        return args.fps or 30, args.size or (640, 480)
+    duration = args.duration or case.task.duration
+    return args.fps or min(_GIF_FPS, _GIF_FRAMES / duration), args.size or (400, 300)
 
 
 def _case(args: argparse.Namespace, setup: Setup) -> Case:

@@ -17,8 +17,8 @@ from softrobot_env.scene.tendons import route_through_guides
 BODY_SKIN = "soft_body"
 TENDON_LINE = "{}_line"
 
-#: Radius [m] of a tendon's line.
-TENDON_WIDTH = 0.0025
+#: Radius of a tendon's line: at most so many metres, and of the robot's radius.
+_TENDON_WIDTH, _TENDON_SHARE = 0.0025, 0.1
 
 _LINE_STEP = 0.02  # m between the points of a tendon's line
 _LINE_SPREAD = 0.45  # rad around the body between the lines of two groups
@@ -28,6 +28,11 @@ _TAG_SHARE, _TAG_THICKNESS = 0.6, 0.0004  # of a side of the head, m
 _SIDES = 24
 _RING_DISTANCE = 0.0125  # m
 _ROUNDING = 0.15  # of the radius, at the rim of the tip
+
+
+def tendon_width(robot: RobotParams) -> float:
+    """Radius [m] of the lines that show a robot's tendons."""
+    return min(_TENDON_WIDTH, _TENDON_SHARE * robot.backbone.widest)
 
 
 def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
@@ -40,7 +45,11 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
     if robot.head is not None:
         _add_head(chain.spec.body(HEAD_BODY), robot.head)
     for index, disc in enumerate(robot.discs):
-        _add_disc(chain.spec.body(f"disc{index}"), disc, _radius(robot, disc.station))
+        _add_disc(
+            chain.spec.body(f"disc{index}"),
+            disc,
+            _radius(robot, disc.station) + tendon_width(robot),
+        )
     _add_base(chain.bodies[0], robot)
     if look.surroundings:
         # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
@@ -57,10 +66,12 @@ def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appeara
         drawn = replace(tendon, guides=guides)
         if tendon.is_straight:
             drawn = replace(drawn, route=_drawn_route(tendon, drawn.stations, robot))
-            drawn = replace(drawn, offset=_drawn_offset(tendon, _radius(robot, 0.0)))
+            drawn = replace(
+                drawn, offset=_drawn_offset(tendon, _radius(robot, 0.0), tendon_width(robot))
+            )
         line = route_through_guides(chain, drawn, TENDON_LINE.format(tendon.name))
     line.rgba = look.tendon_rgba
-    line.width = TENDON_WIDTH
+    line.width = tendon_width(robot)
 
 
 def _radius(robot: RobotParams, station: float) -> float:
@@ -74,16 +85,17 @@ def _drawn_route(
     """Via-points of a straight tendon's line along a surface that is not."""
     if robot.is_uniform:
         return ()
-    return tuple((s, *_drawn_offset(tendon, _radius(robot, s))) for s in stations[1:])
+    width = tendon_width(robot)
+    return tuple((s, *_drawn_offset(tendon, _radius(robot, s), width)) for s in stations[1:])
 
 
-def _drawn_offset(tendon: Tendon, surface: float) -> tuple[float, float]:
-    """Position (x, y) [m] of a tendon's line outside the `surface` [m].
+def _drawn_offset(tendon: Tendon, surface: float, width: float) -> tuple[float, float]:
+    """Position (x, y) [m] of a tendon's line of a radius `width` [m] outside the `surface` [m].
 
     Tendons of several groups share one channel; their lines are spread side by side towards
     the viewer, so that each can be seen.
     """
-    radius = max(surface, float(np.hypot(*tendon.offset))) + TENDON_WIDTH / 2
+    radius = max(surface, float(np.hypot(*tendon.offset))) + width / 2
     angle = np.arctan2(tendon.offset[1], tendon.offset[0])
     turn = -_LINE_SPREAD * tendon.group * (1 if tendon.offset[0] >= 0 else -1)
     return radius * float(np.cos(angle + turn)), radius * float(np.sin(angle + turn))
@@ -97,7 +109,7 @@ def _add_anchor_ring(chain: Chain, robot: RobotParams, station: float) -> None:
         body,
         type=mujoco.mjtGeom.mjGEOM_CYLINDER,
         pos=[0, 0, height - half],
-        size=[_radius(robot, station) + TENDON_WIDTH, half, 0],
+        size=[_radius(robot, station) + tendon_width(robot), half, 0],
         rgba=_DARK,
     )
 
@@ -116,9 +128,9 @@ def _add_head(body: mujoco.MjsBody, head: Head) -> None:
 
 
 def _add_disc(body: mujoco.MjsBody, disc: Disc, least: float) -> None:
-    """The uniform disc of its inertia, seen outside the backbone's radius `least` [m]."""
+    """The uniform disc of its inertia, of a radius `least` [m] or more."""
     radius, half = disc.cylinder
-    size = [max(radius, least + TENDON_WIDTH), half, 0]
+    size = [max(radius, least), half, 0]
     add_visual(body, type=mujoco.mjtGeom.mjGEOM_CYLINDER, size=size, rgba=_DARK)
 
 
@@ -158,7 +170,7 @@ def add_surroundings(spec: mujoco.MjSpec, height: float, wall: float) -> None:
     )
     # Hundreds of thin capsules make up the lines: coarse ones look the same and draw faster.
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 10, 4
-    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 2048, 2.0
+    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 4096, 2.0
     spec.stat.extent = 1.6 * height
     spec.stat.center = [0, 0, height / 2]
     spec.visual.global_.azimuth = 90

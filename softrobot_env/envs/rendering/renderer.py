@@ -16,7 +16,7 @@ import numpy as np
 
 from softrobot_env.envs.rendering.opengl import OffscreenContext, RenderError, check_display
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.appearance import TENDON_LINE, TENDON_WIDTH
+from softrobot_env.scene.appearance import TENDON_LINE, tendon_width
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.config import FRONT_CAMERA, SceneConfig, visible
@@ -223,6 +223,7 @@ class _View:
         self._front = config.robot.backbone.widest + room
         self._disc_size = min(1.0, config.robot.reach / _FULL_SIZE)
         self._limit = np.array([t.tension_limit for t in config.robot.tendons])
+        self._width = tendon_width(config.robot)
         self._lines = [_line_id(self.model, t.name) for t in config.robot.tendons]
         self._tip = self.data.site(TIP_SITE).xpos
         self._trail: list[np.ndarray] = []
@@ -236,7 +237,7 @@ class _View:
         # The root shows small tensions, which are the usual ones.
         share = np.sqrt(np.clip(frame.tension / self._limit, 0, 1))[:, None]
         self.model.tendon_rgba[self._lines] = _SLACK + share * (_TIGHT - _SLACK)
-        self.model.tendon_width[self._lines] = TENDON_WIDTH * (0.8 + 0.7 * share[:, 0])
+        self.model.tendon_width[self._lines] = self._width * (0.8 + 0.7 * share[:, 0])
         self._extend_trail(frame.episode)
 
     def _extend_trail(self, episode: int) -> None:
