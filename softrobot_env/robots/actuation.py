@@ -1,6 +1,7 @@
 """What is commanded of a robot: from inputs without redundancy to what its drives apply."""
 
 from copy import copy
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from math import pi
@@ -50,6 +51,28 @@ def check_inputs(inputs: Inputs, values: np.ndarray, what: str) -> None:
             f"{what} must lie between {(centre - scale).tolist()} and {(centre + scale).tolist()} "
             f"{inputs.unit}, got {np.asarray(values).tolist()}"
         )
+
+
+def with_balance(robot: RobotParams) -> RobotParams:
+    """The robot with the nearest pretensions of opposing tendons that cancel each other.
+
+    Where the nearest would push, all tendons of the group have about the same; where these would
+    push as well, none.
+    """
+    pretension = np.array([t.pretension for t in robot.tendons], dtype=float)
+    for g in sorted({t.group for t in robot.tendons}):
+        group = _Group(robot, g, balanced=False)
+        if not group.opposed.any():
+            continue
+        own = pretension[group.members]
+        kept = np.eye(len(own)) - np.linalg.pinv(group.phi) @ group.phi
+        for near in (own, np.full(len(own), own.mean()), np.zeros(len(own))):
+            found = kept @ near
+            if found.min() >= 0:
+                break
+        pretension[group.members] = found
+    tendons = zip(robot.tendons, pretension.tolist(), strict=True)
+    return replace(robot, tendons=tuple(replace(t, pretension=p) for t, p in tendons))
 
 
 class PulledLengths:
@@ -191,7 +214,7 @@ class _Group:
         scale, centre, opposed: (m,), as of the map.
     """
 
-    def __init__(self, robot: RobotParams, group: int) -> None:
+    def __init__(self, robot: RobotParams, group: int, balanced: bool = True) -> None:
         self.members = [k for k, t in enumerate(robot.tendons) if t.group == group]
         tendons = [robot.tendons[k] for k in self.members]
         self.widest = np.zeros(len(tendons), dtype=bool)
@@ -203,7 +226,7 @@ class _Group:
             self.opposed = np.zeros(len(tendons), dtype=bool)
             return
         idle = self.phi @ [t.pretension for t in tendons]
-        if np.abs(idle).max() > _ROUNDING * sum(t.pretension for t in tendons):
+        if balanced and np.abs(idle).max() > _ROUNDING * sum(t.pretension for t in tendons):
             raise ValueError(
                 f"robot {robot.name!r}: the pretensions of the opposing tendons "
                 f"{', '.join(t.name for t in tendons)} must cancel each other"

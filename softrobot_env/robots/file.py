@@ -12,7 +12,7 @@ from math import ceil, inf, radians
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from softrobot_env.fields import Positive, check_argument
+from softrobot_env.fields import NotNegative, Positive, check_argument
 from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.parameters import Base, Disc, Drive, DriveKind, Head, RobotParams
 from softrobot_env.robots.sections import Section
@@ -92,7 +92,12 @@ KEYS: dict[type, dict[str, str]] = {
 }
 
 #: Keys of a drive, which stand in the tables of the tendons.
-_DRIVE_KEYS = {"kind": "drive", "speed": "speed_m_s", "travel": "travel_m"}
+_DRIVE_KEYS = {
+    "kind": "drive",
+    "speed": "speed_m_s",
+    "travel": "travel_m",
+    "backlash": "backlash_m",
+}
 
 #: Keys that are not fields, and what they may hold.
 _SHORT: dict[type, dict[str, Any]] = {
@@ -111,6 +116,7 @@ _SHORT: dict[type, dict[str, Any]] = {
         "drive": DriveKind,
         "speed_m_s": Positive,
         "travel_m": Positive,
+        "backlash_m": NotNegative,
     },
     Disc: {"radius_m": Positive, "thickness_m": Positive},
     Gripper: {"finger": list},
@@ -172,7 +178,7 @@ def _finger(where: str, table: Mapping[str, Any], folder: Path) -> Finger:
 
 def _text(robot: RobotParams) -> str:
     drive = {_DRIVE_KEYS[name]: value for name, value in asdict(robot.drive).items()}
-    drive = {key: value for key, value in drive.items() if value not in (None, inf)}
+    drive = {key: value for key, value in drive.items() if value not in (None, inf, 0.0)}
     blocks = [lines(_table_of(robot))]
     for name, part in (("base", robot.base), ("head", robot.head)):
         blocks += [f"[{name}]\n{lines(_table_of(part))}"] if part is not None else []

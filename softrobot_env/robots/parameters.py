@@ -61,16 +61,22 @@ class Drive:
         speed: [m/s] at which a length can change; inf unless known.
         travel: [m], pulled in by a full-scale action to either side; see `robots.actuation` for
             what it is unless given.
+        backlash: [m], width of the servos' dead band.
     """
 
     kind: DriveKind = "tension"
     speed: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
     travel: Positive | None = None
+    backlash: NotNegative = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "drive")
-        if self.kind == "tension" and (self.speed < inf or self.travel is not None):
-            raise ValueError("drive: only tendons driven by length have a speed and a travel")
+        if self.kind == "tension" and (
+            self.speed < inf or self.travel is not None or self.backlash
+        ):
+            raise ValueError(
+                "drive: only tendons driven by length have a speed, a travel and a backlash"
+            )
 
 
 @dataclass(frozen=True)

@@ -91,9 +91,10 @@ class Twin:
 
 
 def nominal_twin(robot: RobotParams) -> Twin:
-    """A robot as its parameters say, with servos that only have the limited speed of its drive."""
+    """A robot as its parameters say, with the servos of its drive, which have no offset."""
     none = (0.0,) * len(robot.tendons)
-    return Twin(robot, robot.drive.speed, servo_offset=none, backlash=none)
+    play = (robot.drive.backlash,) * len(robot.tendons)
+    return Twin(robot, robot.drive.speed, servo_offset=none, backlash=play)
 
 
 def rig3d_twin(seed: int) -> Twin:
@@ -124,6 +125,7 @@ def _drawn(robot: RobotParams, seed: int, equivalent: float) -> Twin:
     modulus = equivalent * MODULUS * float(np.exp(MODULUS_SPREAD * rng.standard_normal()))
     built = _built(rng, robot.vary(youngs_modulus=modulus), int(seed))
     offset, backlash = _each(rng, count, -OFFSET, OFFSET), _each(rng, count, *BACKLASH)
+    backlash = tuple(robot.drive.backlash + more for more in backlash)
     damping = equivalent / modulus * float(1 + rng.uniform(-DAMPING_SPREAD, DAMPING_SPREAD))
     return Twin(
         robot=replace(built.vary(damping_time=damping), name=f"{robot.name}_twin"),

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.control.feedforward.law import Feedforward, FeedforwardPI, FeedforwardState
-from softrobot_env.control.feedforward.motion import Motion, on_time
+from softrobot_env.control.feedforward.motion import Motion, ahead_of
 from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
 from softrobot_env.control.status import REASONS, SATURATED
@@ -86,6 +86,7 @@ class InverseDynamics(Feedforward):
         if self._network is not None and self._network.dimension is not None:
             self.sizes |= dict.fromkeys(self._points(), self._network.dimension)
         self._period, self._speed = control_period, robot.drive.speed
+        self._lag = _lag(robot)
         self._near = _NEAR * robot.reach
 
     def _remembered(self) -> Moving:
@@ -185,11 +186,19 @@ class InverseDynamics(Feedforward):
         self, wanted: np.ndarray, before: np.ndarray | None
     ) -> tuple[np.ndarray, str | None]:
         """Commands with which servos are on average where they should be in a period."""
-        if before is None or np.isinf(self._speed):
+        if before is None or (np.isinf(self._speed) and not self._lag.any()):
             return wanted, None
         rate = (wanted - before) / self._period
-        driven = wanted + on_time(rate, self._period, self._speed)
+        driven = wanted + ahead_of(rate, self._period, self._speed, self._lag)
         return driven, _SLOW if np.abs(rate).max() > self._speed else None
+
+
+def _lag(robot: RobotParams) -> np.ndarray:
+    """(n_tendons,) [m] by which tendons wound up by servos lag behind, whichever way they move."""
+    if robot.drive.kind != "length":
+        return np.zeros(1)
+    play = robot.drive.backlash / 2
+    return np.array([play + (t.friction and t.friction / t.stiffness) for t in robot.tendons])
 
 
 class InverseDynamicsPI(FeedforwardPI, InverseDynamics):

@@ -27,14 +27,23 @@ class Motion(NamedTuple):
         return self.after(time, 0.0 if before is None else (self.acceleration - before) / period)
 
 
-def on_time(rate: np.ndarray, period: float, speed: float) -> np.ndarray:
-    """What to add to commands [m] so that servos are on average where they should be in a period.
+#: [m/s], below which it is not clear to which side a tendon lags.
+_TURNING = 2e-3
 
-    A servo takes a while, |rate| T / speed, for its way in a period.
+
+def ahead_of(
+    rate: np.ndarray, period: float, speed: float, lag: np.ndarray | float = 0.0
+) -> np.ndarray:
+    """What to add to commands [m] so that tendons are on average where they should be in a period.
+
+    A servo takes a while, |rate| T / speed, for its way in a period; and a tendon lags behind its
+    command by half of the servo's backlash, and by its friction over its stiffness.
 
     Args:
         rate: (m,) [m/s], of the lengths wanted.
         period: T [s].
-        speed: [m/s], of the servos.
+        speed: [m/s], of the servos; inf if they are as fast as need be.
+        lag: (m,) [m], of the tendons.
     """
-    return np.minimum(np.abs(rate), speed) * period / (2 * speed) * rate
+    late = np.minimum(np.abs(rate), speed) * period / (2 * speed) * rate
+    return late + lag * np.tanh(rate / _TURNING)

@@ -17,7 +17,7 @@ import numpy as np
 
 from softrobot_env.control.base import Controller
 from softrobot_env.control.feedforward.feedback import Feedback, Felt
-from softrobot_env.control.feedforward.motion import Motion, on_time
+from softrobot_env.control.feedforward.motion import Motion, ahead_of
 from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
@@ -39,7 +39,6 @@ from softrobot_env.robots import (
 from softrobot_env.scene.registry import RIG_PIECES
 
 _MARGIN = 3e-3  # m, by which a reference may lie beyond the points of the network
-_TURNING = 2e-3  # m/s, below which it is not clear on which side of its backlash a servo is
 _BLIND = 0.1  # s without a finite reference, after which it is given up
 
 _TIP = "tip_position"
@@ -263,8 +262,7 @@ class RigFeedforward(Controller):
         if self._backlash is None or before is None:
             return wanted
         rate = (wanted - before) / self._period
-        late = on_time(rate, self._period, SERVO_SPEED)
-        return wanted + late + self._backlash * np.tanh(rate / _TURNING)
+        return wanted + ahead_of(rate, self._period, SERVO_SPEED, self._backlash)
 
     def _doubt(self, now: Motion, tension: np.ndarray | None, change: np.ndarray) -> str | None:
         """Why the rig will not do as wanted although the action (3,) is within its limits, or None.

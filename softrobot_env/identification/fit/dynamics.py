@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softrobot_env.identification.fit.least_squares import clustered, correlation_time
-from softrobot_env.identification.replay.simulation import replay
+from softrobot_env.identification.replay.simulation import mean_known, replay
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
@@ -25,8 +25,7 @@ _PRIOR = (1.5, 0.05)  # of the first two
 _LEAST = 1e-3  # of the modulus
 _IN_MOTION = 0.2  # by which friction in motion may differ from what is left of it at rest
 _MOST = np.array([1.0, 0.03, 0.2, 0.5])  # of a step
-_START_DELAY = 0.0
-_FRICTION = 3
+_MODULUS, _FRICTION = 2, 3
 
 
 @dataclass(frozen=True)
@@ -34,13 +33,13 @@ class Dynamics:
     """What was found.
 
     Attributes:
-        robot: With its damping, and with its friction in motion if that was to be found.
+        robot: With its damping.
         delay: [s] of the markers.
         values: (2,) logarithm of the damping's factor, and delay [s].
         deviation: (2,) standard deviations.
         prior: (2,) those of the prior.
-        friction: Logarithm of friction in motion over that of the statics, and its standard
-            deviation; zeros where friction was known.
+        modulus, friction: Logarithms of Young's modulus and of friction in motion over those of
+            the statics, and their standard deviations; the robot has the statics'.
         before, after: RMS [m] of the markers' errors in the windows, their means left out.
         duration: [s] of the windows.
     """
@@ -50,6 +49,7 @@ class Dynamics:
     values: np.ndarray
     deviation: np.ndarray
     prior: np.ndarray
+    modulus: tuple[float, float]
     friction: tuple[float, float]
     before: float
     after: float
@@ -61,6 +61,7 @@ def dynamics_of(
     recording: Recording,
     modulus: float = 0.0,
     friction: float | None = 0.0,
+    begin: np.ndarray | None = None,
     show: Callable[[int, float], None] | None = None,
 ) -> Dynamics:
     """Find damping, delay and friction.
@@ -70,9 +71,9 @@ def dynamics_of(
         recording: In motion, in its identified frame.
         modulus: Standard deviation of the logarithm of Young's modulus, as the statics left it. It
             may change with damping and delay, so that these are as uncertain as that makes them,
-            but stays as it is in the result.
-        friction: Likewise of the tendons' friction in common, which is found anew; None where it is
-            known, which then stays as it is.
+            but the robot of the result has what it had.
+        friction: Likewise of the tendons' friction in common; None where it is known.
+        begin: (2,) logarithm of the damping's factor, and delay [s], where the search begins.
         show: Told each step and its RMS [m].
 
     Raises:
@@ -99,13 +100,20 @@ def dynamics_of(
         for run in range(int(windows.runs[-1]) + 1):
             rows = windows.runs == run
             if np.isfinite(found[rows]).any():
-                out[rows] = found[rows] - np.nanmean(found[rows], axis=0)
+                out[rows] = found[rows] - mean_known(found[rows])
         if np.isnan(out).all():
             raise ValueError("the identified robot could not be simulated in motion")
         return out
 
-    values = np.array([0.0, _START_DELAY, 0.0, 0.0])
-    prior = np.array([*_PRIOR, max(modulus, _LEAST), np.hypot(friction or 0.0, _IN_MOTION)])
+    values = np.zeros(4)
+    values[:2] = 0.0 if begin is None else begin
+    prior = np.array(
+        [
+            *_PRIOR,
+            max(modulus, _LEAST),
+            _LEAST if friction is None else np.hypot(friction, _IN_MOTION),
+        ]
+    )
     count = len(values)
     here = error(values)
     before = _rms(here)
@@ -150,15 +158,15 @@ def dynamics_of(
     same = np.diff(windows.runs) == 0
     covariance[1, 1] += float(np.median(np.diff(windows.times)[same])) ** 2 / 12
     deviation = np.sqrt(np.diag(covariance))
-    rubs = friction is not None and any(t.friction > 0 for t in robot.tendons)
-    told = (float(values[_FRICTION]), float(deviation[_FRICTION])) if rubs else (0.0, 0.0)
+    own = [(float(v), float(s)) for v, s in zip(values, deviation, strict=True)]
     return Dynamics(
-        robot=built(np.array([values[0], 0.0, 0.0, told[0]])),
+        robot=built(np.array([values[0], 0.0, 0.0, 0.0])),
         delay=float(values[1]),
         values=values[:2],
         deviation=deviation[:2],
         prior=prior[:2],
-        friction=told,
+        modulus=own[_MODULUS],
+        friction=own[_FRICTION],
         before=before,
         after=_rms(here),
         duration=float(sum(windows.times[windows.runs == r][-1] for r in set(windows.runs))),

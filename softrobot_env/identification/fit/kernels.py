@@ -54,7 +54,7 @@ class Body(NamedTuple):
         mass: (n + 1,) [kg], at the ends of the pieces.
         head: (2,) [kg, m], mass above the end, and its height.
         gravity: (3,) [m/s2] along the robot's axes.
-        factor, zero: (n_tendons,) on the controls, and what is added.
+        play: (n_tendons,) [m], half of the servos' backlash.
         marker: (n_markers, 3) [m], from the nodes, along the cross-section's axes.
     """
 
@@ -68,8 +68,7 @@ class Body(NamedTuple):
     mass: np.ndarray
     head: np.ndarray
     gravity: np.ndarray
-    factor: np.ndarray
-    zero: np.ndarray
+    play: np.ndarray
     marker: np.ndarray
 
 
@@ -220,7 +219,7 @@ def imbalance(layout, body, q, control, anchor, rubs, work):
     Args:
         layout, body: The robot.
         q: (3 n,) turns of the pieces.
-        control: (n_tendons,) [m] or [N], with factors and zeros.
+        control: (n_tendons,) [m] or [N], what servos make of a command.
         anchor: (n_tendons,) [m], lengths at which friction would vanish.
         rubs: Whether friction counts.
         work: Scratch of the numbers' kind.
@@ -306,8 +305,7 @@ def _body(many, j):
         many.mass[j],
         many.head[j],
         many.gravity[j],
-        many.factor[j],
-        many.zero[j],
+        many.play[j],
         many.marker[j],
     )
 
@@ -329,12 +327,15 @@ def follow(
 ):
     """Equilibria under one row of controls after the other, each from that before.
 
+    A servo's horn follows its command at the edge of the play, and otherwise stays.
+
     Args:
         layout, body: The robot.
         many: The same with an imaginary step in each of the parameters, (p, ...); of none, no
             derivatives are made.
         controls: (t, n_tendons) [m] or [N].
-        begins: (t,) bool, where tendons come to rest as if nothing rubbed; the first does.
+        begins: (t,) bool, where tendons come to rest as if nothing rubbed, and servos in the middle
+            of their play; the first does.
         tolerance: [N m].
         real, work: Scratch of real and of complex numbers.
         turns: (t, 3 n) of the pieces, set.
@@ -350,14 +351,20 @@ def follow(
     q, anchor = np.zeros(n), np.zeros(tendons)
     by_q, by_anchor = np.zeros((n, p)), np.zeros((tendons, p))
     before, matrix = np.zeros(tendons), np.zeros((n, n))
+    control, by_control = np.zeros(tendons), np.zeros((tendons, p))
     z, far = np.zeros(n, np.complex128), np.zeros(tendons, np.complex128)
     pulled, seen = np.zeros(tendons, np.complex128), np.zeros((len(layout.nodes), 3), np.complex128)
     for t in range(len(controls)):
         rubs = not begins[t]
-        control = body.factor * controls[t] + body.zero
         if begins[t]:
-            q[:] = 0
-            before[:] = body.zero
+            q[:], before[:], control[:], by_control[:, :] = 0, 0, controls[t], 0
+        for k in range(tendons):
+            off = control[k] - controls[t, k]
+            if abs(off) > body.play[k]:
+                side = 1.0 if off > 0 else -1.0
+                control[k] = controls[t, k] + side * body.play[k]
+                for j in range(p):
+                    by_control[k, j] = side * many.play[j, k].imag / TINY
         start = q.copy()
         if not _settle(layout, body, q, control, anchor, rubs, tolerance, real, work, matrix):
             q[:] = start
@@ -384,7 +391,7 @@ def follow(
                 one = _body(many, j)
                 for k in range(tendons):
                     far[k] = complex(anchor[k], TINY * by_anchor[k, j])
-                    pulled[k] = one.factor[k] * controls[t, k] + one.zero[k]
+                    pulled[k] = complex(control[k], TINY * by_control[k, j])
                 for i in range(n):
                     z[i] = q[i]
                 imbalance(layout, one, z, pulled, far, rubs, work)

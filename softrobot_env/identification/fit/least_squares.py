@@ -12,6 +12,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from softrobot_env.identification.fit.model import Simulated, StaticModel
+from softrobot_env.identification.replay.simulation import mean_known
 
 _STEPS = 25
 _LEAST = 1e-4  # relative decrease of the cost at which a search ends
@@ -83,7 +84,7 @@ def correlation_time(error: np.ndarray, runs: np.ndarray) -> float:
 
     Rows of different runs count as unrelated.
     """
-    values = np.nan_to_num(error - np.nanmean(error, axis=0)).reshape(len(error), -1)
+    values = np.nan_to_num(error - mean_known(error)).reshape(len(error), -1)
     total = float(np.sum(values**2))
     if total == 0 or len(values) < 4:
         return 1.0
@@ -155,12 +156,13 @@ def search(
         show: Told about each.
     """
     prior = model.unknowns.prior[np.ix_(free, free)]
-    root = np.linalg.cholesky(prior)  # parameters are root @ white, the prior of white is one
+    root = np.linalg.cholesky(prior)  # parameters are mean + root @ white, of white's prior one
+    mean = model.unknowns.mean[free]
 
     def cost(found: Simulated, at: np.ndarray) -> float:
         square = _squares(found.error, used) / weights.scale**2
         data = np.sum(np.sqrt(1 + square) - 1) * (weights.scale / weights.deviation) ** 2
-        return float(data + 0.5 * np.sum(np.linalg.solve(root, at[free]) ** 2))
+        return float(data + 0.5 * np.sum(np.linalg.solve(root, at[free] - mean) ** 2))
 
     x, damping, taken = x.copy(), _DAMPING, 0
     here = model.simulate(x, free, rows, rubs)
@@ -168,7 +170,7 @@ def search(
     for step in range(steps):
         information, gradient = _normal(here, weights, used)
         matrix = root.T @ information @ root + np.eye(len(root))
-        right = root.T @ gradient + np.linalg.solve(root, x[free])
+        right = root.T @ gradient + np.linalg.solve(root, x[free] - mean)
         better = None
         for _ in range(6):
             change = np.linalg.solve(matrix + damping * np.diag(np.diag(matrix)), right)

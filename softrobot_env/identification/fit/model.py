@@ -5,6 +5,7 @@ MuJoCo chain: a row takes 0.2 ms instead of some 5. What is found is written as 
 header, and confirmed there by the chain.
 """
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -19,11 +20,17 @@ from softrobot_env.identification.fit.kernels import (
     follow,
     scratch,
 )
-from softrobot_env.identification.fit.unknowns import Unknowns, groups, start_friction
+from softrobot_env.identification.fit.unknowns import (
+    Unknowns,
+    groups,
+    start_friction,
+    start_play,
+)
 from softrobot_env.processes import one_blas_thread
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.recordings.header import Commands
 from softrobot_env.robots import RobotParams
+from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.parameters import Base
 
 _PIECES = 6  # at least, over all of the robot
@@ -73,7 +80,7 @@ class StaticModel:
         recording: Recording,
         turned: bool = False,
         pieces: int | None = None,
-        as_filed: bool = False,
+        known: Sequence[str] = (),
     ) -> None:
         """Build the arrays.
 
@@ -83,8 +90,8 @@ class StaticModel:
             turned: Whether the recording's axes may be turned about the robot's by any angle.
             pieces: At least, in all; six, and two between ends of sections or tendons, unless
                 given.
-            as_filed: Whether friction is the file's, also where that is too little to begin a
-                search with.
+            known: Kinds of parameters that the file says exactly. Friction and backlash are
+                otherwise at least what a search can begin with.
 
         Raises:
             ValueError: The model lacks what the robot has, or the recording has no markers.
@@ -97,7 +104,7 @@ class StaticModel:
         self.begins = np.append(True, np.diff(recording.runs) != 0)
         self._axes = np.eye(3) if robot.base is None else robot.base.axes
         self._base = np.zeros(3) if robot.base is None else np.array(robot.base.position)
-        self.points = (recording.markers - self._base) @ self._axes
+        self.points = self._own(recording.markers)
         self.spatial = not robot.is_planar
         self.unknowns = Unknowns(
             tuple(
@@ -112,8 +119,11 @@ class StaticModel:
         )
         travel = float(np.ptp(recording.commands, axis=0).max())
         self._friction = np.array([t.friction for t in robot.tendons], dtype=float)
-        if not as_filed:
+        if "tendon_friction" not in known:
             self._friction = start_friction(robot, travel, self._by_length)
+        self._play = robot.drive.backlash / 2 if self._by_length else 0.0
+        if self._by_length and "backlash" not in known:
+            self._play = start_play(robot, travel)
         self._lay(pieces)
 
     def on(self, recording: Recording, gravity: np.ndarray | None = None) -> "StaticModel":
@@ -121,10 +131,17 @@ class StaticModel:
         other = copy(self)
         other.recording, other._controls = recording, recording.controls(self.robot)
         other.begins = np.append(True, np.diff(recording.runs) != 0)
-        other.points = (recording.markers - self._base) @ self._axes
+        other.points = self._own(recording.markers)
         if gravity is not None:
             other._gravity = gravity
         return other
+
+    def _own(self, markers: np.ndarray) -> np.ndarray:
+        """Markers (t, k, 3) [m] along the robot's axes; NaN where that was not measured."""
+        lost = np.isnan(markers)
+        points = (np.where(lost, 0.0, markers) - self._base) @ self._axes
+        points[lost @ (np.abs(self._axes) > 1e-9)] = np.nan
+        return points
 
     def _lay(self, pieces: int | None) -> None:
         robot, markers = self.robot, self.recording.header.marker
@@ -177,10 +194,9 @@ class StaticModel:
         robot, take = self.robot, lambda name, count: self.unknowns.take(x, name, count)
         tendons, n = robot.tendons, len(robot.tendons)
         soft = np.exp(take("youngs_modulus", len(robot.backbone.sections)))[self._section]
-        unlike, azimuth = robot.anisotropy / 2, robot.stiff_azimuth
-        c, s = np.cos(azimuth), np.sin(azimuth)
+        unlike, across = self._unlike(x)
         # Bends towards x and y are turns about y and -x.
-        xx, xy, yy = 1 + unlike * (c * c - s * s), 2 * unlike * c * s, 1 - unlike * (c * c - s * s)
+        xx, xy, yy = 1 + unlike, across, 1 - unlike
         bend = self._bending * soft
         stiffness = np.stack([bend * yy, -bend * xy, bend * xx, self._torsion * soft], axis=1)
         more = take("precurvature", 2 if self.spatial else 1)
@@ -216,10 +232,15 @@ class StaticModel:
             self._mass * heavy,
             over * np.array([heavy, 1.0]),
             gravity,
-            np.ones(n),
-            np.zeros(n),
+            self._play * np.exp(take("backlash", 1)[0]) * np.ones(n),
             self._offsets(x),
         )
+
+    def _unlike(self, x: np.ndarray) -> np.ndarray:
+        """(2,) half of the anisotropy along x less along y, and along the diagonals."""
+        robot = self.robot
+        filed = robot.anisotropy / 2 * np.exp(2j * robot.stiff_azimuth)
+        return np.array([filed.real, filed.imag]) + self.unknowns.take(x, "anisotropy", 2) / 2
 
     def _offsets(self, x: np.ndarray) -> np.ndarray:
         """(k, 3) [m] of the markers along the axes at their nodes, a head's height included."""
@@ -266,7 +287,7 @@ class StaticModel:
             x: Parameters.
             free: (p,) bool, those to derive by; none unless given.
             rows: Indices of rows, followed one after the other; all unless given.
-            rubs: Whether tendons have friction.
+            rubs: Whether tendons have friction, and servos play.
         """
         chosen = np.arange(len(self.begins)) if rows is None else np.asarray(rows)
         by = np.zeros(0, dtype=int) if free is None else np.flatnonzero(free)
@@ -277,7 +298,7 @@ class StaticModel:
             steps.append(moved)
         body = _contiguous(self.body(x), float)
         if not rubs:
-            body = body._replace(friction=body.friction * 0)
+            body = body._replace(friction=body.friction * 0, play=body.play * 0)
         shifted = [_contiguous(self.body(y), complex) for y in steps]
         many = Body(
             *(
@@ -362,15 +383,25 @@ class StaticModel:
         )
         more = take("precurvature", 2 if self.spatial else 1)
         bend = np.array(robot.precurvature) + np.append(more, 0.0)[:2]
-        return replace(
+        unlike = complex(*self._unlike(x))
+        # The chain is to bend as finely as this model does.
+        finer = max(1, ceil(len(self.layout.sizes) / robot.pieces))
+        sections = [replace(section, pieces=finer * section.pieces) for section in sections]
+        found = replace(
             robot.with_sections(*sections),
             tendons=tuple(tendons),
+            drive=replace(robot.drive, backlash=2 * float(body.play[0]))
+            if self._by_length and robot.drive.kind == "length"
+            else robot.drive,
             precurvature=tuple(bend.tolist()),
+            anisotropy=2 * abs(unlike),
+            stiff_azimuth=float(np.angle(unlike)) / 2,
             head=head,
             discs=discs,
             base=self._base_of(x),
             file=None,
         )
+        return with_balance(found)
 
     def _base_axes(self, x: np.ndarray) -> np.ndarray:
         return self._axes @ self._turn(x, "gravity_tilt")
@@ -407,8 +438,9 @@ class StaticModel:
         names = [t.name for t in self.robot.tendons]
         whose = [names.index(name) for name in (self.recording.tendons or commands.columns)]
         body = _contiguous(self.body(x), float)
-        slack = np.minimum(body.pretension, 0.0) / body.spring
-        zeros = np.array(commands.zeros or (0.0,) * len(whose)) + slack[whose]
+        written = np.array([t.pretension for t in self.robot_of(x).tendons])
+        pulled = (body.pretension - written) / body.spring
+        zeros = np.array(commands.zeros or (0.0,) * len(whose)) + pulled[whose]
         return replace(commands, zeros=tuple(zeros.tolist()) if zeros.any() else None)
 
 

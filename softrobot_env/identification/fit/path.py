@@ -21,7 +21,7 @@ from softrobot_env.identification.fit.least_squares import (
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import Residual, bends_of, trained
 from softrobot_env.identification.fit.rests import at_rest
-from softrobot_env.identification.fit.unknowns import STAGES, Unknowns
+from softrobot_env.identification.fit.unknowns import LAGS, STAGES, Fact, Unknowns
 from softrobot_env.identification.fit.validation import (
     Validation,
     cross_validated,
@@ -131,7 +131,8 @@ def identify(
             moving = None if moving is None else with_tendons(moving, found)
             times["assignment"] = perf_counter() - began
     turned = any_turn or found is not None
-    model = StaticModel(robot, static, turned)
+    filed = [name for name in LAGS if name in known or "statics" not in stages]
+    model = StaticModel(robot, static, turned, known=filed)
     unknowns = model.unknowns
     free, x = _free(model, stages, known), np.zeros(len(unknowns.spread))
     if found is not None:
@@ -139,6 +140,21 @@ def identify(
     began = perf_counter()
     fit = _fitted(model, x, free, lambda n, _: told("fit", min(n, _FITS), _FITS))
     times["fit"] = perf_counter() - began
+    dynamics = None
+    if moving is not None and "dynamics" in stages:
+        began = perf_counter()
+        dynamics, fit = _in_motion(
+            model,
+            fit,
+            moving,
+            lambda fit: _header(model, fit, recording),
+            lambda n: told("dynamics", n, 6),
+        )
+        times["dynamics"] = perf_counter() - began
+    header = _header(model, fit, recording)
+    if dynamics is not None:
+        late = tuple(replace(m, delay_s=m.delay_s + dynamics.delay) for m in header.marker)
+        header = replace(header, marker=late)
     validations: list[Validation] = []
     if validate:
         began = perf_counter()
@@ -146,6 +162,7 @@ def identify(
             robot,
             static,
             turned,
+            filed,
             fit.x,
             free,
             fit.weights,
@@ -161,34 +178,12 @@ def identify(
         residual = trained(*given, fit.simulated.error, pattern_numbers(static))
         correction = None if residual is None else residual.correction(*given)
         times["residual"] = perf_counter() - began
-    built = replace(model.robot_of(fit.x), name=f"{robot.name}_identified")
-    header = model.header_of(fit.x, static.header)
-    dynamics = None
-    if moving is not None:  # rows at rest were made here: what is read again is what was recorded
-        lost = [marker.may_be_lost for marker in recording.header.marker]
-        markers = tuple(
-            replace(m, may_be_lost=own) for m, own in zip(header.marker, lost, strict=True)
-        )
-        header = replace(header, static=recording.static, marker=markers)
-    if moving is not None and "dynamics" in stages:
-        began, rubs = perf_counter(), unknowns.place("tendon_friction")
-        dynamics = dynamics_of(
-            built,
-            placed(moving, header),
-            _common(unknowns, fit, "youngs_modulus"),
-            _common(unknowns, fit, "tendon_friction") if free[rubs].any() else None,
-            lambda n, _: told("dynamics", n, 6),
-        )
-        built = dynamics.robot
-        late = tuple(replace(m, delay_s=m.delay_s + dynamics.delay) for m in header.marker)
-        header = replace(header, marker=late)
-        times["dynamics"] = perf_counter() - began
     told("what would tell more", 0, 1)
     began = perf_counter()
     experiments = best_experiments(model, fit)
     times["experiments"] = perf_counter() - began
     return Identification(
-        robot=built,
+        robot=_named(model, fit) if dynamics is None else dynamics.robot,
         header=header,
         believed=robot,
         recording=static,
@@ -203,6 +198,64 @@ def identify(
         experiments=tuple(experiments),
         times=times,
     )
+
+
+def _named(model: StaticModel, fit: Fit) -> RobotParams:
+    """The robot that a fit found."""
+    return replace(model.robot_of(fit.x), name=f"{model.robot.name}_identified")
+
+
+def _header(model: StaticModel, fit: Fit, recording: Recording) -> Header:
+    """The header that a fit found, of the recording as it was read."""
+    header = model.header_of(fit.x, model.recording.header)
+    lost = [marker.may_be_lost for marker in recording.header.marker]
+    markers = tuple(replace(m, may_be_lost=x) for m, x in zip(header.marker, lost, strict=True))
+    return replace(header, static=recording.static, marker=markers)
+
+
+def _in_motion(
+    model: StaticModel,
+    fit: Fit,
+    moving: Recording,
+    header: Callable[[Fit], Header],
+    show: Callable[[int], None],
+) -> tuple[Dynamics, Fit]:
+    """The dynamics, and the statics with what the motion tells of them.
+
+    At rest, friction of tendons and backlash of servos do the same: tendons lag behind their
+    commands. A robot that sways under a constant command tells friction alone; and how fast it
+    sways tells how stiff it is for its mass.
+    """
+    unknowns, x = model.unknowns, fit.x.copy()
+    rubs, stiff = (unknowns.place(name) for name in ("tendon_friction", "youngs_modulus"))
+    first = dynamics_of(
+        _named(model, fit),
+        placed(moving, header(fit)),
+        _common(unknowns, fit, "youngs_modulus"),
+        _common(unknowns, fit, "tendon_friction") if fit.free[rubs].any() else None,
+        show=lambda n, _: show(n),
+    )
+    facts = []
+    if fit.free[stiff].all():
+        ratio = unknowns.common("youngs_modulus") - unknowns.common("mass")
+        x[stiff] += first.modulus[0]
+        facts.append(Fact(ratio, float(ratio @ x), first.modulus[1]))
+    if fit.free[rubs].all():
+        x[rubs] += first.friction[0]
+        rubbing = unknowns.common("tendon_friction")
+        facts.append(Fact(rubbing, float(rubbing @ x), first.friction[1]))
+    if not facts:
+        return first, fit
+    model.unknowns = replace(unknowns, facts=tuple(facts))
+    again = fitted(model, x, fit.free, fit.weights)
+    second = dynamics_of(
+        _named(model, again),
+        placed(moving, header(again)),
+        friction=None,
+        begin=first.values,
+        show=lambda n, _: show(n),
+    )
+    return replace(second, deviation=first.deviation, before=first.before), again
 
 
 def placed(recording: Recording, header: Header) -> Recording:
@@ -247,9 +300,10 @@ def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np
             kinds = ", ".join(group.name for group in model.unknowns.groups)
             raise ValueError(f"known must be out of {kinds}, got {name!r}")
         free[place] = False
-    turn = model.unknowns.place("frame_turn")
-    if turn is not None and np.isnan(model.points).all(axis=(0, 1)).any():
-        free[turn] = False
+    if np.isnan(model.points).all(axis=(0, 1)).any():
+        for name in ("frame_turn", "gravity_tilt"):  # either turns the recording's frame
+            place = model.unknowns.place(name)
+            free[place or slice(0)] = False
     return free
 
 

@@ -12,6 +12,7 @@ from softrobot_env.identification.fit.least_squares import NORMAL_95, size
 from softrobot_env.identification.fit.path import Identification
 from softrobot_env.identification.fit.residual import RESIDUAL_FILE
 from softrobot_env.identification.fit.validation import centred
+from softrobot_env.identification.replay.simulation import mean_known
 from softrobot_env.recordings.header import write_header
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.robots import write_robot
@@ -109,9 +110,6 @@ def parameter_rows(found: Identification) -> list[ParameterRow]:
     for group in unknowns.groups:
         for label in group.labels:
             value, deviation = float(found.fit.x[place]), float(found.fit.deviation[place])
-            if dynamics is not None and group.name == "tendon_friction":
-                value += dynamics.friction[0]
-                deviation = float(np.hypot(deviation, dynamics.friction[1]))
             rows.append(
                 _parameter(
                     f"{group.name}: {label}",
@@ -159,7 +157,7 @@ def error_rows(found: Identification) -> list[ErrorRow]:
         rows.append(_error(validation.scheme, "physics", "all", validation.error))
         if validation.corrected is not None:
             rows.append(_error(validation.scheme, "with residual", "all", validation.corrected))
-    mean = np.nanmean(error, axis=0)
+    mean = mean_known(error)
     for name in dict.fromkeys(patterns.tolist()):
         rows.append(_error("fitted", "physics", name or "none", error[patterns == name], mean))
     return rows

@@ -119,7 +119,7 @@ def bends_of(model: StaticModel, turns: np.ndarray) -> np.ndarray:
 
 def corrected(residual: Residual, robot: RobotParams, recording: Recording) -> np.ndarray:
     """(t, k, 3) [m] in the world, to be added to a simulation of an identified robot's markers."""
-    model = StaticModel(robot, recording, as_filed=True)
+    model = StaticModel(robot, recording, known=("tendon_friction", "backlash"))
     found = model.simulate(np.zeros(len(model.unknowns.spread)))
     change = residual.correction(bends_of(model, found.turns), recording.commands, model.begins)
     axes = np.eye(3) if robot.base is None else robot.base.axes
@@ -145,6 +145,7 @@ def trained(
     band = _BAND * np.maximum(bends.std(axis=0), 1e-6)
     raw = _features(bends, commands, begins, band)
     target = -error.reshape(len(error), -1)
+    target[:, np.isnan(target).all(axis=0)] = 0.0  # never measured: nothing to correct
     known = np.isfinite(target).all(axis=1) & (True if used is None else used)
     middle, spread = raw[known].mean(axis=0), raw[known].std(axis=0)
     spread = np.maximum(spread, 1e-9 + 1e-6 * np.abs(raw[known]).max(axis=0))

@@ -21,6 +21,8 @@ FEWEST = 8
 def at_rest(recording: Recording) -> Recording:
     """One row for each rest: the command, and markers averaged over its end.
 
+    A run that begins with a motion has its first row as well, without markers.
+
     Where the robot was let go on the way to a rest another run begins, and the marker does not
     count: as it sways, its tendons come to rest anywhere within their friction. A rest in which a
     marker still moves by more than a hundredth of its range does not count.
@@ -37,19 +39,25 @@ def at_rest(recording: Recording) -> Recording:
     new = np.flatnonzero(moved.any(axis=1) | (np.diff(recording.runs) != 0)) + 1
     for begin, end in zip([0, *new], [*new, len(recording.times)], strict=True):
         lasted = recording.times[end - 1] - recording.times[begin]
+        first = begin == 0 or recording.runs[begin] != recording.runs[begin - 1]
+        if lasted < _SHORTEST and first:  # from where it moved, which friction remembers
+            rows.append(begin)
+            runs.append(recording.runs[begin])
+            markers.append(np.full_like(recording.markers[begin], np.nan))
         if lasted < _SHORTEST:
             continue
-        first = recording.times[end - 1] - max(_MEASURED * lasted, 0.05)
-        last = np.arange(begin, end)[recording.times[begin:end] >= first]
+        measured = recording.times[end - 1] - max(_MEASURED * lasted, 0.05)
+        last = np.arange(begin, end)[recording.times[begin:end] >= measured]
         seen = _known(recording.markers[last])
         if np.nanmax(np.ptp(seen, axis=0)) > _STILL * reach + 4 * _noise(seen):
             continue
         rows.append(last[-1])
         runs.append(recording.runs[begin])
         markers.append(recording.markers[last].mean(axis=0))
-    if len(rows) < FEWEST:
+    known = sum(np.isfinite(seen).any() for seen in markers)
+    if known < FEWEST:
         raise ValueError(
-            f"the robot moves and rests {len(rows)} times in the recording, fewer than {FEWEST}: "
+            f"the robot moves and rests {known} times in the recording, fewer than {FEWEST}: "
             "record pulls with rests (`softrobot robot record --kinds pulls`), or say static = "
             "true in the header if it moved so slowly that every row is at rest"
         )

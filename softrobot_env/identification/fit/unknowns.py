@@ -16,14 +16,18 @@ from scipy.linalg import block_diag
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
+#: Kinds that make a robot lag behind its commands, which a search has to begin with some of.
+LAGS = ("tendon_friction", "backlash")
+
 _BEND = 0.1  # rad, by which the zero of a servo may bend a robot
+_PLAY = 0.003  # half of a backlash that is usual, over the recorded range of commands
 
 #: Stages in their order, and what they find.
 STAGES: dict[str, str] = {
     "frame": "frame of the recording and offsets of its markers",
     "tendons": "which column pulls which tendon, their angles and distances, scales of commands",
-    "geometry": "curvature without load, direction of gravity",
-    "statics": "Young's modulus, mass, stiffness, pretension and friction of tendons",
+    "geometry": "curvature without load, anisotropy, direction of gravity",
+    "statics": "Young's modulus, mass; stiffness, pretension and friction of tendons, backlash",
     "dynamics": "damping, delay and friction, of a robot that was recorded in motion",
     "residual": "what physics leaves, learned near the data",
 }
@@ -92,6 +96,8 @@ def groups(
         found.append(Group("tendon_angle", "tendons", names, radians(8), "rad", radians(5)))
         bends = ("towards x", "towards y")
         found.append(Group("precurvature", "geometry", bends, 0.1 / size, "1/m"))
+        ways = ("along x", "along the diagonal")
+        found.append(Group("anisotropy", "geometry", ways, 0.05, "log"))
     if any(robot.gravity):
         tilts = ("about x", "about y") if spatial else ("about y",)
         found.append(Group("gravity_tilt", "geometry", tilts, radians(3), "rad"))
@@ -102,6 +108,7 @@ def groups(
         zero = _BEND * np.median([t.farthest * t.stiffness for t in robot.tendons])
         usual = float(np.median([t.pretension for t in robot.tendons]))
         found.append(Group("pretension", "statics", names, zero, "N", usual + zero))
+        found.append(Group("backlash", "statics", ("all",), 1.5, "log"))
     found.append(Group("tendon_friction", "statics", names, 0.4, "log", 2.0))
     return found
 
@@ -122,20 +129,66 @@ def start_friction(robot: RobotParams, travel: float, by_length: bool) -> np.nda
     return np.array([max(t.friction, least) for t in robot.tendons])
 
 
+def start_play(robot: RobotParams, travel: float) -> float:
+    """[m], half of the backlash that a search begins with: the file's, or a share of the travel."""
+    return max(robot.drive.backlash / 2, _PLAY * travel)
+
+
+@dataclass(frozen=True)
+class Fact:
+    """What something else than the rows tells of the parameters x: weights @ x = value.
+
+    Attributes:
+        weights: (p,).
+        value: Its own.
+        deviation: Its standard deviation.
+    """
+
+    weights: np.ndarray
+    value: float
+    deviation: float
+
+
 @dataclass(frozen=True)
 class Unknowns:
     """Parameters in a row.
 
     Attributes:
         groups: Their kinds, in order.
+        facts: What is known beside the file.
     """
 
     groups: tuple[Group, ...]
+    facts: tuple[Fact, ...] = ()
 
     @cached_property
+    def _believed(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (p,) and covariance (p, p) of the prior: the file's, and facts one by one."""
+        covariance = block_diag(*(group.prior for group in self.groups))
+        mean = np.zeros(len(covariance))
+        for fact in self.facts:
+            pull = covariance @ fact.weights
+            gain = pull / (fact.weights @ pull + fact.deviation**2)
+            mean = mean + gain * (fact.value - fact.weights @ mean)
+            covariance = covariance - np.outer(gain, pull)
+        return mean, covariance
+
+    @property
+    def mean(self) -> np.ndarray:
+        """(p,) mean of the prior; zero is what the file says."""
+        return self._believed[0]
+
+    @property
     def prior(self) -> np.ndarray:
-        """(p, p) covariance of the prior; its mean is zero."""
-        return block_diag(*(group.prior for group in self.groups))
+        """(p, p) covariance of the prior."""
+        return self._believed[1]
+
+    def common(self, name: str) -> np.ndarray:
+        """(p,) weights of the mean of a kind's parameters; zeros if there is none."""
+        weights, place = np.zeros(sum(len(g.labels) for g in self.groups)), self.place(name)
+        if place is not None:
+            weights[place] = 1 / (place.stop - place.start)
+        return weights
 
     @property
     def spread(self) -> np.ndarray:

@@ -4,7 +4,7 @@ Commands of the rows left out are still followed, since friction remembers; thei
 seen.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -13,6 +13,7 @@ import numpy as np
 from softrobot_env.identification.fit.least_squares import Weights, search, size
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import bends_of, trained
+from softrobot_env.identification.replay.simulation import mean_known
 from softrobot_env.processes import worker_processes
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
@@ -67,6 +68,7 @@ def cross_validated(
     robot: RobotParams,
     recording: Recording,
     turned: bool,
+    known: Sequence[str],
     x: np.ndarray,
     free: np.ndarray,
     weights: Weights,
@@ -76,7 +78,7 @@ def cross_validated(
     """Fit without one block after the other, in two processes.
 
     Args:
-        robot, recording, turned: See `StaticModel`.
+        robot, recording, turned, known: See `StaticModel`.
         x: (p,) found with all rows, where searches begin.
         free: (p,) bool.
         weights: Of the rows.
@@ -90,7 +92,7 @@ def cross_validated(
         futures = []
         for scheme, block in tasks:
             used = blocks_of(patterns, scheme) != block
-            given = (robot, recording, turned, x, free, weights, used, residual)
+            given = (robot, recording, turned, known, x, free, weights, used, residual)
             futures.append(pool.submit(_without, *given))
         for number, ((scheme, block), future) in enumerate(zip(tasks, futures, strict=True)):
             error, corrected = future.result()
@@ -111,6 +113,7 @@ def _without(
     robot: RobotParams,
     recording: Recording,
     turned: bool,
+    known: Sequence[str],
     x: np.ndarray,
     free: np.ndarray,
     weights: Weights,
@@ -118,7 +121,7 @@ def _without(
     residual: bool,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Errors (t, k, 3) of all rows by a fit of those that are used, without and with residual."""
-    model = StaticModel(robot, recording, turned)
+    model = StaticModel(robot, recording, turned, known=known)
     fit = search(model, x, free, weights, used=used, steps=_STEPS, least=_ENOUGH)
     error = fit.simulated.error
     if not residual:
@@ -131,4 +134,4 @@ def _without(
 
 def centred(error: np.ndarray) -> float:
     """RMS [m] of errors (t, k, 3) less the mean of each marker."""
-    return size(error - np.nanmean(error, axis=0))
+    return size(error - mean_known(error))
