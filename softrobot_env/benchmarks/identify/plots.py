@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-from softrobot_env.benchmarks.identify.run import FoundRow
-from softrobot_env.benchmarks.records import groups
+from softrobot_env.benchmarks.identify.run import FoundRow, Row
+from softrobot_env.benchmarks.records import groups, of_kind
 from softrobot_env.rendering.figures import BLACK, BLUE, VERMILLION, new_figure, save
 
 _TITLES = {
@@ -15,9 +15,9 @@ _TITLES = {
 }
 
 
-def plot(rows: Sequence[FoundRow], path: Path | str) -> None:
+def plot(rows: Sequence[Row], path: Path | str) -> None:
     """Draw a PNG: a panel for each kind; intervals that miss the truth in another colour."""
-    kinds = groups(rows, "kind")
+    kinds = groups(of_kind(rows, FoundRow), "kind")
     figure, axes = new_figure(1, len(kinds), (3.6 * len(kinds), 3.8))
     for axis, ((kind,), mine) in zip(axes[0], kinds.items(), strict=True):
         title, scale = _TITLES[kind]

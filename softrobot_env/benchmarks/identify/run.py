@@ -1,4 +1,4 @@
-"""Identifications of robots of another model class, judged against truths that nobody is told."""
+"""Identifications of rods of another model class and of twins, whose truths nobody is told."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -6,7 +6,8 @@ from math import exp, log
 from time import perf_counter
 
 from softrobot_env.benchmarks.identify.truth import BELIEVED, drawn, recorded
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.benchmarks.identify.twins import TwinRow, twin_jobs
+from softrobot_env.benchmarks.jobs import Job, Progress, run_in_processes
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.identification.fit.least_squares import size
 from softrobot_env.identification.fit.path import identify
@@ -47,13 +48,16 @@ class FoundRow(Record):
     time: float
 
 
-def run(quick: bool = False, show: Progress | None = None) -> list[FoundRow]:
-    """All repetitions, in processes."""
+Row = FoundRow | TwinRow
+
+
+def run(quick: bool = False, show: Progress | None = None) -> list[Row]:
+    """All repetitions, and twins of the rig, in processes; quickly one repetition alone."""
     count = QUICK if quick else REPETITIONS
-    tasks = [(f"robot {seed}", partial(repetition, seed)) for seed in range(count)]
+    tasks: list[Job] = [(f"robot {seed}", partial(repetition, seed)) for seed in range(count)]
     if quick:
         return [row for _, work in tasks for row in work()]
-    return [row for rows in run_in_processes(tasks, show) for row in rows]
+    return [row for rows in run_in_processes([*twin_jobs(), *tasks], show) for row in rows]
 
 
 def repetition(seed: int) -> list[FoundRow]:

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from rich.console import Group
+from rich.table import Table
 
-from softrobot_env.benchmarks.identify.run import FoundRow
-from softrobot_env.benchmarks.records import groups
+from softrobot_env.benchmarks.identify.run import FoundRow, Row
+from softrobot_env.benchmarks.identify.twins import TwinRow
+from softrobot_env.benchmarks.records import groups, of_kind
 from softrobot_env.rendering.tables import Column, make_table, verdict
 
 #: Kind -> largest relative error that is asked for; of the delay none is.
@@ -29,8 +31,13 @@ class _Summary:
     met: bool | None
 
 
-def tables(rows: Sequence[FoundRow]) -> Group:
-    """Errors and coverage of each kind of parameter."""
+#: Largest error after an identification, over that of the same law that knows the twin.
+RATIO = 1.3
+
+
+def tables(rows: Sequence[Row]) -> Group:
+    """Errors and coverage of each kind of parameter; laps of twins."""
+    twins, rows = of_kind(rows, TwinRow), of_kind(rows, FoundRow)
     found = [_summary(kind, mine) for (kind,), mine in groups(rows, "kind").items()]
     relative = [row for row in found if row.kind in GOALS]
     delay = [row for row in found if row.kind not in GOALS]
@@ -60,10 +67,36 @@ def tables(rows: Sequence[FoundRow]) -> Group:
         Column("largest", "most", ".1f", "ms"),
         Column("in 95 %", "inside", **percent),
     )
-    return Group(
+    parts = [
         make_table("Cosserat rods, identified", columns, relative, caption=caption),
         make_table("Delay of the markers", late, delay),
+    ]
+    return Group(*parts, *([_laps(twins)] if twins else []))
+
+
+def _laps(rows: Sequence[TwinRow]) -> Table:
+    """Laps of twins; judged is the best law of each way of knowing the twin."""
+    mm = {"form": ".2f", "unit": "mm"}
+    columns = (
+        Column("twin", "twin", "d"),
+        Column("law", "policy"),
+        Column("lap s", "period", "g", "s"),
+        Column("identified mm", "found", **mm),
+        Column("known", "true", **mm),
+        Column("believed", "believed", **mm),
+        Column("ratio", "ratio", ".2f"),
+        Column("met", lambda row: "" if row not in best else verdict(row.ratio <= RATIO), ">"),
     )
+    best = [
+        min(mine, key=lambda row: np.inf if row.true is None else row.true)
+        for mine in groups(rows, "twin", "period").values()
+    ]
+    best = [row for row in best if row.ratio is not None]
+    caption = (
+        "mean error of triangles; ratio: of the robot identified over the twin itself known; met: "
+        f"at most {RATIO:g} by the law that is best for the twin known"
+    )
+    return make_table("Twins that nobody told", columns, rows, caption=caption)
 
 
 def _summary(kind: str, rows: Sequence[FoundRow]) -> _Summary:
