@@ -7,7 +7,10 @@ from math import pi
 import numpy as np
 import pytest
 
+from softrobot_env.benchmarks.identify.twins import identified
 from softrobot_env.cli import main
+from softrobot_env.control.registry import make_policy
+from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, size
 from softrobot_env.identification.fit.model import StaticModel
@@ -15,6 +18,7 @@ from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files
 from softrobot_env.identification.fit.residual import corrected, read_residual, trained
 from softrobot_env.identification.fit.rests import at_rest
+from softrobot_env.identification.fit.unknowns import LAGS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
 from softrobot_env.recordings import (
@@ -28,6 +32,8 @@ from softrobot_env.recordings import (
 )
 from softrobot_env.recordings.files import recordings_dir
 from softrobot_env.robots import ROBOTS, RobotParams, Tendon, read_robot, write_robot
+from softrobot_env.robots.twin import rig3d_twin
+from softrobot_env.tasks import make_task
 
 RADIUS, TENDON, LENGTH, MODULUS = 0.004, 0.008, 0.2, 1e7
 BENDING = MODULUS * pi * RADIUS**4 / 4
@@ -67,7 +73,7 @@ UP_AND_DOWN = np.concatenate([np.linspace(0.1, 1, 6), np.linspace(0.8, 0.1, 4)])
 @pytest.mark.slow
 def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
     robot, levels = rod(), np.linspace(0.1, 1.0, 4)
-    model = StaticModel(robot, pulled(robot, levels), as_filed=True)
+    model = StaticModel(robot, pulled(robot, levels), known=LAGS)
     x = np.zeros(len(model.unknowns.spread))
     found = model.simulate(x, np.ones(len(x), dtype=bool))
     turn = levels * TENDON * LENGTH / BENDING
@@ -121,10 +127,70 @@ def test_what_is_written_is_what_was_found(tmp_path):
     text = (tmp_path / "robot.toml").read_text()
     assert "# " in text and "youngs_modulus: section 1" in text
     again = placed(recording, read)
-    model = StaticModel(robot, again, as_filed=True)
+    model = StaticModel(robot, again, known=LAGS)
     same = model.simulate(np.zeros(len(model.unknowns.spread)))
     assert np.abs(same.markers - found.fit.simulated.markers).max() < 1e-7
     assert size(replay(again, robot).error) < size(found.fit.simulated.error) + 2e-4 < 1e-3
+
+
+@pytest.mark.slow
+def test_backlash_is_found_where_tendons_do_not_rub():
+    """Of a robot whose chain has servos with play; slopes by it are exact."""
+    believed = ROBOTS["silicone_rod"]
+    names = tuple(t.name for t in believed.tendons)
+    rows = np.concatenate([np.outer(UP_AND_DOWN, unit) for unit in np.eye(3)]) * 8e-3
+    header = Header(Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
+    blank = Recording(
+        replace(header, static=True),
+        np.arange(len(rows)) * 1.0,
+        rows,
+        np.zeros((len(rows), 1, 3)),
+        np.full(len(rows), ""),
+        np.zeros(len(rows), dtype=int),
+    )
+    true = replace(believed, drive=replace(believed.drive, backlash=4e-4))
+    recording = replace(blank, markers=replay(blank, true).simulated)
+    found = identify(recording, believed, ("statics",), known=["tendon_friction"], validate=False)
+    assert found.robot.drive.backlash == pytest.approx(4e-4, rel=0.05)
+    assert size(found.fit.simulated.error) < 4e-4
+    model = StaticModel(believed, recording)
+    place, x = model.unknowns.place("backlash").start, np.zeros(len(model.unknowns.spread))
+    free = np.arange(len(x)) == place
+    there, back = (model.simulate(x + free * step).error for step in (1e-5, -1e-5))
+    slope = model.simulate(x, free).slopes[..., 0]
+    assert np.abs(slope).max() > 1e-5
+    assert np.abs((there - back) / 2e-5 - slope).max() < 1e-5 * np.abs(slope).max() + 1e-9
+
+
+def test_facts_are_weighed_against_the_file_as_bayes_says():
+    unknowns = Unknowns((Group("a", "statics", ("1", "2"), 0.3, "log", 0.4),))
+    weights = unknowns.common("a")
+    told = replace(unknowns, facts=(Fact(weights, 0.5, 0.2), Fact(np.array([1.0, -1]), 0.1, 0.1)))
+    rows = np.array([weights, [1.0, -1.0]])
+    precise = np.diag([0.2**-2, 0.1**-2])
+    covariance = np.linalg.inv(np.linalg.inv(unknowns.prior) + rows.T @ precise @ rows)
+    assert told.prior == pytest.approx(covariance)
+    assert told.mean == pytest.approx(covariance @ rows.T @ precise @ [0.5, 0.1])
+    assert not unknowns.mean.any()
+
+
+@pytest.mark.slow
+def test_a_twin_that_nobody_told_is_identified_and_driven():
+    """The camera sees no height; servos have play and zeros, tendons rub, are turned and unlike."""
+    twin = rig3d_twin(11)
+    found = identified(twin, seed=3)
+    tendons = zip(twin.robot.tendons, found.robot.tendons, strict=True)
+    turns = [np.angle(complex(*b.offset) / complex(*a.offset)) for a, b in tendons]
+    assert np.abs(np.degrees(turns)).max() < 1.5  # of 7 degrees
+    assert found.robot.drive.backlash == pytest.approx(np.mean(twin.backlash), rel=0.35)
+    law = make_policy("chain_dynamics_pi", found.robot, 0.02, tip_delay=twin.camera_delay)
+    case = Case(make_task("triangle", period=5.0), "chain_dynamics_pi", scene={"twin": twin})
+    error = {}
+    for name, policy in (("found", law), ("believed", None)):
+        env = case.environment()
+        error[name] = run(case, env, policy).row().e_mean
+        env.close()
+    assert error["found"] < 0.7 * error["believed"]
 
 
 @pytest.mark.slow

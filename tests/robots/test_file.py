@@ -15,6 +15,7 @@ from softrobot_env.robots import (
     RIG,
     Base,
     Disc,
+    Drive,
     Head,
     RobotParams,
     Section,
@@ -23,6 +24,8 @@ from softrobot_env.robots import (
     read_robot,
     write_robot,
 )
+from softrobot_env.robots.actuation import TendonMap, with_balance
+from softrobot_env.robots.twin import nominal_twin
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import scene_of
 
@@ -101,6 +104,38 @@ def test_named_robots_with_their_drives_are_written_and_read(name, tmp_path):
     write_robot(find_robot(name), tmp_path / "x.toml")
     assert read_robot(tmp_path / "x.toml") == find_robot(name)
     assert {"arm": ARM, "rig": RIG}.get(name, find_robot(name)) == find_robot(name)
+
+
+def test_backlash_is_written_read_and_simulated(tmp_path):
+    robot = find_robot("silicone_rod")
+    loose = replace(robot, drive=replace(robot.drive, backlash=5e-4))
+    write_robot(loose, tmp_path / "x.toml")
+    assert read_robot(tmp_path / "x.toml") == loose
+    assert nominal_twin(loose).backlash == (5e-4,) * 3
+    with pytest.raises(ValueError, match="only tendons driven by length have"):
+        Drive("tension", backlash=1e-4)
+
+
+@pytest.mark.parametrize("name", ["rig", "silicone_rod", "hanging_trunk"])
+def test_pretensions_of_moved_tendons_are_balanced(name):
+    """As near as may be; what was balanced stays as it is."""
+    robot, rng = find_robot(name), np.random.default_rng(0)
+    same = [t.pretension for t in with_balance(robot).tendons]
+    assert same == pytest.approx([t.pretension for t in robot.tendons])
+    moved = tuple(
+        replace(t.turned(0.1 * rng.uniform(), 1 + 0.1 * rng.uniform()), pretension=rng.uniform(1))
+        for t in robot.tendons
+    )
+    unbalanced = replace(robot, tendons=moved)
+    with pytest.raises(ValueError, match="must cancel each other"):
+        TendonMap(unbalanced)
+    found = with_balance(unbalanced)
+    TendonMap(found)
+    assert min(t.pretension for t in found.tendons) >= 0
+    for g in {t.group for t in robot.tendons}:
+        places = np.array([t.offset for t in found.tendons if t.group == g])
+        pulls = np.array([t.pretension for t in found.tendons if t.group == g])
+        assert np.abs(pulls @ places).max() < 1e-12
 
 
 @pytest.mark.parametrize(

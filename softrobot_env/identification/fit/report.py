@@ -21,7 +21,7 @@ from softrobot_env.writing import write_text
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
 
-_UNITS = {"log": ("%", 100.0), "rad": ("deg", 180 / np.pi), "m": ("mm", 1e3)}
+_UNITS = {"log": ("%", 100.0), "share": ("%", 100.0), "rad": ("deg", 180 / np.pi), "m": ("mm", 1e3)}
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ParameterRow:
         deviation: Standard deviation.
         low, high: 95 % interval.
         prior: Standard deviation of what was believed.
-        unit: "log", "rad", "m", "N", "1/m" or "s".
+        unit: "log", "share", "rad", "m", "N", "1/m" or "s".
         found: Whether it was free.
     """
 

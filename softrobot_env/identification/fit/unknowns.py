@@ -43,7 +43,7 @@ class Group:
         labels: One for each.
         spread: Of the prior, in its unit: standard deviation of what each has for itself; of all
             of them or of each.
-        unit: Of the numbers; "log" of factors exp(x).
+        unit: Of the numbers; "log" of factors exp(x), "share" of shares of one.
         common: Standard deviation of what all have in common.
     """
 
@@ -97,7 +97,7 @@ def groups(
         bends = ("towards x", "towards y")
         found.append(Group("precurvature", "geometry", bends, 0.1 / size, "1/m"))
         ways = ("along x", "along the diagonal")
-        found.append(Group("anisotropy", "geometry", ways, 0.05, "log"))
+        found.append(Group("anisotropy", "geometry", ways, 0.05, "share"))
     if any(robot.gravity):
         tilts = ("about x", "about y") if spatial else ("about y",)
         found.append(Group("gravity_tilt", "geometry", tilts, radians(3), "rad"))
