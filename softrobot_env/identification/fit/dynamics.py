@@ -33,13 +33,13 @@ class Dynamics:
     """What was found.
 
     Attributes:
-        robot: With its damping.
+        robot: With its damping, and with its friction in motion if that was to be found.
         delay: [s] of the markers.
         values: (2,) logarithm of the damping's factor, and delay [s].
         deviation: (2,) standard deviations.
         prior: (2,) those of the prior.
         modulus, friction: Logarithms of Young's modulus and of friction in motion over those of
-            the statics, and their standard deviations; the robot has the statics'.
+            the statics, and their standard deviations; zeros where there is no friction to find.
         before, after: RMS [m] of the markers' errors in the windows, their means left out.
         duration: [s] of the windows.
     """
@@ -72,7 +72,8 @@ def dynamics_of(
         modulus: Standard deviation of the logarithm of Young's modulus, as the statics left it. It
             may change with damping and delay, so that these are as uncertain as that makes them,
             but the robot of the result has what it had.
-        friction: Likewise of the tendons' friction in common; None where it is known.
+        friction: Likewise of the tendons' friction in common, which is found anew; None where it is
+            known, which then stays as it is.
         begin: (2,) logarithm of the damping's factor, and delay [s], where the search begins.
         show: Told each step and its RMS [m].
 
@@ -159,8 +160,10 @@ def dynamics_of(
     covariance[1, 1] += float(np.median(np.diff(windows.times)[same])) ** 2 / 12
     deviation = np.sqrt(np.diag(covariance))
     own = [(float(v), float(s)) for v, s in zip(values, deviation, strict=True)]
+    if friction is None or not any(t.friction > 0 for t in robot.tendons):
+        own[_FRICTION] = (0.0, 0.0)
     return Dynamics(
-        robot=built(np.array([values[0], 0.0, 0.0, 0.0])),
+        robot=built(np.array([values[0], 0.0, 0.0, own[_FRICTION][0]])),
         delay=float(values[1]),
         values=values[:2],
         deviation=deviation[:2],

@@ -224,10 +224,12 @@ def _in_motion(
 
     At rest, friction of tendons and backlash of servos do the same: tendons lag behind their
     commands. A robot that sways under a constant command tells friction alone; and how fast it
-    sways tells how stiff it is for its mass.
+    sways tells how stiff it is for its mass. Where no servo can have play, nothing is to be told
+    apart: friction is then that in motion.
     """
     unknowns, x = model.unknowns, fit.x.copy()
-    rubs, stiff = (unknowns.place(name) for name in ("tendon_friction", "youngs_modulus"))
+    rubs, play = (unknowns.place(name) for name in LAGS)
+    stiff = unknowns.place("youngs_modulus")
     first = dynamics_of(
         _named(model, fit),
         placed(moving, header(fit)),
@@ -235,17 +237,15 @@ def _in_motion(
         _common(unknowns, fit, "tendon_friction") if fit.free[rubs].any() else None,
         show=lambda n, _: show(n),
     )
-    facts = []
+    if play is None or not (fit.free[rubs].all() and fit.free[play].all()):
+        return first, fit
+    x[rubs] += first.friction[0]
+    rubbing = unknowns.common("tendon_friction")
+    facts = [Fact(rubbing, float(rubbing @ x), first.friction[1])]
     if fit.free[stiff].all():
         ratio = unknowns.common("youngs_modulus") - unknowns.common("mass")
         x[stiff] += first.modulus[0]
         facts.append(Fact(ratio, float(ratio @ x), first.modulus[1]))
-    if fit.free[rubs].all():
-        x[rubs] += first.friction[0]
-        rubbing = unknowns.common("tendon_friction")
-        facts.append(Fact(rubbing, float(rubbing @ x), first.friction[1]))
-    if not facts:
-        return first, fit
     model.unknowns = replace(unknowns, facts=tuple(facts))
     again = fitted(model, x, fit.free, fit.weights)
     second = dynamics_of(

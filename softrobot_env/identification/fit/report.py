@@ -110,6 +110,9 @@ def parameter_rows(found: Identification) -> list[ParameterRow]:
     for group in unknowns.groups:
         for label in group.labels:
             value, deviation = float(found.fit.x[place]), float(found.fit.deviation[place])
+            if dynamics is not None and group.name == "tendon_friction":
+                value += dynamics.friction[0]
+                deviation = float(np.hypot(deviation, dynamics.friction[1]))
             rows.append(
                 _parameter(
                     f"{group.name}: {label}",
