@@ -28,7 +28,7 @@ LEFT = {
     "howto/contacts.md": 7,
     "howto/environments.md": 2,
     "howto/gripper.md": 16,
-    "howto/identification.md": 11,
+    "howto/identification.md": 10,
     "howto/own_robot.md": 3,
     "howto/policies.md": 13,
     "howto/reduced_models.md": 1,
