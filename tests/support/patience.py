@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from softrobot_env.commands.robot import setup as real_setup
-from softrobot_env.commands.robot import soak
+from softrobot_env.commands.robot import record, soak
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware import driver
@@ -32,7 +32,7 @@ def patient_commands():
             yield robot._replace(file=replace(robot.file, watchdog=1.0, ttl=0.9))
 
     with patient_drivers(), pytest.MonkeyPatch.context() as patch:
-        for module in (real_setup, soak):
+        for module in (real_setup, record, soak):
             patch.setattr(module, "virtual_process", process)
         defaults = RealRigEnv.__init__.__kwdefaults__
         patch.setitem(defaults, "max_missed", 10_000)
