@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from signal import SIG_DFL, SIGINT, signal
-from threading import Lock
+from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -126,6 +126,18 @@ def using(workers: Workers | None) -> Iterator[None]:
         _CHOSEN.reset(token)
 
 
+def _begin_worker() -> None:
+    """End with the process that began this one, and in silence on Ctrl-C: that one tells of it."""
+    from multiprocessing import parent_process
+
+    def end() -> None:
+        parent_process().join()
+        os._exit(1)
+
+    signal(SIGINT, SIG_DFL)
+    Thread(target=end, daemon=True).start()
+
+
 @contextmanager
 def worker_processes(count: int | None = None) -> "Iterator[Executor]":
     """Processes to submit jobs to, each with one thread for linear algebra.
@@ -150,8 +162,8 @@ def worker_processes(count: int | None = None) -> "Iterator[Executor]":
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # what is started meanwhile inherits it
     pool = ProcessPoolExecutor(
-        chosen.count or count or usable_cores(), get_context("spawn"), signal, (SIGINT, SIG_DFL)
-    )  # Ctrl-C ends them in silence: this process tells of it
+        chosen.count or count or usable_cores(), get_context("spawn"), _begin_worker
+    )
     try:
         yield pool
     finally:

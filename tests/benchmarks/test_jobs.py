@@ -3,7 +3,11 @@
 import os
 import pickle
 import signal
+import subprocess
+import sys
+import time
 from functools import partial
+from pathlib import Path
 
 import pytest
 
@@ -62,6 +66,39 @@ def test_jobs_of_a_killed_process_are_begun_anew(tmp_path):
 def test_processes_that_always_end_are_told_of():
     with pytest.raises(RuntimeError, match=r"ended 3 times.*job 0"):
         run_in_processes(jobs(always_dies, 1), processes=1)
+
+
+ORPHANS = """
+import os, sys, time
+from pathlib import Path
+from softrobot_env.processes import worker_processes
+
+if __name__ == "__main__":
+    with worker_processes(1) as pool:
+        Path(sys.argv[1]).write_text(str(pool.submit(os.getpid).result()))
+        time.sleep(60)
+"""
+
+
+def runs(process):
+    try:
+        return Path(f"/proc/{process}/stat").read_text().split()[2] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="needs /proc")
+def test_workers_end_with_a_command_that_is_killed(tmp_path):
+    script, told = tmp_path / "script.py", tmp_path / "pid"
+    script.write_text(ORPHANS)
+    with subprocess.Popen([sys.executable, script, told]) as command:
+        while not told.is_file() or not told.read_text():
+            time.sleep(0.05)
+        command.kill()
+    until = time.monotonic() + 20
+    while runs(told.read_text()) and time.monotonic() < until:
+        time.sleep(0.05)
+    assert not runs(told.read_text())
 
 
 def test_a_stopped_run_goes_on_where_it_was(tmp_path):
