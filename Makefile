@@ -14,7 +14,7 @@ export MKL_NUM_THREADS ?= 1
 # in the order of tests/conftest.py: what compiles longest first.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: setup evaluate check test slow test-clients lint docs demo test-demo clean
+.PHONY: setup evaluate check test slow test-clients test-cluster lint docs demo test-demo clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -29,7 +29,7 @@ check: lint
 	$(PYTEST) --quick -m "not slow"
 
 test: .venv/.setup-test
-	$(PYTEST) -m "not slow"
+	$(PYTEST) -m "not slow and not cluster"
 
 # What takes minutes: trainings, ANCF, Cosserat as a plant, whole studies, the wheel, and every
 # benchmark's quick run.
@@ -40,6 +40,11 @@ slow: .venv/.setup-test
 # .venv/clients; CLIENTS="torchrl skrl" picks some. Prints the table of docs/clients.md.
 test-clients: .venv/bin/python
 	$(BIN)/python tests/clients/run.py $(CLIENTS)
+
+# Studies on a Ray cluster of two nodes of this machine, one of which is killed.
+test-cluster: .venv/.setup-test
+	$(PIP) install --quiet -c constraints.txt -e '.[cluster]'
+	$(BIN)/python -m pytest tests/cluster
 
 # The documentation site in out/docs; warnings, which broken links are, end it.
 docs: .venv/.setup-docs

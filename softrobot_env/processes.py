@@ -1,4 +1,4 @@
-"""One thread for linear algebra: in commands, in processes of our own, and for a while in others.
+"""Where work is done: with how many threads, in how many processes, or on a Ray cluster.
 
 The matrices of this package are small: more threads gain nothing, and where other programs run they
 wait for each other, which makes such work up to fifty times slower.
@@ -8,14 +8,16 @@ import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from signal import SIG_DFL, SIGINT, signal
-from threading import Lock
+from threading import Lock, Thread
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from concurrent.futures import ProcessPoolExecutor
+    from concurrent.futures import Executor
 
     from threadpoolctl import ThreadpoolController
 
@@ -83,21 +85,85 @@ def usable_cores() -> int:
     return len(allowed(0)) if allowed else os.cpu_count() or 1
 
 
-@contextmanager
-def worker_processes(count: int | None = None) -> "Iterator[ProcessPoolExecutor]":
-    """Fresh processes, each with one thread for linear algebra.
+@dataclass(frozen=True)
+class Workers:
+    """Where independent jobs run.
 
-    As many as given, or as there are cores that they may run on. What waits when the context is
-    left is not begun any more.
+    Attributes:
+        count: Processes of this machine; None for as many as who starts them wants.
+        ray: Address of a Ray cluster, "local" for one that is started here; None for no Ray.
     """
+
+    count: int | None = None
+    ray: str | None = None
+
+
+_AS_WANTED = Workers()
+_CHOSEN: ContextVar[Workers] = ContextVar("workers", default=_AS_WANTED)
+
+
+def parsed_workers(text: str) -> Workers:
+    """Workers from `N`, `ray` or `ray:ADDRESS`.
+
+    Raises:
+        ValueError: It is none of them.
+    """
+    kind, _, address = text.partition(":")
+    if kind == "ray" and text != "ray:":
+        return Workers(ray=address or "local")
+    if text.isascii() and text.isdigit() and int(text) > 0:
+        return Workers(int(text))
+    raise ValueError(f"{text!r} is not a number of processes, ray or ray:ADDRESS")
+
+
+@contextmanager
+def using(workers: Workers | None) -> Iterator[None]:
+    """Within it, `worker_processes` are these; None changes nothing."""
+    token = _CHOSEN.set(workers or _CHOSEN.get())
+    try:
+        yield
+    finally:
+        _CHOSEN.reset(token)
+
+
+def _begin_worker() -> None:
+    """End with the process that began this one, and in silence on Ctrl-C: that one tells of it."""
+    from multiprocessing import parent_process
+
+    def end() -> None:
+        parent_process().join()
+        os._exit(1)
+
+    signal(SIGINT, SIG_DFL)
+    Thread(target=end, daemon=True).start()
+
+
+@contextmanager
+def worker_processes(count: int | None = None) -> "Iterator[Executor]":
+    """Processes to submit jobs to, each with one thread for linear algebra.
+
+    Fresh processes of this machine, as many as given, or as there are cores that they may run on;
+    or what was chosen by `using`. What waits when the context is left is not begun any more.
+
+    Raises:
+        ImportError: Ray was chosen and is not installed.
+        ConnectionError: There is no Ray cluster at the address.
+    """
+    chosen = _CHOSEN.get()
+    if chosen.ray is not None:
+        from softrobot_env.cluster import ray_executor
+
+        with ray_executor(chosen.ray, dict.fromkeys(THREADS, "1")) as cluster:
+            yield cluster
+        return
     from concurrent.futures import ProcessPoolExecutor  # every import of the package comes here
     from multiprocessing import get_context
 
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # what is started meanwhile inherits it
     pool = ProcessPoolExecutor(
-        count or usable_cores(), get_context("spawn"), signal, (SIGINT, SIG_DFL)
-    )  # Ctrl-C ends them in silence: this process tells of it
+        chosen.count or count or usable_cores(), get_context("spawn"), _begin_worker
+    )
     try:
         yield pool
     finally:

@@ -33,6 +33,7 @@ FOUNDATION = {
     "fields",
     "toml_text",
     "artifacts",
+    "cluster",
     "extras",
     "vector_reading",
     "registration",

@@ -29,12 +29,15 @@ class Benchmark:
         plot: Draws records to a PNG of the given path, and others beside it; None if there is no
             picture.
         options: Further keywords of `run`, out of those of `softrobot benchmark`.
+        alone: Whether it runs one job after the other, as it measures times that other jobs would
+            lengthen, or as its parts need each other.
     """
 
     run: Callable[..., Records]
     tables: Callable[[Records], Group]
     plot: Callable[[Records, Path], None] | None = None
     options: tuple[str, ...] = ()
+    alone: bool = False
 
 
 def _in_folder(
@@ -42,20 +45,21 @@ def _in_folder(
     run: str = "run:run",
     plot: str | None = "plots:plot",
     options: tuple[str, ...] = (),
+    alone: bool = False,
 ) -> Callable[[], Benchmark]:
     """What loads the benchmark in a folder; its functions are at these places in it."""
     places = (run, "tables:tables") if plot is None else (run, "tables:tables", plot)
     paths = [f"{__package__}.{name}.{place}" for place in places]
-    return lambda: Benchmark(*map(load, paths), options=options)
+    return lambda: Benchmark(*map(load, paths), options=options, alone=alone)
 
 
 #: Name -> function that loads the benchmark.
 BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
     "benchmark",
     {
-        "accuracy": _in_folder("accuracy"),
+        "accuracy": _in_folder("accuracy", alone=True),
         "contacts": _in_folder("contacts"),
-        "controllers": _in_folder("controllers"),
+        "controllers": _in_folder("controllers", alone=True),
         "feedback": _in_folder("feedback"),
         "generalization": _in_folder("generalization"),
         "gripper": _in_folder("gripper"),
@@ -64,14 +68,14 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "learning": _in_folder("learning"),
         "ppo_defaults": _in_folder("ppo_defaults"),
         "reduction": _in_folder("reduction"),
-        "rig": _in_folder("rig"),
+        "rig": _in_folder("rig", alone=True),
         "rig_networks": _in_folder("rig_networks", run="run:run_on_twin"),
         "scenes": _in_folder("scenes", options=("count", "seed")),
-        "sections": _in_folder("sections"),
-        "sensing": _in_folder("sensing"),
-        "speed": _in_folder("speed", plot=None),
-        "stability": _in_folder("stability"),
-        "thesis": _in_folder("thesis", plot="figures:plot"),
+        "sections": _in_folder("sections", alone=True),
+        "sensing": _in_folder("sensing", alone=True),
+        "speed": _in_folder("speed", plot=None, alone=True),
+        "stability": _in_folder("stability", alone=True),
+        "thesis": _in_folder("thesis", plot="figures:plot", alone=True),
         "transfer": _in_folder("transfer"),
     },
 )

@@ -8,6 +8,7 @@ from pathlib import Path
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
+from softrobot_env.processes import Workers, parsed_workers
 from softrobot_env.registries import is_path
 from softrobot_env.robots import ROBOTS, RobotParams
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
@@ -39,6 +40,24 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
         f"default: {DEFAULT_SHARE}".replace("%", "%%"),
     )
     group.add_argument("--integrator", help=f"out of {', '.join(INTEGRATORS)}; default: by rule")
+
+
+def add_workers(parser: argparse._ActionsContainer, note: str = "") -> None:
+    """--workers, for `processes.using`; None unless given."""
+    parser.add_argument(
+        "--workers",
+        type=_workers,
+        metavar="N|ray[:ADDRESS]",
+        help="run jobs in N processes, or on a Ray cluster: one started here, or the one at "
+        f"HOST:PORT or auto{note}",
+    )
+
+
+def _workers(text: str) -> Workers:
+    try:
+        return parsed_workers(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def scene_options(args: argparse.Namespace) -> dict[str, object]:

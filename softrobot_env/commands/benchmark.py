@@ -5,11 +5,13 @@ from pathlib import Path
 
 from rich.console import Console
 
+from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark, measured
-from softrobot_env.commands.arguments import seed
+from softrobot_env.commands.arguments import add_workers, seed
 from softrobot_env.commands.output import add_out, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.evaluation.report import write_json
+from softrobot_env.processes import using
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.writing import write_text
 
@@ -31,6 +33,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     for name, what in _OPTIONS.items():
         parser.add_argument(f"--{name}", type=seed, metavar="N", help=what)
     parser.add_argument("--robot", metavar="ROBOT", help=argparse.SUPPRESS)
+    add_workers(parser, "; default: as many processes as the benchmark is made for")
     add_out(parser, "out/benchmark", "; a folder of what is measured is made in it")
 
 
@@ -43,6 +46,8 @@ def run(args: argparse.Namespace) -> int:
         )
     benchmark = BENCHMARKS.find(args.what)()
     options = _own_options(args, benchmark.options)
+    if benchmark.alone and args.workers is not None:
+        raise ValueError(f"the benchmark {args.what} runs one job after the other: no --workers")
     console = Console()
     out = args.out / args.what
     with new_results(out, args.overwrite):
@@ -58,13 +63,20 @@ def _measure(
     console: Console,
 ) -> None:
     """Run, print and write."""
-    with progress_on(console) as progress:
+    study = f"{args.what} quick={args.quick} {sorted(options.items())}"
+    with (
+        progress_on(console) as progress,
+        using(args.workers),
+        kept_in(out, study) as journal,
+    ):
         bar = progress.add_task(args.what, total=None)
 
         def show(description: str, done: int, total: int) -> None:
             progress.update(bar, description=description, completed=done, total=total)
 
         records = benchmark.run(args.quick, show, **options)
+    if journal.taken:
+        console.print(f"Took up {journal.taken} jobs that were done when an earlier run stopped")
     write_json(out / "report.json", [record.row() for record in records], args.command_line)
     tables = benchmark.tables(records)
     console.print(tables)

@@ -3,18 +3,21 @@
 import argparse
 from contextlib import closing
 from dataclasses import asdict, dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from softrobot_env.benchmarks.jobs import run_in_processes
+from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.commands.arguments import (
     add_feedback,
     add_learnt,
     add_plant,
     add_robot,
     add_twin,
+    add_workers,
     or_all,
     policy,
     positive,
@@ -37,9 +40,22 @@ from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rows import EvaluatedRow
 from softrobot_env.extras import install_command
 from softrobot_env.hardware.errors import RobotError
+from softrobot_env.processes import using
 from softrobot_env.recordings import write_recording
 from softrobot_env.tasks import TASKS, UNSEEN_TASKS, WITH_OPTION
 from softrobot_env.writing import write_text
+
+#: Arguments that no episode depends on.
+_ELSEWHERE = (
+    "workers",
+    "out",
+    "overwrite",
+    "record",
+    "no_plots",
+    "save_rollouts",
+    "command_line",
+    "command_run",
+)
 
 EXAMPLE = """softrobot evaluate --tasks swing --vary youngs_modulus=0.5,0.75,1,1.25,1.5
   softrobot evaluate --tasks triangle --option period=5,1 --twin 0
@@ -62,6 +78,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     _add_real(parser.add_argument_group("rigs over a serial line"))
     add_feedback(parser.add_argument_group("feedback"))
     add_plant(parser)
+    add_workers(
+        parser.add_argument_group("episodes side by side"),
+        ", and take up those that are done after a stop; decisions take longer than alone; "
+        "default: one after the other",
+    )
     out = parser.add_argument_group("what is written")
     add_out(out, "out/evaluate")
     out.add_argument("--no-plots", action="store_true", help="skip the plots")
@@ -216,12 +237,17 @@ def _evaluate(args: argparse.Namespace, console: Console) -> int:
     """Run all cases and write."""
     if args.record is not None and args.record.is_dir():
         check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
+    if args.workers is not None and args.env != SIMULATED:
+        raise ValueError(f"--workers: only with --env {SIMULATED}")
     setup = make_setup(args)
     cases = make_cases(args, setup)
     missing = left_out(args, cases)
     if missing:
         console.print(f"Left out {', '.join(missing)}: {install_command('mpc')}", markup=False)
-    results = _run_cases(cases, setup, console)
+    if args.workers is None:
+        results = _run_cases(cases, setup, console)
+    else:
+        results = _run_side_by_side(cases, args, console)
     _write(results, args, console)
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
@@ -245,6 +271,28 @@ def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list
                 console.print(f"Ended before {case.label}: {error}")
                 break
             progress.update(bar, completed=count + 1)
+    return results
+
+
+def _run_side_by_side(
+    cases: list[runner.Case], args: argparse.Namespace, console: Console
+) -> list[Result]:
+    """Results in processes, those of an earlier run that was stopped taken up."""
+    given = {k: v for k, v in vars(args).items() if k not in _ELSEWHERE}
+    with (
+        progress_on(console) as progress,
+        using(args.workers),
+        kept_in(args.out, f"evaluate {sorted(given.items())}") as journal,
+    ):
+        bar = progress.add_task("evaluate", total=len(cases))
+
+        def show(description: str, done: int, total: int) -> None:
+            progress.update(bar, description=description, completed=done, total=total)
+
+        jobs = [(case.label, partial(runner.run, case)) for case in cases]
+        results = [Result(outcome) for outcome in run_in_processes(jobs, show)]
+    if journal.taken:
+        console.print(f"Took up {journal.taken} episodes of an earlier run that was stopped")
     return results
 
 

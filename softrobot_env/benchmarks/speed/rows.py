@@ -10,7 +10,7 @@ class Row(Record):
     """How long something takes; None where a field does not apply.
 
     Attributes:
-        what: "env.step", "moving", "vector env.step", "robots", "decision", "start" or
+        what: "env.step", "moving", "vector env.step", "robots", "decision", "scaling", "start" or
             "render".
         variant: Environment, policy, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
@@ -26,6 +26,8 @@ class Row(Record):
         dof: Degrees of freedom of the robot.
         period, longest, stacked: [s], of decisions: the control period, the computing time of the
             longest one, and the time of a call for 256 environments.
+        efficiency, started: Of several cores: the speed-up over their number, and the time [s]
+            until processes had loaded what they need; `seconds` is then that of a job.
     """
 
     what: str
@@ -45,6 +47,8 @@ class Row(Record):
     period: float | None = None
     longest: float | None = None
     stacked: float | None = None
+    efficiency: float | None = None
+    started: float | None = None
 
 
 def step_row(

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.benchmarks.jobs import Progress, quiet
-from softrobot_env.benchmarks.speed import decisions, moving, robots, vector
+from softrobot_env.benchmarks.speed import decisions, moving, robots, scaling, vector
 from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.benchmarks.speed.startup import frame_time, startup_times
 from softrobot_env.envs.base import EpisodeEnv
@@ -40,7 +40,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
 
     Returns:
         Rows of single environments, of a moving arm by accuracy, of vector environments, of
-        batches of robots, of decisions and waits.
+        batches of robots, of decisions, of several cores and waits.
     """
     contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS, RIG)}
     rounds, show = 80 if quick else 300, progress or quiet
@@ -56,6 +56,8 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     steps = [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
     steps += moving.run(quick) + vector.run(quick) + robots.run(quick)
     steps += decisions.run(quick, show)
+    show("several cores", rounds, rounds)
+    steps += scaling.run(quick)
     return steps + [Row(*w, seconds=time) for w, time in waits.items()]
 
 

@@ -37,6 +37,13 @@ _DECISIONS = (
     Column("longest ms\nof computing", "longest", ".3f", "ms"),
     Column("256 stacked\nms", "stacked", ".2f", "ms"),
 )
+_SCALING = (
+    Column("several cores", "variant"),
+    Column("cores", "threads", "d"),
+    Column("efficiency", "efficiency", ".2f"),
+    Column("ready\nafter s", lambda row: number(row.started, ".1f", missing="-"), ">"),
+    Column("job or\nstep s", "seconds", ".2g"),
+)
 _WAITS = (
     Column("", "variant"),
     Column("ms", lambda row: number(row.seconds, ".1f", "ms", missing="no OpenGL"), ">"),
@@ -44,17 +51,20 @@ _WAITS = (
 
 
 def tables(rows: list[Row]) -> Group:
-    """One table of steps, of a moving arm by accuracy, of batches, decisions, waiting times."""
+    """A table of steps, a moving arm by accuracy, batches, decisions, several cores, waits."""
     moving = [row for row in rows if row.accuracy is not None]
     robots = [row for row in rows if row.dof is not None]
     decisions = [row for row in rows if row.period is not None]
-    waits = [row for row in rows if row.steps_per_second is None and row.period is None]
-    steps = [row for row in rows if row not in moving + robots + decisions + waits]
+    scaling = [row for row in rows if row.efficiency is not None]
+    others = moving + robots + decisions + scaling
+    waits = [row for row in rows if row.steps_per_second is None and row not in others]
+    steps = [row for row in rows if row not in others + waits]
     parts = (
         (_STEPS, steps),
         (_MOVING, moving),
         (_ROBOTS, robots),
         (_DECISIONS, decisions),
+        (_SCALING, scaling),
         (_WAITS, waits),
     )
     return Group(*(make_table("", columns, kind) for columns, kind in parts))

@@ -1,0 +1,103 @@
+"""Jobs on a Ray cluster of two nodes of this machine: `make test-cluster`."""
+
+import json
+import os
+import time
+from functools import partial
+from threading import Thread
+
+import pytest
+
+ray = pytest.importorskip("ray")
+from ray.cluster_utils import Cluster  # noqa: E402
+
+from softrobot_env.benchmarks.jobs import run_in_processes  # noqa: E402
+from softrobot_env.cli import main  # noqa: E402
+from softrobot_env.processes import Workers, using  # noqa: E402
+
+pytestmark = [pytest.mark.cluster, pytest.mark.filterwarnings("default")]
+
+COUNT = 24
+
+
+@pytest.fixture
+def two_nodes():
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1})
+    node = cluster.add_node(num_cpus=1)
+    cluster.wait_for_nodes()
+    yield cluster, node
+    ray.shutdown()
+    cluster.shutdown()
+
+
+def square_at(folder, seconds, number):
+    node = ray.get_runtime_context().get_node_id()
+    (folder / f"{number}-{node}-{os.getpid()}").touch()
+    time.sleep(seconds)
+    return number**2
+
+
+def fails(number):
+    raise ValueError(f"job {number} fails")
+
+
+def exits(number):
+    os._exit(1)
+
+
+def jobs(work, count=COUNT):
+    return [(f"job {number}", partial(work, number)) for number in range(count)]
+
+
+def test_a_node_that_is_killed_costs_no_row(two_nodes, tmp_path):
+    cluster, node = two_nodes
+    killed = []
+
+    def kill():
+        while len(list(tmp_path.iterdir())) < 6:
+            time.sleep(0.05)
+        cluster.remove_node(node, allow_graceful=False)
+        killed.append(len(list(tmp_path.iterdir())))
+
+    thread = Thread(target=kill)
+    thread.start()
+    with using(Workers(ray=cluster.address)):
+        found = run_in_processes(jobs(partial(square_at, tmp_path, 0.3)))
+    thread.join()
+    assert found == [number**2 for number in range(COUNT)]
+    assert killed[0] < COUNT  # it was in the middle
+    assert len({path.name.split("-")[1] for path in tmp_path.iterdir()}) == 2
+
+
+def test_an_error_of_a_job_is_that_of_the_job(two_nodes):
+    with using(Workers(ray=two_nodes[0].address)), pytest.raises(ValueError) as told:
+        run_in_processes(jobs(fails, 3))
+    assert str(told.value).startswith("job ") and "\n" not in str(told.value)
+
+
+def test_a_job_that_ends_its_worker_each_time_is_given_up(two_nodes):
+    with using(Workers(ray=two_nodes[0].address)), pytest.raises(RuntimeError, match="gave a job"):
+        run_in_processes(jobs(exits, 1))
+
+
+def test_an_address_without_a_cluster_is_refused(tmp_path, capsys):
+    call = ["evaluate", "--tasks", "step", "--step-widths", "0.05", "--policies", "lqi", "--out"]
+    assert main([*call, str(tmp_path), "--workers", "ray:127.0.0.1:1"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "no Ray cluster at '127.0.0.1:1'" in line
+
+
+def test_rows_are_those_of_one_process(two_nodes, tmp_path):
+    call = ["evaluate", "--tasks", "step", "swing", "--step-widths", "0.05", "--duration", "1"]
+    call += ["--policies", "feedforward", "lqi", "lq_preview", "--no-plots", "--out"]
+    assert main([*call, str(tmp_path / "alone")]) == 0
+    address = two_nodes[0].address
+    assert main([*call, str(tmp_path / "ray"), "--workers", f"ray:{address}"]) == 0
+    alone, shared = (
+        json.loads((tmp_path / name / "report.json").read_text())["rows"]
+        for name in ("alone", "ray")
+    )
+    times = {"policy_time_median", "policy_time_p99", "realtime_factor"}
+    assert [{k: v for k, v in row.items() if k not in times} for row in shared] == [
+        {k: v for k, v in row.items() if k not in times} for row in alone
+    ]
