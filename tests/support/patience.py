@@ -5,8 +5,8 @@ from dataclasses import replace
 
 import pytest
 
-from softrobot_env.commands.robot import setup as real_setup
 from softrobot_env.commands.robot import record, soak
+from softrobot_env.commands.robot import setup as real_setup
 from softrobot_env.commands.robot.virtual import virtual_process
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware import driver
