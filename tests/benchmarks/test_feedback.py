@@ -94,8 +94,10 @@ def test_a_robot_without_identified_parameters_is_told_what_to_take():
 
 def test_tables_show_the_thesis_and_what_failed():
     rows = [
-        LapRow(SLOW, CAMERA, "rig_nn", 0, "offset 2 mm", 9e-3, 8e-3, 2e-2, 31.3e-3, None),
-        LapRow(SLOW, CAMERA, "rig_nn_p", 0, "offset 2 mm", None, None, None, 26.9e-3, "diverged"),
+        LapRow(SLOW, CAMERA, "rig_nn", 0, "offset 2 mm", 9e-3, 8e-3, 2e-2, 9e-3, 31.3e-3, None),
+        LapRow(
+            SLOW, CAMERA, "rig_nn_p", 0, "offset 2 mm", None, None, None, None, 26.9e-3, "diverged"
+        ),
         *gains.gain_rows(),
     ]
     parts = tables(rows).renderables

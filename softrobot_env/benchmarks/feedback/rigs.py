@@ -12,7 +12,7 @@ LATE = 0.1
 _OFFSETS = {"offset 2 mm": 2e-3, "offset 7 mm": 7e-3}
 
 #: [kg] at the head. The thesis does not tell its weight.
-_WEIGHTS = {"weight 40 g": 0.04}
+_WEIGHTS = {"weight 20 g": 0.02, "weight 40 g": 0.04}
 
 #: Names of all disturbances, "" for none.
 DISTURBANCES = ("", *_OFFSETS, *_WEIGHTS)

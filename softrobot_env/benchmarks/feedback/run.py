@@ -9,7 +9,7 @@ import numpy as np
 from softrobot_env.benchmarks.feedback.gains import GainRow, gain_rows
 from softrobot_env.benchmarks.feedback.rigs import DISTURBANCES, disturbed
 from softrobot_env.benchmarks.feedback.sensed import rig_with_sensor, sensed
-from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
+from softrobot_env.benchmarks.jobs import Job, Progress, run_in_processes
 from softrobot_env.benchmarks.records import Record, drawn
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
@@ -59,6 +59,7 @@ class LapRow(Record):
         disturbance: One of `rigs.DISTURBANCES`.
         rms, mean, largest: Error [m] of the tip over the lap, or the laps at full speed; None where
             the episode failed.
+        last: RMS error [m] of the last lap at full speed, when policies that learn have learned.
         thesis: The RMS error [m] that the thesis prints, or None.
         failure: What went wrong, or None.
         trace: The episode.
@@ -72,6 +73,7 @@ class LapRow(Record):
     rms: float | None
     mean: float | None
     largest: float | None
+    last: float | None
     thesis: float | None
     failure: str | None
     trace: Rollout | None = drawn()  # noqa: RUF009
@@ -102,7 +104,8 @@ def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
         own = product(OURS[-1:], twins, disturbances)
         cases += [(FAST, fast, SENSOR, *case) for case in own]
     jobs = [_job(*case) for case in cases]
-    return run_jobs([*jobs, ("gains", gain_rows)], progress)
+    found = run_in_processes([*jobs, ("gains", gain_rows)], progress)
+    return [row for rows in found for row in rows]
 
 
 def _laps(task: Task) -> Task:
@@ -124,6 +127,8 @@ def lap_row(
     begin, end = run.lap_time
     on_lap = (rollout.time >= begin + run.ramp) & (rollout.time <= end - run.ramp)
     error, failed = rollout.error[on_lap], rollout.failure is not None
+    lap = 2 * np.pi * run.radius / run.speed
+    last = rollout.error[on_lap & (rollout.time >= end - run.ramp - lap)]
     shown = twin == SHOWN and path == SLOW and (seen_by == CAMERA or policy == OURS[-1])
     return LapRow(
         path=path,
@@ -134,6 +139,7 @@ def lap_row(
         rms=None if failed else float(np.sqrt(np.mean(error**2))),
         mean=None if failed else float(error.mean()),
         largest=None if failed else float(error.max()),
+        last=None if failed else float(np.sqrt(np.mean(last**2))),
         thesis=PRINTED.get((policy, disturbance)) if path == SLOW else None,
         failure=rollout.failure,
         trace=rollout if shown else None,

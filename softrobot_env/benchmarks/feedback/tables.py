@@ -16,21 +16,23 @@ _NOTE = (
     f"The tip is seen {1e3 * LATE:g} ms late, by a camera or a curvature sensor with the errors of "
     "the twin; the sensor is calibrated by 120 postures at rest. Policies know the parameters of "
     "twin 0 and no disturbance. An offset of 7 mm is what makes the thesis' feedforward err as "
-    "printed; its weight is not told, 40 g are ours."
+    "printed; its weight is not told, 20 and 40 g are ours."
 )
 
 
 def tables(rows: list[Row]) -> Group:
     """Errors by disturbance beside the thesis', and gains."""
     laps = of_kind(rows, LapRow)
-    parts = [
-        _errors(path, by, mine) for (path, by), mine in groups(laps, "path", "seen_by").items()
-    ]
+    parts = []
+    for (path, by), mine in groups(laps, "path", "seen_by").items():
+        parts.append(_errors(path, by, mine))
+        if path != SLOW:
+            parts.append(_errors(f"the last of {path}", by, mine, "last"))
     failed = [Text(f"{r.policy}, {r.disturbance}: {r.failure}") for r in laps if r.failure]
     return Group(*parts, _gains(of_kind(rows, GainRow)), Text(_NOTE), *failed)
 
 
-def _errors(path: str, seen_by: str, rows: list[LapRow]) -> Table:
+def _errors(path: str, seen_by: str, rows: list[LapRow], field: str = "rms") -> Table:
     """RMS errors: twin 0, median of the others, and the thesis'."""
     disturbances = [d for (d,) in groups(rows, "disturbance")]
     title = (
@@ -40,12 +42,12 @@ def _errors(path: str, seen_by: str, rows: list[LapRow]) -> Table:
     out = new_table(title, ("policy",), [d or "undisturbed" for d in disturbances])
     for policy in names(rows):
         mine = [select(rows, policy=policy, disturbance=d) for d in disturbances]
-        out.add_row(policy, *map(_cell, mine))
+        out.add_row(policy, *(_cell(each, field) for each in mine))
     return out
 
 
-def _cell(rows: list[LapRow]) -> str:
-    values = [row.rms for row in rows]
+def _cell(rows: list[LapRow], field: str) -> str:
+    values = [getattr(row, field) for row in rows]
     if not values or None in values:
         return "failed" if values else "-"
     first, *others = (1e3 * value for value in values)
