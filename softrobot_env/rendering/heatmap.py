@@ -1,4 +1,4 @@
-"""Maps of numbers by lines and columns, coloured from good to bad on a logarithmic scale."""
+"""Maps of numbers by lines and columns: light is good, dark is bad, on a logarithmic scale."""
 
 from collections.abc import Sequence
 
@@ -34,8 +34,8 @@ def heatmap(
     shown, norm = np.ma.masked_invalid(np.clip(values, *colours)), LogNorm(*colours)
     axis.grid(False)
     axis.set_facecolor(_EMPTY)
-    axis.pcolormesh(shown, cmap="RdYlGn_r", norm=norm, edgecolors="white", lw=1)
-    dark = np.abs(norm(shown) - 0.5) > 0.4
+    axis.pcolormesh(shown, cmap="viridis_r", norm=norm, edgecolors="white", lw=1)
+    dark = norm(shown) > 0.55
     for i, j in np.ndindex(values.shape):
         colour = "white" if dark[i, j] else "black"
         if np.isnan(values[i, j]):

@@ -111,7 +111,7 @@ def figure(rows: list[FrontRow]) -> "Figure":
             points = [(row.evaluations, 1e3 * row.error) for row in mine]
             axes.loglog(*zip(*points, strict=True), "o-", label=name, markersize=3)
         axes.set(title=case, xlabel="force evaluations per control period")
-    panels[0, 0].set_ylabel("error mm")
+    panels[0, 0].set_ylabel("error [mm]")
     add_legend(drawn, panels[0, 0])
     return drawn
 
