@@ -38,6 +38,7 @@ class Dynamics:
         values: (2,) logarithm of the damping's factor, and delay [s].
         deviation: (2,) standard deviations.
         prior: (2,) those of the prior.
+        by_friction: (2,) how values change with the logarithm of the friction, the rest fitted.
         modulus, friction: Logarithms of Young's modulus and of friction in motion over those of
             the statics, and their standard deviations; zeros where there is no friction to find.
         before, after: RMS [m] of the markers' errors in the windows, their means left out.
@@ -49,6 +50,7 @@ class Dynamics:
     values: np.ndarray
     deviation: np.ndarray
     prior: np.ndarray
+    by_friction: np.ndarray
     modulus: tuple[float, float]
     friction: tuple[float, float]
     before: float
@@ -154,6 +156,7 @@ def dynamics_of(
             show(step + 1, _rms(here))
         if moved.max() < 2e-3:
             break
+    noise = np.linalg.inv(normal)
     covariance = clustered(slopes, here, normal, variance, windows.runs)
     # When within a sample a command begins is not told.
     same = np.diff(windows.runs) == 0
@@ -168,6 +171,7 @@ def dynamics_of(
         values=values[:2],
         deviation=deviation[:2],
         prior=prior[:2],
+        by_friction=noise[:2, _FRICTION] / noise[_FRICTION, _FRICTION],
         modulus=own[_MODULUS],
         friction=own[_FRICTION],
         before=before,
