@@ -1,6 +1,7 @@
 """Tables of named columns, CSV and Parquet."""
 
 import csv
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +13,8 @@ from softrobot_env.writing import whole
 
 #: Columns (t,) by name.
 Columns = dict[str, np.ndarray]
+
+_DECIMAL_COMMA = re.compile(r"^(\s*[-+]?\d*),(\d+(?:[eE][-+]?\d+)?\s*)$")
 
 
 def check_writable(path: Path | str) -> None:
@@ -39,13 +42,18 @@ def write_columns(columns: Columns, path: Path | str) -> None:
 def read_csv(path: Path) -> Columns:
     """The columns of a CSV file as texts; lines that begin with # are comments.
 
+    Columns are parted by what the line of names has most of: commas, tabs or semicolons. With
+    semicolons a decimal comma is a point.
+
     Raises:
         ValueError: It is no text, there are no rows, or one has another number of columns than
             there are names.
     """
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = list(csv.reader(line for line in file if not line.startswith("#")))
+            lines = [line for line in file if not line.startswith("#")]
+        parted = max(",\t;", key=lines[0].count) if lines else ","
+        rows = list(csv.reader(lines, delimiter=parted))
     except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{path}: no CSV file in UTF-8, or damaged: {error}") from None
     if not rows:
@@ -56,6 +64,8 @@ def read_csv(path: Path) -> Columns:
             raise ValueError(f"{path}: row {number} has {len(row)} columns instead of {len(names)}")
     if len(rows) == 1:
         raise ValueError(f"{path}: there are no rows below the names of the columns")
+    if parted == ";":
+        rows = [[_DECIMAL_COMMA.sub(r"\1.\2", text) for text in row] for row in rows]
     texts = np.array(rows[1:])
     return {name: texts[:, k] for k, name in enumerate(names)}
 

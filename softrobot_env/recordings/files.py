@@ -109,7 +109,7 @@ def _runs(columns: Columns, header: Header, rows: int) -> np.ndarray:
 def _times(columns: Columns, header: Header, runs: np.ndarray) -> np.ndarray:
     """(t,) [s] since the first row of each run."""
     if header.time is None:
-        times = np.arange(len(runs)) / header.rate_Hz
+        times = np.arange(len(runs)) / (header.rate_Hz or 1.0)
     else:
         times = _numbers(columns, header.time.column)
     first = np.flatnonzero(np.append(True, np.diff(runs) != 0))[: len(runs)]

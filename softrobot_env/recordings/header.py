@@ -203,7 +203,7 @@ class Header:
         commands: Its commands.
         marker: Its markers.
         time: Its times; rows come at `rate_Hz` unless given.
-        rate_Hz: Of the rows.
+        rate_Hz: Of the rows. A robot at rest needs neither: its rows then count as seconds.
         runs: Column whose value changes where another run begins: times start afresh, and a
             robot that is simulated begins at rest under the run's first command.
         static: Whether the robot is at rest in every row, as against moving between them.
@@ -228,7 +228,8 @@ class Header:
 
     def __post_init__(self) -> None:
         check_fields(self, "header")
-        if (self.time is None) == (self.rate_Hz is None):
+        given = (self.time is not None) + (self.rate_Hz is not None)
+        if given != 1 and not (self.static and not given):
             raise ValueError("header: give a table [time] or rate_Hz, and not both")
 
     @property

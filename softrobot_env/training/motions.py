@@ -127,16 +127,19 @@ def drives_of(robot: RobotParams, outputs: int, period: float | None = None) -> 
 
 
 def _taut(robot: RobotParams, actions: np.ndarray) -> np.ndarray:
-    """Actions (k, n_inputs) with the tendons of each group pulled in further, to the same sum.
+    """Actions (k, n_inputs) with tendons of the same end pulled in further, to the same sum.
 
     Those of the sample, the tendons' own stretch included, keep all tendons taut with the least
     tensions. With their sum at its largest, all tendons stay taut and actions are nearly linear in
-    the tensions that bend: the sum of the tensions of a group is constant, as in thesis sec. 3.1.2.
+    the tensions that bend: the sum of their tensions is constant, as in thesis sec. 3.1.2. A tendon
+    that ends alone stays as it is.
     """
     out = actions.copy()
-    groups = np.array([tendon.group for tendon in robot.tendons])
-    for group in np.unique(groups):
-        own = groups == group
+    ends = np.round([tendon.end for tendon in robot.tendons], 9)
+    for end in np.unique(ends):
+        own = ends == end
+        if own.sum() == 1:
+            continue
         sums = actions[:, own].sum(axis=1)
         out[:, own] += (np.quantile(sums, _TAUT) - sums)[:, None] / own.sum()
     return out

@@ -12,6 +12,7 @@ from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.identification.fit.assignment import assigned
+from softrobot_env.identification.fit.dynamics import windows_of
 from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, size
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.path import identify, placed
@@ -274,6 +275,23 @@ def test_rests_are_the_ends_of_times_without_a_command():
     assert np.array_equal(again.markers, rests.markers, equal_nan=True)
     with pytest.raises(ValueError, match="rests 7 times in the recording, fewer than 8: record"):
         at_rest(moving.part(slice(0, 700)))
+
+
+def test_windows_of_motion_are_whole_decays_led_by_the_pull_before():
+    rise = np.linspace(0, 1, 91)[1:]
+    cycle = np.concatenate([rise, np.ones(40), np.zeros(120)])  # pulled, held, let go
+    level = np.concatenate([np.zeros(40), np.tile(cycle, 6)])
+    times = 0.01 * np.arange(len(level))
+    markers = np.stack([np.append(0.0, level[:-1]), 0 * level, 0 * level], axis=1)[:, None]
+    header = Header(Commands("tension", ("a",), "N"), (Marker("x", "y", "z"),), rate_Hz=100.0)
+    labels, runs = np.full(len(level), ""), np.zeros(len(level), int)
+    windows = windows_of(Recording(header, times, level[:, None], markers, labels, runs))
+    assert np.bincount(windows.runs).tolist() == [250] * 5  # 12 s at most
+    for number in range(5):
+        mine = windows.runs == number
+        seen = np.isfinite(windows.markers[mine, 0, 0])
+        assert np.array_equal(windows.commands[mine][:131, 0], np.append(0.0, cycle[:130]))
+        assert not seen[:130].any() and seen[130:].all()
 
 
 def test_blocks_hold_whole_patterns():

@@ -7,8 +7,8 @@ import pytest
 
 from softrobot_env.learned.reduction import FitError, Record
 from softrobot_env.recordings.episodes import episode_recording
-from softrobot_env.robots import RIG, find_robot
-from softrobot_env.training.motions import Plan, collect, drives_of
+from softrobot_env.robots import RIG, ROBOTS, find_robot
+from softrobot_env.training.motions import Plan, _taut, collect, drives_of
 from softrobot_env.training.registry import TRAININGS, Order
 from softrobot_env.training.ssm import records_of, split_decays
 
@@ -74,3 +74,14 @@ def test_a_model_of_a_finger(tmp_path):
     figures = dict(TRAININGS["ssm"].run(Order(FINGER, path, 0, {"quick": True}), lambda *_: None))
     assert float(figures["mean error over 2 s, motion left out"].split()[0]) < 10
     assert isinstance(Record(np.zeros((3, 1)), np.zeros((3, 1)), 1.0), Record) and path.exists()
+
+
+def test_tendons_of_one_end_are_pulled_in_alike_whatever_their_groups_in_the_file():
+    rod = ROBOTS["silicone_rod"]
+    alone = replace(rod, tendons=tuple(replace(t, group=k) for k, t in enumerate(rod.tendons)))
+    actions = np.random.default_rng(0).uniform(-0.5, 0.5, (20, len(rod.tendons)))
+    taut = _taut(alone, actions)
+    assert np.array_equal(taut, _taut(rod, actions))
+    assert np.ptp(taut - taut.mean(axis=1, keepdims=True), axis=0).min() > 0.5
+    one = replace(rod, tendons=rod.tendons[:1])
+    assert np.array_equal(_taut(one, actions[:, :1]), actions[:, :1])

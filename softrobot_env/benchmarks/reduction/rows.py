@@ -88,7 +88,7 @@ class LoopRow(Record):
         period: [s] of a lap.
         mean, largest: [m], errors of the tip; None where the episode failed.
         goal: [m], of the mean, or None.
-        decision: [s], median time of a decision.
+        decision: [s] of the processor, median of a decision.
         longest: [s], 99 of 100 are shorter.
         failure: What went wrong, or None.
     """

@@ -38,6 +38,7 @@ class Dynamics:
         values: (2,) logarithm of the damping's factor, and delay [s].
         deviation: (2,) standard deviations.
         prior: (2,) those of the prior.
+        by_friction: (2,) how values change with the logarithm of the friction, the rest fitted.
         modulus, friction: Logarithms of Young's modulus and of friction in motion over those of
             the statics, and their standard deviations; zeros where there is no friction to find.
         before, after: RMS [m] of the markers' errors in the windows, their means left out.
@@ -49,6 +50,7 @@ class Dynamics:
     values: np.ndarray
     deviation: np.ndarray
     prior: np.ndarray
+    by_friction: np.ndarray
     modulus: tuple[float, float]
     friction: tuple[float, float]
     before: float
@@ -84,7 +86,7 @@ def dynamics_of(
         raise ValueError(
             f"robot {robot.name!r} has damping_time_s = 0: give a guess to begin with, such as 0.02"
         )
-    windows = _windows(recording)
+    windows = windows_of(recording)
 
     def built(values: np.ndarray) -> RobotParams:
         damping, _, modulus, friction = (float(np.exp(x)) for x in values)
@@ -154,6 +156,7 @@ def dynamics_of(
             show(step + 1, _rms(here))
         if moved.max() < 2e-3:
             break
+    noise = np.linalg.inv(normal)
     covariance = clustered(slopes, here, normal, variance, windows.runs)
     # When within a sample a command begins is not told.
     same = np.diff(windows.runs) == 0
@@ -168,6 +171,7 @@ def dynamics_of(
         values=values[:2],
         deviation=deviation[:2],
         prior=prior[:2],
+        by_friction=noise[:2, _FRICTION] / noise[_FRICTION, _FRICTION],
         modulus=own[_MODULUS],
         friction=own[_FRICTION],
         before=before,
@@ -176,7 +180,7 @@ def dynamics_of(
     )
 
 
-def _windows(recording: Recording) -> Recording:
+def windows_of(recording: Recording) -> Recording:
     """Parts of the recording, each from rest on, in which markers move fastest.
 
     Markers on the way to where a part begins do not count.
@@ -192,17 +196,19 @@ def _windows(recording: Recording) -> Recording:
     )
     quiet = change <= 1e-3 * np.ptp(recording.commands, axis=0).max()
     begins = np.flatnonzero(~quiet & np.append(True, quiet[:-1]) & same) - 1
+    ends = np.append(times[begins[1:]], np.inf)  # of a window: where the next motion begins
+    ends[np.append(np.diff(runs[begins]) != 0, False)] = np.inf
     judged, last = [], None
-    for begin in begins:
+    for begin, end in zip(begins, ends, strict=True):
         still = (times >= times[begin] - 0.3) & (times <= times[begin]) & (runs == runs[begin])
         if not quiet[still][1:].all():
             continue
-        after = (times >= times[begin]) & (times <= times[begin] + _WINDOW) & (runs == runs[begin])
+        until = (times <= times[begin] + _WINDOW) & (times < end) & (runs == runs[begin])
         # The way there sets which way the tendons rub before it is let go.
         first = begin
         if last is not None and runs[last] == runs[begin]:
             first = last if times[begin] - times[last] <= _BEFORE else begin
-        rows = (times >= times[first]) & (times <= times[begin] + _WINDOW) & (runs == runs[begin])
+        after, rows = until & (times >= times[begin]), until & (times >= times[first])
         judged.append((float(speed[after].max()), times[begin], rows))
         last = begin
     judged.sort(key=lambda one: -one[0])

@@ -225,7 +225,9 @@ def _in_motion(
     At rest, friction of tendons and backlash of servos do the same: tendons lag behind their
     commands. A robot that sways under a constant command tells friction alone; and how fast it
     sways tells how stiff it is for its mass. Where no servo can have play, nothing is to be told
-    apart: friction is then that in motion.
+    apart: friction is then that in motion. What it differs from that at rest is what the law of
+    friction lacks, such as tendons that give a little before they slide: half of it counts as a
+    standard deviation, of damping and delay as far as they depend on friction.
     """
     unknowns, x = model.unknowns, fit.x.copy()
     rubs, play = (unknowns.place(name) for name in LAGS)
@@ -238,7 +240,10 @@ def _in_motion(
         show=lambda n, _: show(n),
     )
     if play is None or not (fit.free[rubs].all() and fit.free[play].all()):
-        return first, fit
+        other, own = first.friction
+        rubbing = (other, float(np.hypot(own, other / 2)))
+        deviation = np.hypot(first.deviation, first.by_friction * other / 2)
+        return replace(first, friction=rubbing, deviation=deviation), fit
     x[rubs] += first.friction[0]
     rubbing = unknowns.common("tendon_friction")
     facts = [Fact(rubbing, float(rubbing @ x), first.friction[1])]
