@@ -5,7 +5,8 @@ by name before anything is computed from it.
 """
 
 import json
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, Field, fields, is_dataclass, replace
 from hashlib import sha256
 from numbers import Real
@@ -43,10 +44,12 @@ class Arrays(dict[str, np.ndarray]):
             unmeasured: Arrays that may hold both, where nothing was measured.
 
         Raises:
-            ValueError: There are others; the message names file and array.
+            ValueError: There are others, or complex ones; the message names file and array.
         """
         for name, array in self.items():
-            if array.dtype.kind not in "fc" or name in unmeasured:
+            if array.dtype.kind == "c":
+                raise ValueError(f"{self.path}: the array {name!r} holds complex numbers")
+            if array.dtype.kind != "f" or name in unmeasured:
                 continue
             bad = np.isnan(array) if name in infinite else ~np.isfinite(array)
             if bad.any():
@@ -65,6 +68,21 @@ class Arrays(dict[str, np.ndarray]):
                 f"{self.path}: the array {name!r} must hold numbers and have shape {wanted}, got "
                 f"{array.dtype} and {array.shape}"
             )
+
+    @contextmanager
+    def fitting(self) -> Iterator[None]:
+        """Where something is made of the arrays: what does not go is refused in one line.
+
+        Raises:
+            ValueError: An array has another kind, shape or value than is needed; names the file.
+        """
+        try:
+            yield
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            told = str(error).partition("\n")[0]
+            if isinstance(error, ValueError) and str(self.path) in told:
+                raise
+            raise ValueError(f"{self.path}: its arrays do not fit together: {told}") from error
 
 
 def read_arrays(path: str | Path) -> Arrays:

@@ -42,10 +42,10 @@ def main(argv: list[str] | None = None) -> int:
         return args.command_run(args)
     except KeyboardInterrupt:
         stop.asked = True
-    except (ValueError, ImportError, RuntimeError, OSError) as error:
+    except (ValueError, ImportError, RuntimeError, OSError, ArithmeticError, MemoryError) as error:
         # Ctrl-C ends workers too, and what it interrupts may tell it as something else.
         if not stop.asked:
-            print(f"{name}: {error}", file=sys.stderr)
+            print(f"{name}: {str(error) or 'out of memory'}", file=sys.stderr)
             return _REFUSED
     finally:
         stop.restore()

@@ -5,6 +5,7 @@ Each kind is damaged 500 times, by a fixed seed.
 
 import shutil
 from dataclasses import fields, is_dataclass, replace
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +15,15 @@ from softrobot_env.artifacts import read_arrays, read_facts
 from softrobot_env.control.arm.operating_points import load_gains
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.control.sensed import load_reconstruction
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.rollout import _UNMEASURED, Rollout
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.hardware.link_log import LoggingTransport, read_link_log
 from softrobot_env.hardware.robot_file.model import virtual_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file
+from softrobot_env.identification.fit.residual import Residual, read_residual
 from softrobot_env.learned.network import Network
 from softrobot_env.learned.reduction import ReducedModel
 from softrobot_env.paths import assets_dir, models_dir
@@ -85,11 +88,53 @@ def damaged(data: bytes, rng: np.random.Generator) -> bytes:
     return b" ".join(words)
 
 
+def altered(data: bytes, rng: np.random.Generator) -> bytes:
+    """A whole npz file of which one or two arrays are missing or something else."""
+    arrays = dict(np.load(BytesIO(data), allow_pickle=False))
+    count = min(len(arrays) - 1, rng.integers(1, 3))
+    for name in map(str, rng.choice(list(arrays), size=max(count, 1), replace=False)):
+        array = np.array(arrays[name])
+        how = rng.integers(8)
+        if how == 0 and array.dtype.kind == "f" and array.size:
+            array.flat[rng.integers(array.size)] = rng.choice([np.nan, np.inf, -np.inf])
+        elif how == 1:
+            array = array[..., None]
+        elif how == 2 and array.ndim:
+            array = array[:-1]
+        elif how == 3:
+            array = array.astype("U9")
+        elif how == 4:
+            array = np.zeros(0)
+        elif how == 5:
+            array = np.float64(np.nan)
+        elif how == 6 and array.dtype.kind in "fiu":
+            array = array.astype(complex)
+        elif how == 7 and len(arrays) > 1:
+            arrays.pop(name, None)
+            continue
+        arrays[name] = array
+    out = BytesIO()
+    np.savez(out, **arrays)
+    return out.getvalue()
+
+
+def residual(folder):
+    features, rows = np.linspace(1, 2, 3), np.linspace(0, 1, 12).reshape(4, 3)
+    Residual(features, features, features[:1], 0.5, 1.0, rows, rows).save(folder / "residual.npz")
+    return folder / "residual.npz"
+
+
 def rollout(folder):
     """The record of a short motion."""
     env = TrackingEnv(replace(make_task("swing"), duration=0.1))
     run_episode(env, make_policy("hold", ARM, env.control_period)).save(folder / "a.npz")
     return folder / "a.npz"
+
+
+def measured(path):
+    """A record without what a real robot may have no sensor for."""
+    found = vars(Rollout.load(path))
+    return {name: value for name, value in found.items() if name not in _UNMEASURED}
 
 
 def copied(source):
@@ -175,7 +220,7 @@ KINDS = {
         copied(models_dir() / "rig_nn.npz"),
         lambda path: IdentifiedParameters.load(RIG, path),
     ),
-    "rollout": (rollout, Rollout.load),
+    "rollout": (rollout, measured),
     "link": (link, read_link_log),
     "robot": (copied(assets_dir() / "robots" / "hanging_trunk.toml"), read_robot),
     "gripper": (gripper, read_gripper),
@@ -186,6 +231,11 @@ KINDS = {
         copied(models_dir() / "ssm.npz"),
         lambda path: ReducedModel.read(read_arrays(path)),
     ),
+    "sensors": (
+        copied(models_dir() / "sensors.npz"),
+        lambda path: load_reconstruction(RIG, path),
+    ),
+    "residual": (residual, read_residual),
     "recording.csv": (recording("a.csv"), read_recording),
     "recording.parquet": (recording("a.parquet"), read_recording),
     "recording.toml": (recording_header, read_header),
@@ -194,15 +244,18 @@ KINDS = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
-def test_damage_is_refused_in_a_line_or_leaves_finite_content(kind, tmp_path):
+@pytest.mark.parametrize("how", [damaged, altered])
+def test_damage_is_refused_in_a_line_or_leaves_finite_content(kind, how, tmp_path):
     make, read = KINDS[kind]
     path, rng = make(tmp_path), np.random.default_rng(1)
     path = Path(path)
+    if how is altered and path.suffix != ".npz":
+        pytest.skip("no arrays")
     data = path.read_bytes()
     assert finite(read(path))
     refused = 0
     for _ in range(_TIMES):
-        path.write_bytes(damaged(data, rng))
+        path.write_bytes(how(data, rng))
         try:
             found = read(path)
         except (ValueError, OSError, RobotError) as error:

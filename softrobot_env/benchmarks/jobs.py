@@ -3,6 +3,7 @@
 import pickle
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import BrokenExecutor, as_completed
+from contextlib import suppress
 from typing import Any
 
 import cloudpickle
@@ -67,7 +68,9 @@ def run_in_processes(
     for number, name in enumerate(names):
         result = None if kept is None else kept.read(name)
         if result is not None:
-            found[number] = pickle.loads(result)
+            with suppress(Exception):  # of another version of what it is made of
+                found[number] = pickle.loads(result)
+                kept.taken += 1
     show("running", len(found), len(tasks))
     for _ in range(_TRIES):
         try:

@@ -8,6 +8,7 @@ from pathlib import Path
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
+from softrobot_env.hardware.tip import LAST_PORT
 from softrobot_env.processes import Workers, parsed_workers
 from softrobot_env.registries import is_path
 from softrobot_env.robots import ROBOTS, RobotParams
@@ -157,6 +158,13 @@ def positive(text: str) -> float:
 def size(text: str) -> int:
     """A number of pixels."""
     return int(number(text, lambda v: v >= 1 and v == int(v), "a whole number of pixels"))
+
+
+def port(text: str) -> int:
+    """Number of a port that something can be sent to."""
+    if not text.isdecimal() or not 1 <= int(text) <= LAST_PORT:
+        raise argparse.ArgumentTypeError(f"must be from 1 to {LAST_PORT}, not {text}")
+    return int(text)
 
 
 def twin(text: str) -> int | None:

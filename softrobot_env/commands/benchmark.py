@@ -6,9 +6,10 @@ from pathlib import Path
 from rich.console import Console
 
 from softrobot_env.benchmarks.journal import kept_in
+from softrobot_env.benchmarks.records import Record
 from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark, measured
 from softrobot_env.commands.arguments import add_workers, seed
-from softrobot_env.commands.output import add_out, new_results
+from softrobot_env.commands.output import add_out, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.processes import using
@@ -64,31 +65,36 @@ def _measure(
 ) -> None:
     """Run, print and write."""
     study = f"{args.what} quick={args.quick} {sorted(options.items())}"
-    with (
-        progress_on(console) as progress,
-        using(args.workers),
-        kept_in(out, study) as journal,
-    ):
-        bar = progress.add_task(args.what, total=None)
+    with kept_in(out, study) as journal:
+        with progress_on(console) as progress, using(args.workers):
+            bar = progress.add_task(args.what, total=None)
 
-        def show(description: str, done: int, total: int) -> None:
-            progress.update(bar, description=description, completed=done, total=total)
+            def show(description: str, done: int, total: int) -> None:
+                progress.update(bar, description=description, completed=done, total=total)
 
-        records = benchmark.run(args.quick, show, **options)
-    if journal.taken:
-        console.print(f"Took up {journal.taken} jobs that were done when an earlier run stopped")
+            records = benchmark.run(args.quick, show, **options)
+        if journal.taken:
+            console.print(
+                f"Took up {journal.taken} jobs that were done when an earlier run stopped"
+            )
+        _write(args, benchmark, out, records, console)
+
+
+def _write(
+    args: argparse.Namespace,
+    benchmark: Benchmark,
+    out: Path,
+    records: list[Record],
+    console: Console,
+) -> None:
+    """Reports and plots."""
     write_json(out / "report.json", [record.row() for record in records], args.command_line)
     tables = benchmark.tables(records)
     console.print(tables)
     text = text_page(f"Benchmark: {args.what}", tables, args.command_line)
     write_text(out / "report.md", text)
-    plotted = False
-    if benchmark.plot is not None:
-        try:
-            benchmark.plot(records, out / f"{args.what}.png")
-            plotted = True
-        except ImportError as error:  # the reports are complete without pictures
-            console.print(f"No plots: {error}", markup=False)
+    plot = benchmark.plot
+    plotted = plot is not None and drawn(lambda: plot(records, out / f"{args.what}.png"), console)
     console.print(f"Wrote report.json, report.md{' and plots' if plotted else ''} to {out}")
 
 

@@ -26,7 +26,7 @@ from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, find_maker, make_task,
 _SERIAL = ("robot_file", "port")
 
 #: Robots drawn from --randomize unless told otherwise.
-_DRAWS = 5
+_DRAWS, _MOST_DRAWS = 5, 100_000
 
 
 def make_setup(args: argparse.Namespace) -> Setup:
@@ -163,6 +163,8 @@ def _draws(args: argparse.Namespace) -> list[dict[str, float]]:
     ranges = Randomization(**{name: tuple(ends) for name, ends in args.randomize})
     rng = np.random.default_rng(0)
     count = (args.draws or _DRAWS) if args.randomize else 0
+    if count > _MOST_DRAWS:
+        raise ValueError(f"--draws: at most {_MOST_DRAWS} robots, got {count}")
     return [ranges.draw(rng) for _ in range(count)]
 
 

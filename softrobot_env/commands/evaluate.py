@@ -1,6 +1,9 @@
 """`softrobot evaluate`: policies on tasks, with table, report and plots."""
 
 import argparse
+import glob
+import sys
+from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
@@ -9,6 +12,7 @@ from typing import Any
 
 from rich.console import Console
 
+from softrobot_env.artifacts import training_folder
 from softrobot_env.benchmarks.jobs import run_in_processes
 from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.commands.arguments import (
@@ -42,6 +46,7 @@ from softrobot_env.extras import install_command
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.processes import using
 from softrobot_env.recordings import write_recording
+from softrobot_env.robots import ARM
 from softrobot_env.tasks import TASKS, UNSEEN_TASKS, WITH_OPTION
 from softrobot_env.writing import write_text
 
@@ -246,9 +251,17 @@ def _evaluate(args: argparse.Namespace, console: Console) -> int:
         console.print(f"Left out {', '.join(missing)}: {install_command('mpc')}", markup=False)
     if args.workers is None:
         results = _run_cases(cases, setup, console)
+        _write(results, args, console)
     else:
-        results = _run_side_by_side(cases, args, console)
-    _write(results, args, console)
+        given = {k: v for k, v in vars(args).items() if k not in _ELSEWHERE}
+        study = f"evaluate {sorted(given.items())}"
+        with kept_in(args.out, study, _files_of(given.values())) as journal:
+            results = _run_side_by_side(cases, args, console)
+            if journal.taken:
+                console.print(
+                    f"Took up {journal.taken} episodes of an earlier run that was stopped"
+                )
+            _write(results, args, console)
     return int(len(results) < len(cases) or any(result.row.failure for result in results))
 
 
@@ -277,23 +290,31 @@ def _run_cases(cases: list[runner.Case], setup: Setup, console: Console) -> list
 def _run_side_by_side(
     cases: list[runner.Case], args: argparse.Namespace, console: Console
 ) -> list[Result]:
-    """Results in processes, those of an earlier run that was stopped taken up."""
-    given = {k: v for k, v in vars(args).items() if k not in _ELSEWHERE}
-    with (
-        progress_on(console) as progress,
-        using(args.workers),
-        kept_in(args.out, f"evaluate {sorted(given.items())}") as journal,
-    ):
+    """Results in processes, those that are kept taken up."""
+    with progress_on(console) as progress, using(args.workers):
         bar = progress.add_task("evaluate", total=len(cases))
 
         def show(description: str, done: int, total: int) -> None:
             progress.update(bar, description=description, completed=done, total=total)
 
         jobs = [(case.label, partial(runner.run, case)) for case in cases]
-        results = [Result(outcome) for outcome in run_in_processes(jobs, show)]
-    if journal.taken:
-        console.print(f"Took up {journal.taken} episodes of an earlier run that was stopped")
-    return results
+        return [Result(outcome) for outcome in run_in_processes(jobs, show)]
+
+
+def _files_of(given: Iterable[Any]) -> set[Path]:
+    """Files that episodes may depend on: those given, by name or as what is in them, what was
+    learned beside them, and what was learned where trainings write."""
+    found = set(training_folder(ARM).glob("*.npz"))
+    for one in given:
+        if isinstance(one, list | tuple):
+            found |= _files_of(one)
+        elif isinstance(one, str | Path):
+            name = str(one).rpartition(":")[0] or str(one)
+            module = sys.modules.get(name)
+            file = Path(getattr(module, "__file__", None) or name)
+            if file.is_file():
+                found |= {file, *file.parent.glob(f"{glob.escape(file.stem)}.*")}
+    return found
 
 
 def _write(results: list[Result], args: argparse.Namespace, console: Console) -> None:

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from softrobot_env.commands.arguments import add_workers
-from softrobot_env.commands.output import add_out, new_results
+from softrobot_env.commands.output import add_out, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.recording.check import add_file
 from softrobot_env.processes import using
@@ -121,8 +121,7 @@ def _identified(args: argparse.Namespace) -> int:
     write_text(args.out / "report.md", page)
     wrote = ", ".join([*files, "report.json", "report.md"])
     console.print(f"{perf_counter() - began:.0f} s. Wrote {wrote} to {args.out}", soft_wrap=True)
-    if not args.no_plots:
-        _plot(found, args)
+    if not args.no_plots and drawn(lambda: _plot(found, args), console):
         console.print(f"Wrote plots to {args.out}")
     return 0
 

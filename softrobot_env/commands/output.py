@@ -5,10 +5,12 @@ One rule for files and folders of results. Nobody else writes to them meanwhile.
 
 import argparse
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from hashlib import sha256
 from pathlib import Path
+
+from rich.console import Console
 
 from softrobot_env.paths import private_dir
 from softrobot_env.writing import write_text
@@ -119,6 +121,16 @@ def claimed(path: Path) -> Iterator[None]:
                 f"another run writes to {path}: wait for it, or --out writes elsewhere"
             ) from None
         yield
+
+
+def drawn(draw: Callable[[], object], console: Console) -> bool:
+    """Draw plots; False, with a note, without matplotlib: reports are complete without pictures."""
+    try:
+        draw()
+    except ImportError as error:
+        console.print(f"No plots: {error}", markup=False, soft_wrap=True)
+        return False
+    return True
 
 
 def inside(folder: Path, name: str) -> str:

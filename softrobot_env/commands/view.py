@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.commands.arguments import add_robot, policy
+from softrobot_env.commands.arguments import add_robot, policy, port
 from softrobot_env.commands.cases import make_setup
 from softrobot_env.commands.setups import Setup
 from softrobot_env.commands.task_options import add_task, one_task
@@ -46,7 +46,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "authentication (whoever runs programs here can reach it)",
     )
     parser.add_argument(
-        "--port", type=int, default=0, help="of --web; default: a free one from 8080 on"
+        "--port",
+        type=port,
+        default=0,
+        dest="web_port",
+        metavar="PORT",
+        help="of --web; default: a free one from 8080 on",
     )
     parser.set_defaults(plant=MUJOCO, twin=None, learnt=None, **dict.fromkeys(_SCENE))
 
@@ -63,7 +68,7 @@ def run(args: argparse.Namespace) -> int:
     if args.web:
         if args.policy is not None:
             raise ValueError("--policy goes with a window only, not with --web")
-        _browse(scene_of(task.robot), args.port)
+        _browse(scene_of(task.robot), args.web_port)
         return 0
     try:
         check_display()
@@ -117,7 +122,7 @@ def _by_policy(env: "TrackingEnv", case: Case) -> None:
                 return
 
 
-def _browse(config: Any, port: int) -> None:
+def _browse(config: Any, http_port: int) -> None:
     """Serve MuJoCo's studio to this machine alone."""
     try:
         from mujoco.studio import app, launch_web, viewer_protocol, web_viewer
@@ -129,7 +134,7 @@ def _browse(config: Any, port: int) -> None:
     web_viewer.web_server.bind_public_socket = lambda host, port=0: bind(_HOST, port)
     web_viewer._print_url_banner = lambda host, port: _tell(port)
     scene = build_scene(replace(visible(config), timestep=None, integrator="discrete"))
-    setting = viewer_protocol.ViewerConfig(title=config.robot.name, gfx="web", http_port=port)
+    setting = viewer_protocol.ViewerConfig(title=config.robot.name, gfx="web", http_port=http_port)
     launch_web.run(setting, model=scene.model, plugins=[app.App(), *app.SIM_PLUGINS])
 
 

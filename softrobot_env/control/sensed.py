@@ -132,4 +132,5 @@ def load_reconstruction(robot: RobotParams, path: str | Path | None = None) -> R
         )
     data = read_arrays(find_artifact(robot, _SENSORS) if path is None else path)
     check_robot(data, robot, _SENSORS)
-    return Reconstruction.of(robot, data)
+    with data.fitting():
+        return Reconstruction.of(robot, data)

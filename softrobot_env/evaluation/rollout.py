@@ -98,4 +98,21 @@ class Rollout:
         wanted = {field.name for field in fields(cls)}
         if not wanted - {"source", "failure"} <= data.keys() <= wanted:
             raise ValueError(f"{path} is no record of an episode: it holds {', '.join(data)}")
+        data.check_shape("time", (None,))
+        instants = len(data["time"])
+        shapes = {
+            **dict.fromkeys(("reference", "tip"), (instants, 3)),
+            **dict.fromkeys(("action", *_UNMEASURED, "tendon_length"), (instants, None)),
+            "reward": (instants,),
+            "policy_time": (None,),
+            "wall_time": (),
+        }
+        for name, shape in shapes.items():
+            data.check_shape(name, shape)
+        for name, dimensions in {"policy_status": 1, "source": 0, "failure": 0}.items():
+            text = data.get(name)
+            if text is None:
+                continue
+            if text.ndim != dimensions or (text.size and text.dtype.kind != "U"):
+                raise ValueError(f"{path}: the array {name!r} must hold text")
         return cls(**{k: v.item() if v.ndim == 0 else v for k, v in data.items()})

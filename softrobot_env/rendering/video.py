@@ -51,13 +51,12 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> i
     if first is None:
         raise ValueError(f"there are no frames to write to {path.name!r}")
     count = 0
-    with (
-        whole(path) as aside,
-        imageio.get_writer(aside, **_writer_options(suffix, fps)) as writer,
-    ):
-        for frame in chain([first], iterator):
-            writer.append_data(_even(frame) if suffix == ".mp4" else frame)
-            count += 1
+    with whole(path) as aside:
+        aside.touch()  # a folder that takes no file is refused before the writer, which tells twice
+        with imageio.get_writer(aside, **_writer_options(suffix, fps)) as writer:
+            for frame in chain([first], iterator):
+                writer.append_data(_even(frame) if suffix == ".mp4" else frame)
+                count += 1
     return count
 
 

@@ -47,6 +47,8 @@ CONTACT_PIECES = 24
 #: Accuracy in time unless another is wanted.
 DEFAULT_SHARE = "0.1%"
 
+_SHORTEST_STEP = 1e-8  # s, below which an episode would take days
+
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
 
@@ -194,6 +196,10 @@ class SceneConfig:
             raise ValueError(
                 f"timestep must be at most the control period, {self.control_period:g} s, got "
                 f"{self.timestep:g} s"
+            )
+        if self.timestep is not None and self.timestep < _SHORTEST_STEP:
+            raise ValueError(
+                f"timestep must be at least {_SHORTEST_STEP:g} s, got {self.timestep:g} s"
             )
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")

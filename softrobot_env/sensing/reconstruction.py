@@ -294,25 +294,37 @@ class Reconstruction:
         data.check_finite()
         sensors = robot.sensors
         lights = tuple(
-            _part(data, LightModel, f"light_{k}_") if sensor.kind == "spatial" else None
+            _part(data, LightModel, f"light_{k}_", _LIGHT) if sensor.kind == "spatial" else None
             for k, sensor in enumerate(sensors)
         )
         ends = "_powers"
         names = [n[4 : -len(ends)] for n in data if n.startswith("map_") and n.endswith(ends)]
-        maps = {name: _part(data, Map, f"map_{name}_") for name in names}
-        count = told(sensors)
-        for name, found in maps.items():
-            shapes = found.powers.shape, found.weights.shape[:1], found.middle.shape
-            terms = len(found.powers)
-            if shapes != ((terms, count), (terms,), (count,)):
-                raise ValueError(f"{data.path} holds no map of these sensors to {name}")
+        count, maps = told(sensors), {}
+        for name in names:
+            terms = len(np.atleast_1d(data[f"map_{name}_powers"]))
+            ends_of = {"middle": (count,), "half": (count,), "error": ()}
+            shapes = {"powers": (terms, count), "weights": (terms, None), **ends_of}
+            maps[name] = _part(data, Map, f"map_{name}_", shapes)
         if TIP not in maps:
             raise ValueError(f"{data.path} holds no map to {TIP}")
         coordinates = tuple(int(k) for k in data["coordinates"])
         return cls(tuple(sensors), lights, Arcs.of(robot), coordinates, maps)
 
 
-def _part(data: Arrays, kind: type, prefix: str) -> Any:
+#: Shapes of a `LightModel`.
+_LIGHT = {
+    **dict.fromkeys(("gain", "tilt", "azimuth"), (4,)),
+    **dict.fromkeys(("acceptance", "lag"), ()),
+    **dict.fromkeys(("straight", "curve"), (2,)),
+    "turn": (2, 2),
+}
+
+
+def _part(
+    data: Arrays, kind: type, prefix: str, shapes: Mapping[str, tuple[int | None, ...]]
+) -> Any:
+    for name, shape in shapes.items():
+        data.check_shape(f"{prefix}{name}", shape)
     values = {field.name: data[f"{prefix}{field.name}"] for field in fields(kind)}
     return kind(**{n: v.item() if v.ndim == 0 else v for n, v in values.items()})
 

@@ -135,6 +135,46 @@ def test_a_result_that_somebody_else_wrote_is_not_read(tmp_path):
     assert kept.read("job") is None
 
 
+def test_other_content_of_a_file_that_is_named_takes_up_nothing(tmp_path):
+    robot = tmp_path / "my.toml"
+    robot.write_text("length = 1")
+    journal.Journal(tmp_path, "a study", [robot]).write("job", b"kept")
+    assert journal.Journal(tmp_path, "a study", [robot]).read("job") == b"kept"
+    robot.write_text("length = 2")
+    assert journal.Journal(tmp_path, "a study", [robot]).read("job") is None
+
+
+def test_results_are_kept_until_what_they_are_for_is_written(tmp_path):
+    again = partial(run_in_processes, jobs(partial(mark_and_square, tmp_path)), processes=1)
+    with pytest.raises(OSError, match="full"), journal.kept_in(tmp_path, "a study"):
+        again()
+        raise OSError("the disk is full")
+    with journal.kept_in(tmp_path, "a study") as kept:
+        assert again() == [0, 1, 4, 9]
+    assert kept.taken == 4
+
+
+def test_a_result_that_cannot_be_unpacked_is_found_anew(tmp_path):
+    with journal.kept_in(tmp_path, "a study") as kept:
+        kept.write("1 0 one", b"no pickle")
+        assert run_in_processes([("one", lambda: 5)], processes=1) == [5]
+    assert kept.taken == 0
+
+
+@pytest.mark.parametrize("spoil", ["cut", "open to others"])
+def test_a_key_that_is_no_secret_is_replaced(spoil, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    journal.Journal(tmp_path, "a study").write("job", b"kept")
+    (key,) = tmp_path.rglob("*.key")
+    if spoil == "cut":
+        key.write_bytes(b"")
+    else:
+        key.chmod(0o644)
+    fresh = journal.Journal(tmp_path, "a study")
+    assert fresh.read("job") is None
+    assert len(key.read_bytes()) == 32 and key.stat().st_mode & 0o077 == 0
+
+
 @pytest.mark.parametrize("text", ["0", "-1", "two", "ray:", "", "²"])
 def test_workers_that_are_none_are_refused(text):
     with pytest.raises(ValueError, match="ray:ADDRESS"):

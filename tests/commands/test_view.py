@@ -31,6 +31,17 @@ def test_a_policy_does_not_go_with_the_browser(capsys):
     assert "--policy" in line
 
 
+def test_the_port_of_the_browser_can_be_chosen(monkeypatch, capsys):
+    served = []
+    monkeypatch.setattr("softrobot_env.commands.view._browse", lambda _, port: served.append(port))
+    assert main(["view", "--web", "--port", "8123"]) == 0
+    assert served == [8123]
+    with pytest.raises(SystemExit):
+        main(["view", "--web", "--port", "99999"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--port" in line and "65535" in line
+
+
 def own_address():
     """An address of this machine that is not the loopback's, None without one."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:

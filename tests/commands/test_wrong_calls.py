@@ -73,6 +73,31 @@ def test_no_command_shows_those_there_are(words, capsys):
     assert re.search(r"usage: softrobot.*COMMAND", told := capsys.readouterr().out), told
 
 
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("--timestep 1e-300", "timestep must be at least"),
+        ("--randomize density=0.5,2 --draws 1000000000", "--draws: at most"),
+    ],
+)
+def test_numbers_that_would_take_for_ever_are_refused(options, said, tmp_path, capsys):
+    call = "evaluate --tasks swing --policies hold --out"
+    assert main([*call.split(), str(tmp_path), *options.split()]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+
+
+@pytest.mark.parametrize("error", [MemoryError(), OverflowError("out of range")])
+def test_what_numbers_or_memory_do_not_allow_is_told_in_one_line(error, capsys, monkeypatch):
+    def fails(_):
+        raise error
+
+    monkeypatch.setattr("softrobot_env.commands.listing.run", fails)
+    assert main(["list"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "out of" in line
+
+
 def test_ctrl_c_ends_in_one_line(capsys, monkeypatch):
     def stopped(_):
         raise KeyboardInterrupt

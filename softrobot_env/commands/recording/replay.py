@@ -9,7 +9,7 @@ from rich.console import Console, Group
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS
 from softrobot_env.commands.arguments import seed
-from softrobot_env.commands.output import add_out, new_results
+from softrobot_env.commands.output import add_out, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.recording.check import add_file
 from softrobot_env.recordings import read_recording
@@ -124,8 +124,8 @@ def _run(args: argparse.Namespace) -> int:
     if not args.no_plots:
         from softrobot_env.rendering.replays import plot_replay
 
-        plot_replay(result, rows, args.out)
-        console.print(f"Wrote plots to {args.out}")
+        if drawn(lambda: plot_replay(result, rows, args.out), console):
+            console.print(f"Wrote plots to {args.out}")
     return int(bool(result.failures))
 
 

@@ -20,10 +20,10 @@ import numpy as np
 from rich.console import Console
 
 from softrobot_env.artifacts import write_arrays
-from softrobot_env.commands.arguments import positive
+from softrobot_env.commands.arguments import port, positive
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, virtual_file
-from softrobot_env.hardware.tip import LAST_PORT, UdpTip
+from softrobot_env.hardware.tip import UdpTip
 from softrobot_env.hardware.virtual.robot import VirtualRobot, linked
 
 EXAMPLE = "softrobot robot virtual --twin 0 --link out/robot"
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--camera-port",
-        type=_port,
+        type=port,
         default=TRACKER_PORT,
         metavar="N",
         help=f"UDP port of this machine that gets the camera's pictures; default: {TRACKER_PORT}",
@@ -59,13 +59,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="npz with what really happened: time, tip, applied, powered, at every millisecond",
     )
     parser.add_argument(_UNTIL_EOF, action="store_true", help=argparse.SUPPRESS)
-
-
-def _port(text: str) -> int:
-    """Number of a UDP port that something can be sent to."""
-    if not text.isdecimal() or not 1 <= int(text) <= LAST_PORT:
-        raise argparse.ArgumentTypeError(f"must be from 1 to {LAST_PORT}, not {text}")
-    return int(text)
 
 
 def run(args: argparse.Namespace) -> int:

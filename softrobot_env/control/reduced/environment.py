@@ -25,10 +25,11 @@ def ssm_environment(robot: RobotParams, weights: Path | None = None) -> dict[str
     try:
         data = read_arrays(find_artifact(robot, ARTIFACT) if weights is None else weights)
         check_robot(data, robot, ARTIFACT)
+        with data.fitting():
+            period, lag = float(data["period"]), int(data["lag"])
+            return {"control_period": period, "preview": preview_times(period, lag)}
     except ValueError:
         return {}  # `make_policy` says what is missing
-    period, lag = float(data["period"]), int(data["lag"])
-    return {"control_period": period, "preview": preview_times(period, lag)}
 
 
 def preview_times(period: float, lag: int, samples: int = SAMPLES) -> tuple[float, ...]:

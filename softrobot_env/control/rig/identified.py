@@ -80,7 +80,7 @@ class IdentifiedParameters:
         """
         path = find_artifact(robot, _POLICY) if path is None else Path(path)
         network, about = load_for(path, robot, _POLICY, describe_rig, (2, len(robot.tendons)))
-        for name in _NUMBERS.values():
+        for name in (*_NUMBERS.values(), *({"twin"} & about.keys())):
             about.check_shape(name, ())
         twin = int(about["twin"]) if "twin" in about else None
         try:

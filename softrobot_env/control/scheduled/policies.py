@@ -105,7 +105,8 @@ def _table(robot: RobotParams, name: str, design: Any, gains: str | Path | None)
     path = find_artifact(robot, name) if gains is None else Path(gains)
     data = read_arrays(path)
     check_robot(data, robot, name)
-    return read_table(data, design.count)
+    with data.fitting():
+        return read_table(data, design.count)
 
 
 class WithoutPreview(Constrained):

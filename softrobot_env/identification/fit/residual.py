@@ -100,13 +100,22 @@ def read_residual(path: Path) -> Residual:
     """
     arrays = read_arrays(path)
     arrays.check_finite()
-    names = ("middle", "spread", "band", "rows", "weights")
-    found = {name: arrays[name] for name in names}
-    memory, width = float(arrays["memory"]), float(arrays["width"])
-    features = found["rows"].shape[-1]
-    if found["middle"].shape != (features,) or len(found["weights"]) != len(found["rows"]):
-        raise ValueError(f"{path}: its arrays do not fit together")
-    return Residual(memory=memory, width=width, **found)
+    arrays.check_shape("rows", (None, None))
+    rows, features = arrays["rows"].shape
+    shapes = {
+        "memory": (),
+        "width": (),
+        "middle": (features,),
+        "spread": (features,),
+        "band": (None,),
+        "rows": (rows, features),
+        "weights": (rows, None),
+    }
+    for name, shape in shapes.items():
+        arrays.check_shape(name, shape)
+    if not (arrays["width"] > 0 and (arrays["spread"] > 0).all()):
+        raise ValueError(f"{path}: width and spread must be positive")
+    return Residual(**{n: arrays[n] if shape else float(arrays[n]) for n, shape in shapes.items()})
 
 
 def bends_of(model: StaticModel, turns: np.ndarray) -> np.ndarray:

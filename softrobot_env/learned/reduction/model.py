@@ -160,6 +160,12 @@ class ReducedModel:
         """
         if isinstance(data, Arrays):
             data.check_finite()
+            with data.fitting():
+                return ReducedModel._of(data)
+        return ReducedModel._of(data)
+
+    @staticmethod
+    def _of(data: Mapping[str, np.ndarray]) -> "ReducedModel":
         whole = {n: int(data[n]) for n in ("delays", "lag", "substeps")}
         arrays = {n: data[n] for n in _FIELDS if n not in whole and n != "period"}
         model = ReducedModel(period=float(data["period"]), **whole, **arrays)
@@ -179,9 +185,12 @@ class ReducedModel:
             "scale": (n + m,),
         }
         for name, shape in shapes.items():
-            found = getattr(self, name).shape
-            if found != shape:
-                raise ValueError(f"reduced model: {name} must have shape {shape}, got {found}")
+            found = getattr(self, name)
+            if found.shape != shape or found.dtype.kind not in "fiu":
+                raise ValueError(
+                    f"reduced model: {name} must hold numbers and have shape {shape}, got "
+                    f"{found.dtype} and {found.shape}"
+                )
         if self.period <= 0 or self.delays < 1 or self.lag < 0 or self.substeps < 0:
             raise ValueError(
                 "reduced model: period and delays must be positive, lag and substeps >= 0"
