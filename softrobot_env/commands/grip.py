@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.console import Console
 
-from softrobot_env.commands.arguments import positive, size
+from softrobot_env.commands.arguments import positive, seed, size
 from softrobot_env.commands.output import add_out, check_free
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.robots import GRIPPERS, find_gripper
@@ -40,7 +40,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     for name, unit in zip(_FIXED, ("M", "KG", "1"), strict=True):
         parser.add_argument(f"--{name}", type=positive, metavar=unit, help="default: drawn")
-    parser.add_argument("--seed", type=int, default=0, help="of what is drawn; default: 0")
+    parser.add_argument("--seed", type=seed, default=0, help="of what is drawn; default: 0")
     parser.add_argument(
         "--fineness", choices=tuple(FINENESS), default="quick", help="default: quick"
     )
@@ -59,6 +59,9 @@ def run(args: argparse.Namespace) -> int:
     from softrobot_env.evaluation.run import play
 
     if args.out is not None:
+        from softrobot_env.rendering.video import check_suffix
+
+        check_suffix(args.out)
         check_free(args.out, overwrite=args.overwrite)
     width, height = args.size
     gripper = find_gripper(args.gripper)

@@ -40,9 +40,7 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> i
         ImportError: imageio is not installed.
     """
     path = Path(path)
-    suffix = path.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise ValueError(f"a video file must end in {' or '.join(SUFFIXES)}, got {path.name!r}")
+    suffix = check_suffix(path)
     if not fps > 0:
         raise ValueError(f"fps must be positive, got {fps!r}")
     imageio = _import_imageio()
@@ -58,6 +56,14 @@ def write_video(path: str | Path, frames: Iterable[np.ndarray], fps: float) -> i
                 writer.append_data(_even(frame) if suffix == ".mp4" else frame)
                 count += 1
     return count
+
+
+def check_suffix(path: Path) -> str:
+    """The suffix of a video file; ValueError if it is no video's."""
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise ValueError(f"a video file must end in {' or '.join(SUFFIXES)}, got {path.name!r}")
+    return suffix
 
 
 def _writer_options(suffix: str, fps: float) -> dict[str, Any]:

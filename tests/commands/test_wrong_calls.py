@@ -87,6 +87,20 @@ def test_numbers_that_would_take_for_ever_are_refused(options, said, tmp_path, c
     assert said in line
 
 
+def test_a_video_of_no_known_kind_is_refused_before_it_is_made(tmp_path, capsys):
+    assert main(["grip", "--out", str(tmp_path / "grip.avi")]) == 2
+    told = capsys.readouterr()
+    assert not told.out and "grip.avi" in told.err
+
+
+@pytest.mark.parametrize("command", ["grip", "robot virtual"])
+def test_seeds_are_not_negative(command, capsys):
+    with pytest.raises(SystemExit):
+        main([*command.split(), "--seed", "-1"])
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--seed" in line
+
+
 @pytest.mark.parametrize("error", [MemoryError(), OverflowError("out of range")])
 def test_what_numbers_or_memory_do_not_allow_is_told_in_one_line(error, capsys, monkeypatch):
     def fails(_):

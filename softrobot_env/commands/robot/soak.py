@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.table import Table
 
 from softrobot_env.artifacts import read_arrays
-from softrobot_env.commands.arguments import positive
+from softrobot_env.commands.arguments import positive, seed
 from softrobot_env.commands.output import add_out, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.robot.virtual import virtual_process
@@ -57,7 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--robot-file", type=Path, metavar="FILE", help="a real robot; default: a virtual one"
     )
     parser.add_argument(
-        "--twin", type=int, default=0, metavar="SEED", help="of the virtual robot; default: 0"
+        "--twin", type=seed, default=0, metavar="SEED", help="of the virtual robot; default: 0"
     )
     add_out(parser, "out/soak")
 

@@ -20,7 +20,7 @@ import numpy as np
 from rich.console import Console
 
 from softrobot_env.artifacts import write_arrays
-from softrobot_env.commands.arguments import port, positive
+from softrobot_env.commands.arguments import port, positive, seed
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
@@ -38,7 +38,7 @@ _START, _END = 60.0, 30.0  # s, a long log takes a while to write
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
     parser.add_argument(
-        "--twin", type=int, default=0, metavar="SEED", help="the rig that is simulated; default: 0"
+        "--twin", type=seed, default=0, metavar="SEED", help="the rig that is simulated; default: 0"
     )
     parser.add_argument(
         "--link", type=Path, metavar="PATH", help="also make a symbolic link to the port here"
@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="N",
         help=f"UDP port of this machine that gets the camera's pictures; default: {TRACKER_PORT}",
     )
-    parser.add_argument("--seed", type=int, default=0, help="of the noise of camera and sensors")
+    parser.add_argument("--seed", type=seed, default=0, help="of the noise of camera and sensors")
     parser.add_argument("--seconds", type=positive, metavar="S", help="stop after this time")
     parser.add_argument(
         "--log",
