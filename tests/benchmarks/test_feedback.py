@@ -54,6 +54,29 @@ def test_gains_of_the_thesis_ring_as_it_tells():
     assert limit.proportional < 0.6
 
 
+@pytest.mark.parametrize(("proportional", "integral"), [(0.2, 0.0), (0.2, 1.0)])
+def test_share_left_of_an_error_that_turns_is_that_of_a_loop_run_in_time(proportional, integral):
+    frequency, damping_time = ChainStatics(EQUIVALENT_RIG).first_mode()
+    period, rate, parts = 0.02, 0.42, 20
+    step, late = period / parts, round(LATE / period)
+    place, speed, total, seen, sizes = 0j, 0j, 0j, [0j] * late, []
+    for k in range(3000):
+        seen.append(np.exp(1j * rate * k * period) - place)
+        total += period * seen[-1 - late]
+        held = proportional * seen[-1 - late] + integral * total
+        for _ in range(parts):
+            speed += step * frequency**2 * (held - place - damping_time * speed)
+            place += step * speed
+        sizes.append(abs(seen[-1]))
+    assert gains.left(proportional, integral, rate) == pytest.approx(sizes[-1], rel=0.02)
+
+
+def test_share_left_of_an_error_that_stays():
+    assert gains.left(0.2, 0.0, 0.0) == pytest.approx(1 / 1.2)
+    assert gains.left(0.2, 1.0, 0.0) == 0.0
+    assert gains.left(0.2, 1.0, 1e-6) == pytest.approx(0.0, abs=1e-5)
+
+
 def test_disturbed_rigs_differ_by_the_disturbance_alone():
     plain = disturbed(0, "")
     assert plain.camera_delay == LATE and plain.robot == rig3d_twin(0).robot

@@ -49,6 +49,20 @@ def gain_rows() -> list[GainRow]:
     return [*rows, _row(least, _RATIO * least, True)]
 
 
+def left(proportional: float, integral: float, rate: float) -> float:
+    """Share [1] that feedback leaves of an error that turns with a `rate` [rad/s], in the long run.
+
+    By the first mode alone, as `gain_rows`; held actions act half a period late.
+    """
+    frequency, damping_time = ChainStatics(EQUIVALENT_RIG).first_mode()
+    if rate == 0:
+        return 1 / (1 + proportional) if integral == 0 else 0.0
+    s = 1j * rate
+    plant = 1 / (1 + damping_time * s + (s / frequency) ** 2)
+    late = np.exp(-s * (LATE + _PERIOD / 2))
+    return float(abs(1 / (1 + (proportional + integral / s) * plant * late)))
+
+
 def _row(proportional: float, integral: float, limit: bool) -> GainRow:
     radius = _spectral_radius(proportional, integral)
     decay = -_PERIOD / np.log(radius) if radius < 1 and not limit else None
