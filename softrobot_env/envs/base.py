@@ -268,6 +268,11 @@ class EpisodeEnv(gymnasium.Env[Seen, np.ndarray]):
 
     # ------------------------------------------------------------------ pictures
 
+    @property
+    def metres_per_pixel(self) -> float:
+        """[m] in the plane of the last picture that `render` made as an array."""
+        return self._renderer.metres / self._frame_size[1]
+
     def render(self) -> np.ndarray | None:
         """Frame (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
 

@@ -11,6 +11,7 @@ import numpy as np
 from softrobot_env.evaluation.run import play
 from softrobot_env.extras import install_command
 from softrobot_env.interfaces import Policy
+from softrobot_env.scene.appearance import tension_colours
 from softrobot_env.writing import whole
 
 if TYPE_CHECKING:
@@ -104,17 +105,51 @@ def caption(frame: np.ndarray, lines: Iterable[str]) -> np.ndarray:
     Raises:
         ImportError: Pillow is not installed.
     """
+    size = max(10, frame.shape[0] // 28)
+    return _write(frame, (size, size), "\n".join(lines), spacing=6)
+
+
+def _write(frame: np.ndarray, at: tuple[float, float], text: str, **options: Any) -> np.ndarray:
+    """Copy of a frame with text at a place (x, y) in pixels."""
     try:
         from PIL import Image, ImageDraw, ImageFont
     except ImportError as error:
         raise ImportError(_missing("pillow")) from error
     image = Image.fromarray(frame)
-    size = max(10, frame.shape[0] // 28)
-    font = ImageFont.load_default(size)
-    ImageDraw.Draw(image).multiline_text(
-        (size, size), "\n".join(lines), _INK, font, stroke_width=2, stroke_fill=_PAPER, spacing=6
-    )
+    font = ImageFont.load_default(max(10, frame.shape[0] // 28))
+    ImageDraw.Draw(image).text(at, text, _INK, font, stroke_width=2, stroke_fill=_PAPER, **options)
     return np.asarray(image)
+
+
+def explain(frame: np.ndarray, metres_per_pixel: float, limit: float) -> np.ndarray:
+    """Copy of a frame (height, width, 3) uint8 with a length scale and the colours of tensions.
+
+    Args:
+        frame: The picture.
+        metres_per_pixel: [m].
+        limit: [N], the tension of the strongest colour.
+
+    Raises:
+        ImportError: Pillow is not installed.
+    """
+    height, width = frame.shape[:2]
+    size = max(10, height // 28)
+    room = 0.25 * width * metres_per_pixel
+    length = next(
+        (x for k in range(3, -5, -1) for x in (5 * 10.0**k, 2 * 10.0**k, 10.0**k) if x <= room),
+        room,
+    )
+    out = frame.copy()
+    bottom = height - size
+    wide = round(length / metres_per_pixel)
+    out[bottom - 2 : bottom, size : size + wide] = _INK
+    bar = width // 5
+    left = width - size - bar
+    colours = tension_colours(np.linspace(0, 1, bar))[:, :3]
+    out[bottom - size // 2 : bottom, left : left + bar] = np.uint8(255 * colours)
+    out = _write(out, (size, bottom - 2 - 1.6 * size), f"{1e3 * length:g} mm")
+    text = f"tension, 0 to {limit:.3g} N"
+    return _write(out, (width - size, bottom - 2.2 * size), text, anchor="ra")
 
 
 def record(
@@ -149,6 +184,7 @@ def record(
             f"render_mode={env.render_mode!r} and fps={fps!r}"
         )
     task = env.unwrapped.task
+    limit = max(t.tension_limit for t in task.robot.tendons)
     duration = (options or {}).get("duration", task.duration)
 
     def frames() -> Iterator[np.ndarray]:
@@ -157,7 +193,8 @@ def record(
             info = moment.info
             due = int(info["time"] * fps + 1e-6) + 1
             if due > written or moment.failed:
-                picture = caption(env.render(), _caption_lines(title or task.label, info))
+                picture = explain(env.render(), env.unwrapped.metres_per_pixel, limit)
+                picture = caption(picture, _caption_lines(title or task.label, info))
                 yield from [picture] * max(1, due - written)
                 written = max(due, written)
             if progress is not None:

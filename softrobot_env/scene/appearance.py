@@ -30,6 +30,13 @@ _RING_DISTANCE = 0.0125  # m
 _ROUNDING = 0.15  # of the radius, at the rim of the tip
 
 
+def tension_colours(share: np.ndarray) -> np.ndarray:
+    """(n, 4) colours in [0, 1] of tendons whose tension is such a share (n,) of their limit."""
+    slack, tight = np.array([0.62, 0.67, 0.76, 1.0]), np.array([0.75, 0.0, 0.10, 1.0])
+    # The root shows small tensions, which are the usual ones.
+    return slack + np.sqrt(share)[:, None] * (tight - slack)
+
+
 def tendon_width(robot: RobotParams) -> float:
     """Radius [m] of the lines that show a robot's tendons."""
     return min(_TENDON_WIDTH, _TENDON_SHARE * robot.backbone.widest)

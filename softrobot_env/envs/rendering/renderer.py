@@ -16,7 +16,7 @@ import numpy as np
 
 from softrobot_env.envs.rendering.opengl import OffscreenContext, RenderError, check_display
 from softrobot_env.robots import RobotParams
-from softrobot_env.scene.appearance import TENDON_LINE, tendon_width
+from softrobot_env.scene.appearance import TENDON_LINE, tendon_width, tension_colours
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.config import FRONT_CAMERA, SceneConfig, visible
@@ -32,8 +32,6 @@ _FULL_SIZE = 0.4  # m of reach from which on target and tip are drawn in full si
 _SPACE = 32  # GLFW's number of the key that pauses
 _PAUSE = 0.02  # s between two looks at a window that is paused
 
-_SLACK = np.array([0.62, 0.67, 0.76, 1.0])
-_TIGHT = np.array([0.75, 0.0, 0.10, 1.0])
 _PATH = np.array([0.40, 0.42, 0.48, 1.0])
 _TARGET = np.array([0.05, 0.65, 0.30, 1.0])
 _WHITE = np.array([1.0, 1.0, 1.0, 1.0])
@@ -82,10 +80,15 @@ def make_renderer(
 
 
 class OffscreenRenderer:
-    """Renders into arrays."""
+    """Renders into arrays.
+
+    Attributes:
+        metres: [m] from the lower to the upper edge of a picture.
+    """
 
     def __init__(self, config: SceneConfig, width: int, height: int) -> None:
         self._view = _View(config, width / height)
+        self.metres = self._view.camera.height
         model = self._view.model
         model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._context = OffscreenContext(model, width, height)
@@ -234,10 +237,9 @@ class _View:
         if np.all(np.isfinite(frame.qpos)):
             self.data.qpos[:] = frame.qpos
         mujoco.mj_fwdPosition(self.model, self.data)
-        # The root shows small tensions, which are the usual ones.
-        share = np.sqrt(np.clip(frame.tension / self._limit, 0, 1))[:, None]
-        self.model.tendon_rgba[self._lines] = _SLACK + share * (_TIGHT - _SLACK)
-        self.model.tendon_width[self._lines] = self._width * (0.8 + 0.7 * share[:, 0])
+        share = np.clip(frame.tension / self._limit, 0, 1)
+        self.model.tendon_rgba[self._lines] = tension_colours(share)
+        self.model.tendon_width[self._lines] = self._width * (0.8 + 0.7 * np.sqrt(share))
         self._extend_trail(frame.episode)
 
     def _extend_trail(self, episode: int) -> None:
