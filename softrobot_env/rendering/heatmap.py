@@ -34,8 +34,8 @@ def heatmap(
     shown, norm = np.ma.masked_invalid(np.clip(values, *colours)), LogNorm(*colours)
     axis.grid(False)
     axis.set_facecolor(_EMPTY)
-    axis.pcolormesh(shown, cmap="RdYlGn_r", norm=norm, edgecolors="white", lw=1)
-    dark = np.abs(norm(shown) - 0.5) > 0.4
+    axis.pcolormesh(shown, cmap="cividis", norm=norm, edgecolors="white", lw=1)
+    dark = norm(shown) < 0.45  # the good end is dark blue, the bad one yellow
     for i, j in np.ndindex(values.shape):
         colour = "white" if dark[i, j] else "black"
         if np.isnan(values[i, j]):

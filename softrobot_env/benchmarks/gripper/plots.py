@@ -38,7 +38,7 @@ def _bends(axis: Axes, thing: str, grips: Sequence[Grip]) -> None:
     tips = [grip.tension for grip in grips if grip.kind == "fingertip"]
     if tips:
         axis.axvspan(min(tips), max(tension), color=GREY, alpha=0.15, label="fingertip grip")
-    axis.set(xlabel="tension in N", ylabel="bend in degrees", title=thing)
+    axis.set(xlabel="tension [N]", ylabel="bend [deg]", title=thing)
 
 
 def _errors(axis: Axes, sizes: Sequence[Size]) -> None:
@@ -49,4 +49,4 @@ def _errors(axis: Axes, sizes: Sequence[Size]) -> None:
         diameters, errors = ([1e3 * x for x in xs] for xs in (size.diameters, size.off))
         axis.plot(diameters, errors, ".", color=colour, markersize=4, label=label)
     axis.legend(fontsize=7)
-    axis.set(xlabel="diameter in mm", ylabel="error in mm", title="size from one grip")
+    axis.set(xlabel="diameter [mm]", ylabel="error [mm]", title="size from one grip")
