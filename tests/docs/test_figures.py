@@ -35,7 +35,7 @@ LEFT = {
     "howto/several_robots.md": 1,
     "results/accuracy.md": 16,
     "results/index.md": 1,
-    "results/learning.md": 5,
+    "results/learning.md": 3,
     "results/link.md": 6,
     "results/policies.md": 3,
     "results/rig.md": 15,
