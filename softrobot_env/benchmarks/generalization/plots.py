@@ -105,7 +105,8 @@ def _map(rows: list[Row]) -> Figure:
     figure, axes = new_figure(len(tasks), 1, size)
     for axis, (task, width) in zip(axes.flat, tasks, strict=True):
         _draw_panel(axis, select(rows, task=task, step_width=width), task)
-    figure.suptitle("Robots, drives and sensors that no policy knows", fontsize=11)
+    title = "Robots, drives and sensors that no policy knows: light errs little, dark much"
+    figure.suptitle(title, fontsize=11)
     return figure
 
 
