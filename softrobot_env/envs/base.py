@@ -269,9 +269,9 @@ class EpisodeEnv(gymnasium.Env[Seen, np.ndarray]):
     # ------------------------------------------------------------------ pictures
 
     @property
-    def metres_per_pixel(self) -> float:
-        """[m] in the plane of the last picture that `render` made as an array."""
-        return self._renderer.metres / self._frame_size[1]
+    def metres_per_pixel(self) -> float | None:
+        """[m] in the plane of pictures that `render` makes as arrays; None before the first."""
+        return None if self._renderer is None else self._renderer.metres / self._frame_size[1]
 
     def render(self) -> np.ndarray | None:
         """Frame (height, width, 3) uint8 in mode "rgb_array"; None otherwise.

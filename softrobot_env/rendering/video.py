@@ -193,7 +193,8 @@ def record(
             info = moment.info
             due = int(info["time"] * fps + 1e-6) + 1
             if due > written or moment.failed:
-                picture = explain(env.render(), env.unwrapped.metres_per_pixel, limit)
+                picture, scale = env.render(), env.unwrapped.metres_per_pixel
+                picture = picture if scale is None else explain(picture, scale, limit)
                 picture = caption(picture, _caption_lines(title or task.label, info))
                 yield from [picture] * max(1, due - written)
                 written = max(due, written)
