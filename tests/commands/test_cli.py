@@ -196,4 +196,5 @@ def test_quick_speed_benchmark(tmp_path):
         "start",
         "render",
         "decision",
+        "scaling",
     }
