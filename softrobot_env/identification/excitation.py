@@ -363,13 +363,15 @@ def excite(
     most = np.array([t.tension_limit for t in env.unwrapped.task.robot.tendons])
     for k, (action, label) in enumerate(zip(plan.actions, plan.labels, strict=True)):
         env.label = str(label)
-        observation, *_, info = env.step(action.astype(np.float32))
+        observation, _, terminated, truncated, info = env.step(action.astype(np.float32))
         far = float(np.linalg.norm(observation["tip_position"] - begin))
         reason = info.get("failure") or _beyond(far, info["tendon_tension"], most, limits)
         if reason:
             return f"after {(k + 1) * plan.period:.2f} s: {reason}"
         if progress is not None and k % _SHOWN == 0:
             progress(k + 1)
+        if terminated or truncated:  # in real time a late machine leaves periods out
+            break
     return None
 
 
