@@ -25,7 +25,7 @@ from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, find_maker, make_task,
 #: Arguments that only robots over a serial line have.
 _SERIAL = ("robot_file", "port")
 
-#: Robots drawn from --randomize unless told otherwise.
+#: Robots drawn from --randomize unless told otherwise, and at most.
 _DRAWS, _MOST_DRAWS = 5, 100_000
 
 

@@ -1,7 +1,6 @@
 """How much faster several cores are than one: processes of this machine, Ray, threads of a batch.
 
-Every job steps an arm. Efficiency is the time that as many jobs would take as there are cores,
-done without any overhead, over the time that they take.
+Every job steps an arm. Efficiency is how much faster all cores are than one, over their number.
 """
 
 from functools import partial
@@ -35,16 +34,8 @@ def run(quick: bool) -> list[Row]:
         # What other programs take counts least in the best round.
         found = [_jobs(workers, cores, steps) for _ in range(1 if quick else 2)]
         started, efficiency, seconds = max(found, key=lambda each: each[1])
-        rows.append(
-            Row(
-                WHAT,
-                name,
-                threads=cores,
-                seconds=seconds,
-                efficiency=efficiency,
-                started=started,
-            )
-        )
+        times = {"seconds": seconds, "started": started}
+        rows.append(Row(WHAT, name, threads=cores, efficiency=efficiency, **times))
     return [*rows, _threads(cores)]
 
 
@@ -63,7 +54,7 @@ def step_arm(count: int) -> float:
 
 
 def _jobs(workers: Workers, cores: int, steps: int) -> tuple[float, float, float]:
-    """Times [s] to start and of a job alone, and the efficiency of several, in between."""
+    """Time [s] to start, efficiency of several jobs at once, and time [s] of a job alone."""
     begin = perf_counter()
     with using(workers), worker_processes(cores) as pool:
         list(pool.map(step_arm, [1] * 4 * cores))  # each process loads what it needs
