@@ -106,6 +106,63 @@ def write_arrays(path: str | Path, values: Mapping[str, Any]) -> None:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
+def write_tree(path: str | Path, tree: Any) -> None:
+    """Write nested dicts, lists and tuples of arrays, numbers and texts as an npz file.
+
+    Floating-point arrays are kept to single precision, and equal arrays once.
+
+    Raises:
+        TypeError: Something else is in it.
+    """
+    arrays: dict[str, np.ndarray] = {}
+    structure = json.dumps(_taken_apart(tree, arrays))
+    write_arrays(path, {_STRUCTURE: structure, **arrays})
+
+
+def read_tree(path: str | Path) -> Any:
+    """What `write_tree` wrote; errors as `read_arrays`."""
+    arrays = read_arrays(path)
+    with arrays.fitting():
+        return _put_together(json.loads(str(arrays[_STRUCTURE])), arrays)
+
+
+#: Array of a tree's structure as json; its arrays have numbers as names.
+_STRUCTURE = "structure"
+
+
+def _taken_apart(value: Any, arrays: dict[str, np.ndarray]) -> Any:
+    """A value for json, its arrays put aside."""
+    if isinstance(value, np.ndarray):
+        array = value.astype(np.float32) if value.dtype == np.float64 else value
+        for name, known in arrays.items():
+            if known.dtype == array.dtype and np.array_equal(known, array, array.dtype.kind == "f"):
+                return {"array": name}
+        arrays[str(len(arrays))] = array
+        return {"array": str(len(arrays) - 1)}
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, dict):
+        return {"dict": [[k, _taken_apart(v, arrays)] for k, v in value.items()]}
+    if isinstance(value, list | tuple):
+        kind = "list" if isinstance(value, list) else "tuple"
+        return {kind: [_taken_apart(one, arrays) for one in value]}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise TypeError(f"a tree holds no {type(value).__name__}")
+
+
+def _put_together(value: Any, arrays: Arrays) -> Any:
+    if not isinstance(value, dict):
+        return value
+    ((kind, content),) = value.items()
+    if kind == "array":
+        return arrays[content]
+    if kind == "dict":
+        return {k: _put_together(v, arrays) for k, v in content}
+    parts = [_put_together(one, arrays) for one in content]
+    return tuple(parts) if kind == "tuple" else parts
+
+
 def artifact_name(robot: RobotParams, policy: str) -> str:
     """Name of the file of what a policy has learned of a robot; the thesis' robots are not told."""
     if robot.file is None and robot in (ARM, RIG):

@@ -30,3 +30,7 @@ def test_a_quick_benchmark_measures_writes_and_draws(name, tmp_path, monkeypatch
     pictures = list(out.glob("*.png"))
     assert bool(pictures) == drawn and all(path.stat().st_size > 1000 for path in pictures)
     assert f"to {out}" in capsys.readouterr().out.replace("\n", "")
+    if drawn:
+        before = {path: path.read_bytes() for path in pictures}
+        assert main(["benchmark", name, "--redraw", "--out", str(tmp_path / "out")]) == 0
+        assert {path: path.read_bytes() for path in out.glob("*.png")} == before

@@ -9,12 +9,23 @@ from typing import Any, TypeVar
 class Record:
     """A row of a report; subclasses are frozen dataclasses of numbers and texts.
 
-    Fields declared with `drawn()` hold what only the pictures need, and are not written.
+    Fields declared with `drawn()` hold what only the pictures need, and stand in a file beside it.
     """
 
     def row(self) -> dict[str, Any]:
         """What is written: column -> value in SI units, None where there is none."""
-        return {f.name: getattr(self, f.name) for f in fields(self) if f.metadata != _DRAWN}
+        return {name: getattr(self, name) for name in self.written()}
+
+    @classmethod
+    def written(cls) -> list[str]:
+        """Columns of a row."""
+        return [f.name for f in fields(cls) if f.metadata != _DRAWN]
+
+    def shown(self) -> dict[str, Any]:
+        """What only the pictures need, where there is any."""
+        mine = [f for f in fields(self) if f.metadata == _DRAWN]
+        values = {f.name: (getattr(self, f.name), f.default) for f in mine}
+        return {name: value for name, (value, none) in values.items() if value is not none}
 
 
 _DRAWN = {"drawn": True}

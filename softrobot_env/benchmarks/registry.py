@@ -2,8 +2,9 @@
 
 A benchmark is a folder with the modules `run`, `tables` and `plots` or `figures`. `run` returns a
 list of records (`benchmarks.records`): frozen dataclasses derived from `Record`, whose `row()` is
-what report.json has of them, less the fields declared with `drawn()`. Tables and pictures are made
-of the same records.
+what report.json has of them, less the fields declared with `drawn()`, which `drawn.npz` has. Tables
+and pictures are made of the same records, pictures of those in the files (`benchmarks.stored`), so
+that they can be drawn again at any time.
 """
 
 import ast
@@ -24,7 +25,8 @@ class Benchmark:
     """How to measure, show and draw.
 
     Attributes:
-        run: From `quick` and a function (description, done, total) that shows progress to records.
+        run: From `quick` and a function (description, done, total) that shows progress to records,
+            `list[Kind | Kind]` by its annotation.
         tables: Records as tables of a terminal.
         plot: Draws records to a PNG of the given path, and others beside it; None if there is no
             picture.

@@ -5,18 +5,19 @@ from pathlib import Path
 
 from rich.console import Console
 
+from softrobot_env.benchmarks import stored
 from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark, measured
 from softrobot_env.commands.arguments import add_workers, seed
-from softrobot_env.commands.output import add_out, drawn, new_results
+from softrobot_env.commands.output import add_out, changed_results, drawn, new_results
 from softrobot_env.commands.progress import progress_on
-from softrobot_env.evaluation.report import write_json
 from softrobot_env.processes import using
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.writing import write_text
 
-EXAMPLE = "softrobot benchmark speed --quick"
+EXAMPLE = """softrobot benchmark speed --quick
+  softrobot benchmark laws --redraw"""
 
 #: Options of some benchmarks -> help.
 _OPTIONS = {
@@ -31,6 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = f"{parser.description}:{told}"
     parser.add_argument("what", choices=tuple(BENCHMARKS), metavar="WHAT", help="one of the above")
     parser.add_argument("--quick", action="store_true", help="fewer cases, under 45 s")
+    parser.add_argument(
+        "--redraw",
+        action="store_true",
+        help="measure nothing: draw the pictures of the report that is there anew",
+    )
     for name, what in _OPTIONS.items():
         parser.add_argument(f"--{name}", type=seed, metavar="N", help=what)
     parser.add_argument("--robot", metavar="ROBOT", help=argparse.SUPPRESS)
@@ -51,9 +57,33 @@ def run(args: argparse.Namespace) -> int:
         raise ValueError(f"the benchmark {args.what} runs one job after the other: no --workers")
     console = Console()
     out = args.out / args.what
+    if args.redraw:
+        return _redraw(args, benchmark, out, console)
     with new_results(out, args.overwrite):
         _measure(args, benchmark, out, options, console)
     return 0
+
+
+def _redraw(args: argparse.Namespace, benchmark: Benchmark, out: Path, console: Console) -> int:
+    """Draw the pictures of a report anew; 1 where they could not be drawn."""
+    given = [f"--{name}" for name in ("quick", *_OPTIONS, "workers") if getattr(args, name)]
+    if given:
+        raise ValueError(f"{given[0]} measures anew, --redraw measures nothing: give one of them")
+    if benchmark.plot is None:
+        raise ValueError(f"the benchmark {args.what} has no pictures")
+    with changed_results(out):
+        plotted = _draw(args.what, benchmark, out, console)
+    if plotted:
+        console.print(f"Drew the plots in {out} anew")
+    return int(not plotted)
+
+
+def _draw(what: str, benchmark: Benchmark, out: Path, console: Console) -> bool:
+    """Pictures of a folder's report, and of nothing else, so that they can be drawn again."""
+    if benchmark.plot is None:
+        return False
+    records = stored.read(out, benchmark.run)
+    return drawn(lambda: benchmark.plot(records, out / f"{what}.png"), console)
 
 
 def _measure(
@@ -88,13 +118,12 @@ def _write(
     console: Console,
 ) -> None:
     """Reports and plots."""
-    write_json(out / "report.json", [record.row() for record in records], args.command_line)
+    stored.write(out, records, args.command_line)
     tables = benchmark.tables(records)
     console.print(tables)
     text = text_page(f"Benchmark: {args.what}", tables, args.command_line)
     write_text(out / "report.md", text)
-    plot = benchmark.plot
-    plotted = plot is not None and drawn(lambda: plot(records, out / f"{args.what}.png"), console)
+    plotted = _draw(args.what, benchmark, out, console)
     console.print(f"Wrote report.json, report.md{' and plots' if plotted else ''} to {out}")
 
 

@@ -83,6 +83,26 @@ def new_results(folder: Path, overwrite: bool) -> Iterator[None]:
                 write_text(folder / _LIST, "".join(f"{name}\n" for name in sorted(written)))
 
 
+@contextmanager
+def changed_results(folder: Path) -> Iterator[None]:
+    """Hold a folder of results while something is added to it or made anew.
+
+    Raises:
+        FileNotFoundError: There are no results.
+        BlockingIOError: Another run writes to it.
+    """
+    if not any(folder.glob(f"{_REPORT}*")):
+        raise FileNotFoundError(f"{folder / _REPORT}: there is no such report")
+    with claimed(folder):
+        before = _states(folder)
+        try:
+            yield
+        finally:
+            written = {k for k, state in _states(folder).items() if state != before.get(k)}
+            names = sorted(_listed(folder) | written)
+            write_text(folder / _LIST, "".join(f"{name}\n" for name in names))
+
+
 def _listed(folder: Path) -> set[str]:
     """Names of what an earlier run wrote to a folder."""
     with suppress(OSError, UnicodeDecodeError):

@@ -14,6 +14,9 @@ from softrobot_env.tasks import Task
 #: What a real robot may have no sensor for.
 _UNMEASURED = ("tendon_tension", "curvature")
 
+#: Arrays (T, k) that pictures may do without.
+_ARRAYS = ("action", "tendon_tension", "tendon_length", "curvature")
+
 
 @dataclass(frozen=True)
 class Rollout:
@@ -66,6 +69,12 @@ class Rollout:
         """The record at instants about `period` [s] apart."""
         apart = float(self.time[1] - self.time[0]) if len(self.time) > 1 else period
         return self.part(slice(None, None, max(1, round(period / apart))))
+
+    def slim(self, *names: str) -> "Rollout":
+        """The record for pictures: of the arrays beside time, reference and tip only the named."""
+        small = {k: v[:, :0] for k, v in vars(self).items() if k in _ARRAYS and k not in names}
+        decisions = {"policy_time": self.policy_time[:0], "policy_status": self.policy_status[:0]}
+        return replace(self, reward=np.zeros_like(self.reward), **small, **decisions)
 
     def recording(self, task: Task) -> Recording:
         """The commands and the tip of an episode on a task, to be written or replayed."""

@@ -10,8 +10,8 @@ from itertools import product
 from softrobot_env.benchmarks.contacts.cases import CASES
 from softrobot_env.benchmarks.contacts.exact import CHECKS, check
 from softrobot_env.benchmarks.contacts.judge import judged
+from softrobot_env.benchmarks.contacts.rows import Cell, Check
 from softrobot_env.benchmarks.jobs import Progress, run_in_processes
-from softrobot_env.benchmarks.records import Record
 
 #: Stiffnesses over that of the robot's material [1], friction coefficients [1], and timesteps over
 #: the rule's [1].
@@ -26,7 +26,7 @@ LONGEST = ("trunk, box and wall", "gripper closes on bar")
 PIECES = (6, 12, 24, 48)
 
 
-def run(quick: bool = False, progress: Progress | None = None) -> list[Record]:
+def run(quick: bool = False, progress: Progress | None = None) -> list[Cell | Check]:
     """Judge the grid and check the rods, in a process for each core.
 
     Args:

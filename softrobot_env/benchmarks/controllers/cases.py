@@ -1,7 +1,7 @@
 """Episodes of the controller benchmark, and their rows."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +11,7 @@ from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
 from softrobot_env.benchmarks.records import drawn, one
 from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.evaluation.thesis import CONTROLLERS
 from softrobot_env.tasks import make_task
 
 #: Parameter that sec. 6.6.3 varies.
@@ -29,7 +30,22 @@ _SLOW, _LONG = ("qs_nn", "feedforward", "feedforward_pi"), 25.0
 #: Times [s] between which the error during a motion is taken: without the decay after a kink.
 MOTION = {"swing": ((0.5, 10.0),), "lshape": ((1.0, 5.0), (6.0, 10.0))}
 
-_SAMPLE = 0.005  # s, of a trace
+_SAMPLE = 0.01  # s, of a trace
+
+#: Policies in Figs. 6.14 to 6.19: the thesis' controllers, and ours to compare.
+COMPARED = (*CONTROLLERS, "lq_adaptive")
+
+#: Tasks of these figures.
+_DRAWN = (("step", 0.05), ("swing", None), ("lshape", None))
+
+#: Policies whose behaviour with another Young's modulus is shown, and names of their figures.
+VARIED = {
+    "qs_nn": "fig_6_20",
+    "lqi": "fig_6_21",
+    "mpc": "fig_6_22",
+    "lq_adaptive": "robustness_lq_adaptive",
+    "mpc_preview": "robustness_mpc_preview",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +57,7 @@ class ControllerRow(EpisodeRecord):
         feedback: What the policy measured.
         e_motion, e_motion_least: [m], largest and smallest error between the kinks of the
             reference; None for steps, and after a failure.
-        trace: Every few milliseconds of the episode, on the thesis' plant.
+        trace: Every few milliseconds of an episode that a figure shows, and its last curvature.
     """
 
     setting: str
@@ -105,8 +121,22 @@ def run_case(setting: str, case: runner.Case) -> ControllerRow:
         feedback=case.feedback,
         e_motion=most,
         e_motion_least=least,
-        trace=outcome.rollout.thinned(_SAMPLE) if case.plant == PCC else None,
+        trace=_trace(outcome.rollout) if _is_drawn(case) else None,
     )
+
+
+def _is_drawn(case: runner.Case) -> bool:
+    """Whether a figure shows an episode."""
+    task = case.task.name, case.task.step_width
+    compared = case.policy in COMPARED and task in _DRAWN and not case.variation
+    varied = case.policy in VARIED and task == ("swing", None) and set(case.variation) <= {E}
+    return case.plant == PCC and (compared or varied)
+
+
+def _trace(rollout: Rollout) -> Rollout:
+    """What the figures need of it."""
+    shown = rollout.thinned(_SAMPLE).slim("tendon_tension")
+    return replace(shown, curvature=rollout.curvature[-1:])
 
 
 def motion_errors(rollout: Rollout, task: str) -> tuple[float | None, float | None]:

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from softrobot_env.benchmarks.controllers.cases import PCC, ControllerRow, moduli
+from softrobot_env.benchmarks.controllers.cases import COMPARED, PCC, VARIED, ControllerRow, moduli
 from softrobot_env.benchmarks.controllers.run import Row
 from softrobot_env.benchmarks.records import names, of_kind, one, select
 from softrobot_env.evaluation.labels import variation_label
@@ -38,18 +38,6 @@ from softrobot_env.rendering.figures import (
 )
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
-
-#: Policies in Figs. 6.14 to 6.19: the thesis' controllers, and ours to compare.
-_COMPARED = (*CONTROLLERS, "lq_adaptive")
-
-#: Policies whose behaviour with another Young's modulus is shown, and names of their figures.
-_VARIED = {
-    "qs_nn": "fig_6_20",
-    "lqi": "fig_6_21",
-    "mpc": "fig_6_22",
-    "lq_adaptive": "robustness_lq_adaptive",
-    "mpc_preview": "robustness_mpc_preview",
-}
 
 #: Colours of factors on Young's modulus: warm where the robot is softer than known.
 _MODULI = {0.5: VERMILLION, 0.75: ORANGE, 1.0: GREEN, 1.25: SKY, 1.5: BLUE}
@@ -91,7 +79,7 @@ def _figures(
     yield "fig_6_17", _arms, swing, "Fig. 6.17  the arm at the end of the swing, PCC plant"
     yield "fig_6_18", _plane, lshape, "Fig. 6.18  L-shape, PCC plant"
     yield "fig_6_19", _inputs, lshape, "Fig. 6.19  L-shape, PCC plant"
-    for policy, name in _VARIED.items():
+    for policy, name in VARIED.items():
         curves = _varied(rows, policy)
         number = name.removeprefix("fig_").replace("_", ".")
         title = f"Fig. {number}" if policy in CONTROLLERS else "As Figs. 6.20 to 6.22"
@@ -101,7 +89,7 @@ def _figures(
 
 def _compared(rows: list[ControllerRow], task: str, width: float | None = None) -> list[Curve]:
     mine = select(rows, setting="thesis", task=task, step_width=width)
-    return policy_curves({row.policy: row.trace for row in mine if row.policy in _COMPARED})
+    return policy_curves({row.policy: row.trace for row in mine if row.policy in COMPARED})
 
 
 def _varied(rows: list[ControllerRow], policy: str) -> list[Curve]:

@@ -43,6 +43,8 @@ PRINTED = {
     ("rig_nn_pi", "weight 40 g"): 7.9e-3,
 }
 
+_SAMPLE = 0.02  # s, of a trace
+
 #: Laps of a second: [m], laps, and [s] to speed up and to slow down.
 _FAST = {"radius": 0.12, "speed": 2 * np.pi * 0.12, "laps": 6, "ramp": 2.0}
 
@@ -62,7 +64,7 @@ class LapRow(Record):
         last: RMS error [m] of the last lap at full speed, when policies that learn have learned.
         thesis: The RMS error [m] that the thesis prints, or None.
         failure: What went wrong, or None.
-        trace: The episode.
+        trace: The episode, if a picture shows it.
     """
 
     path: str
@@ -142,7 +144,7 @@ def lap_row(
         last=None if failed else float(np.sqrt(np.mean(last**2))),
         thesis=PRINTED.get((policy, disturbance)) if path == SLOW else None,
         failure=rollout.failure,
-        trace=rollout if shown else None,
+        trace=rollout.thinned(_SAMPLE).slim() if shown else None,
     )
 
 

@@ -5,8 +5,10 @@ from importlib.util import find_spec
 
 from softrobot_env.benchmarks.gripper.episodes import outcomes, sizes, speeds
 from softrobot_env.benchmarks.gripper.grips import grips, things
+from softrobot_env.benchmarks.gripper.rows import Grip, Outcome, Shape, Size, Speed
 from softrobot_env.benchmarks.jobs import Progress, run_in_processes
-from softrobot_env.benchmarks.records import Record
+
+Row = Grip | Size | Shape | Outcome | Speed
 
 #: Policies that hold, and that enclose.
 HOLDERS = ("scripted 20 N", "scripted 30 N", "scripted 40 N", "sized")
@@ -25,7 +27,7 @@ EXAMPLES, TESTED, HELD, TESTED_BY_RULE, HELD_BY_RULE = 300, 100, 200, 40, 60
 MANY, THREADS = 64, (1, 2, 4)
 
 
-def run(quick: bool = False, progress: Progress | None = None) -> list[Record]:
+def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
     """Measure, in a process for each core; what needs several threads by itself.
 
     Args:

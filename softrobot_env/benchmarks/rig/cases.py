@@ -85,5 +85,6 @@ def run_case(case: Case, traced: bool) -> LapsRow:
 
 def _laps(rollout: Rollout, approach: float) -> Rollout:
     """The record after its approach [s], with times from its end on."""
-    laps = rollout.part(slice(int(np.searchsorted(rollout.time, approach, "right")), None))
+    begin = int(np.searchsorted(rollout.time, approach, "right"))
+    laps = rollout.slim("action").part(slice(begin, None))
     return replace(laps, time=laps.time - laps.time[:1])

@@ -29,7 +29,9 @@ QUICK_DAMPINGS = (0.0, NOMINAL, 5.0)
 QUICK_RATIOS = (0.5, 0.95, 1.2, 2.0)
 
 
-def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:
+def run(
+    quick: bool = False, progress: Progress | None = None
+) -> list[Row | rig.RigRow | front.FrontRow]:
     """Measure the maps, the rule and the extreme cases.
 
     Args:

@@ -1,0 +1,160 @@
+"""What a study found, written and read again: its pictures are made of these files alone.
+
+`report.json` has the rows; `drawn.npz` beside it, where there is any, what only pictures need.
+"""
+
+import gzip
+import json
+from collections.abc import Callable, Sequence
+from enum import Enum
+from functools import cache
+from hashlib import sha256
+from pathlib import Path
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from softrobot_env.artifacts import read_tree, write_tree
+from softrobot_env.benchmarks.records import Record
+from softrobot_env.evaluation.report import write_json
+from softrobot_env.evaluation.rollout import Rollout
+
+REPORT, DRAWN = "report.json", "drawn.npz"
+
+
+def write(folder: Path, records: Sequence[Record], command: str) -> None:
+    """Write both files; `command` is what made them.
+
+    Raises:
+        ValueError: A row holds NaN or infinity.
+    """
+    rows = [record.row() for record in records]
+    write_json(folder / REPORT, rows, command)
+    shown = {k: _plain(record.shown()) for k, record in enumerate(records) if record.shown()}
+    if shown:
+        write_tree(folder / DRAWN, {"report": _digest(rows), "fields": shown})
+
+
+def read(folder: Path, run: Callable[..., Sequence[Record]]) -> list[Record]:
+    """The records of a study.
+
+    Args:
+        folder: Where `write` wrote them; the report may be packed with gzip.
+        run: What made them, which says by its type what they are.
+
+    Raises:
+        FileNotFoundError: There is no report.
+        ValueError: It is damaged, that of another study, or `drawn.npz` is.
+    """
+    path = folder / REPORT
+    if not path.exists() and path.with_name(f"{REPORT}.gz").exists():
+        path = path.with_name(f"{REPORT}.gz")
+    rows = _rows(path)
+    kinds = {frozenset(_columns(kind)): kind for kind in _kinds(run)}
+    found = []
+    for number, row in enumerate(rows):
+        kind = kinds.get(frozenset(row)) if isinstance(row, dict) else None
+        if kind is None:
+            raise ValueError(f"{path}: row {number + 1} is none of this benchmark")
+        try:
+            values = {k: _as(row[k], hint) for k, hint in _columns(kind).items()}
+        except (TypeError, ValueError) as error:
+            raise ValueError(f"{path}: row {number + 1} is damaged: {error}") from None
+        found.append((kind, values))
+    shown = _shown(folder / DRAWN, rows)
+    return [kind(**values, **shown.get(k, {})) for k, (kind, values) in enumerate(found)]
+
+
+def _rows(path: Path) -> list[Any]:
+    try:
+        content = path.read_bytes()
+        content = gzip.decompress(content) if path.suffix == ".gz" else content
+        rows = json.loads(content)["rows"]
+    except FileNotFoundError:
+        raise FileNotFoundError(f"{path}: there is no report to redraw") from None
+    except (ValueError, LookupError, TypeError, EOFError, OSError) as error:
+        raise ValueError(f"{path} is no report, or damaged") from error
+    if not isinstance(rows, list) or not rows:
+        raise ValueError(f"{path} is no report, or damaged")
+    return rows
+
+
+def _shown(path: Path, rows: list[Any]) -> dict[int, dict[str, Any]]:
+    """Values of fields for pictures, by the number of the row."""
+    if not path.exists():
+        return {}
+    tree = read_tree(path)
+    try:
+        report, fields = tree["report"], tree["fields"]
+        made = {
+            number: {k: Rollout(**v[_ROLLOUT]) if _is_rollout(v) else v for k, v in values.items()}
+            for number, values in fields.items()
+        }
+    except (AttributeError, LookupError, TypeError) as error:
+        raise ValueError(f"{path} is not what pictures need, or damaged") from error
+    if report != _digest(rows):
+        raise ValueError(f"{path} belongs to another report than the {REPORT} beside it")
+    return made
+
+
+_ROLLOUT = "rollout"
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    """Values for a tree, which has no episodes."""
+    return {k: {_ROLLOUT: vars(v)} if isinstance(v, Rollout) else v for k, v in values.items()}
+
+
+def _is_rollout(value: Any) -> bool:
+    return isinstance(value, dict) and value.keys() == {_ROLLOUT}
+
+
+def _digest(rows: list[Any]) -> str:
+    return sha256(json.dumps(rows, sort_keys=True).encode()).hexdigest()
+
+
+def _kinds(run: Callable[..., Sequence[Record]]) -> list[type[Record]]:
+    """Records that a function returns, and those derived of them."""
+    (what,) = get_args(get_type_hints(run)["return"])
+    kinds = list(get_args(what) or (what,))
+    for kind in kinds:
+        kinds += kind.__subclasses__()
+    return kinds
+
+
+@cache
+def _columns(kind: type[Record]) -> dict[str, Any]:
+    """Types of what is written of a record, by column."""
+    return {k: hint for k, hint in get_type_hints(kind).items() if k in kind.written()}
+
+
+def _as(value: Any, hint: Any) -> Any:
+    """A value of json as one of a type.
+
+    Raises:
+        TypeError, ValueError: It is none.
+    """
+    origin, inner = get_origin(hint), get_args(hint)
+    if origin in (Union, UnionType):
+        for one in inner:
+            try:
+                return _as(value, one)
+            except (TypeError, ValueError):
+                continue
+    elif hint is Any or (origin is Literal and value in inner):
+        return value
+    elif origin is dict and isinstance(value, dict):
+        return {k: _as(v, inner[1]) for k, v in value.items()}
+    elif origin is list and isinstance(value, list):
+        return [_as(one, inner[0]) for one in value]
+    elif origin is tuple and isinstance(value, list):
+        hints = [inner[0]] * len(value) if inner[-1] is Ellipsis else inner
+        return tuple(_as(one, h) for one, h in zip(value, hints, strict=True))
+    elif isinstance(hint, type) and issubclass(hint, Enum):
+        return hint(value)
+    elif hint is NoneType and value is None:
+        return value
+    elif isinstance(hint, type) and isinstance(value, bool) == (hint is bool):
+        wanted = int | float if hint is float else hint
+        if isinstance(value, wanted):
+            return value
+    raise TypeError(f"{value!r:.60} is no {getattr(hint, '__name__', hint)}")

@@ -1,0 +1,194 @@
+"""Pictures of a study are drawn of its files alone, and files that are damaged are refused."""
+
+import gzip
+import json
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from softrobot_env.artifacts import read_tree, write_tree
+from softrobot_env.benchmarks import stored
+from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark
+from softrobot_env.cli import main
+from softrobot_env.evaluation.rollout import Rollout
+from softrobot_env.rendering.tables import make_table
+
+RESULTS = Path(__file__).resolve().parents[2] / "docs" / "results"
+
+
+@dataclass(frozen=True)
+class Run(Record):
+    case: str
+    error: float | None
+    sizes: tuple[int, ...] = ()
+    trace: Rollout | None = drawn()  # noqa: RUF009
+
+
+@dataclass(frozen=True)
+class Other(Record):
+    what: str
+    value: float
+
+
+@dataclass(frozen=True)
+class Further(Run):
+    ratio: float = 1.0
+
+
+def rollout() -> Rollout:
+    time = np.linspace(0, 1, 50)
+    tip = np.stack([np.sin(9 * time), 0 * time, time], axis=1) / 3
+    few = {name: np.zeros((50, 2)) for name in ("action", "tendon_tension", "tendon_length")}
+    decisions = {"policy_time": np.ones(49), "policy_status": np.full(49, "late")}
+    return Rollout(
+        time, tip, tip + 1e-3, curvature=tip, reward=time, wall_time=1, **few, **decisions
+    )
+
+
+def run(quick: bool, progress=None) -> list[Run | Other]:
+    trace = rollout().slim("action")
+    return [Run("a", 1e-3, (1, 2), trace), Other("b", 2.0), Further("c", None, ratio=0.5)]
+
+
+def plot(records, path) -> None:
+    from softrobot_env.rendering.figures import new_figure, save
+
+    figure, ((axis,),) = new_figure(1, 1, (3, 2))
+    trace = records[0].trace
+    axis.plot(trace.time, trace.error)
+    axis.plot(trace.tip)
+    save(figure, path)
+
+
+@pytest.fixture
+def study(monkeypatch):
+    """A study of seconds in the place of another."""
+    benchmark = Benchmark(run, lambda records: make_table("", (), []), plot)
+    monkeypatch.setitem(BENCHMARKS.registered(), "laws", lambda: benchmark)
+
+
+def refused(words, capsys) -> str:
+    assert main([str(word) for word in words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    return line
+
+
+def test_redrawn_pictures_are_the_same_byte_by_byte(study, tmp_path):
+    pytest.importorskip("matplotlib")
+    given = ["benchmark", "laws", "--out", str(tmp_path)]
+    assert main(given) == 0
+    picture = tmp_path / "laws" / "laws.png"
+    before, listed = picture.read_bytes(), (tmp_path / "laws" / ".written").read_text()
+    assert "drawn.npz" in listed
+    picture.unlink()
+    report = (tmp_path / "laws" / "report.json").read_bytes()
+    assert main([*given, "--redraw"]) == 0
+    assert picture.read_bytes() == before
+    assert (tmp_path / "laws" / "report.json").read_bytes() == report
+    assert (tmp_path / "laws" / ".written").read_text() == listed
+
+
+def test_records_come_back_as_they_were(tmp_path):
+    made = run(True)
+    stored.write(tmp_path, made, "softrobot benchmark")
+    found = stored.read(tmp_path, run)
+    assert [type(record) for record in found] == [Run, Other, Further]
+    assert [record.row() for record in found] == [record.row() for record in made]
+    assert found[0].sizes == (1, 2)
+    trace = found[0].trace
+    np.testing.assert_allclose(trace.tip, made[0].trace.tip, atol=1e-7)
+    assert trace.action.shape == (50, 2) and trace.curvature.shape == (50, 0)
+    assert found[2].trace is None
+
+
+def test_a_tree_comes_back_with_equal_arrays_once(tmp_path):
+    one = np.linspace(0, 1, 1000)
+    tree = {
+        1: [one, (one.copy(), None, "a")],
+        "b": {"c": np.arange(3), "d": True, "e": np.float64(2)},
+    }
+    write_tree(tmp_path / "a.npz", tree)
+    found = read_tree(tmp_path / "a.npz")
+    assert isinstance(found[1][1], tuple) and found[1][1][1:] == (None, "a")
+    np.testing.assert_array_equal(found[1][0], one.astype(np.float32))
+    assert (
+        found["b"]["c"].tolist() == [0, 1, 2] and found["b"]["d"] is True and found["b"]["e"] == 2
+    )
+    assert len(np.load(tmp_path / "a.npz").files) == 3
+    with pytest.raises(TypeError, match="object"):
+        write_tree(tmp_path / "a.npz", [object()])
+
+
+def damage(folder: Path, how: str) -> None:
+    path = folder / "report.json"
+    report = json.loads(path.read_text())
+    if how == "cut":
+        path.write_text(path.read_text()[:-40])
+    elif how == "rows":
+        path.write_text(json.dumps({"meta": report["meta"], "rows": []}))
+    elif how == "foreign":
+        shutil.copy(RESULTS / "sections" / "report.json", path)
+    elif how == "type":
+        report["rows"][1]["value"] = "much"
+        path.write_text(json.dumps(report))
+    elif how == "other":
+        report["rows"][1]["value"] = 3.0
+        path.write_text(json.dumps(report))
+    elif how == "packed":
+        path.with_name("report.json.gz").write_bytes(gzip.compress(path.read_bytes())[:50])
+        path.unlink()
+    elif how == "drawn":
+        (folder / "drawn.npz").write_bytes(b"PK")
+    elif how == "arrays":
+        write_tree(folder / "drawn.npz", [1, 2])
+    elif how == "none":
+        path.unlink()
+
+
+@pytest.mark.parametrize(
+    ("how", "told"),
+    {
+        "cut": "report.json is no report, or damaged",
+        "rows": "report.json is no report, or damaged",
+        "foreign": "row 1 is none of this benchmark",
+        "type": "row 2 is damaged: 'much' is no float",
+        "other": "drawn.npz belongs to another report",
+        "packed": "report.json.gz is no report, or damaged",
+        "drawn": "drawn.npz is no npz file of arrays, or damaged",
+        "arrays": "drawn.npz is not what pictures need",
+        "none": "report.json: there is no such report",
+    }.items(),
+)
+def test_damaged_and_foreign_files_are_refused_in_a_line(how, told, study, tmp_path, capsys):
+    stored.write(tmp_path / "laws", run(True), "softrobot benchmark laws")
+    damage(tmp_path / "laws", how)
+    words = ["benchmark", "laws", "--out", tmp_path, "--redraw"]
+    assert told in refused(words, capsys)
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["laws", "--quick"], "--quick measures anew, --redraw measures nothing"),
+        (["scenes", "--count", "3"], "--count measures anew"),
+        (["speed"], "the benchmark speed has no pictures"),
+    ],
+)
+def test_what_measures_does_not_redraw(words, told, tmp_path, capsys):
+    given = ["benchmark", *words, "--redraw", "--out", tmp_path]
+    assert told in refused(given, capsys)
+
+
+@pytest.mark.parametrize("name", [name for name in BENCHMARKS if name != "speed"])
+def test_the_committed_report_can_be_redrawn(name):
+    """Its rows are those of the records today, and what pictures need is there."""
+    benchmark, folder = BENCHMARKS[name](), RESULTS / name
+    records = stored.read(folder, benchmark.run)
+    rows = stored._rows(next(folder.glob("report.json*")))
+    assert [json.loads(json.dumps(record.row())) for record in records] == rows
+    needed = any(set(vars(record)) - set(record.written()) for record in records)
+    assert needed == any(record.shown() for record in records)
