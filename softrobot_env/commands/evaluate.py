@@ -29,7 +29,7 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
-from softrobot_env.commands.output import add_out, check_free, new_results
+from softrobot_env.commands.output import add_out, changed_results, check_free, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
 from softrobot_env.commands.task_options import option, task_name
@@ -57,6 +57,7 @@ _ELSEWHERE = (
     "overwrite",
     "record",
     "no_plots",
+    "redraw",
     "save_rollouts",
     "command_line",
     "command_run",
@@ -91,6 +92,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     out = parser.add_argument_group("what is written")
     add_out(out, "out/evaluate")
     out.add_argument("--no-plots", action="store_true", help="skip the plots")
+    out.add_argument(
+        "--redraw", action="store_true", help="run nothing: draw the plots that are there anew"
+    )
     out.add_argument("--save-rollouts", action="store_true", help="also write npz records")
 
 
@@ -234,8 +238,24 @@ class Result:
 def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if any episode failed."""
     console = Console()
+    if args.redraw:
+        return _redraw(args.out, console)
     with new_results(args.out, args.overwrite):
         return _evaluate(args, console)
+
+
+def _redraw(out: Path, console: Console) -> int:
+    """Draw the pictures of an earlier run anew, of its files alone."""
+    from softrobot_env.rendering.plots import DRAWN, redraw
+
+    with changed_results(out):
+        files = sorted(out.glob(f"*{DRAWN}"))
+        if not files:
+            raise FileNotFoundError(f"{out}: there is no *{DRAWN} of an earlier run with plots")
+        for file in files:
+            redraw(file)
+    console.print(f"Drew {len(files)} comparisons in {out} anew")
+    return 0
 
 
 def _evaluate(args: argparse.Namespace, console: Console) -> int:
@@ -361,7 +381,6 @@ def _plot(results: list[Result], out: Path) -> int:
     Returns:
         How many comparisons were drawn.
     """
-    from softrobot_env.rendering.curves import policy_curves, varied_curves
     from softrobot_env.rendering.plots import plot_task
 
     drawn = 0
@@ -370,14 +389,14 @@ def _plot(results: list[Result], out: Path) -> int:
         task, stem = same[0].outcome.case.task, _in_file_name(group)
         nominal = {r.row.policy: r.outcome.rollout for r in same if not r.row.variation}
         if nominal:
-            plot_task(policy_curves(nominal), task, group, out, stem)
+            plot_task(nominal, task, group, out, stem)
             drawn += 1
         for name in dict.fromkeys(r.row.policy for r in same):
             mine = [r for r in same if r.row.policy == name]
             varied = {robot_label(r.columns) or "nominal": r.outcome.rollout for r in mine}
             if len(varied) > 1:
-                title = f"{group}, {name}"
-                plot_task(varied_curves(varied), task, title, out, f"{stem}_{name}_varied")
+                title, file = f"{group}, {name}", f"{stem}_{name}_varied"
+                plot_task(varied, task, title, out, file, varied=True)
                 drawn += 1
     return drawn
 

@@ -8,8 +8,16 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.figures import COLOURS, REFERENCE, Axes, Figure, add_legend, style_of
-from softrobot_env.robots import RobotParams, centerline
+from softrobot_env.rendering.figures import (
+    COLOURS,
+    REFERENCE,
+    Axes,
+    Figure,
+    add_legend,
+    add_title,
+    style_of,
+)
+from softrobot_env.robots import RobotParams
 
 #: Samples of an episode to show.
 Shown = Callable[[Rollout], slice]
@@ -138,10 +146,10 @@ def draw_path(
     axis.set(aspect="equal", xlabel=f"{plane[0]} [mm]", ylabel=f"{plane[1]} [mm]")
 
 
-def draw_shapes(axis: Axes, curves: Sequence[Curve], robot: RobotParams) -> None:
-    """Shape of a planar robot at the end of each episode."""
-    for curve, width in zip(curves, _widths(len(curves)), strict=True):
-        shape = _in_plane(centerline(robot, curve.rollout.curvature[-1]), "xz")
+def draw_shapes(axis: Axes, curves: Sequence[Curve], shapes: Sequence[np.ndarray]) -> None:
+    """Shapes (n, 3) [m] of a planar robot at the end of episodes."""
+    for curve, points, width in zip(curves, shapes, _widths(len(curves)), strict=True):
+        shape = _in_plane(points, "xz")
         line = dict(curve.line) | {"linestyle": "-", "linewidth": width, "solid_capstyle": "butt"}
         axis.plot(*shape, **line, label=curve.label)
 
@@ -167,6 +175,6 @@ def _in_plane(points: np.ndarray, plane: str) -> np.ndarray:
 
 def finish(figure: Figure, axis: Axes, title: str) -> Figure:
     """Title, and a legend of what one axis shows below all axes."""
-    figure.suptitle(title, fontsize=11)
+    add_title(figure, title)
     add_legend(figure, axis)
     return figure

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
+from textwrap import fill
 from typing import TYPE_CHECKING, Any
 from zlib import crc32
 
@@ -121,6 +122,9 @@ STYLES = {
 
 _MOST_DOTS = 1800
 
+#: Letters of a title in an inch.
+_LETTERS = 11.0
+
 #: Lines and markers of names that are not in `STYLES`.
 _LINES, _MARKERS = ("-", _MIXED, _DOTTED), "osD^v<>PX*hp"
 
@@ -221,6 +225,49 @@ def add_legend(figure: Figure, source: Axes | Sequence[Line2D]) -> None:
     figure.legend(
         handles=handles, loc="outside lower center", ncols=columns, frameon=False, fontsize=9
     )
+
+
+def add_title(figure: Figure, message: str, subject: str = "") -> None:
+    """What a figure says, on the left above all panels, in as many lines as it needs.
+
+    Args:
+        figure: The figure.
+        message: What is to be seen; numbers in it come from what is drawn.
+        subject: What is shown, in lines of its own.
+    """
+    width = int(_LETTERS * figure.get_figwidth())
+    lines = [fill(part, width) for part in (message, subject) if part]
+    figure.suptitle("\n".join(lines), fontsize=11, x=0.01, ha="left")
+
+
+def label_lines(axis: Axes, entries: Sequence[tuple[str, float, str]], size: float = 8) -> None:
+    """Names of lines to the right of an axis, at the heights where they end, without overlap.
+
+    Args:
+        axis: The axis, with its final scale and limits.
+        entries: Name, height at the right end in the axis' unit, and colour of each.
+        size: Of the letters [pt].
+    """
+    if not entries:
+        return
+    to_axis = axis.transData + axis.transAxes.inverted()
+    x = axis.get_xlim()[1]
+    places = sorted(
+        (min(max(float(to_axis.transform((x, y))[1]), 0.0), 1.0), name, colour)
+        for name, y, colour in entries
+    )
+    box = axis.get_position().height * axis.figure.get_figheight() * 72
+    gap = min(1.25 * size / box, 1.0 / max(1, len(places) - 1))
+    heights: list[float] = []
+    for place, _, _ in places:
+        heights.append(max(place, heights[-1] + gap) if heights else place)
+    over = max(0.0, heights[-1] - 1.0)
+    for index in reversed(range(len(heights))):  # push down what stands out above
+        limit = 1.0 if index == len(heights) - 1 else heights[index + 1] - gap
+        heights[index] = min(heights[index], limit) if over else heights[index]
+    for height, (_, name, colour) in zip(heights, places, strict=True):
+        text = {"color": colour, "fontsize": size, "va": "center", "xycoords": "axes fraction"}
+        axis.annotate(name, (1.0, height), (5, 0), textcoords="offset points", **text)
 
 
 def save(figure: Figure, path: Path | str) -> Path:

@@ -1,25 +1,32 @@
-"""Pictures of the recorded episodes of one task."""
+"""Pictures of the recorded episodes of one task, made of a file that has what they show."""
 
-from collections.abc import Sequence
-from functools import partial
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
 from math import ceil
 from pathlib import Path
 
 import numpy as np
 
+from softrobot_env.artifacts import read_tree, write_tree
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import (
     Curve,
-    Values,
     draw_path,
     draw_shapes,
     draw_stacked,
     draw_tip,
     finish,
+    policy_curves,
+    varied_curves,
 )
-from softrobot_env.rendering.figures import Figure, add_legend, new_figure, save
+from softrobot_env.rendering.figures import Figure, add_legend, add_title, new_figure, save
+from softrobot_env.robots import centerline
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.tasks import Task
+
+#: End of the names of files that have what pictures show.
+DRAWN = "_drawn.npz"
 
 #: A step response is shown for this long [s]; later it only decays.
 _STEP_WINDOW = 6.0
@@ -27,19 +34,80 @@ _STEP_WINDOW = 6.0
 #: Episodes in a picture: more cannot be told apart.
 _MOST = 6
 
+#: Instants of an episode in a picture, about.
+_SAMPLES = 1000
+
 #: Panels side by side in the view from above, and the side [in] of one.
 _COLUMNS, _SIDE = 4, 2.6
 
 
-def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: str) -> list[Path]:
-    """Write three pictures of episodes on the same task.
+@dataclass(frozen=True)
+class _Comparison:
+    """What pictures of episodes on the same task show.
+
+    Attributes:
+        title: Task and robot for people.
+        varied: Whether the episodes are of one policy on several robots.
+        count: Number of episodes that there were; those of `rollouts` err least.
+        rollouts: Episodes by name.
+        driven: (T, k) of each, reduced inputs [N] or lengths pulled in by servos [m].
+        shapes: (n, 3) [m] of each at its end; None of a spatial robot.
+        path: (m, 3) [m] of the reference.
+        axes: Coordinates of the tip, such as "xz".
+        drive: "tension" or "length".
+        begin: [s], of what is shown.
+        jumps: Whether the reference is set points.
+        step: Whether it is a step.
+    """
+
+    title: str
+    varied: bool
+    count: int
+    rollouts: dict[str, Rollout]
+    driven: dict[str, np.ndarray]
+    shapes: dict[str, np.ndarray] | None
+    path: np.ndarray
+    axes: str
+    drive: str
+    begin: float
+    jumps: bool
+    step: bool
+
+    @cached_property
+    def curves(self) -> list[Curve]:
+        """The episodes in today's colours."""
+        return (varied_curves if self.varied else policy_curves)(self.rollouts)
+
+    def shown(self, rollout: Rollout) -> slice:
+        """Samples after the approach, and the beginning of a step response."""
+        begin = int(np.searchsorted(rollout.time, self.begin))
+        end = int(np.searchsorted(rollout.time, _STEP_WINDOW)) if self.step else None
+        return slice(begin, end)
+
+    def titled(self, message: str) -> str:
+        """A message with what it is about."""
+        some = f" ({len(self.rollouts)} of {self.count} that err least)"
+        return f"{self.title}{some if len(self.rollouts) < self.count else ''}: {message}"
+
+
+def plot_task(
+    rollouts: Mapping[str, Rollout],
+    task: Task,
+    title: str,
+    out: Path,
+    stem: str,
+    varied: bool = False,
+) -> list[Path]:
+    """Write three pictures of episodes on the same task, and what they show for `redraw`.
 
     Args:
-        curves: The episodes; of more than six, those that err least are drawn.
+        rollouts: The episodes by policy, or by robot; of more than six, those that err least are
+            drawn.
         task: Their task.
         title: Task and robot for people.
         out: Folder to write to.
         stem: Start of the file names.
+        varied: Whether they are by robot, of one policy.
 
     Returns:
         Paths of `<stem>_tip.png` (tip and error over time), then `<stem>_inputs.png` (reduced
@@ -48,88 +116,146 @@ def plot_task(curves: Sequence[Curve], task: Task, title: str, out: Path, stem: 
         shapes), of a spatial one `<stem>_path.png` (path of the tip from above). Where the
         trajectory has an approach, they begin after it.
     """
-    if len(curves) > _MOST:
-        title = f"{title}, the {_MOST} of {len(curves)} that err least"
-        least = sorted(curves, key=_typical_error)[:_MOST]
-        curves = [curve for curve in curves if any(curve is one for one in least)]
     robot = task.robot
-    figures = {"tip": _tip(curves, task, title)}
-    if robot.drive.kind == "length":
-        names = [f"tendon {i} [mm]" for i in range(1, len(robot.tendons) + 1)]
-        text = f"{title}: length pulled in by the servos"
-        figures["lengths"] = _stacked(curves, lambda r: 1e3 * r.tendon_length, names, task, text)
-    else:
-        inputs = TendonMap(robot)
-        what = "pair" if robot.is_planar else "input"
-        names = [f"{what} {i} [N]" for i in range(1, inputs.n_inputs + 1)]
-        text = f"{title}: tendon tension (positive: upper tendon)"
-        if not robot.is_planar:
-            text = f"{title}: reduced inputs of the tendons"
-        figures["inputs"] = _stacked(
-            curves, lambda r: inputs.reduced(r.tendon_tension), names, task, text
-        )
-    if robot.is_planar:
-        figures["shapes"] = _shapes(curves, task, title)
-    else:
-        figures["path"] = _paths(curves, task, title)
-    return [save(figure, out / f"{stem}_{name}.png") for name, figure in figures.items()]
+    least = sorted(rollouts, key=lambda name: _typical_error(rollouts[name]))[:_MOST]
+    chosen = {name: rollouts[name] for name in rollouts if name in least}
+    thin = {k: r.thinned(r.time[-1] / _SAMPLES) for k, r in chosen.items()}
+    by_length = robot.drive.kind == "length"
+    inputs = None if by_length else TendonMap(robot)
+    shown = {
+        "title": title,
+        "varied": varied,
+        "count": len(rollouts),
+        "rollouts": {k: vars(r.slim()) for k, r in thin.items()},
+        "driven": {
+            k: r.tendon_length if by_length else inputs.reduced(r.tendon_tension)
+            for k, r in thin.items()
+        },
+        "shapes": {k: centerline(robot, r.curvature[-1]) for k, r in chosen.items()}
+        if robot.is_planar
+        else None,
+        "path": task.trajectory.path(),
+        "axes": task.axes,
+        "drive": robot.drive.kind,
+        "begin": float(getattr(task.trajectory, "approach", 0.0)),
+        "jumps": bool(getattr(task.trajectory, "jumps", False)),
+        "step": task.step_width is not None,
+    }
+    path = Path(out) / f"{stem}{DRAWN}"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_tree(path, shown)
+    return redraw(path)
 
 
-def _typical_error(curve: Curve) -> float:
+def redraw(path: Path) -> list[Path]:
+    """Draw the pictures again of which a file has what they show.
+
+    Returns:
+        Paths of the pictures, see `plot_task`.
+
+    Raises:
+        ValueError: The file is damaged, or another one.
+    """
+    found = _read(path)
+    figures = {"tip": _tip(found)}
+    figures["lengths" if found.drive == "length" else "inputs"] = _driven(found)
+    if found.shapes is None:
+        figures["path"] = _paths(found)
+    else:
+        figures["shapes"] = _shapes(found, found.shapes)
+    stem = path.name.removesuffix(DRAWN)
+    return [save(figure, path.with_name(f"{stem}_{k}.png")) for k, figure in figures.items()]
+
+
+def _read(path: Path) -> _Comparison:
+    tree = read_tree(path)
+    try:
+        rollouts = {k: Rollout(**values) for k, values in tree["rollouts"].items()}
+        found = _Comparison(**tree | {"rollouts": rollouts})
+        named = [found.driven, *([] if found.shapes is None else [found.shapes])]
+        if any(values.keys() != rollouts.keys() for values in named) or not rollouts:
+            raise ValueError
+    except (AttributeError, LookupError, TypeError, ValueError) as error:
+        raise ValueError(f"{path} is not what pictures need, or damaged") from error
+    return found
+
+
+def _typical_error(rollout: Rollout) -> float:
     """Root mean square error [m] of an episode; of one that failed it counts more than any."""
-    rollout = curve.rollout
     return np.inf if rollout.failure else float(np.sqrt(np.mean(rollout.error**2)))
 
 
-def _shown(task: Task, rollout: Rollout) -> slice:
-    """Samples to show: those after the approach, and the beginning of a step response."""
-    begin = int(np.searchsorted(rollout.time, getattr(task.trajectory, "approach", 0.0)))
-    if task.step_width is None:
-        return slice(begin, None)
-    return slice(begin, int(np.searchsorted(rollout.time, _STEP_WINDOW)))
+def _least(found: _Comparison) -> str:
+    """Who errs least, as a message."""
+    errors = {k: _typical_error(r) for k, r in found.rollouts.items()}
+    name = min(errors, key=errors.__getitem__)
+    if np.isinf(errors[name]):
+        return "all failed"
+    text = f"{1e3 * errors[name]:.3g} mm rms"
+    if len(errors) == 1:
+        return f"{name} errs by {text}"
+    return f"{name} errs least, {text}"
 
 
-def _tip(curves: Sequence[Curve], task: Task, title: str) -> Figure:
-    count = len(task.axes) + 1
+def _tip(found: _Comparison) -> Figure:
+    count = len(found.axes) + 1
     figure, axes = new_figure(count, 1, (7.0, 1.0 + 2.0 * count))
-    draw_tip(axes[:, 0], curves, task.axes, partial(_shown, task))
-    return finish(figure, axes[0, 0], title)
+    draw_tip(axes[:, 0], found.curves, found.axes, found.shown)
+    return finish(figure, axes[0, 0], found.titled(_least(found)))
 
 
-def _stacked(
-    curves: Sequence[Curve], values: Values, names: list[str], task: Task, title: str
-) -> Figure:
+def _driven(found: _Comparison) -> Figure:
+    """Tensions, reduced inputs or lengths over time."""
+    by_length, (first, *_) = found.drive == "length", found.driven.values()
+    scale = 1e3 if by_length else 1.0
+    kind = "tendon" if by_length else "pair" if found.shapes is not None else "input"
+    names = [f"{kind} {i} [{'mm' if by_length else 'N'}]" for i in range(1, first.shape[1] + 1)]
+    curves = [
+        replace(curve, rollout=replace(curve.rollout, action=scale * found.driven[curve.name]))
+        for curve in found.curves
+    ]
     figure, axes = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
-    draw_stacked(axes[:, 0], curves, values, names, partial(_shown, task))
-    return finish(figure, axes[0, 0], title)
+    draw_stacked(axes[:, 0], curves, lambda r: r.action, names, found.shown)
+    most = {c.name: np.abs(c.rollout.action[found.shown(c.rollout)]).max(initial=0) for c in curves}
+    name = max(most, key=most.__getitem__)
+    what = "servos pull in up to {:.3g} mm" if by_length else "tendons pull with up to {:.3g} N"
+    if not by_length:
+        what += ", negative where the lower one pulls" if kind == "pair" else " in an input"
+    text = what.format(most[name]) + (f" ({name})" if len(most) > 1 else "")
+    return finish(figure, axes[0, 0], found.titled(text))
 
 
-def _shapes(curves: Sequence[Curve], task: Task, title: str) -> Figure:
+def _shapes(found: _Comparison, shapes: dict[str, np.ndarray]) -> Figure:
     """Final shapes, and thin paths of the tips beneath them."""
-    figure, ((axis,),) = new_figure(1, 1, (6.0, 5.0))
-    draw_shapes(axis, curves, task.robot)
+    figure, ((axis,),) = new_figure(1, 1, (6.4, 5.4))
+    draw_shapes(axis, found.curves, [shapes[curve.name] for curve in found.curves])
     entries = axis.get_legend_handles_labels()[0]
-    thin = [Curve(c.name, c.rollout, {**c.line, "linewidth": 0.8, "alpha": 0.7}) for c in curves]
-    draw_path(axis, thin, task.trajectory.path())
-    figure.suptitle(f"{title}: path of the tip and final shape", fontsize=11)
+    thin = [replace(c, line={**c.line, "linewidth": 0.8, "alpha": 0.7}) for c in found.curves]
+    draw_path(axis, thin, found.path)
+    away = {c.name: c.rollout.error[-1] for c in found.curves if not c.rollout.failure}
+    text = "path of the tip and final shape"
+    if away:
+        text = f"at the end tips are {1e3 * min(away.values()):.2g}"
+        text += f" to {1e3 * max(away.values()):.2g}" if len(away) > 1 else ""
+        text += " mm from the reference"
+    add_title(figure, found.titled(text))
     add_legend(figure, [*entries, axis.lines[-1]])
     return figure
 
 
-def _paths(curves: Sequence[Curve], task: Task, title: str) -> Figure:
+def _paths(found: _Comparison) -> Figure:
     """One panel for each episode: laps would cover those of other policies."""
+    curves = found.curves
     columns = min(_COLUMNS, len(curves))
     rows = ceil(len(curves) / columns)
     size = (1.0 + _SIDE * columns, 1.2 + _SIDE * rows)
     figure, axes = new_figure(rows, columns, size, share=True)
     figure.get_layout_engine().set(h_pad=0.1)  # inches, between ticks and titles
-    reference = task.trajectory.path()
-    if getattr(task.trajectory, "approach", 0.0):
-        reference = reference[1:]  # the first point is the start of the approach
-    jumps = getattr(task.trajectory, "jumps", False)
-    style = {"linestyle": "none", "marker": "+"} if jumps else {}
+    # The first point is the start of the approach.
+    reference = found.path[1:] if found.begin else found.path
+    style = {"linestyle": "none", "marker": "+"} if found.jumps else {}
     for axis, curve in zip(axes.flat, curves, strict=False):
-        draw_path(axis, [curve], reference, "xy", partial(_shown, task), **style)
+        draw_path(axis, [curve], reference, "xy", found.shown, **style)
         axis.set(xlabel="", ylabel="")
         axis.set_title(curve.label, fontsize="medium")
         axis.tick_params(labelbottom=True)  # also above an empty place
@@ -137,6 +263,5 @@ def _paths(curves: Sequence[Curve], task: Task, title: str) -> Figure:
         axis.set_visible(False)
     figure.supxlabel("x [mm]", fontsize="medium")
     figure.supylabel("y [mm]", fontsize="medium")
-    what = "path of the tip from above, reference in black"
-    figure.suptitle(f"{title}:{' ' if columns > 2 else chr(10)}{what}", fontsize=11)
+    add_title(figure, found.titled(f"{_least(found)}; from above, reference in black"))
     return figure

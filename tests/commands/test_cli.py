@@ -87,7 +87,11 @@ def test_without_matplotlib_the_results_still_come(tmp_path, capsys, monkeypatch
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)  # as if it were not installed
     arguments = ["--tasks", "lshape", "--policies", "hold", "--control-period", "0.2"]
     assert main(["evaluate", *arguments, "--out", str(tmp_path)]) == 0
-    assert {path.name for path in tmp_path.glob("[!.]*")} == {"report.json", "report.md"}
+    assert {path.name for path in tmp_path.glob("[!.]*")} == {
+        "report.json",
+        "report.md",
+        "lshape_drawn.npz",  # to draw elsewhere
+    }
     told = " ".join(capsys.readouterr().out.split())
     assert "No plots: plots need matplotlib: pip install" in told and "Wrote plots" not in told
 

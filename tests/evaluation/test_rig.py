@@ -10,7 +10,6 @@ from softrobot_env.evaluation.labels import learnt_label, option_columns, rig_la
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case, Outcome
-from softrobot_env.rendering.curves import policy_curves
 from softrobot_env.rendering.plots import plot_task
 from softrobot_env.tasks import make_task
 
@@ -127,7 +126,7 @@ def drawn(monkeypatch):
 
 
 def test_plots_begin_after_the_approach(drawn, tmp_path):
-    plot_task(policy_curves({"hybrid": record(TASK, 14.0)}), TASK, "title", tmp_path, "a")
+    plot_task({"hybrid": record(TASK, 14.0)}, TASK, "title", tmp_path, "a")
     assert set(drawn) == {"a_tip.png", "a_lengths.png", "a_path.png"}
     for name in ("a_tip.png", "a_lengths.png"):
         for axis in drawn[name].axes:
@@ -138,7 +137,7 @@ def test_plots_begin_after_the_approach(drawn, tmp_path):
 
 def test_every_episode_has_a_view_from_above_with_equal_axes(drawn, tmp_path):
     rollouts = {f"policy {k}": record(TASK, 14.0) for k in range(5)}
-    plot_task(policy_curves(rollouts), TASK, "title", tmp_path, "a")
+    plot_task(rollouts, TASK, "title", tmp_path, "a")
     shown = [axis for axis in drawn["a_path.png"].axes if axis.get_visible()]
     assert [axis.get_title() for axis in shown] == list(rollouts)
     assert all(axis.get_aspect() == 1.0 for axis in shown)
@@ -150,13 +149,13 @@ def test_every_episode_has_a_view_from_above_with_equal_axes(drawn, tmp_path):
 
 def test_set_points_are_drawn_as_points(drawn, tmp_path):
     task = make_task("reach")
-    plot_task(policy_curves({"hybrid": record(task, 14.0)}), task, "title", tmp_path, "a")
+    plot_task({"hybrid": record(task, 14.0)}, task, "title", tmp_path, "a")
     points = drawn["a_path.png"].axes[0].lines[1]
     assert points.get_linestyle() == "None" and len(points.get_xdata()) == 10
 
 
 def test_an_episode_that_failed_in_the_approach_is_still_named(drawn, tmp_path):
     rollouts = {"good": record(TASK, 14.0), "bad": record(TASK, 9.0, failure="diverged")}
-    plot_task(policy_curves(rollouts), replace(TASK, duration=14.0), "title", tmp_path, "a")
+    plot_task(rollouts, replace(TASK, duration=14.0), "title", tmp_path, "a")
     labels = [text.get_text() for text in drawn["a_tip.png"].legends[0].get_texts()]
     assert "bad (failed at 9.00 s)" in labels

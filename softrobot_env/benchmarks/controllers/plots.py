@@ -36,7 +36,7 @@ from softrobot_env.rendering.figures import (
     style_axes,
     style_of,
 )
-from softrobot_env.robots import ARM
+from softrobot_env.robots import ARM, centerline
 from softrobot_env.robots.actuation import TendonMap
 
 #: Colours of factors on Young's modulus: warm where the robot is softer than known.
@@ -125,7 +125,7 @@ def _inputs(curves: list[Curve], title: str) -> Figure:
 
 def _arms(curves: list[Curve], title: str) -> Figure:
     figure, ((left, right),) = new_figure(1, 2, (12, 4.6))
-    draw_shapes(left, curves, ARM)
+    draw_shapes(left, curves, [centerline(ARM, c.rollout.curvature[-1]) for c in curves])
     draw_path(left, [], longest(curves).reference)
     draw_curvatures(right, curves, ARM)
     return finish(figure, left, title)

@@ -7,15 +7,25 @@ import numpy as np
 
 from softrobot_env.benchmarks.generalization.run import SPEEDS, TASKS, Row, variation_name
 from softrobot_env.benchmarks.records import names, one, select
-from softrobot_env.rendering.curves import finish
-from softrobot_env.rendering.figures import Axes, Figure, new_figure, save, style_of
+from softrobot_env.rendering.figures import (
+    Axes,
+    Figure,
+    add_title,
+    label_lines,
+    new_figure,
+    save,
+    style_of,
+)
 from softrobot_env.rendering.heatmap import heatmap
 
 _TITLES = {
-    "circle": "circle, radius 40 mm",
-    "figure_eight": "figure eight, 200 mm by 60 mm",
-    "random": "random paths, median of seeds, bars to the worst",
+    "circle": "circle of 40 mm",
+    "figure_eight": "figure eight, 200 x 60 mm",
+    "random": "random paths, bars to the worst",
 }
+#: Policies in the figure, those that err least; the tables have all.
+_MOST = 6
+
 _ERRORS = {"e_max": "largest error [mm]", "e_rms": "rms error [mm]"}
 
 #: Panels of the map: task -> metric, title, factor from SI, smallest and largest of the colours.
@@ -45,21 +55,50 @@ def plot(rows: list[Row], path: Path | str) -> None:
 
 
 def _speeds(rows: list[Row]) -> Figure:
-    figure, axes = new_figure(len(_ERRORS), len(SPEEDS), (13, 8))
+    figure, axes = new_figure(len(_ERRORS), len(SPEEDS), (10.5, 7.2))
+    every, best = names(rows), _ranked(rows)[:_MOST]
     for row_of_axes, (metric, text) in zip(axes, _ERRORS.items(), strict=True):
         for axis, task in zip(row_of_axes, SPEEDS, strict=True):
             _scale(axis, SPEEDS[task], row_of_axes[0])
         for axis, task in zip(row_of_axes, SPEEDS, strict=True):
-            for policy in names(rows):
+            for policy in best:
                 _draw_policy(axis, select(rows, task=task, policy=policy), metric)
+        label_lines(row_of_axes[-1], _ends(select(rows, task=[*SPEEDS][-1]), best, metric))
         row_of_axes[0].set_ylabel(text)
     for axis, task in zip(axes[0], SPEEDS, strict=True):
         axis.set_title(_TITLES[task], fontsize=10)
     for axis in axes[-1]:
-        axis.set_xlabel("largest speed of the reference [m/s]")
-    return finish(
-        figure, axes[0, 0], "References that no policy has met; crosses at the top: failed"
+        axis.set_xlabel("speed of the reference [m/s]")
+    largest = max(row.e_max for row in select(rows, policy=best[0]) if row.failure is None)
+    add_title(
+        figure,
+        f"On paths that no policy has met {best[0]} errs least, by {1e3 * largest:.2g} mm at most",
+        f"The {len(best)} of {len(every)} policies that err least; crosses at the top: failed",
     )
+    return figure
+
+
+def _ranked(rows: list[Row]) -> list[str]:
+    """Policies, first without failures, then by the median of their errors."""
+    order = {}
+    for policy in names(rows):
+        mine = select(rows, policy=policy)
+        errors = [row.e_max for row in mine if row.failure is None]
+        order[policy] = len(mine) - len(errors), median(errors or [np.inf])
+    return sorted(order, key=order.__getitem__)
+
+
+def _ends(rows: list[Row], policies: list[str], metric: str) -> list[tuple[str, float, str]]:
+    """Names, heights and colours of the lines at their right ends."""
+    out = []
+    for policy in policies:
+        mine = select(rows, policy=policy)
+        for speed in sorted({row.speed for row in mine}, reverse=True):
+            values = _values(mine, speed, metric)
+            if values:
+                out.append((policy, median(values), style_of(policy).colour))
+                break
+    return out
 
 
 def _draw_policy(axis: Axes, rows: list[Row], metric: str) -> None:
@@ -101,13 +140,27 @@ def _scale(axis: Axes, speeds: tuple[float, ...], first: Axes) -> None:
 
 def _map(rows: list[Row]) -> Figure:
     tasks = [(task, width) for task, width in TASKS if select(rows, task=task)]
-    size = (3 + 0.62 * len(_variations(rows)), 1.2 + 3.1 * len(tasks))
+    size = (1.6 + 0.58 * len(_variations(rows)), 1.3 + 3.0 * len(tasks))
     figure, axes = new_figure(len(tasks), 1, size)
     for axis, (task, width) in zip(axes.flat, tasks, strict=True):
         _draw_panel(axis, select(rows, task=task, step_width=width), task)
-    title = "Robots, drives and sensors that no policy knows: light errs little, dark much"
-    figure.suptitle(title, fontsize=11)
+    worst = {policy: _worst(rows, policy) for policy in names(rows)}
+    least = min(worst, key=worst.__getitem__)
+    add_title(
+        figure,
+        f"On disturbed robots {least} errs least in its worst case, {1e3 * worst[least]:.2g} mm on "
+        "swing and L-shape",
+        "Robots, drives and sensors that no policy knows: light errs little, dark much",
+    )
     return figure
+
+
+def _worst(rows: list[Row], policy: str) -> float:
+    """Largest error [m] of a policy over swing and L-shape; infinite if it failed anywhere."""
+    mine = [row for row in select(rows, policy=policy) if row.task != "step"]
+    if not mine or any(row.failure is not None for row in mine):
+        return np.inf
+    return max(row.e_max for row in mine)
 
 
 def _variations(rows: list[Row]) -> list[dict[str, float]]:

@@ -12,6 +12,7 @@ from softrobot_env.rendering.figures import (
     REFERENCE,
     Axes,
     add_legend,
+    add_title,
     new_figure,
     save,
 )
@@ -20,10 +21,24 @@ from softrobot_env.rendering.figures import (
 def plot(rows: Sequence[Record], path: Path | str) -> None:
     """Draw both, as PNG."""
     things, sizes = changes(of_kind(rows, Grip)), of_kind(rows, Size)
-    figure, axes = new_figure(1, len(things) + 1, (3.4 * (len(things) + 1), 3.8))
-    for axis, (thing, grips) in zip(axes[0], things.items(), strict=False):
+    panels = len(things) + 1
+    columns = -(-panels // 2)
+    figure, axes = new_figure(2, columns, (3.2 * columns, 6.6))
+    for axis, (thing, grips) in zip(axes.flat, things.items(), strict=False):
         _bends(axis, thing, grips)
-    _errors(axes[0, -1], sizes)
+    for axis in axes.flat[panels - 1 :]:
+        axis.set_visible(False)
+    axis = axes.flat[-1]
+    axis.set_visible(True)
+    shown = _shown(sizes)
+    _errors(axis, shown)
+    usual = [size for size in shown if size.errors == 1.0]
+    told = f", with usual sensors {1e3 * usual[0].mean:.2g} mm off in the mean" if usual else ""
+    add_title(
+        figure,
+        f"One grip tells the size of a bar{told}",
+        "Bends of the middle finger's sensors while it closes, and errors of the size",
+    )
     add_legend(figure, axes[0, 0])
     save(figure, path)
 
@@ -41,10 +56,15 @@ def _bends(axis: Axes, thing: str, grips: Sequence[Grip]) -> None:
     axis.set(xlabel="tension [N]", ylabel="bend [deg]", title=thing)
 
 
-def _errors(axis: Axes, sizes: Sequence[Size]) -> None:
-    """Of clamped bars, by the polynomials, with as many pieces as they were fitted with."""
+def _shown(sizes: Sequence[Size]) -> list[Size]:
+    """Of clamped bars, with as many pieces as the polynomials were fitted with; the coarse ones."""
     mine = [size for size in sizes if size.pieces == size.fitted and size.task == "enclose"]
-    for size, colour in zip(mine, COLOURS, strict=False):
+    return [size for size in mine if size.pieces == min(m.pieces for m in mine)]
+
+
+def _errors(axis: Axes, sizes: Sequence[Size]) -> None:
+    """Of some sizes, by the polynomials."""
+    for size, colour in zip(sizes, COLOURS, strict=False):
         label = "exact bends" if size.errors is None else f"sensors, errors x {size.errors:g}"
         diameters, errors = ([1e3 * x for x in xs] for xs in (size.diameters, size.off))
         axis.plot(diameters, errors, ".", color=colour, markersize=4, label=label)

@@ -18,6 +18,7 @@ from softrobot_env.rendering.figures import (
     VERMILLION,
     Axes,
     add_legend,
+    add_title,
     entry,
     new_figure,
     save,
@@ -39,21 +40,28 @@ _LEAST_ERROR, _MOST_ERROR = 1e-7, 10.0
 #: Where scenes without gravity stand.
 _WEIGHTLESS = 1e-6
 
+#: Label of the weight of a robot over its stiffness.
+_WEIGHT = r"weight over stiffness, $\rho A g L^3 / EI$"
+
 Value = Callable[[Row], float | None]
 
 
 def plot(rows: Sequence[Row], path: Path | str) -> None:
     """Draw where the timestep rule is what it says, as PNG."""
-    figure, axes = new_figure(2, 2, (12, 9.5))
-    figure.suptitle(
-        f"Where the timestep rule is what it says: {len(rows)} random scenes of seed "
-        f"{rows[0].seed}, tip errors against refined runs"
+    figure, axes = new_figure(2, 2, (10, 8.6))
+    counts = {verdict: len(select(rows, verdict=verdict)) for verdict in _STYLES}
+    judged = len(rows) - counts[Verdict.UNJUDGED]
+    add_title(
+        figure,
+        f"Of {judged} judged scenes {counts[Verdict.ACCURATE]} are as accurate as asked for, "
+        f"{counts[Verdict.REPORTED] + counts[Verdict.WARNED]} say that they are not, "
+        f"{counts[Verdict.INACCURATE] + counts[Verdict.WRONG]} err unannounced",
+        f"{len(rows)} random scenes of seed {rows[0].seed}, tip errors against refined runs",
     )
     _against_estimate(axes[0, 0], rows)
     _map(axes[0, 1], rows)
-    _against(axes[1, 0], rows, lambda r: max(r.weight_load, _WEIGHTLESS), "rho A g L^3 / EI")
+    _against(axes[1, 0], rows, lambda r: max(r.weight_load, _WEIGHTLESS), _WEIGHT)
     _against(axes[1, 1], rows, _cost, "run time / simulated time")
-    counts = {verdict: len(select(rows, verdict=verdict)) for verdict in _STYLES}
     add_legend(
         figure,
         [
@@ -114,4 +122,4 @@ def _against_estimate(axis: Axes, rows: Sequence[Row]) -> None:
 
 def _map(axis: Axes, rows: Sequence[Row]) -> None:
     _scatter(axis, rows, lambda r: max(r.weight_load, _WEIGHTLESS), lambda r: r.damping_ratio)
-    axis.set(xlabel="rho A g L^3 / EI", ylabel="damping ratio of the first elastic mode")
+    axis.set(xlabel=_WEIGHT, ylabel="damping ratio of the first elastic mode")

@@ -12,13 +12,14 @@ from softrobot_env.rendering.figures import (
     GREEN,
     VERMILLION,
     add_legend,
+    add_title,
     entry,
     new_figure,
     save,
 )
 
 _COLOURS = {"chain": BLUE, "pcc": VERMILLION, "cosserat": GREEN}
-_COLUMNS = 4
+_COLUMNS = 3
 _TIMES, _ERRORS = (1.0, 1000.0), (1e-4, 30.0)  # [ms], [%]
 
 
@@ -26,8 +27,15 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
     """Draw error against run time of all robots, as PNG; full dots are default resolutions."""
     cases = groups(rows, "case")
     lines = ceil(len(cases) / _COLUMNS)
-    figure, axes = new_figure(lines, _COLUMNS, (3.4 * _COLUMNS, 2.9 * lines + 0.8))
-    figure.suptitle("Sections and routes: error of the tip against the time to find an equilibrium")
+    figure, axes = new_figure(lines, _COLUMNS, (3.3 * _COLUMNS, 2.5 * lines + 1.1))
+    own = [row for row in select(rows, default=True) if row.failure is None]
+    good = sum(row.error_share <= GOAL for row in own)
+    add_title(
+        figure,
+        f"With the models' own resolutions {good} of {len(own)} tips are within {100 * GOAL:g} % "
+        "of the length",
+        "Sections and routes: error of the tip against the time to find an equilibrium",
+    )
     for axis, ((case,), mine) in zip(axes.flat, cases.items(), strict=False):
         for model, colour in _COLOURS.items():
             done = [row for row in select(mine, model=model) if row.failure is None]
