@@ -148,24 +148,40 @@ def draw_path(
 
 def draw_shapes(axis: Axes, curves: Sequence[Curve], shapes: Sequence[np.ndarray]) -> None:
     """Shapes (n, 3) [m] of a planar robot at the end of episodes."""
-    for curve, points, width in zip(curves, shapes, _widths(len(curves)), strict=True):
-        shape = _in_plane(points, "xz")
-        line = dict(curve.line) | {"linestyle": "-", "linewidth": width, "solid_capstyle": "butt"}
-        axis.plot(*shape, **line, label=curve.label)
+    for order, (curve, points) in enumerate(zip(curves, shapes, strict=True)):
+        line = dict(curve.line) | _dashes(order, len(curves))
+        axis.plot(*_in_plane(points, "xz"), **line, label=curve.label)
 
 
 def draw_curvatures(axis: Axes, curves: Sequence[Curve], robot: RobotParams) -> None:
     """Curvature along a planar robot at the end of each episode."""
-    for curve, width in zip(curves, _widths(len(curves)), strict=True):
+    for order, curve in enumerate(curves):
         values = curve.rollout.curvature[-1]
         edges = np.linspace(0, 1e3 * robot.length, len(values) + 1)
-        axis.stairs(values, edges, baseline=None, **dict(curve.line) | {"linewidth": width})
+        line = dict(curve.line) | _dashes(order, len(curves))
+        axis.stairs(values, edges, baseline=None, **line)
     axis.set(xlabel="arc length from the base [mm]", ylabel="curvature [1/m]")
 
 
-def _widths(count: int) -> list[float]:
-    """Later lines are thinner, so that equal ones show beneath one another."""
-    return [1.5 + min(1.5, 9 / count) * (count - 1 - order) for order in range(count)]
+def typical_error(rollout: Rollout) -> float:
+    """Root mean square error [m] of an episode; of one that failed it counts more than any."""
+    return np.inf if rollout.failure else float(np.sqrt(np.mean(rollout.error**2)))
+
+
+def least_error(curves: Sequence[Curve]) -> str:
+    """Which episode errs least, and by how much, as a message."""
+    best = min(curves, key=lambda curve: typical_error(curve.rollout))
+    error = 1e3 * typical_error(best.rollout)
+    if np.isinf(error):
+        return "all failed"
+    return f"{best.name} errs {'least, ' if len(curves) > 1 else ''}by {error:.3g} mm rms"
+
+
+def _dashes(order: int, count: int) -> dict[str, Any]:
+    """Line whose dashes take turns with those of the others, so that equal ones all show."""
+    long = 5.0  # in line widths
+    style = "-" if count == 1 else (long * order, (long, long * (count - 1)))
+    return {"linestyle": style, "linewidth": 2.0}
 
 
 def _in_plane(points: np.ndarray, plane: str) -> np.ndarray:
@@ -173,8 +189,8 @@ def _in_plane(points: np.ndarray, plane: str) -> np.ndarray:
     return 1e3 * points[:, [_AXES.index(name) for name in plane]].T
 
 
-def finish(figure: Figure, axis: Axes, title: str) -> Figure:
-    """Title, and a legend of what one axis shows below all axes."""
-    add_title(figure, title)
+def finish(figure: Figure, axis: Axes, message: str, subject: str = "") -> Figure:
+    """Message and subject, and a legend of what one axis shows below all axes."""
+    add_title(figure, message, subject)
     add_legend(figure, axis)
     return figure

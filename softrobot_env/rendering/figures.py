@@ -276,6 +276,9 @@ def save(figure: Figure, path: Path | str) -> Path:
     Returns:
         Its path.
     """
+    for axis in figure.axes:
+        for title in (axis.title, axis._left_title):
+            title.set_fontsize(min(10, title.get_fontsize()))
     with whole(path) as aside:
         figure.savefig(aside, dpi=min(150, _MOST_DOTS / figure.get_figwidth()))
     return Path(path)

@@ -17,7 +17,9 @@ from softrobot_env.rendering.curves import (
     draw_stacked,
     draw_tip,
     finish,
+    least_error,
     policy_curves,
+    typical_error,
     varied_curves,
 )
 from softrobot_env.rendering.figures import Figure, add_legend, add_title, new_figure, save
@@ -117,7 +119,7 @@ def plot_task(
         trajectory has an approach, they begin after it.
     """
     robot = task.robot
-    least = sorted(rollouts, key=lambda name: _typical_error(rollouts[name]))[:_MOST]
+    least = sorted(rollouts, key=lambda name: typical_error(rollouts[name]))[:_MOST]
     chosen = {name: rollouts[name] for name in rollouts if name in least}
     thin = {k: r.thinned(r.time[-1] / _SAMPLES) for k, r in chosen.items()}
     by_length = robot.drive.kind == "length"
@@ -180,28 +182,11 @@ def _read(path: Path) -> _Comparison:
     return found
 
 
-def _typical_error(rollout: Rollout) -> float:
-    """Root mean square error [m] of an episode; of one that failed it counts more than any."""
-    return np.inf if rollout.failure else float(np.sqrt(np.mean(rollout.error**2)))
-
-
-def _least(found: _Comparison) -> str:
-    """Who errs least, as a message."""
-    errors = {k: _typical_error(r) for k, r in found.rollouts.items()}
-    name = min(errors, key=errors.__getitem__)
-    if np.isinf(errors[name]):
-        return "all failed"
-    text = f"{1e3 * errors[name]:.3g} mm rms"
-    if len(errors) == 1:
-        return f"{name} errs by {text}"
-    return f"{name} errs least, {text}"
-
-
 def _tip(found: _Comparison) -> Figure:
     count = len(found.axes) + 1
     figure, axes = new_figure(count, 1, (7.0, 1.0 + 2.0 * count))
     draw_tip(axes[:, 0], found.curves, found.axes, found.shown)
-    return finish(figure, axes[0, 0], found.titled(_least(found)))
+    return finish(figure, axes[0, 0], found.titled(least_error(found.curves)))
 
 
 def _driven(found: _Comparison) -> Figure:
@@ -263,5 +248,5 @@ def _paths(found: _Comparison) -> Figure:
         axis.set_visible(False)
     figure.supxlabel("x [mm]", fontsize="medium")
     figure.supylabel("y [mm]", fontsize="medium")
-    add_title(figure, found.titled(f"{_least(found)}; from above, reference in black"))
+    add_title(figure, found.titled(f"{least_error(found.curves)}; from above, reference in black"))
     return figure

@@ -17,6 +17,7 @@ from softrobot_env.rendering.figures import (
     SubFigure,
     add_legend,
     add_panels,
+    add_title,
     entry,
     label_of,
     new_figure,
@@ -48,8 +49,14 @@ _LINES = {"implicitfast": ("-", True), "discrete": (":", False)}
 #: The chain's rule in figures of all models.
 _RULE = "mujoco_chain/balanced2"
 
+#: [m], mean error for which titles say who is fastest.
+_ALLOWED = 1e-3
+
 #: Errors [mm, %] below are drawn at this value.
 _FLOORS = (1e-5, 1e-6)
+
+#: Joints of the chain in titles.
+_TOLD = 24
 
 _PIECES = "pieces (chain: joints)"
 
@@ -83,15 +90,33 @@ def _work_precision(rows: list[Row]) -> Figure:
         if mine and case == spiral.CASE:
             panels.append(lambda axes, rows=mine: _draw_in_time(axes, rows))
     columns = 2 if len(panels) == 4 else max(1, len(panels))
-    size = (12, 9.2) if columns == 2 else (5.3 * columns, 5.2)
+    size = (10, 8.4) if columns == 2 else (5.0 * columns, 5.2)
     figure, grid = new_figure(-(-len(panels) // columns), columns, size)
     for axes, draw in zip(grid.flat, panels, strict=True):
         draw(axes)
         plain_ticks(axes)
         _draw_real_time(axes)
     _add_model_legend(figure, moving)
-    figure.suptitle("Error against run time: all runs, and the best of each model joined")
+    shown = [select(moving, case=case) for case in MOTIONS if select(moving, case=case)]
+    add_title(figure, _fastest(shown), "All runs, and the best of each model joined")
     return figure
+
+
+def _fastest(motions: list[list[Row]]) -> str:
+    """Which model is soonest within the error, as a message; one list of rows a motion."""
+    soonest = []
+    for rows in motions:
+        good = [row for row in rows if row.e_mean is not None and row.e_mean <= _ALLOWED]
+        if good:
+            soonest.append(label_of(min(good, key=lambda row: row.wall_time).family))
+    if not soonest:
+        return "Error against run time"
+    best = max(soonest, key=soonest.count)
+    count = soonest.count(best)
+    return (
+        f"On {count} of {len(soonest)} motion{'s' * (len(soonest) > 1)} the {best} is the first "
+        f"within {1e3 * _ALLOWED:g} mm"
+    )
 
 
 def _draw_motions(axes: Axes, rows: list[Row], title: str) -> None:
@@ -157,15 +182,21 @@ def _draw_in_time(axes: Axes, rows: list[Row]) -> None:
 
 
 def _resolution(rows: list[Row]) -> Figure:
-    figure, _ = new_figure(0, 0, (15, 6.6))
+    figure, _ = new_figure(0, 0, (12, 6.4))
     upper, lower = figure.subfigures(2, 1)
     _draw_resolutions(upper, rows, STATIC, "e_mean", _FLOORS[0]).set_ylabel("tip error [mm]")
     _draw_resolutions(lower, rows, NUMBERS, "e_relative", _FLOORS[1]).set_ylabel("error [%]")
     _add_model_legend(figure, [row for row in rows if row.kind in ("static", "number")])
-    figure.suptitle(
-        "Error against resolution, each model to the exact solution of its own physics "
-        f"(less than {_FLOORS[0]:g} mm or {_FLOORS[1]:g} %: at the bottom)",
-        fontsize=11,
+    chains = select(rows, kind="static", model=_RULE, n=_TOLD)
+    known = [row.e_mean for row in chains if row.e_mean is not None and row.case in STATIC]
+    message = "Errors fall with the resolution"
+    if known:
+        message = f"At rest the chain with {_TOLD} joints errs by {1e3 * max(known):.2g} mm at most"
+    add_title(
+        figure,
+        message,
+        "Each model to the exact solution of its own physics (less than "
+        f"{_FLOORS[0]:g} mm or {_FLOORS[1]:g} %: at the bottom)",
     )
     return figure
 
@@ -196,11 +227,31 @@ def _draw_resolutions(
 def _rules(rows: list[Row]) -> Figure:
     """Tip error of the chain against hinges at rest, above error against run time in motion."""
     chains = [row for row in rows if row.is_chain]
-    figure, _ = new_figure(0, 0, (11, 7.4))
+    figure, _ = new_figure(0, 0, (10, 7.6))
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.15])
+    add_title(figure, _best_rule(select(chains, kind="static")))
     _draw_static_rules(upper, select(chains, kind="static"))
     _draw_moving_rules(lower, select(chains, kind="dynamic", case=tension_step.CASE))
     return figure
+
+
+def _best_rule(rows: list[Row]) -> str:
+    """Which rule with two points a piece errs least at rest, as a message."""
+    worst = {}
+    for rule in RULES:
+        mine = select(rows, model=f"mujoco_chain/{rule}", n=_TOLD)
+        known = [row.e_mean for row in mine if row.case in _RULE_CASES]
+        if known:
+            worst[rule] = max(known)
+    if not worst:
+        return "Error against hinges and run time"
+    best = min(worst, key=worst.__getitem__)
+    usual = _RULE.partition("/")[2]
+    told = f", {usual}, the usual rule, by {1e3 * worst[usual]:.2g} mm" if usual in worst else ""
+    return (
+        f"At rest, with {_TOLD} hinges, {best} errs least, by {1e3 * worst[best]:.2g} mm at most"
+        f"{told if best != usual else ''}"
+    )
 
 
 def _draw_static_rules(figure: SubFigure, rows: list[Row]) -> None:
@@ -260,15 +311,18 @@ def _draw_rule(
 
 
 def _rig(rows: list[Row]) -> Figure:
-    figure, _ = new_figure(0, 0, (11, 8.2))
+    figure, _ = new_figure(0, 0, (10, 8.0))
     upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.25])
-    upper.suptitle("Spatial rig at rest: tip error to the exact solution of each physics")
+    motions = [select(rows, kind="dynamic", case=case) for case in RIG_MOTIONS]
+    add_title(figure, _fastest([mine for mine in motions if mine]))
+    what = "Spatial rig at rest: tip error to the exact solution of each physics"
+    upper.suptitle(what, fontsize=10)
     titles = {case: title for case, title in _RIG_STATIC.items() if select(rows, case=case)}
     _draw_resolutions(upper, rows, titles, "e_mean", 0).set_ylabel("tip error [mm]")
     for axes in upper.axes:
         _set_ticks(axes, (1, 2, 4, 8, 16, 32))
     plain_ticks(upper.axes[0])
-    lower.suptitle("In motion: all runs, and the best of each model joined")
+    lower.suptitle("In motion: all runs, and the best of each model joined", fontsize=10)
     moving = select(rows, kind="dynamic")
     shown = {case: title for case, title in RIG_MOTIONS.items() if select(moving, case=case)}
     for axes, case in zip(add_panels(lower, 1, max(1, len(shown)))[0], shown, strict=False):

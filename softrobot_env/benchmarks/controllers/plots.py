@@ -3,6 +3,8 @@
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import numpy as np
+
 from softrobot_env.benchmarks.controllers.cases import COMPARED, PCC, VARIED, ControllerRow, moduli
 from softrobot_env.benchmarks.controllers.run import Row
 from softrobot_env.benchmarks.records import names, of_kind, one, select
@@ -16,8 +18,10 @@ from softrobot_env.rendering.curves import (
     draw_stacked,
     draw_tip,
     finish,
+    least_error,
     longest,
     policy_curves,
+    typical_error,
     until,
 )
 from softrobot_env.rendering.figures import (
@@ -30,6 +34,7 @@ from softrobot_env.rendering.figures import (
     VERMILLION,
     Figure,
     add_legend,
+    add_title,
     entry,
     new_figure,
     save,
@@ -73,18 +78,18 @@ def _figures(
     """File name, what draws it, episodes and title of each figure of curves."""
     swing, lshape = (_compared(rows, task) for task in ("swing", "lshape"))
     step = _compared(rows, "step", 0.05)
-    yield "fig_6_14", _step, step, "Fig. 6.14  step of 50 mm, PCC plant"
-    yield "fig_6_15", _tracking, swing, "Fig. 6.15  swing, PCC plant"
-    yield "fig_6_16", _inputs, swing, "Fig. 6.16  swing, PCC plant"
-    yield "fig_6_17", _arms, swing, "Fig. 6.17  the arm at the end of the swing, PCC plant"
-    yield "fig_6_18", _plane, lshape, "Fig. 6.18  L-shape, PCC plant"
-    yield "fig_6_19", _inputs, lshape, "Fig. 6.19  L-shape, PCC plant"
+    yield "fig_6_14", _step, step, "As Fig. 6.14: step of 50 mm, PCC plant"
+    yield "fig_6_15", _tracking, swing, "As Fig. 6.15: swing, PCC plant"
+    yield "fig_6_16", _inputs, swing, "As Fig. 6.16: swing, PCC plant"
+    yield "fig_6_17", _arms, swing, "As Fig. 6.17: the arm at the end of the swing, PCC plant"
+    yield "fig_6_18", _plane, lshape, "As Fig. 6.18: L-shape, PCC plant"
+    yield "fig_6_19", _inputs, lshape, "As Fig. 6.19: L-shape, PCC plant"
     for policy, name in VARIED.items():
         curves = _varied(rows, policy)
         number = name.removeprefix("fig_").replace("_", ".")
-        title = f"Fig. {number}" if policy in CONTROLLERS else "As Figs. 6.20 to 6.22"
-        text = f"{title}  swing of {policy} with another Young's modulus, PCC plant"
-        yield name, _tracking, curves if len(curves) > 1 else [], text
+        title = f"As Fig. {number}" if policy in CONTROLLERS else "As Figs. 6.20 to 6.22"
+        text = f"{title}: swing of {policy} with another Young's modulus, PCC plant"
+        yield name, _varied_swings, curves if len(curves) > 1 else [], text
 
 
 def _compared(rows: list[ControllerRow], task: str, width: float | None = None) -> list[Curve]:
@@ -103,16 +108,29 @@ def _varied(rows: list[ControllerRow], policy: str) -> list[Curve]:
 
 
 def _step(curves: list[Curve], title: str) -> Figure:
-    figure, axes = new_figure(2, 2, (10, 6))
+    figure, axes = new_figure(2, 2, (9.5, 6))
     for column, end in enumerate(_STEP_WINDOWS):
         draw_tip(axes[:, column], curves, shown=until(end))
-    return finish(figure, axes[0, 0], title)
+    return finish(figure, axes[0, 0], least_error(curves), title)
 
 
 def _tracking(curves: list[Curve], title: str) -> Figure:
+    return _tracked(curves, least_error(curves), title)
+
+
+def _varied_swings(curves: list[Curve], title: str) -> Figure:
+    """With a message of the most sensitive case."""
+    errors = {curve.name: 1e3 * typical_error(curve.rollout) for curve in curves}
+    least, most = (f(errors, key=errors.__getitem__) for f in (min, max))
+    text = "failed" if np.isinf(errors[most]) else f"{errors[most]:.3g} mm"
+    message = f"The rms error goes from {errors[least]:.3g} mm ({least}) to {text} ({most})"
+    return _tracked(curves, message, title)
+
+
+def _tracked(curves: list[Curve], message: str, title: str) -> Figure:
     figure, axes = new_figure(3, 1, (8, 8))
     draw_tip(axes[:, 0], curves)
-    return finish(figure, axes[0, 0], title)
+    return finish(figure, axes[0, 0], message, title)
 
 
 def _inputs(curves: list[Curve], title: str) -> Figure:
@@ -120,20 +138,25 @@ def _inputs(curves: list[Curve], title: str) -> Figure:
     figure, axes = new_figure(pairs.n_inputs, 1, (8, 7.5))
     labels = [f"$u_{pair + 1}$ [N]" for pair in range(pairs.n_inputs)]
     draw_stacked(axes[:, 0], curves, lambda r: pairs.reduced(r.tendon_tension), labels)
-    return finish(figure, axes[0, 0], f"{title}: tendon force (positive: upper tendon)")
+    most = {c.name: np.abs(pairs.reduced(c.rollout.tendon_tension)).max() for c in curves}
+    name = max(most, key=most.__getitem__)
+    message = f"{name} pulls most, with {most[name]:.3g} N"
+    return finish(figure, axes[0, 0], message, f"{title}; negative: lower tendon")
 
 
 def _arms(curves: list[Curve], title: str) -> Figure:
-    figure, ((left, right),) = new_figure(1, 2, (12, 4.6))
+    figure, ((left, right),) = new_figure(1, 2, (9.5, 4.6))
     draw_shapes(left, curves, [centerline(ARM, c.rollout.curvature[-1]) for c in curves])
     draw_path(left, [], longest(curves).reference)
     draw_curvatures(right, curves, ARM)
-    return finish(figure, left, title)
+    away = [1e3 * c.rollout.error[-1] for c in curves if not c.rollout.failure]
+    message = f"All end within {max(away):.2g} mm of the reference" if away else "All failed"
+    return finish(figure, left, message, title)
 
 
 def _plane(curves: list[Curve], title: str) -> Figure:
     """Tip and error over time on the left, the path in the plane on the right."""
-    figure, axes = new_figure(3, 2, (12, 8))
+    figure, axes = new_figure(3, 2, (10, 7.6))
     draw_tip(axes[:, 0], curves)
     grid = axes[0, 1].get_gridspec()
     for axis in axes[:, 1]:
@@ -141,12 +164,12 @@ def _plane(curves: list[Curve], title: str) -> Figure:
     path = figure.add_subplot(grid[:, 1])
     style_axes(path)
     draw_path(path, curves, longest(curves).reference)
-    return finish(figure, axes[0, 0], title)
+    return finish(figure, axes[0, 0], least_error(curves), title)
 
 
 def _error_against_time(rows: list[ControllerRow]) -> Figure:
     """Rms and largest error over the median policy time; the thesis gives the largest only."""
-    figure, ((left, right),) = new_figure(1, 2, (11, 4.8))
+    figure, ((left, right),) = new_figure(1, 2, (10, 5.2))
     for axis, (metric, text) in zip((left, right), _ERRORS.items(), strict=True):
         for row in rows:
             place = 1e6 * row.policy_time_median, 1e3 * getattr(row, metric)
@@ -161,6 +184,13 @@ def _error_against_time(rows: list[ControllerRow]) -> Figure:
     colours = {name: style_of(name).colour for name in names(rows)}
     told = [entry(name, **_marker(colour, True)) for name, colour in colours.items()]
     told += [entry(label, **_marker(GREY, filled)) for label, filled in _SETTINGS.values()]
+    best = min(select(rows, setting="mujoco") or rows, key=lambda row: row.e_rms)
+    add_title(
+        figure,
+        f"{best.policy} errs least on the swing, {1e3 * best.e_rms:.2g} mm rms for "
+        f"{1e6 * best.policy_time_median:.0f} µs a decision",
+        "All policies: error against the time of a decision",
+    )
     label = "thesis (colour: its controller)"
     add_legend(figure, [*told, entry(**THESIS | {"label": label, "color": GREY})])
     return figure

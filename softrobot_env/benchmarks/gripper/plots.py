@@ -26,12 +26,10 @@ def plot(rows: Sequence[Record], path: Path | str) -> None:
     figure, axes = new_figure(2, columns, (3.2 * columns, 6.6))
     for axis, (thing, grips) in zip(axes.flat, things.items(), strict=False):
         _bends(axis, thing, grips)
-    for axis in axes.flat[panels - 1 :]:
+    for axis in axes.flat[panels:]:
         axis.set_visible(False)
-    axis = axes.flat[-1]
-    axis.set_visible(True)
     shown = _shown(sizes)
-    _errors(axis, shown)
+    _errors(axes.flat[len(things)], shown)
     usual = [size for size in shown if size.errors == 1.0]
     told = f", with usual sensors {1e3 * usual[0].mean:.2g} mm off in the mean" if usual else ""
     add_title(

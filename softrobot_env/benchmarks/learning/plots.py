@@ -38,7 +38,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
     least = min(last, key=last.__getitem__)
     add_title(
         figure,
-        f"After training {least} errs least, by {last[least]:.2g} mm at most",
+        f"After training {least} errs least: its largest error is {last[least]:.2g} mm",
         "Checks of the mean action during training, swing and L-shape also with E x 0.5 and x 1.5: "
         "median and range of the seeds",
     )

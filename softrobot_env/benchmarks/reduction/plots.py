@@ -10,7 +10,7 @@ from softrobot_env.benchmarks.records import groups, of_kind, select
 from softrobot_env.benchmarks.reduction.data import CUTOFFS, PERIOD, random_inputs
 from softrobot_env.benchmarks.reduction.models import OURS, THESIS_MODEL
 from softrobot_env.benchmarks.reduction.rows import OrderRow, PathRow, Row, SpectrumRow
-from softrobot_env.rendering.figures import add_legend, new_figure, save
+from softrobot_env.rendering.figures import add_legend, add_title, new_figure, save
 
 _COLOURS = {"measured": "0.6", THESIS_MODEL: "#D55E00", OURS: "#0072B2"}
 
@@ -25,7 +25,7 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
     shown = [row for row in of_kind(rows, PathRow) if row.measured is not None]
     shown = [row for row in shown if row.model in _COLOURS]
     periods = [p for (p,) in groups(shown, "period")]
-    figure, axes = new_figure(3, max(len(periods), 3), (3.2 * max(len(periods), 3), 9.6))
+    figure, axes = new_figure(3, max(len(periods), 3), (2.7 * max(len(periods), 3), 9.0))
     for line, name in zip(axes, ("rectangle", "circle"), strict=False):
         for axis, period in zip(line, periods, strict=False):
             _paths(axis, select(shown, path=name, period=period))
@@ -39,6 +39,15 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
         _inputs(axes[2][4])
     for axis in [*axes[2][5:], *(one for line in axes[:2] for one in line[len(periods) :])]:
         axis.set_visible(False)
+    fastest = select(of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
+    known = [row.mean for row in fastest if row.mean is not None]
+    message = "No path is predicted"
+    if known:
+        message = (
+            f"Models learned from motion predict laps of {fastest[0].period:g} s with a mean error "
+            f"of {1e3 * max(known):.2g} mm at most ({OURS})"
+        )
+    add_title(figure, message, "As Figs. 3.11 to 3.18: paths of the rig, predicted from the inputs")
     add_legend(figure, axes[0][0])
     save(figure, path)
 
@@ -55,11 +64,11 @@ def _paths(axis: Any, rows: list[PathRow]) -> None:
 
 def _decay(axis: Any, rows: list[SpectrumRow]) -> None:
     """Fig. 3.11."""
-    for record in rows[-1].decays[:1]:
+    for record in (row.decay_path for row in rows if row.decay_path is not None):
         time = PERIOD * np.arange(len(record))
         axis.plot(time, 1e3 * record[:, 0], color=_COLOURS[OURS])
         axis.plot(time, 1e3 * record[:, 1], color=_COLOURS[THESIS_MODEL])
-    axis.set(title="a decay: x, y", xlabel="time [s]", ylabel="[mm]")
+    axis.set(title="a decay: x, y", xlabel="time [s]", ylabel="tip [mm]")
 
 
 def _excited(axis: Any, rows: list[SpectrumRow]) -> None:
@@ -74,7 +83,7 @@ def _excited(axis: Any, rows: list[SpectrumRow]) -> None:
     active = time[np.flatnonzero(np.abs(known[0][:, 2]) > 1e-9)]
     axis.axvspan(active[0], active[-1], color="0.9", linewidth=0)
     axis.legend(frameon=False, fontsize="small")
-    axis.set(title="excited, then left alone", xlabel="time [s]", ylabel="[mm]")
+    axis.set(title="excited, then left alone", xlabel="time [s]", ylabel="tip, input [mm]")
 
 
 def _inputs(axis: Any) -> None:
@@ -93,13 +102,15 @@ def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
     fastest = min(paths, key=lambda row: row.period)
     for record, label, colour in (
         (fastest.measured, f"{fastest.path}, T = {fastest.period:g} s", _COLOURS["measured"]),
-        (rows[-1].decays[0], "a decay", _COLOURS[OURS]),
+        *((row.decay_path, "a decay", _COLOURS[OURS]) for row in rows),
     ):
+        if record is None:
+            continue
         speed = np.linalg.norm(np.diff(record, axis=0), axis=1) / PERIOD
         distance = np.linalg.norm(record[1:], axis=1)
         axis.plot(1e3 * distance, speed, ".", markersize=2, color=colour, label=label)
     axis.legend(frameon=False, fontsize="small")
-    axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="[m/s]")
+    axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="speed [m/s]")
 
 
 def _orders(axis: Any, rows: list[OrderRow]) -> None:

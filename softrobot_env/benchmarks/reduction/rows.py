@@ -112,7 +112,7 @@ class SpectrumRow(Record):
         twin: As of `PathRow`.
         decay, frequency: [1/s], [rad/s] of the slowest mode.
         separation: How many times as fast the modes left out decay.
-        decays: Some, (t, 2) [m].
+        decay_path: One, (t, 2) [m].
         excited: (t, 3), a decay and the oscillation before it: x, y [m], and the change of the
             first tendon's length [m].
     """
@@ -121,7 +121,7 @@ class SpectrumRow(Record):
     decay: float
     frequency: float
     separation: float
-    decays: tuple[np.ndarray, ...] = drawn(())
+    decay_path: np.ndarray | None = drawn()  # noqa: RUF009
     excited: np.ndarray | None = drawn()  # noqa: RUF009
 
 

@@ -125,8 +125,7 @@ def _spectrum(data: RigData) -> SpectrumRow:
         float(-slow.real),
         float(abs(slow.imag)),
         found.separation,
-        tuple(record.outputs for record in (decays[0], decays[-1])),
-        _oscillation(data.excited) if data.twin == SHOWN else None,
+        *((decays[0].outputs, _oscillation(data.excited)) if data.twin == SHOWN else ()),
     )
 
 

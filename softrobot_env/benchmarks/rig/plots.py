@@ -9,15 +9,30 @@ from softrobot_env.benchmarks.rig.cases import FAST, SLOW, LapsRow
 from softrobot_env.benchmarks.rig.run import Row
 from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.rendering.curves import draw, draw_path, finish, longest, policy_curves
-from softrobot_env.rendering.figures import REFERENCE, Axes, Figure, new_figure, save, style_of
+from softrobot_env.rendering.curves import (
+    draw,
+    draw_path,
+    finish,
+    least_error,
+    longest,
+    policy_curves,
+)
+from softrobot_env.rendering.figures import (
+    REFERENCE,
+    Axes,
+    Figure,
+    add_title,
+    new_figure,
+    save,
+    style_of,
+)
 from softrobot_env.robots import LENGTH_SCALE
 
 #: Name of the figure -> title, period and policies of its paths.
 _PATHS = {
-    "fig_5_10": ("Fig. 5.10", SLOW, ("rig_nn", "inverse_dynamics", "hybrid")),
-    "fig_5_11": ("Fig. 5.11", FAST, ("rig_nn",)),
-    "fig_5_12": ("Fig. 5.12", FAST, ("inverse_dynamics", "hybrid")),
+    "fig_5_10": ("As Fig. 5.10", SLOW, ("rig_nn", "inverse_dynamics", "hybrid")),
+    "fig_5_11": ("As Fig. 5.11", FAST, ("rig_nn",)),
+    "fig_5_12": ("As Fig. 5.12", FAST, ("inverse_dynamics", "hybrid")),
     "beyond": ("Beyond the thesis", FAST, ("hybrid", "hybrid_flexible", "hybrid_calibrated")),
 }
 
@@ -35,7 +50,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
     for name, (title, period, policies) in _PATHS.items():
         mine = {p: traces[p, period] for p in policies if (p, period) in traces}
         if mine:
-            text = f"{title}  triangle, T = {period:g} s"
+            text = f"{title}: triangle, a lap in {period:g} s"
             save(_tracking(mine, text), path.with_stem(name))
     pair = [traces.get((name, FAST)) for name in ("rig_nn", "hybrid")]
     if None not in pair:
@@ -47,7 +62,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
 
 def _tracking(traces: dict[str, Rollout], title: str) -> Figure:
     """Paths on the left, errors over time on the right."""
-    figure, ((left, right),) = new_figure(1, 2, (10.5, 4.8))
+    figure, ((left, right),) = new_figure(1, 2, (9.5, 4.8))
     curves = policy_curves(traces)
     whole = longest(curves)
     # Two of the seven laps; the dashes of several would fill each other.
@@ -55,7 +70,7 @@ def _tracking(traces: dict[str, Rollout], title: str) -> Figure:
     draw(right, curves, lambda rollout: 1e3 * rollout.error)
     right.set(xlabel="time after the approach [s]", ylabel="error [mm]")
     right.set_ylim(bottom=0)
-    return finish(figure, left, title)
+    return finish(figure, left, least_error(curves), title)
 
 
 def _parts(network: Rollout, hybrid: Rollout) -> Figure:
@@ -69,8 +84,11 @@ def _parts(network: Rollout, hybrid: Rollout) -> Figure:
     )
     for label, values, policy in curves:
         axis.plot(network.time, values, **style_of(policy).curve, linewidth=1.2, label=label)
-    axis.set(xlabel="time after the approach [s]", ylabel="$s_1$ [mm]")
-    return finish(figure, axis, f"Fig. 5.13  length of tendon 1, triangle, T = {FAST:g} s")
+    axis.set(xlabel="time after the approach [s]", ylabel="length pulled in, $s_1$ [mm]")
+    share = np.ptp(both - quasi_static) / np.ptp(both)
+    message = f"The dynamic part moves {100 * share:.0f} % as far as the hybrid's whole length"
+    subject = f"As Fig. 5.13: length of tendon 1, triangle, a lap in {FAST:g} s"
+    return finish(figure, axis, message, subject)
 
 
 def _forces(rows: list[ForceRow]) -> Figure:
@@ -83,7 +101,13 @@ def _forces(rows: list[ForceRow]) -> Figure:
     top.set(yscale="log", ylabel="effective force [N]")
     bottom.set(xlabel="angular velocity [rad/s]", ylabel="ahead of the output [deg]")
     bottom.set_yticks([0, 45, 90, 135, 180])
-    figure.suptitle("Fig. 5.14  circle of 90 mm", fontsize=11)
+    least = one(rows, y_name="omega_of_least_force_rad_s")
+    known = select(rows, y_name="effective_force_N")
+    message = "The force over the angular velocity"
+    if least is not None and known:
+        force = min(row.y for row in known)
+        message = f"A circle takes the least force, {force:.2g} N, at {least.y:.2g} rad/s"
+    add_title(figure, message, "As Fig. 5.14: circle of 90 mm")
     return figure
 
 

@@ -12,12 +12,13 @@ from softrobot_env.rendering.figures import (
     COLOURS,
     REFERENCE,
     Axes,
+    add_title,
     new_figure,
     plain_ticks,
     save,
 )
 
-_TITLES = {"forward": "tip position, s \u2192 z", "inverse": "tendon lengths, z \u2192 s"}
+_TITLES = {"forward": "tip from tendon lengths", "inverse": "tendon lengths from the tip"}
 
 #: Samples [1] and error [m] that the thesis tells besides, secs. 3.2.3 and 5.1.1: 1 mm, and 1 % of
 #: 30 mm.
@@ -30,7 +31,7 @@ def plot(rows: list[Row], path: Path | str) -> None:
     """Draw a PNG: a line of panels per direction, error over neurons and over samples."""
     cells = [row for row in of_kind(rows, CellRow) if row.study in ("size", "samples")]
     directions = groups(cells, "direction")
-    figure, axes = new_figure(len(directions), 2, (10.5, 0.6 + 3.7 * len(directions)))
+    figure, axes = new_figure(len(directions), 2, (9.5, 1.0 + 3.3 * len(directions)))
     for (left, right), ((direction,), mine) in zip(axes, directions.items(), strict=True):
         _draw_sizes(left, select(mine, study="size"))
         _draw_samples(right, select(mine, study="samples"), direction)
@@ -42,7 +43,15 @@ def plot(rows: list[Row], path: Path | str) -> None:
             axis.legend(fontsize=8, frameon=False)
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")
-    figure.suptitle("Quasi-static networks of the rig on the test set; dashed: thesis", fontsize=11)
+    used = select(cells, study="samples", samples=TRAINING)
+    told = [
+        f"{1e3 * row.e_rms:.2g} mm ({_TITLES[row.direction]}; thesis {1e3 * thesis:.2g})"
+        for row in used
+        for thesis in [THESIS[row.direction]]
+    ]
+    message = f"With {TRAINING} samples networks err by {' and '.join(told)}"
+    subject = "Quasi-static networks of the rig on the test set; dashed: thesis"
+    add_title(figure, message if told else "Errors over size and samples", subject)
     save(figure, path)
 
 

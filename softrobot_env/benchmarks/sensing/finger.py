@@ -144,7 +144,8 @@ def rows(quick: bool = False) -> list[Row]:
         ]
     for key, largest in zip(enclosing, (6, 6, 6, 10), strict=True):
         out.append(_row("Fig. 4.16", f"{key}: largest error", np.abs(pooled[key]).max(), largest))
-    out[0] = Row(**vars(out[0]) | {"curves": found[0][1]})
+    series = {name: pair[:2] for name, pair in found[0][1]["series"].items()}
+    out[0] = Row(**vars(out[0]) | {"curves": found[0][1] | {"series": series}})
     worst, curves = _reconstructed(found[0][1])
     out.append(
         Row(

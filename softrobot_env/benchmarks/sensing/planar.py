@@ -4,6 +4,7 @@ Its three fibres are told their angles as the servos do: the middle one is strai
 """
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,9 @@ _LENGTH = 0.03
 _SENSOR = Sensor(
     "planar", "planar", 0.0, _LENGTH, segments=3, hysteresis=USUAL["hysteresis"], specimen=1
 )
+
+#: Of what pictures show: samples and time [s] of beginnings, and points of a cloud.
+_EARLY, _SHOWN, _POINTS = 1000, 60.0, 6000
 
 #: Coefficients of Tab. 4.1, b_0 and on, by order.
 PRINTED = {
@@ -68,7 +72,13 @@ def _constant(quick: bool) -> list[Row]:
     training = slice(0, int(_PERIOD * _RATE))
     total, out = 2 * each, []
     test = slice(training.stop, None)
-    curves = {"time": time, "angle": np.degrees(total), "current": relative, "fits": {}}
+    curves: dict[str, Any] = {
+        "time": time[:_EARLY],
+        "angle": np.degrees(total[:_EARLY]),
+        "current": relative[:_EARLY],
+        "cloud": (relative[::10], np.degrees(total[::10])),
+        "fits": {},
+    }
     for order, printed in PRINTED.items():
         found = fit(relative[training], total[training], order)
         errors = AngleErrors.of(found(relative[test]) - total[test])
@@ -143,13 +153,14 @@ def _other(quick: bool) -> list[Row]:
     near = gap <= _NEARLY
     found = fit(relative[near], total[near], 5)
     error = np.abs(np.degrees(found(relative) - total))
+    early, some = time < _SHOWN, slice(None, None, max(1, len(time) // _POINTS))
     curves = {
-        "time": time,
-        "angles": np.degrees(angles),
-        "current": relative,
-        "angle": np.degrees(total),
-        "estimate": np.degrees(found(relative)),
-        "error": error,
+        "time": time[early],
+        "angles": np.degrees(angles[early]),
+        "current": relative[early],
+        "angle": np.degrees(total[early]),
+        "estimate": np.degrees(found(relative[early])),
+        "cloud": (np.degrees(angles[some]), relative[some], error[some]),
     }
     at = np.linspace(0, 100, 101)
     printed = np.polynomial.Polynomial(PRINTED_OTHER)(at)

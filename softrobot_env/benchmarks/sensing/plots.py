@@ -16,30 +16,52 @@ from softrobot_env.rendering.figures import (
     VERMILLION,
     Axes,
     add_legend,
+    add_title,
     entry,
     new_figure,
     save,
 )
+
+#: Samples of the four laps.
+_CIRCLE = slice(-240, None)
 
 
 def plot(rows: Sequence[Row], path: Path | str) -> None:
     """Draw the planar sensor, and the finger and the spatial sensor beside it, as PNG."""
     drawn = {row.figure: row.curves for row in rows if row.curves is not None}
     path = Path(path)
-    _planar(drawn["Figs. 4.6, 4.7"], drawn["Figs. 4.8 to 4.11"], path)
-    _finger(drawn["Fig. 4.16"], drawn["Fig. 4.18"], path.with_name(f"{path.stem}_finger.png"))
-    _spatial(drawn["Fig. 4.22"], path.with_name(f"{path.stem}_spatial.png"))
+    share = next(row for row in rows if row.quantity.startswith("share below 2 degrees"))
+    shape = next(row for row in rows if row.figure == "Fig. 4.18")
+    messages = (
+        f"{share.value:.0f} % of the errors are below 2 degrees where both halves bend alike "
+        "(to 10 degrees)",
+        f"Three sensors tell the finger's shape: the tip is {shape.value:.2g} {shape.unit} off "
+        "at most",
+        _spatial_message(drawn["Fig. 4.22"]),
+    )
+    _planar(drawn["Figs. 4.6, 4.7"], drawn["Figs. 4.8 to 4.11"], messages[0], path)
+    finger, spatial = (path.with_name(f"{path.stem}_{name}.png") for name in ("finger", "spatial"))
+    _finger(drawn["Fig. 4.16"], drawn["Fig. 4.18"], messages[1], finger)
+    _spatial(drawn["Fig. 4.22"], messages[2], spatial)
 
 
-def _planar(constant: dict, other: dict, path: Path) -> None:
-    figure, axes = new_figure(2, 3, (13.0, 7.4))
-    figure.suptitle("Planar curvature sensor between two servos")
-    part = slice(0, 1000)
-    axes[0, 0].plot(constant["time"][part], constant["angle"][part], color=BLUE)
-    axes[0, 0].plot(constant["time"][part], constant["current"][part], color=VERMILLION)
+def _spatial_message(found: dict) -> str:
+    """RMS errors of the tip on the circles."""
+    told = []
+    for name in ("network", "model"):
+        off = found[name][_CIRCLE] - found["tips"][_CIRCLE]
+        told.append(f"{1e3 * np.sqrt(np.mean(np.sum(off**2, axis=1))):.2g} mm by the {name}")
+    return f"On four laps the sensor tells the tip with an rms error of {' and '.join(told)}"
+
+
+def _planar(constant: dict, other: dict, message: str, path: Path) -> None:
+    figure, axes = new_figure(2, 3, (11.0, 7.0))
+    add_title(figure, message, "Planar curvature sensor between two servos")
+    axes[0, 0].plot(constant["time"], constant["angle"], color=BLUE)
+    axes[0, 0].plot(constant["time"], constant["current"], color=VERMILLION)
     axes[0, 0].set(xlabel="time [s]", ylabel="angle [deg], current [%]", title="as Fig. 4.6")
     axis = axes[0, 1]
-    axis.plot(constant["current"][::10], constant["angle"][::10], ".", color="0.8", markersize=3)
+    axis.plot(*constant["cloud"], ".", color="0.8", markersize=3)
     at = np.linspace(0, 100, 101)
     for order, colour in ((1, BLUE), (3, GREEN), (5, VERMILLION)):
         axis.plot(at, constant["fits"][order], color=colour)
@@ -63,30 +85,28 @@ def _planar(constant: dict, other: dict, path: Path) -> None:
 
 def _other(first: Axes, axes: Sequence[Axes], other: dict) -> None:
     """As Figs. 4.8 to 4.11."""
-    step = max(1, len(other["time"]) // 6000)
-    angles, shown = other["angles"][::step], {"s": 5, "linewidths": 0}
-    early = other["time"] < 60
-    first.plot(other["time"][early], other["angles"][early, 0], color=BLUE)
-    first.plot(other["time"][early], other["angles"][early, 1], color=GREEN)
-    first.plot(other["time"][early], other["current"][early], color=VERMILLION)
+    angles, current, error = other["cloud"]
+    first.plot(other["time"], other["angles"][:, 0], color=BLUE)
+    first.plot(other["time"], other["angles"][:, 1], color=GREEN)
+    first.plot(other["time"], other["current"], color=VERMILLION)
     first.set(xlabel="time [s]", ylabel="angles [deg], current [%]", title="as Fig. 4.8")
-    for axis, name, title in (
-        (axes[0], "current", "as Fig. 4.9: relative current [%]"),
-        (axes[1], "error", "as Fig. 4.10: error [deg]"),
+    for axis, values, title in (
+        (axes[0], current, "as Fig. 4.9: relative current [%]"),
+        (axes[1], error, "as Fig. 4.10: error [deg]"),
     ):
-        cloud = axis.scatter(*angles.T, c=other[name][::step], cmap="viridis", **shown)
+        cloud = axis.scatter(*angles.T, c=values, cmap="viridis", s=5, linewidths=0)
         axis.figure.colorbar(cloud, ax=axis)
         axis.set(xlabel="angle 1 [deg]", ylabel="angle 2 [deg]", title=title)
-    axes[2].plot(other["time"][early], other["estimate"][early], color=VERMILLION)
-    axes[2].plot(other["time"][early], other["angle"][early], **REFERENCE)
+    axes[2].plot(other["time"], other["estimate"], color=VERMILLION)
+    axes[2].plot(other["time"], other["angle"], **REFERENCE)
     axes[2].set(xlabel="time [s]", ylabel="total angle [deg]", title="as Fig. 4.11")
 
 
-def _finger(grips: dict, shape: dict, path: Path) -> None:
+def _finger(grips: dict, shape: dict, message: str, path: Path) -> None:
     series = grips["series"]
     shown = [name for name in series if name != "fingertip 60 mm"]
-    figure, axes = new_figure(2, 4, (15.0, 7.4))
-    figure.suptitle("Three planar sensors in a finger of the gripper, in simulated grips")
+    figure, axes = new_figure(2, 4, (12.0, 6.8))
+    add_title(figure, message, "Three planar sensors in a finger of the gripper, simulated grips")
     axis, at = axes[0, 0], np.linspace(0, 100, 101)
     for k in range(3):
         for tip, marker in ((False, "."), (True, "x")):
@@ -98,7 +118,7 @@ def _finger(grips: dict, shape: dict, path: Path) -> None:
         xlabel="relative current [%]", ylabel="turn [deg]", title="as Fig. 4.15 (x: fingertip)"
     )
     for axis, name in zip(axes.flat[1:7], shown, strict=False):
-        seen, turns, _ = series[name]
+        seen, turns = series[name]
         time = np.arange(len(seen)) / 50
         for k in range(3):
             axis.plot(time, np.degrees(seen[:, k]), color=COLOURS[k])
@@ -108,23 +128,22 @@ def _finger(grips: dict, shape: dict, path: Path) -> None:
     for estimate, true in shape["shapes"]:
         axis.plot(*estimate.T, color=VERMILLION)
         axis.plot(*true.T, **REFERENCE)
-    axis.set(aspect="equal", xlabel="[mm]", ylabel="[mm]", title="as Fig. 4.18: 48 mm")
+    axis.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title="as Fig. 4.18: 48 mm")
     parts = [entry(f"sensor {k + 1}", color=COLOURS[k]) for k in range(3)]
     shapes = [entry("shape by sensors", color=VERMILLION), entry("tags, true shape", color=BLACK)]
     add_legend(figure, parts + shapes)
     save(figure, path)
 
 
-def _spatial(found: dict, path: Path) -> None:
-    figure, axes = new_figure(1, 3, (13.5, 4.8))
-    figure.suptitle("Spatial curvature sensor in the rig, one specimen")
+def _spatial(found: dict, message: str, path: Path) -> None:
+    figure, axes = new_figure(1, 3, (10.5, 4.4))
+    add_title(figure, message, "Spatial curvature sensor in the rig, one specimen")
     for k in range(4):
         axes[0, 0].plot(found["readings"][:60, k], ".-", color=COLOURS[k])
     axes[0, 0].set(xlabel="point", ylabel="light over straight [1]", title="as Fig. 4.22")
-    circle = slice(-240, None)
     for axis, name in ((axes[0, 1], "network"), (axes[0, 2], "model")):
-        axis.plot(*(1e3 * found[name][circle]).T, color=VERMILLION, linewidth=1)
-        axis.plot(*(1e3 * found["tips"][circle]).T, **REFERENCE)
+        axis.plot(*(1e3 * found[name][_CIRCLE]).T, color=VERMILLION, linewidth=1)
+        axis.plot(*(1e3 * found["tips"][_CIRCLE]).T, **REFERENCE)
         axis.set(aspect="equal", xlabel="x [mm]", ylabel="y [mm]", title=f"tip by the {name}")
     add_legend(
         figure,

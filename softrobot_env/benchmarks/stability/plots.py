@@ -28,6 +28,7 @@ from softrobot_env.rendering.figures import (
     Axes,
     Figure,
     add_legend,
+    add_title,
     entry,
     new_figure,
     save,
@@ -40,6 +41,7 @@ _OUTCOMES = {
     NOT_CONVERGED: (PURPLE, "N", "N  Newton's iteration failed"),
     NO_TRUTH: ("#CCCCCC", "?", "?  ended, but refined runs differ"),
 }
+_EMPTY = {"markerfacecolor": "white", "markeredgecolor": "0.6"}
 _GREENS = ("#004D38", "#009E73", "#C9EBDD")
 
 #: Errors [mm] at the ends of the shades of green.
@@ -81,14 +83,23 @@ def plot(rows: list[Row], path: Path | str) -> None:
 
 def _title(row: Row) -> str:
     if row.model == CHAIN:
-        what = f"The MuJoCo chain with {row.n} hinges"
+        what = f"MuJoCo chain with {row.n} hinges"
     else:
-        what = f"The beam model {row.model} with {row.n} pieces"
+        what = f"beam model {row.model} with {row.n} pieces"
     return (
-        f"Which timestep is safe? {what}: step of the tendon tensions, "
-        f"three first periods or {MOST_STEPS} steps.\nGreen: the tip stays within "
-        f"{1e3 * row.e_bound:g} mm (5 % of the length) of a refined run of the same model"
+        f"{what[0].upper()}{what[1:]}: step of the tendon tensions, three first periods or "
+        f"{MOST_STEPS} steps; green: the tip stays within {1e3 * row.e_bound:g} mm (5 % of the "
+        "length) of a refined run of the same model"
     )
+
+
+def _message(cells: list[Row], picks: list[Row]) -> str:
+    """How many of the rule's picks are good, or else how many runs of the map."""
+    own = [row for row in picks if row.case in _OWN and row.outcome != NO_TRUTH]
+    rows = own or [row for row in cells if row.outcome != NO_TRUTH]
+    good = len(select(rows, outcome=STABLE))
+    what = "timesteps that the rule picks by itself" if own else "runs"
+    return f"{good} of {len(rows)} {what} are stable and right"
 
 
 def _is_rig_itself(row: RigRow) -> bool:
@@ -103,8 +114,8 @@ def _draw_rig(rows: list[RigRow]) -> Figure:
     return _draw(
         cells,
         [row for row in rows if row.case != MAP and row.damping_scale in dampings],
-        f"The spatial rig with {JOINTS} joints: servos bend it to and fro for {rig.DURATION:g} s.\n"
-        f"Green: within {1e3 * BOUND:g} mm (5 % of the length) and {TENSION_BOUND:g} N of tension "
+        f"Spatial rig with {JOINTS} joints, which servos bend to and fro for {rig.DURATION:g} s; "
+        f"green: within {1e3 * BOUND:g} mm (5 % of the length) and {TENSION_BOUND:g} N of tension "
         "in the mean of a refined run",
         ("damping_scale", "damping x {:g}"),
         ("tendon_stiffness_scale", "tendon stiffness / nylon's"),
@@ -135,7 +146,7 @@ def _draw(
     shades = ScalarMappable(LogNorm(*_ERRORS), greens)
     integrators = list(dict.fromkeys(row.integrator for row in cells))
     dampings = sorted({getattr(row, field) for row in cells})
-    size = 1.6 + 2.15 * len(integrators), 2.2 + 1.75 * len(dampings)
+    size = 1.6 + 1.75 * len(integrators), 2.2 + 1.6 * len(dampings)
     figure, panels = new_figure(len(dampings), len(integrators), size, share=True)
     for line, damping in zip(panels, dampings, strict=True):
         for axes, integrator in zip(line, integrators, strict=True):
@@ -149,12 +160,13 @@ def _draw(
         axes.set_title(integrator, fontsize=10, fontweight="bold")
     for axes in panels[-1]:
         axes.set_xlabel(x_label, fontsize=8.5)
-    figure.suptitle(title, fontsize=11)
+    add_title(figure, _message(cells, picks), title)
     place = {"location": "right", "shrink": 0.6, "aspect": 30, "pad": 0.01}
     bar = figure.colorbar(shades, ax=panels, **place)
     bar.set_label("stable: largest error of the tip [mm]", fontsize=8.5)
     bar.ax.tick_params(labelsize=7.5)
-    add_legend(figure, _entries({row.outcome for row in cells}, bool(picks)))
+    ruled = cells[0].model == CHAIN
+    add_legend(figure, _entries({row.outcome for row in cells}, bool(picks), ruled))
     return figure
 
 
@@ -223,14 +235,16 @@ def _fill(outcome: str) -> str:
     return {STABLE: "white", NO_TRUTH: _OUTCOMES[NO_TRUTH][0]}.get(outcome, "black")
 
 
-def _entries(outcomes: set[str], ruled: bool) -> list:
-    """Entries of the legend."""
+def _entries(outcomes: set[str], ruled: bool, below: bool) -> list:
+    """Entries of the legend; `below` says that axes go below the map."""
     square = {"linestyle": "", "marker": "s", "markersize": 9}
     handles = [
         entry(text, color=colour, **square)
         for outcome, (colour, _, text) in _OUTCOMES.items()
         if outcome in outcomes
     ]
+    if below:
+        handles.append(entry("white: not run", **square | _EMPTY))
     if not ruled:
         return handles
     point = {"linestyle": "", "markeredgecolor": "black", "markerfacecolor": "white"}

@@ -100,7 +100,10 @@ def _draw_legend(axes: Axes, rows: list[Row]) -> None:
     axes.legend(handles, labels, loc="center", fontsize=9, frameon=False)
 
 
-COLUMNS, SIZE = 4, (15.5, 7.2)
+COLUMNS, SIZE = 4, (13, 7)
+
+#: What they show.
+SUBJECT = "deflections, shapes and frequencies of the beam models"
 PANELS = {
     "Fig. 2.11a  self-weight, stiff set": partial(_draw_deflections, name="stiff", top=29),
     "Fig. 2.11b  self-weight, weak set": partial(_draw_deflections, name="weak", top=520),

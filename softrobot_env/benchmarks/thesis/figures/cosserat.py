@@ -64,7 +64,10 @@ def _draw_influence(axes: Axes, rows: list[Row]) -> None:
     add_legend(axes, **_BELOW)
 
 
-COLUMNS, SIZE = 3, (13.5, 4.9)
+COLUMNS, SIZE = 3, (11, 4.9)
+
+#: What they show.
+SUBJECT = "drift and weighting of the Cosserat rod"
 PANELS = {
     "Fig. 2.4  drift of the quaternions, weak set, 5 pieces": _draw_drift,
     "Fig. 2.5  weighting functions": _draw_weightings,

@@ -80,7 +80,10 @@ def _draw_table(
 
 _TIMES, _STEPS = ("computation_time_s",), ("step_s", "smallest_step_s", "largest_step_s")
 
-COLUMNS, SIZE = 3, (14.5, 8.6)
+COLUMNS, SIZE = 3, (12, 8.4)
+
+#: What they show.
+SUBJECT = "what beam models cost"
 PANELS = {
     "Fig. 2.16  right-hand side, planar PCC and ANCF": _draw_evaluation_times,
     "Fig. 2.17  number of evaluations, weak set": _draw_evaluation_numbers,

@@ -62,7 +62,10 @@ def _series(rows: list[Row], model: str) -> tuple[dict[str, np.ndarray], int | N
     return dict(zip(("time", "x", "y"), (fine, *splines), strict=True)), x[0].n
 
 
-COLUMNS, SIZE = 3, (14.5, 4.9)
+COLUMNS, SIZE = 3, (12, 4.9)
+
+#: What they show.
+SUBJECT = "the spiral under a turning force"
 PANELS = {
     "Fig. 2.20  distance over the number of pieces": _draw_distances,
     "Fig. 2.21  tip over time": _draw_tip_over_time,
