@@ -18,6 +18,8 @@ Three words in place of a report name other sources:
 
     {code robots.ARM: length mm}               what `softrobot_env.robots.ARM` says, or a default
     {code robots.find_robot(rig): length mm}   what a function says of a name
+    {code evaluation.thesis.FIGURES task=swing controller=MPC: e_max mm}    one of many records
+    {code evaluation.thesis.TRIANGLE 0=hybrid 1=5.0: value.0 mm}    a mapping, by parts of its keys
     {test scene/test_gripper.py: WITHIN %}     a constant of a file of tests/, a bound it holds
     {quoted publisher: error mm}               docs/quoted.toml, which names the source
 
@@ -33,7 +35,8 @@ import pkgutil
 import re
 import sys
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
@@ -100,7 +103,10 @@ def field(row: dict[str, Any], name: str) -> Any:
     """A field of a row, or `outer.inner` of a field with fields; None where there is none."""
     value: Any = row
     for part in name.split("."):
-        value = value.get(part) if isinstance(value, dict) else None
+        if isinstance(value, list | tuple) and part.isdigit():
+            value = value[int(part)]
+        else:
+            value = value.get(part) if isinstance(value, dict) else None
     return value
 
 
@@ -124,6 +130,14 @@ def declared(path: str, name: str) -> Any:
     except (ImportError, AttributeError, LookupError, TypeError) as error:
         raise ValueError(f"softrobot_env.{path} has no {name!r}: {error!r}") from None
     return value
+
+
+def records(path: str) -> list[dict[str, Any]]:
+    """A sequence of dataclasses, or a mapping from tuples, of the package as rows."""
+    found = pkgutil.resolve_name(f"softrobot_env.{path}")
+    if isinstance(found, Mapping):
+        return [{**dict(zip("0123", key, strict=False)), "value": v} for key, v in found.items()]
+    return [asdict(record) for record in found]
 
 
 @cache
@@ -174,14 +188,16 @@ def matches(row: dict[str, Any], name: str, allowed: str) -> bool:
     return any(fnmatchcase(text, pattern) for pattern in allowed.split("|"))
 
 
-def of_report(report: str, conditions: list[str], name: str) -> list[Any]:
-    """A field of all rows of a report that fulfil conditions.
+def chosen_values(
+    report: str, among: list[dict[str, Any]], conditions: list[str], name: str
+) -> list[Any]:
+    """A field of all rows that fulfil conditions.
 
     Raises:
-        ValueError: There is no such row or report.
+        ValueError: There is no such row.
     """
     pairs = [condition.split("=", 1) for condition in conditions]
-    chosen = [row for row in rows(report) if all(matches(row, *pair) for pair in pairs)]
+    chosen = [row for row in among if all(matches(row, *pair) for pair in pairs)]
     chosen = [row for row in chosen if name in row or "." in name or name == "rows"]
     if not chosen:
         raise ValueError(f"no row of {report!r} has {' '.join(conditions)} and {name!r}")
@@ -198,11 +214,13 @@ def figure(source: str, shown: str) -> str:
     words = shown.split()
     function = FUNCTIONS[words.pop(0)] if words[0] in FUNCTIONS else None
     name, *how = words
-    if report in ("code", "test", "quoted"):
+    if report == "code" and len(conditions) > 1:
+        values = chosen_values(conditions[0], records(conditions[0]), conditions[1:], name)
+    elif report in ("code", "test", "quoted"):
         found = given(report, conditions[0], name)
         values = list(found) if function else [found]
     else:
-        values = of_report(report, conditions, name)
+        values = chosen_values(report, rows(report), conditions, name)
     if function is None and len(set(map(str, values))) > 1:
         raise ValueError(f"{len(values)} rows of {report!r} have {' '.join(conditions)}")
     if function not in (None, len):
