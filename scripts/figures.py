@@ -212,7 +212,9 @@ def figure(source: str, shown: str) -> str:
     """
     report, *conditions = source.split()
     words = shown.split()
-    function = FUNCTIONS[words.pop(0)] if words[0] in FUNCTIONS else None
+    if not words:
+        raise ValueError(f"{source!r}: no field")
+    function = FUNCTIONS[words.pop(0)] if words[1:] and words[0] in FUNCTIONS else None
     name, *how = words
     if report == "code" and len(conditions) > 1:
         values = chosen_values(conditions[0], records(conditions[0]), conditions[1:], name)
@@ -311,7 +313,11 @@ def main() -> int:
         for figure_typed in typed(text):
             stale += 1
             print(f"{path.relative_to(ROOT)}: typed figure {figure_typed!r}")
-        new = fill(text)
+        try:
+            new = fill(text)
+        except ValueError as error:
+            print(f"{path.relative_to(ROOT)}: {error}")
+            return 1
         if new != text:
             stale += 1
             print(f"{path.relative_to(ROOT)}: figures are stale")
