@@ -37,9 +37,10 @@ slow: .venv/.setup-test
 	$(PYTEST) -m slow
 
 # Other libraries with our environments, each in a virtual environment of its own under
-# .venv/clients; CLIENTS="torchrl skrl" picks some. Prints the table of docs/clients.md.
+# .venv/clients; CLIENTS="torchrl skrl" picks some. Prints the table of docs/clients.md, which is made
+# from its report: OUT=docs/results/clients writes it.
 test-clients: .venv/bin/python
-	$(BIN)/python tests/clients/run.py $(CLIENTS)
+	$(BIN)/python tests/clients/run.py $(CLIENTS) $(if $(OUT),--out $(OUT))
 
 # Studies on a Ray cluster of two nodes of this machine, one of which is killed.
 test-cluster: .venv/.setup-test

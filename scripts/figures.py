@@ -12,7 +12,8 @@ is shown. `variation.delay=0.02` is a field within a field, `x=` an empty or abs
 of several, `_` a space or colon, `*` any text. What is shown is a field, behind it a unit of
 `softrobot_env.rendering.tables.FACTORS` and a format (`.2g`, `,.0f`; a plain number is significant
 digits), before it one of `FUNCTIONS`; without a function all rows must agree. A line of a template
-such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure.
+such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure; the line
+behind `rows NAME` is repeated with the fields of every row of a report.
 
 Three words in place of a report name other sources:
 
@@ -59,7 +60,7 @@ NOT_RUNNING = re.compile(
 NAMES = re.compile(
     r"\b(?:secs?\.|Figs?\.|Tabs?\.|ch\.|[Cc]hapters?|Python|Node\.js|seeds?|twins?)\s"
     r"\d[\d.]*(?:(?:,|,?\sand|,?\sto|,?\sor)\s\d[\d.]*)*"
-    r"|\(\d+\.\d+\)|\b(?:19|20)\d\d\b|^\s*\d+\.\s|\b1/(?=[a-z])|\b[23]-D\b",
+    r"|\(\d+\.\d+\)|\b(?:19|20)\d\d\b|^\s*\d+\.\s|\b1/(?=[A-Za-z])|\b[23]-D\b",
     re.M,
 )
 #: A number that is no part of a word.
@@ -261,7 +262,16 @@ def repeated(template: str) -> str:
 
 def filled(template: str) -> str:
     """A template with its figures; errors as `figure`."""
-    return FIGURE.sub(lambda found: figure(found[1], found[2]), repeated(template))
+    lines, of = [], ""
+    for line in repeated(template).splitlines():
+        if line.startswith("rows "):
+            of = line.removeprefix("rows ").strip()
+        elif of:
+            lines += [line.format_map(row) for row in rows(of)]
+            of = ""
+        else:
+            lines.append(FIGURE.sub(lambda found: figure(found[1], found[2]), line))
+    return "\n".join(lines)
 
 
 def fill(text: str) -> str:
