@@ -15,19 +15,17 @@ digits), before it one of `FUNCTIONS`; without a function all rows must agree. A
 such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure; the line
 behind `rows NAME` is repeated with the fields of every row of a report.
 
-Three words in place of a report name other sources:
+Two words in place of a report name other sources:
 
     {code robots.ARM: length mm}               what `softrobot_env.robots.ARM` says, or a default
     {code robots.find_robot(rig): length mm}   what a function says of a name
     {code evaluation.thesis.FIGURES task=swing controller=MPC: e_max mm}    one of many records
     {code evaluation.thesis.TRIANGLE 0=hybrid 1=5.0: value.0 mm}    a mapping, by parts of its keys
-    {test scene/test_gripper.py: WITHIN %}     a constant of a file of tests/, a bound it holds
     {quoted publisher: error mm}               docs/quoted.toml, which names the source
 
 A number in running text that is in none of these is typed, see `typed`.
 """
 
-import ast
 import gzip
 import inspect
 import json
@@ -142,40 +140,20 @@ def records(path: str) -> list[dict[str, Any]]:
 
 
 @cache
-def constants(path: str) -> dict[str, Any]:
-    """Numbers and texts that a file of tests/ gives names to, on its top level.
-
-    Raises:
-        ValueError: There is no such file.
-    """
-    file = ROOT / "tests" / path
-    if not file.is_file():
-        raise ValueError(f"no file tests/{path}")
-    found: dict[str, Any] = {}
-    for node in ast.parse(file.read_text(encoding="utf-8")).body:
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name):
-            try:
-                found[node.targets[0].id] = ast.literal_eval(node.value)
-            except ValueError:
-                continue
-    return found
-
-
-@cache
 def quoted() -> dict[str, dict[str, Any]]:
     """Figures of others by what they are called, each with its `source`."""
     return tomllib.loads((ROOT / "docs" / "quoted.toml").read_text(encoding="utf-8"))
 
 
 def given(kind: str, where: str, name: str) -> Any:
-    """A value that is in no report: of the code, of a test, or quoted.
+    """A value that is in no report: of the code, or quoted.
 
     Raises:
         ValueError: There is no such value.
     """
     if kind == "code":
         return declared(where, name)
-    value = field(constants(where) if kind == "test" else quoted().get(where, {}), name)
+    value = field(quoted().get(where, {}), name)
     if value is None:
         raise ValueError(f"{kind} {where!r} has no {name!r}")
     return value
@@ -219,7 +197,7 @@ def figure(source: str, shown: str) -> str:
     name, *how = words
     if report == "code" and len(conditions) > 1:
         values = chosen_values(conditions[0], records(conditions[0]), conditions[1:], name)
-    elif report in ("code", "test", "quoted"):
+    elif report in ("code", "quoted"):
         found = given(report, conditions[0], name)
         values = list(found) if function else [found]
     else:
