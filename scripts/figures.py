@@ -15,12 +15,13 @@ digits), before it one of `FUNCTIONS`; without a function all rows must agree. A
 such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure; the line
 behind `rows NAME` is repeated with the fields of every row of a report.
 
-Two words in place of a report name other sources:
+Three words in place of a report name other sources:
 
     {code robots.ARM: length mm}               what `softrobot_env.robots.ARM` says, or a default
     {code robots.find_robot(rig): length mm}   what a function says of a name
     {code evaluation.thesis.FIGURES task=swing controller=MPC: e_max mm}    one of many records
     {code evaluation.thesis.TRIANGLE 0=hybrid 1=5.0: value.0 mm}    a mapping, by parts of its keys
+    {model rig_nn: about_play mm}              a number of models/rig_nn.npz
     {quoted publisher: error mm}               docs/quoted.toml, which names the source
 
 A number in running text that is in none of these is typed, see `typed`.
@@ -41,6 +42,8 @@ from functools import cache
 from pathlib import Path
 from statistics import mean, median
 from typing import Any
+
+import numpy as np
 
 from softrobot_env.rendering.tables import FACTORS, NONE, number
 from softrobot_env.writing import write_text
@@ -76,11 +79,12 @@ FUNCTIONS: dict[str, Callable[[list[Any]], Any]] = {
 
 
 def pages() -> list[Path]:
-    """README.md and the pages of docs/ that are written by hand."""
+    """README.md, the pages of docs/ that are written by hand, and what they include."""
     docs = sorted((ROOT / "docs").rglob("*.md"))
     foreign = ROOT / "docs" / "demo"  # what npm installs there
     own = [p for p in docs if p.name != "report.md" and foreign not in p.parents]
-    return [ROOT / "README.md", *own]
+    included = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "models").glob("*.md"))]
+    return [ROOT / "README.md", *own, *included]
 
 
 @cache
@@ -146,13 +150,16 @@ def quoted() -> dict[str, dict[str, Any]]:
 
 
 def given(kind: str, where: str, name: str) -> Any:
-    """A value that is in no report: of the code, or quoted.
+    """A value that is in no report: of the code, of a model, or quoted.
 
     Raises:
         ValueError: There is no such value.
     """
     if kind == "code":
         return declared(where, name)
+    if kind == "model":
+        with np.load(ROOT / "models" / f"{where}.npz", allow_pickle=False) as model:
+            return model[name].item()
     value = field(quoted().get(where, {}), name)
     if value is None:
         raise ValueError(f"{kind} {where!r} has no {name!r}")
@@ -197,7 +204,7 @@ def figure(source: str, shown: str) -> str:
     name, *how = words
     if report == "code" and len(conditions) > 1:
         values = chosen_values(conditions[0], records(conditions[0]), conditions[1:], name)
-    elif report in ("code", "quoted"):
+    elif report in ("code", "model", "quoted"):
         found = given(report, conditions[0], name)
         values = list(found) if function else [found]
     else:
