@@ -67,7 +67,7 @@ NAMES = re.compile(
 #: A number that is no part of a word.
 NUMBER = re.compile(r"(?<![\w.])(?<!\w-)\d(?:[\d,.]*\d)?(?: \d{3})*(?:e[-+]?\d+)?")
 #: Unit shown -> factor from SI.
-UNITS = {**FACTORS, "minutes": 1 / 60, "grams": 1e3, "degrees": 180 / math.pi}
+UNITS = {**FACTORS, "degrees": 180 / math.pi}
 FUNCTIONS: dict[str, Callable[[list[Any]], Any]] = {
     "mean": mean,
     "median": median,
