@@ -79,7 +79,10 @@ FUNCTIONS: dict[str, Callable[[list[Any]], Any]] = {
 
 
 def pages() -> list[Path]:
-    """README.md, the pages of docs/ that are written by hand, and what they include."""
+    """README.md, the pages of docs/ that are written by hand, and what they include.
+
+    Not firmware/README.md, whose numbers are pins, voltages and baud rates of its boards.
+    """
     docs = sorted((ROOT / "docs").rglob("*.md"))
     foreign = ROOT / "docs" / "demo"  # what npm installs there
     own = [p for p in docs if p.name != "report.md" and foreign not in p.parents]
