@@ -81,8 +81,9 @@ def train(
         start: Network to start from.
         checkpoint: Folder that is written to at every closed-loop check, if given; see
             `training.checkpoint`.
-        resume: Whether to go on with the training that the folder holds: with other draws, new
-            episodes, and the learning rate that so many of all steps are left for.
+        resume: Whether to go on with the training that the folder holds. With as many steps it
+            ends as if it had not been stopped, since all episodes and draws begin anew after
+            every check; with more, the learning rate is that of so many left of all.
         log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
         robot: To train for; `tasks` of the settings are its own.
         view: Of the networks; that of the robot unless given.
@@ -100,11 +101,11 @@ def train(
     view = view_for(robot) if view is None else view
     logs = None if log is None else str(log)
     told = _told(config, seed, robot)
-    watch = Watch(config, show, partial(_keep, checkpoint, told), robot, view)
+    anew = None if checkpoint is None else partial(_begin_anew, seed)
+    watch = Watch(config, show, partial(_keep, checkpoint, told), robot, view, anew)
     if resume:
         before = _to_go_on_with(checkpoint, told, show)
         watch.take_up(before.best, before.curve)
-        seed = int(np.random.SeedSequence([seed, watch.steps]).generate_state(1)[0] >> 1)
         model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
         put_learner_state(model, before.learner)
     else:
@@ -262,6 +263,13 @@ def begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None
         freeze_actor(model, config, True)
         model.learn(config.critic_steps, tb_log_name="critic")
         freeze_actor(model, config, False)
+
+
+def _begin_anew(seed: int, model: BaseAlgorithm, steps: int) -> None:
+    """New episodes and draws by seed and steps alone, as a checkpoint holds neither."""
+    model.set_random_seed(int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1))
+    model._last_obs = model.get_env().reset()
+    model._last_episode_starts = np.ones(model.n_envs, dtype=bool)
 
 
 def _keep(
