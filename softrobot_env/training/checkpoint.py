@@ -53,6 +53,12 @@ def write(folder: Path, checkpoint: Checkpoint) -> None:
             newest.replace(folder / _BEFORE)
 
 
+def forget(folder: Path) -> None:
+    """Delete the states in a folder."""
+    for name in (_NEWEST, _BEFORE):
+        (folder / name).unlink(missing_ok=True)
+
+
 def read(folder: Path | None, show: Show | None = None) -> Checkpoint | None:
     """The newest state in a folder that is whole, None if there is none at all.
 

@@ -1,7 +1,7 @@
 """Reinforcement learning of a network on all tasks at once (stable-baselines3)."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields, replace
 from functools import partial
 from pathlib import Path
@@ -32,7 +32,7 @@ from softrobot_env.training.checkpoint import (
 )
 from softrobot_env.training.learners import freeze_actor, make_model, put_actor
 from softrobot_env.training.references import draw_reference, generic_task
-from softrobot_env.training.registry import Figures, Order
+from softrobot_env.training.registry import Figures, Order, curve_file
 from softrobot_env.training.rl_config import (
     IMITATION,
     NO_START,
@@ -71,6 +71,7 @@ def train(
     log: Path | None = None,
     robot: RobotParams = ARM,
     view: View | None = None,
+    told: Callable[[list[Point]], None] | None = None,
 ) -> tuple[Network, list[Point]]:
     """Train from a network, or from scratch.
 
@@ -87,6 +88,7 @@ def train(
         log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
         robot: To train for; `tasks` of the settings are its own.
         view: Of the networks; that of the robot unless given.
+        told: Called with the learning curve after each check, when the checkpoint is written.
 
     Returns:
         The network that did best in the checks, the one to start from among them, and the
@@ -100,11 +102,11 @@ def train(
     torch.set_num_threads(config.threads)
     view = view_for(robot) if view is None else view
     logs = None if log is None else str(log)
-    told = _told(config, seed, robot)
+    about = _about(config, seed, robot)
     anew = None if checkpoint is None else partial(_begin_anew, seed)
-    watch = Watch(config, show, partial(_keep, checkpoint, told), robot, view, anew)
+    watch = Watch(config, show, partial(_keep, checkpoint, about, told), robot, view, anew)
     if resume:
-        before = _to_go_on_with(checkpoint, told, show)
+        before = _to_go_on_with(checkpoint, about, show)
         watch.take_up(before.best, before.curve)
         model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
         put_learner_state(model, before.learner)
@@ -129,7 +131,7 @@ def run(algorithm: str, order: Order, show: Show) -> Figures:
     """
     settings, robot, path = order.settings, order.robot, order.path
     config = config_of(algorithm, settings, robot)
-    start, view = _start(settings, path, robot)
+    start, view = _start(order)
     network, curve = train(
         config,
         order.seed,
@@ -140,9 +142,10 @@ def run(algorithm: str, order: Order, show: Show) -> Figures:
         log=settings.get("log"),
         robot=robot,
         view=view,
+        told=order.told,
     )
     save(network, path, order.seed, robot, view)
-    written = path.with_name(f"{path.stem}_curve.json")
+    written = curve_file(path)
     write_text(written, json.dumps(curve, indent=1) + "\n")
     told = figures(network, config.trials, robot, view)
     return [*told, ("learning curve", str(written))]
@@ -176,14 +179,19 @@ def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -
     return replace(config, **wanted)
 
 
-def _start(
-    settings: Mapping[str, Any], path: Path, robot: RobotParams
-) -> tuple[Network | None, View]:
+def check_order(algorithm: str, order: Order) -> None:
+    """Refuse what `run` would refuse of settings and network; ValueError as there."""
+    config_of(algorithm, order.settings, order.robot)
+    _start(order)
+
+
+def _start(order: Order) -> tuple[Network | None, View]:
     """The network to start from, if any, and the view of all networks: its own, else the robot's.
 
     A training that goes on has its network, but still the view of the one that it started from.
     """
-    start = settings.get("start", IMITATION)
+    settings, robot = order.settings, order.robot
+    start, path = settings.get("start", IMITATION), order.folder / order.path.name
     if start == NO_START:
         return None, view_for(robot)
     network, view = load_start(path if start == IMITATION else Path(start), robot, start)
@@ -274,16 +282,19 @@ def _begin_anew(seed: int, model: BaseAlgorithm, steps: int) -> None:
 
 def _keep(
     folder: Path | None,
-    told: dict[str, Any],
+    about: dict[str, Any],
+    told: Callable[[list[Point]], None] | None,
     model: BaseAlgorithm,
     best: Network,
     curve: list[Point],
 ) -> None:
     if folder is not None:
-        write(folder, Checkpoint(told, curve, best, learner_state(model)))
+        write(folder, Checkpoint(about, curve, best, learner_state(model)))
+    if told is not None:
+        told(curve)
 
 
-def _told(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
+def _about(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
     """Settings, seed and robot, in what a checkpoint can hold."""
     told = {**asdict(config), "seed": seed, "robot": str(fingerprint(robot)["fingerprint"])}
     return json.loads(json.dumps(told))
@@ -299,12 +310,12 @@ def _check_free(folder: Path | None) -> None:
         )
 
 
-def _to_go_on_with(folder: Path | None, told: dict[str, Any], show: Show) -> Checkpoint:
+def _to_go_on_with(folder: Path | None, about: dict[str, Any], show: Show) -> Checkpoint:
     """The training in a folder, unless there is none or another one."""
     found = read(folder, show)
     if found is None:
         raise FileNotFoundError(f"no training to go on with in {folder}")
-    differ = [k for k in told if k != "steps" and told[k] != found.settings.get(k)]
+    differ = [k for k in about if k != "steps" and about[k] != found.settings.get(k)]
     if differ:
         raise ValueError(
             f"the training in {folder} had other settings: "
