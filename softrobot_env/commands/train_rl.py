@@ -20,6 +20,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments that only reinforcement learning has."""
     group = parser.add_argument_group("reinforcement learning")
     group.add_argument("--algo", choices=ALGORITHMS, help="algorithm of stable-baselines3, as NAME")
+    add_learning(group)
+    group.add_argument("--name", help="of the file written; default: the algorithm's")
+    group.add_argument(
+        "--checkpoint",
+        type=Path,
+        metavar="DIR",
+        help="folder of what --resume needs; default: out/train/NAME",
+    )
+    group.add_argument("--resume", action="store_true", help="go on with the checkpoint")
+    group.add_argument("--log", type=Path, metavar="DIR", help="folder of TensorBoard's logs")
+
+
+def add_learning(group: argparse._ActionsContainer) -> None:
+    """Arguments that say what is learned, and how."""
     group.add_argument(
         "--task",
         nargs="+",
@@ -51,15 +65,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="another number of training.rl_config.RLConfig, for instance rate=1e-4; with several "
         "values a run for each",
     )
-    group.add_argument("--name", help="of the file written; default: the algorithm's")
-    group.add_argument(
-        "--checkpoint",
-        type=Path,
-        metavar="DIR",
-        help="folder of what --resume needs; default: out/train/NAME",
-    )
-    group.add_argument("--resume", action="store_true", help="go on with the checkpoint")
-    group.add_argument("--log", type=Path, metavar="DIR", help="folder of TensorBoard's logs")
 
 
 def _setting(text: str) -> tuple[str, tuple[float, ...]]:
@@ -84,6 +89,6 @@ def given(args: argparse.Namespace) -> dict[str, Any]:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     usual = vars(parser.parse_args([]))
-    found = {name: getattr(args, name) for name in REINFORCEMENT}
+    found = {name: getattr(args, name) for name in REINFORCEMENT if hasattr(args, name)}
     found["set"] = [(name, values[0]) for name, values in found["set"]]
     return {name: value for name, value in found.items() if value != usual[name]}

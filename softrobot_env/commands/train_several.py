@@ -111,7 +111,7 @@ def study_in_words(command: str, args: argparse.Namespace) -> str:
 def files_in(args: argparse.Namespace, out: Path) -> set[Path]:
     """Files that the runs depend on: those that are given, and what they build on in `out`."""
     given = [value for key, value in vars(args).items() if key not in ELSEWHERE]
-    return files_among(given) | {path for path in out.glob("*.npz") if path.is_file()}
+    return files_among(given) | set(out.resolve().glob("*.npz"))
 
 
 def write(

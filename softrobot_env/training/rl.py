@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, fields, replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from softrobot_env.training.registry import Figures, Order, curve_file
 from softrobot_env.training.rl_config import (
     IMITATION,
     NO_START,
+    NUMBERS,
     QUICK,
     ROBOT_TASKS,
     TRAINING_TASKS,
@@ -169,14 +170,26 @@ def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -
             raise ValueError(f"robot {robot.name!r} is trained on {', '.join(known)}")
     if "steps" in settings:
         wanted["steps"] = settings["steps"]
-    numbers = {f.name: f.type for f in fields(RLConfig) if f.type in (int, float)}
     for name, value in settings.get("set", ()):
-        if name not in numbers:
-            raise ValueError(f"cannot set {name!r}; choose from {', '.join(numbers)}")
-        if numbers[name] is int and not value.is_integer():
+        if name not in NUMBERS:
+            raise ValueError(f"cannot set {name!r}; choose from {', '.join(NUMBERS)}")
+        if NUMBERS[name] is int and not value.is_integer():
             raise ValueError(f"{name} must be a whole number, got {value:g}")
-        wanted[name] = numbers[name](value)
+        wanted[name] = NUMBERS[name](value)
     return replace(config, **wanted)
+
+
+def save_kept(order: Order, folder: Path) -> None:
+    """Write the best network of a checkpoint as `run` writes it, and its learning curve.
+
+    Raises:
+        FileNotFoundError, ValueError: There is none in the folder, or it is damaged.
+    """
+    found = read(folder)
+    if found is None:
+        raise FileNotFoundError(f"no checkpoint in {folder}")
+    save(found.best, order.path, order.seed, order.robot, _start(order)[1])
+    write_text(curve_file(order.path), json.dumps(found.curve, indent=1) + "\n")
 
 
 def check_order(algorithm: str, order: Order) -> None:

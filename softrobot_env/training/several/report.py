@@ -52,18 +52,25 @@ def runs_table(runs: Sequence[Run], heading: str = "seed") -> PlainTable:
     """
     columns = [Column(heading, form=">")]
     for name in varied_in(runs):
-        columns.append(Column(name, lambda run, name=name: run.settings.get(name), ".4g"))
-    if any(run.reward is not None for run in runs):
+        columns.append(Column(name, lambda run, name=name: run.settings.get(name), ".3g"))
+    learned = any(run.reward is not None for run in runs)
+    if learned:
         columns += [
             Column("steps", form=","),
-            Column("best reward", "reward", ".4f"),
-            Column("largest mm", "max_error", ".3g", "mm"),
-            Column("failed checks", "failures", "d"),
+            Column("reward", form=".4f"),
+            Column("max mm", "max_error", ".3g", "mm"),
+            Column("failed", "failures", "d"),
             Column("at step", "best_steps", ","),
         ]
     columns.append(Column("minutes", form=".1f"))
-    columns.append(Column("", lambda run: run.failure or ("pruned" if run.pruned else "")))
-    return make_table("every run", columns, runs)
+    columns.append(Column("", _ended, ">"))
+    told = [f"{run.folder} failed: {run.failure}" for run in runs if run.failure]
+    title = "every run: its best check, and the steps at it" if learned else "every run"
+    return make_table(title, columns, runs, caption="\n".join(told))
+
+
+def _ended(run: Run) -> str:
+    return "FAILED" if run.failure else "pruned" if run.pruned else ""
 
 
 def _kinds(runs: Sequence[Run]) -> dict[str, list[Run]]:

@@ -41,6 +41,7 @@ class Run(Record):
         figures: What the training told at its end, in SI units.
         curve: Its checks, see `watch.Point`.
         minutes: That it took since it was last begun.
+        trial: Its number in a search, None outside of one.
         pruned: Whether a search ended it early.
         failure: What it ended with, None if it went well.
         told: As `figures`, with formats and units.
@@ -59,6 +60,7 @@ class Run(Record):
     figures: dict[str, float | None] = field(default_factory=dict)
     curve: list[dict[str, float]] = field(default_factory=list)
     minutes: float | None = None
+    trial: int | None = None
     pruned: bool = False
     failure: str | None = None
     told: list[tuple[str, Quantity]] = drawn(())  # noqa: RUF009
@@ -83,7 +85,7 @@ def orders_of(
             label = "_".join([*parts, f"seed_{seed}"])
             own = {**order.settings} | ({"set": list(settings.items())} if settings else {})
             if "log" in own:
-                own["log"] = Path(own["log"]) / label
+                own["log"] = Path(own["log"]).resolve() / label
             path = order.path.parent / label / order.path.name
             found[label] = replace(order, path=path, seed=seed, settings=own)
     return found
@@ -117,7 +119,8 @@ def run_all(
     runs = []
     for order, (run, files) in zip(orders.values(), found, strict=True):
         for file, content in files.items():  # of a worker on another machine
-            if not (path := order.path.with_name(file)).is_file():
+            path = order.path.with_name(file)
+            if not path.is_file() or path.read_bytes() != content:
                 with whole(path) as aside:
                     aside.write_bytes(content)
         runs.append(run)
