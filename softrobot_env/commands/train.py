@@ -37,7 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_robot(parser, "a name or a file; default: the thesis' of the artifact")
     drawn = parser.add_mutually_exclusive_group()
-    drawn.add_argument("--seed", type=seed, default=0, help="of the randomness; default: 0")
+    drawn.add_argument("--seed", type=seed, help="of the randomness; default: 0")
     drawn.add_argument(
         "--seeds",
         type=seeds,
@@ -95,7 +95,7 @@ def run(args: argparse.Namespace) -> int:
             f"give an artifact ({', '.join(TRAININGS)}) or an algorithm (--algo "
             f"{', '.join(train_rl.ALGORITHMS)})"
         )
-    name = args.what or args.algo
+    name, args.seed = args.what or args.algo, args.seed or 0
     training, settings = TRAININGS[name], _settings(args)
     robot = (training.robot or ARM) if args.robot is None else find_robot(args.robot)
     training.check(name, robot, settings)

@@ -23,9 +23,13 @@ def best_of(runs: Sequence[Run]) -> Run | None:
     return max(checked, key=lambda run: run.reward, default=None)
 
 
-def kind_of(run: Run, varied: Sequence[str]) -> str:
+def _kind_of(run: Run, varied: Sequence[str]) -> str:
     """The settings of a run that tell it apart, for people."""
-    return ", ".join(f"{name} {run.settings[name]:.4g}" for name in varied)
+    return ", ".join(f"{name} {_setting(run, name)}" for name in varied)
+
+
+def _setting(run: Run, name: str) -> str:
+    return f"{run.settings[name]:.6g}" if name in run.settings else "-"
 
 
 def varied_in(runs: Sequence[Run]) -> list[str]:
@@ -78,7 +82,7 @@ def _kinds(runs: Sequence[Run]) -> dict[str, list[Run]]:
     varied = varied_in(runs)
     found: dict[str, list[Run]] = {}
     for run in runs:
-        found.setdefault(kind_of(run, varied), []).append(run)
+        found.setdefault(_kind_of(run, varied), []).append(run)
     return found
 
 
@@ -92,7 +96,7 @@ def _compared(runs: Sequence[Run]) -> PlainTable:
     for mine in _kinds(runs).values():
         best, failed = best_of(mine), sum(run.failure is not None for run in mine)
         out.add_row(
-            *(f"{mine[0].settings[name]:.4g}" for name in varied),
+            *(_setting(mine[0], name) for name in varied),
             len(mine),
             None if best is None else f"{best.reward:.4f}",
             spread([run.reward for run in mine], ".4f"),
