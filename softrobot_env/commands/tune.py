@@ -32,9 +32,6 @@ _TRIALS = 16
 #: Closed-loop checks of a trial, at each of which it may end.
 _CHECKS = 9
 
-#: In the journal: that trials in the folder are of this search.
-_BEGUN = "trials were begun"
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of the command."""
@@ -119,27 +116,29 @@ def _with(order: Order, changes: dict[str, Any]) -> Order:
 def _search(args: argparse.Namespace, name: str, order: Order, space: Space, out: Path) -> int:
     """Search, print and write."""
     from softrobot_env.training.several import report
-    from softrobot_env.training.several.search import TRIALS, Search, searched, tune_on
+    from softrobot_env.training.several.runs import check_unclaimed, study_of
+    from softrobot_env.training.several.search import Search, searched, trial_folder, tune_on
 
     order, steps = _sized(name, order)
     ranges = any(isinstance(own, Range) for own in space.values())
     search = Search(name, order, space, steps, args.trials or (_TRIALS if ranges else None))
     console = Console()
-    study = study_in_words("tune", args)
+    words = study_in_words("tune", args)
     files = files_in(args, out) - {order.path}
-    with new_results(out, args.overwrite), kept_in(out, study, files) as journal:
-        goes_on = journal.read(_BEGUN) is not None
-        if not goes_on:
-            check_free(out / TRIALS, order.path, overwrite=args.overwrite)
+    with new_results(out, args.overwrite), kept_in(out, words, files) as journal:
+        study = study_of(journal)
+        if not args.overwrite:
+            check_free(order.path, overwrite=False)
+            places = [trial_folder(search, number) for number in range(search.count)]
+            check_unclaimed([place / order.path.name for place in places], study)
         with tune_on(args.workers) as tune, progress_on(console) as progress:
             bar = progress.add_task(name, total=None)
-            journal.write(_BEGUN, b"yes")
-            found = searched(tune, search, out, goes_on, _shown(progress, bar, name))
+            found = searched(tune, search, study, _shown(progress, bar, name))
         table = report.runs_table(found, "trial")
         best = report.best_of(found)
         write(args, out, f"Search for settings of {name}", found, table, console)
         if best is not None:
-            _keep(search, best, out, order.path, args, console)
+            _keep(search, best, args, console)
     return int(best is None)
 
 
@@ -161,20 +160,18 @@ def _sized(name: str, order: Order) -> tuple[Order, int]:
     return _with(order, {"set": list(fixed.items())}), config.steps
 
 
-def _keep(
-    search: "Search",
-    best: "Run",
-    out: Path,
-    path: Path,
-    args: argparse.Namespace,
-    console: Console,
-) -> None:
+def _keep(search: "Search", best: "Run", args: argparse.Namespace, console: Console) -> None:
     """Write the best network, and print the command that trains it anew."""
     from softrobot_env.training.rl import save_kept
-    from softrobot_env.training.several.search import kept_state
+    from softrobot_env.training.several.search import trial_folder
 
-    save_kept(search.order, kept_state(out, best))
-    console.print(f"Best: trial {best.trial}, written to {path}", soft_wrap=True, highlight=False)
+    where = trial_folder(search, best.trial - 1)
+    told = f"written to {search.order.path}"
+    if where.is_dir():
+        save_kept(search.order, where)
+    else:
+        told = "whose network is on the node that trained it"
+    console.print(f"Best: trial {best.trial}, {told}", soft_wrap=True, highlight=False)
     words = ["softrobot", "train", search.name]
     words += [] if args.robot is None else ["--robot", str(args.robot)]
     words += [] if args.task == ["all"] else ["--task", *args.task]

@@ -107,7 +107,8 @@ def test_rows_are_those_of_one_process(two_nodes, tmp_path):
 
 # ---------------------------------------------------------------------- trainings
 
-SMALL = "--start none --quick --set envs_per_task=1 --set drawn_tasks=1 --set rollout=16".split()
+_SETTINGS = ("envs_per_task=1", "drawn_tasks=1", "rollout=16")
+SMALL = ["--start", "none", "--quick", *(word for s in _SETTINGS for word in ("--set", s))]
 
 
 def report(folder):
@@ -162,6 +163,8 @@ def test_a_search_prunes_and_tells_the_best_settings(two_nodes, tmp_path, capsys
 
 def test_a_search_that_was_killed_goes_on(tmp_path):
     pytest.importorskip("stable_baselines3")
+    from softrobot_env.training.checkpoint import read
+
     call = [sys.executable, "-m", "softrobot_env", *SEARCH, "--steps", "1500", "--workers", "2"]
     call += ["--out", str(tmp_path)]
     with subprocess.Popen(call, start_new_session=True) as command:
@@ -169,7 +172,11 @@ def test_a_search_that_was_killed_goes_on(tmp_path):
             assert command.poll() is None
             time.sleep(0.1)
         command.kill()
-    before = {path.parent.parent.name for path in tmp_path.rglob("checkpoint.pt")}
+    begun = {path: read(path.parent).curve for path in tmp_path.rglob("checkpoint_before.pt")}
     assert subprocess.run(call, check=False).returncode == 0
-    folders = {row["folder"].partition("/")[2] for row in report(tmp_path)}
-    assert before <= folders and len(folders) == 4
+    rows = report(tmp_path)
+    assert [row["folder"] for row in rows] == [f"trials/trial_{k}" for k in (1, 2, 3, 4)]
+    for path, curve in begun.items():
+        (row,) = (row for row in rows if row["folder"].endswith(path.parent.name))
+        pairs = list(zip(row["curve"], curve, strict=False))  # it may be pruned earlier now
+        assert pairs and all(now == then for now, then in pairs)

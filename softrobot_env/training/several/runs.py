@@ -112,7 +112,7 @@ def run_all(
     """
     study = study_of(journal)
     if not overwrite:
-        _check_free([order.path for order in orders.values()], study)
+        check_unclaimed([order.path for order in orders.values()], study)
     jobs = [(label, partial(_trained, name, order, study)) for label, order in orders.items()]
     with _watched(orders, study, progress) as show:
         found = run_in_processes(jobs, show)
@@ -164,7 +164,7 @@ def _trained(name: str, order: Order, study: str) -> tuple[Run, dict[str, bytes]
     settings, run = dict(order.settings), described(name, order)
     learns = "checkpoint" in training.options
     if learns:
-        settings |= {"checkpoint": folder, "resume": _goes_on(folder, study)}
+        settings |= {"checkpoint": folder, "resume": goes_on(folder, study)}
     else:
         write_text(folder / _STUDY, study)
     figures: Figures = []
@@ -224,7 +224,7 @@ def _share(folder: Path, study: str) -> float:
     return 0.0
 
 
-def _goes_on(folder: Path, study: str) -> bool:
+def goes_on(folder: Path, study: str) -> bool:
     """Whether a folder has a checkpoint of a study; those of another one are deleted."""
     from softrobot_env.training.checkpoint import forget, read
 
@@ -242,7 +242,7 @@ def _of(folder: Path) -> str | None:
     return named.read_text(encoding="utf-8") if named.is_file() else None
 
 
-def _check_free(paths: Sequence[Path], study: str) -> None:
+def check_unclaimed(paths: Sequence[Path], study: str) -> None:
     """Refuse to replace what is not of a study."""
     for path in paths:
         other = _of(path.parent)

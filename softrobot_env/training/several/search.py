@@ -1,25 +1,25 @@
 """A search for settings of a training by Ray Tune: draws, and early ends of poor trials (ASHA).
 
-Every trial is a training with a checkpoint at each check, which Tune keeps: one whose worker or
-node ends goes on from there, as do trials of a search that was stopped.
+Every trial is a training with a folder of its own and a checkpoint there at each check. One that is
+begun anew, as its worker, its node or the whole search was stopped, tells Tune the checks that it
+has, and goes on: Tune's own state, which is pickled and may be cut short, is not read.
 """
 
 import os
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from softrobot_env.benchmarks.jobs import Progress
+from softrobot_env.benchmarks.jobs import Progress, quiet
 from softrobot_env.cluster import connected
 from softrobot_env.extras import install_command
 from softrobot_env.processes import THREADS, Workers
 from softrobot_env.training.registry import TRAININGS, Order
-from softrobot_env.training.several.runs import Run, described, with_curve
+from softrobot_env.training.several.runs import Run, described, goes_on, with_curve
 from softrobot_env.training.several.space import Range, Space
 
 #: Of ASHA: the best third of the trials goes on from each of the rungs, at these shares of the
@@ -29,8 +29,8 @@ FACTOR, CHECKS = 3, 9
 #: How often a trial goes on whose worker has ended.
 _RETRIES = 5
 
-#: Name of the folder of trials.
-TRIALS = "trials"
+#: Name of the folder of trials, and what is reported of a check, see `watch.Point`.
+TRIALS, _POINT = "trials", ("steps", "reward", "max_mm", "failures")
 
 
 @dataclass(frozen=True)
@@ -84,29 +84,33 @@ def tune_on(workers: Workers | None) -> Iterator[Any]:
         yield tune
 
 
-def searched(tune: Any, search: Search, folder: Path, goes_on: bool, show: Progress) -> list[Run]:
+def searched(tune: Any, search: Search, study: str, show: Progress) -> list[Run]:
     """Trials of a search, in the order in which they were drawn.
 
     Args:
         tune: The module.
-        search: What is searched.
-        folder: Of results; trials are in a folder of it, which all nodes must share.
-        goes_on: Whether to go on with the trials that are there.
+        search: What is searched; trials have folders beside the file of its order, `trial_folder`.
+        study: Name of the search; what is there of the same one is gone on with.
         show: Told what is done.
     """
-    where = folder.resolve() / TRIALS
-    trial = tune.with_resources(partial(_trial, search), {"cpu": 1})
+    where = trial_folder(search, 0).with_name("ray")
+    shutil.rmtree(where, ignore_errors=True)
     with _telling(search, show):
-        if goes_on and tune.Tuner.can_restore(str(where)):
-            tuner = tune.Tuner.restore(
-                str(where), trial, resume_unfinished=True, resume_errored=True
-            )
-        else:
-            shutil.rmtree(where, ignore_errors=True)
-            tuner = _new_tuner(tune, trial, search, where)
-        results = tuner.fit()
-    drawn = sorted(results, key=lambda result: Path(result.path).name)  # they are numbered
-    return [_run(search, number, result) for number, result in enumerate(drawn)]
+        tuner = _new_tuner(
+            tune, tune.with_resources(partial(_trial, search, study), {"cpu": 1}), search, where
+        )
+        results = {_number(result.metrics["trial_id"]): result for result in tuner.fit()}
+    return [_run(search, number, results[number]) for number in sorted(results)]
+
+
+def trial_folder(search: Search, number: int) -> Path:
+    """Where a trial is, counted from 0."""
+    return search.order.path.parent / TRIALS / f"trial_{number + 1}"
+
+
+def _number(trial_id: str) -> int:
+    """Of a trial, by what Tune calls it: a random text and the number."""
+    return int(trial_id.rpartition("_")[2])
 
 
 def _new_tuner(tune: Any, trial: Callable[..., None], search: Search, where: Path) -> Any:
@@ -132,7 +136,6 @@ def _new_tuner(tune: Any, trial: Callable[..., None], search: Search, where: Pat
             name=where.name,
             storage_path=str(where.parent),
             failure_config=tune.FailureConfig(max_failures=_RETRIES),
-            checkpoint_config=tune.CheckpointConfig(num_to_keep=1),
             callbacks=[_callback()],
             verbose=0,
         ),
@@ -164,61 +167,47 @@ def order_of(search: Search, drawn: Mapping[str, float], folder: Path) -> Order:
     return replace(search.order, path=folder / search.order.path.name, settings=settings)
 
 
-def _trial(search: Search, drawn: dict[str, float]) -> None:
+def _trial(search: Search, study: str, drawn: dict[str, float]) -> None:
     """Train with drawn settings, and report every check."""
     from ray import tune
 
     from softrobot_env.training.checkpoint import read
 
-    with TemporaryDirectory() as name:
-        folder, last = Path(name), {"steps": 0, "reward": -1.0}
-        kept = tune.get_checkpoint()
-        if kept is not None:
-            kept.to_directory(name)
-        order = order_of(search, drawn, folder)
-        goes_on = read(folder) is not None
-        settings = {**order.settings, "checkpoint": folder, "resume": goes_on}
+    folder = trial_folder(search, _number(tune.get_context().get_trial_id()))
+    order, last = order_of(search, drawn, folder), {"steps": 0, "reward": -1.0}
+    resume = goes_on(folder, study)
+    settings = {**order.settings, "checkpoint": folder, "resume": resume}
 
-        def report(curve: list[dict[str, float]]) -> None:
-            last.update(steps=int(curve[-1]["steps"]), reward=curve[-1]["reward"])
-            tune.report(dict(last), checkpoint=tune.Checkpoint.from_directory(name))
+    def report(curve: list[dict[str, float]]) -> None:
+        last.update(curve[-1])
+        tune.report(dict(last))
 
-        try:
-            TRAININGS[search.name].run(
-                replace(order, settings=settings, told=report), lambda *_: None
-            )
-        except (ArithmeticError, ValueError) as error:  # of the training: anew it would fail again
-            told = str(error).partition("\n")[0] or type(error).__name__
-            tune.report({**last, "failure": told})
+    try:
+        for point in read(folder).curve if resume else ():
+            report([point])
+        TRAININGS[search.name].run(replace(order, settings=settings, told=report), quiet)
+    except (ArithmeticError, ValueError) as error:  # of the training: anew it would fail again
+        told = str(error).partition("\n")[0] or type(error).__name__
+        tune.report({**last, "failure": told})
 
 
 def _run(search: Search, number: int, result: Any) -> Run:
     """What a trial found."""
-    from softrobot_env.training.checkpoint import read
-
-    order = order_of(search, result.config, Path(result.path))
-    run, metrics = described(search.name, order), result.metrics or {}
-    run = replace(run, folder=f"{TRIALS}/{Path(result.path).name}", trial=number + 1)
-    failure = metrics.get("failure")
+    metrics, failure = result.metrics, result.metrics.get("failure")
+    run = described(search.name, order_of(search, result.config, trial_folder(search, number)))
+    run = replace(run, folder=f"{TRIALS}/{run.folder}", trial=number + 1)
     if result.error is not None:
         failure = str(result.error).strip().splitlines()[-1]
-    if result.checkpoint is not None:
-        with result.checkpoint.as_directory() as kept, suppress(ValueError):
-            found = read(Path(kept))
-            run = run if found is None else with_curve(run, found.curve)
-    minutes = metrics.get("time_total_s")
+    if result.metrics_dataframe is not None and "max_mm" in result.metrics_dataframe:
+        told = result.metrics_dataframe[list(_POINT)].dropna().to_dict("records")
+        points = {int(point["steps"]): point for point in told}  # some are told twice
+        run = with_curve(run, [{**points[k], "steps": k} for k in sorted(points)])
     return replace(
         run,
-        minutes=None if minutes is None else minutes / 60,
+        minutes=metrics.get("time_total_s", 0.0) / 60,
         pruned=failure is None and (run.steps or 0) < search.steps,
         failure=failure,
     )
-
-
-def kept_state(folder: Path, run: Run) -> Path:
-    """Folder of the newest checkpoint of a trial."""
-    found = sorted((folder / run.folder).glob("checkpoint_*"))
-    return found[-1]
 
 
 #: Who is told of results; what Tune calls is pickled with the search, and can hold nothing.
