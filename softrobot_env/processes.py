@@ -126,6 +126,16 @@ def using(workers: Workers | None) -> Iterator[None]:
         _CHOSEN.reset(token)
 
 
+@contextmanager
+def chosen_processes() -> "Iterator[Executor | None]":
+    """`worker_processes` if they were chosen by `using`, else None: the work is done here."""
+    if _CHOSEN.get() is _AS_WANTED:
+        yield None
+        return
+    with worker_processes() as pool:
+        yield pool
+
+
 def _begin_worker() -> None:
     """End with the process that began this one, and in silence on Ctrl-C: that one tells of it."""
     from multiprocessing import parent_process

@@ -64,7 +64,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-validation", action="store_true", help="skip the cross-validation, half of the time"
     )
     parser.add_argument("--no-plots", action="store_true", help="skip the plots")
-    add_workers(parser, "; those of the cross-validation; default: two processes")
+    add_workers(
+        parser,
+        "; those of the assignment, of further starts and of the cross-validation; default: two "
+        "processes, of the cross-validation alone",
+    )
     add_out(parser, "out/identify")
 
 

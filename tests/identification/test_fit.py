@@ -11,6 +11,7 @@ from softrobot_env.benchmarks.identify.twins import identified
 from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy
 from softrobot_env.evaluation.runner import Case, run
+from softrobot_env.identification.fit import path
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.dynamics import windows_of
 from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, size
@@ -22,6 +23,7 @@ from softrobot_env.identification.fit.rests import at_rest
 from softrobot_env.identification.fit.unknowns import LAGS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
+from softrobot_env.processes import Workers, using
 from softrobot_env.recordings import (
     Commands,
     Frame,
@@ -214,6 +216,21 @@ def test_columns_in_another_order_and_a_turned_frame_are_told_apart():
     third = 2 * np.pi / 3 * ((places[0] - 2) % 3)
     assert np.cos(found.turn - turn - third) == pytest.approx(1, abs=1e-4)
     assert found.sign == 1 and found.rms < 2e-3 < found.second
+    with using(Workers(2)):
+        assert assigned(unknown, robot) == found
+
+
+@pytest.mark.slow
+def test_further_starts_find_in_processes_what_they_find_in_this_one(monkeypatch):
+    robot = rod()
+    recording = pulled(robot.vary(youngs_modulus=1.3), np.linspace(0.1, 1.0, 4), noise=1e-4)
+    # Nothing is good enough, so that the further starts are taken.
+    monkeypatch.setattr(path, "size", lambda error: 1.0 + size(error))
+    alone = identify(recording, robot, ("statics",), validate=False)
+    with using(Workers(2)):
+        shared = identify(recording, robot, ("statics",), validate=False)
+    np.testing.assert_array_equal(shared.fit.x, alone.fit.x)
+    np.testing.assert_array_equal(shared.fit.covariance, alone.fit.covariance)
 
 
 @pytest.mark.slow

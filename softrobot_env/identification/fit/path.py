@@ -27,6 +27,7 @@ from softrobot_env.identification.fit.validation import (
     cross_validated,
     pattern_numbers,
 )
+from softrobot_env.processes import chosen_processes
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
 
@@ -35,6 +36,7 @@ Show = Callable[[str, int, int], None]
 
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
 _FITS = 25  # steps shown as all
+_STARTS = (-0.7, 0.7)  # further ones, of the logarithm of the stiffness
 
 
 @dataclass(frozen=True)
@@ -315,7 +317,10 @@ def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np
 def _fitted(
     model: StaticModel, x: np.ndarray, free: np.ndarray, show: Callable[[int, float], None]
 ) -> Fit:
-    """The frame at first, then everything; from half and twice the stiffness as well if needed."""
+    """The frame at first, then everything; from half and twice the stiffness as well if needed.
+
+    These two at a time if processes were chosen by `processes.using`.
+    """
     start = first_weights(model)
     frame = free & model.unknowns.of(["frame"])
     if frame.any():
@@ -324,10 +329,16 @@ def _fitted(
     stiff = model.unknowns.place("youngs_modulus")
     if size(best.simulated.error) < 2.5 * start.deviation or stiff is None or not free[stiff].any():
         return best
-    for change in (-0.7, 0.7):
-        other = x.copy()
+    others = [x.copy() for _ in _STARTS]
+    for other, change in zip(others, _STARTS, strict=True):
         other[stiff] += change
-        trial = fitted(model, other, free, start, show)
+    with chosen_processes() as pool:
+        if pool is None:
+            trials = [fitted(model, other, free, start, show) for other in others]
+        else:
+            begun = [pool.submit(fitted, model, other, free, start) for other in others]
+            trials = [one.result() for one in begun]
+    for trial in trials:
         if size(trial.simulated.error) < size(best.simulated.error):
             best = trial
     return best
