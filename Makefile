@@ -42,7 +42,7 @@ slow: .venv/.setup-test
 test-clients: .venv/bin/python
 	$(BIN)/python tests/clients/run.py $(CLIENTS) $(if $(OUT),--out $(OUT))
 
-# Studies on a Ray cluster of two nodes of this machine, one of which is killed.
+# Studies, trainings and a search on a Ray cluster of two nodes of this machine; one is killed.
 test-cluster: .venv/.setup-test
 	$(PIP) install --quiet -c constraints.txt -e '.[cluster]'
 	$(BIN)/python -m pytest tests/cluster
