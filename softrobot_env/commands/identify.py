@@ -13,7 +13,7 @@ from softrobot_env.commands.arguments import add_workers
 from softrobot_env.commands.output import add_out, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.recording.check import add_file
-from softrobot_env.processes import using
+from softrobot_env.processes import chosen_processes, using
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import ROBOTS, find_robot
@@ -87,7 +87,8 @@ def run(args: argparse.Namespace) -> int:
         FileExistsError: There are results already, and no --overwrite.
         ValueError: A recording or robot that nothing can be identified of; says why.
     """
-    with new_results(args.out, args.overwrite), using(args.workers):
+    # The last one keeps a cluster, which is then started, or connected to, once for all parts.
+    with new_results(args.out, args.overwrite), using(args.workers), chosen_processes():
         return _identified(args)
 
 

@@ -94,6 +94,8 @@ def order_in(
     """What runs have in common, whose folders are in `out`, as is what they build on."""
     path = file_of(robot, inside(out, file or name), out.resolve())
     settings = dict(settings)
+    if "recording" in settings:
+        settings["recording"] = settings["recording"].resolve()
     beside = path.with_name(artifact_name(robot, IMITATION))
     if "start" in settings and Path(settings["start"]).is_file():
         settings["start"] = str(Path(settings["start"]).resolve())
