@@ -4,6 +4,7 @@ import json
 import sys
 from dataclasses import replace
 from functools import partial
+from time import monotonic, sleep
 
 import pytest
 
@@ -87,6 +88,22 @@ def test_another_study_is_not_replaced_unless_it_may(orders, tmp_path):
     (tmp_path / "seed_3" / "fake.npz").touch()
     with pytest.raises(FileExistsError, match="seed_3"):
         run_all("fake", orders((3,), {}), second)
+
+
+def test_runs_under_way_are_told_by_what_is_in_their_folders(orders, tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "_EVERY", 0.01)
+    begun, told, wanted = orders((0, 1, 2, 3), {}), [], ("1 of 4 runs", 1250, 4000)
+    for label, study, share in (("seed_1", "mine", "0.250"), ("seed_2", "other", "0.9")):
+        folder = begun[label].path.parent
+        folder.mkdir()
+        (folder / "study.txt").write_text(study)
+        (folder / "share.txt").write_text(share)
+    with runs._watched(begun, "mine", lambda *now: told.append(now)) as show:
+        show("seed_0", 1, 4)
+        until = monotonic() + 10
+        while wanted not in told and monotonic() < until:
+            sleep(0.01)
+    assert wanted in told
 
 
 def test_a_study_has_a_name_until_it_is_done(tmp_path):
