@@ -178,5 +178,5 @@ def _keep(search: "Search", best: "Run", args: argparse.Namespace, console: Cons
     words += ["--start", args.start, "--seed", str(args.seed), "--steps", str(search.steps)]
     words += ["--randomize"] * args.randomize + ["--quick"] * args.quick
     for name, value in best.settings.items():
-        words += ["--set", f"{name}={value:.12g}"]
+        words += ["--set", f"{name}={value:.17g}"]  # each digit counts for the same network
     console.print("Train with its settings:", shlex.join(words), soft_wrap=True, highlight=False)

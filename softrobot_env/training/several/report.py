@@ -18,9 +18,12 @@ _MOST = 12
 
 
 def best_of(runs: Sequence[Run]) -> Run | None:
-    """The run whose network has the largest reward, None where none was checked."""
+    """The run whose network has the largest reward, of equal ones the one that ended best.
+
+    None where none was checked.
+    """
     checked = [run for run in runs if run.reward is not None and run.failure is None]
-    return max(checked, key=lambda run: run.reward, default=None)
+    return max(checked, key=lambda run: (run.reward, run.curve[-1]["reward"]), default=None)
 
 
 def _kind_of(run: Run, varied: Sequence[str]) -> str:
