@@ -8,6 +8,7 @@ import time
 from functools import partial
 from threading import Thread
 
+import numpy as np
 import pytest
 
 ray = pytest.importorskip("ray")
@@ -140,7 +141,40 @@ def test_a_sweep_loses_no_run_with_a_node_and_ends_as_a_local_one(two_nodes, tmp
 SEARCH = ["tune", "ppo", *SMALL, "--search", "rate=1e-5..1e-2:log", "--trials", "4"]
 
 
-def test_a_search_prunes_and_tells_the_best_settings(two_nodes, tmp_path, capsys):
+def pruned_steps(curves, steps):
+    """Steps at which halving ends trials that come one after the other, by its definition.
+
+    At a ninth, a third and all of the steps a trial ends that is below the best third before it.
+    """
+    rungs, found = {steps // 9 * 3**k: [] for k in (2, 1, 0)}, []
+    for curve in curves:
+        seen = set()
+        for point in curve:
+            rung = next((r for r in rungs if point["steps"] >= r and r not in seen), None)
+            if rung is None:
+                continue
+            seen.add(rung)
+            before, rungs[rung] = rungs[rung], [*rungs[rung], point["reward"]]
+            if before and point["reward"] < np.percentile(before, 100 * 2 / 3):
+                found.append(point["steps"])
+                break
+        else:
+            found.append(curve[-1]["steps"])
+    return found
+
+
+def test_a_search_ends_poor_trials_as_halving_does(tmp_path):
+    pytest.importorskip("stable_baselines3")
+    call = [*SEARCH, "--trials", "6", "--steps", "1500", "--workers", "1"]
+    assert main([*call, "--out", str(tmp_path)]) == 0
+    rows = report(tmp_path)
+    steps = [row["steps"] for row in rows]
+    assert steps == pruned_steps([row["curve"] for row in rows], 1500)
+    pruned = [row["pruned"] for row in rows]
+    assert pruned == [step < 1500 for step in steps] and any(pruned) and not all(pruned)
+
+
+def test_a_search_tells_the_best_settings(two_nodes, tmp_path, capsys):
     pytest.importorskip("stable_baselines3")
     call = [*SEARCH, "--steps", "1500", "--out", str(tmp_path)]
     assert main([*call, "--workers", f"ray:{two_nodes[0].address}"]) == 0
@@ -148,8 +182,6 @@ def test_a_search_prunes_and_tells_the_best_settings(two_nodes, tmp_path, capsys
     assert [row["trial"] for row in rows] == [1, 2, 3, 4]
     assert len({row["settings"]["rate"] for row in rows}) == 4
     assert all(1e-5 <= row["settings"]["rate"] <= 1e-2 and not row["failure"] for row in rows)
-    pruned = [row["pruned"] for row in rows]
-    assert any(pruned) and not all(pruned)
     assert all((row["steps"] < 1500) == row["pruned"] for row in rows)
     best = max(rows, key=lambda row: (row["reward"], row["curve"][-1]["reward"]))
     assert f"--set rate={best['settings']['rate']:.17g}" in told
