@@ -26,9 +26,10 @@ class Row(Record):
         cores: That were measured, or are reckoned with.
         efficiency: Speed-up over the number of cores.
         started: [s] until workers have loaded what they need.
-        physics, python, learner: Shares of a training's time: simulation, the rest of the
+        physics, python, learner: Shares of a training's computing time: simulation, the rest of the
             environments, and networks and their updates.
-        seconds: [s] that the driver spends on a job, its result being kept.
+        seconds: [s] that the driver computes for a job, its result being kept; what Ray's servers
+            compute is not in it.
         memory: [B] that the driver holds for a job while a study runs.
         kept: [B] of a kept result, in a file of its own.
         shortest_job: [s], the shortest one with which one driver keeps all cores busy.

@@ -1,6 +1,13 @@
-"""Robots on a core alone and in a batch, workers, shares of a training, and what jobs cost."""
+"""Robots on a core alone and in a batch, workers, shares of a training, and what jobs cost.
 
+What one process does is measured in its own computing time, so that other programs do not count.
+Several cores can only be compared with one while nothing else runs on them.
+"""
+
+import os
+from collections.abc import Callable
 from importlib.util import find_spec
+from time import process_time
 
 import gymnasium
 import numpy as np
@@ -9,7 +16,6 @@ from softrobot_env.benchmarks.jobs import Progress, quiet
 from softrobot_env.benchmarks.scale import jobs, shares
 from softrobot_env.benchmarks.scale.rows import Row, cost_of
 from softrobot_env.benchmarks.speed import scaling
-from softrobot_env.benchmarks.speed.vector import least_times
 from softrobot_env.processes import Workers, usable_cores
 from softrobot_env.robots import find_robot
 
@@ -24,6 +30,9 @@ _ROBOTS = {
 #: Robots of a batch, share of full actions, and rounds of which the best counts.
 _BATCH, _SHARE, _ROUNDS = 256, 0.2, 6
 
+#: [s] of computing in a round; programs that run, per core, from which on the machine is busy.
+_BLOCK, _BUSY = 0.3, 0.75
+
 
 def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     """Measure.
@@ -32,16 +41,14 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
         quick: Fewer repeats, and two robots.
         progress: Told what is done.
     """
-    show, parts = progress or quiet, 4
+    show, parts, busy = progress or quiet, 4, _others() > _BUSY
     show("robots", 0, parts)
     rows = []
     for name in list(_ROBOTS)[: 2 if quick else None]:
         rows += [_robots(name, count, quick) for count in (1, _BATCH)]
     rows.append(Row("robots", "arm", "GPU", failure="not measured"))
     show("workers", 1, parts)
-    for row in scaling.run(quick):
-        measured = {"efficiency": row.efficiency, "started": row.started}
-        rows.append(Row("workers", row.variant, cores=row.threads, **measured))
+    rows += _busy_workers() if busy else _workers(quick)
     show("trainings", 2, parts)
     if find_spec("stable_baselines3") is not None:
         rows += shares.run(quick)
@@ -52,6 +59,34 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     return rows + jobs.run(ways, quick)
 
 
+def _others() -> float:
+    """Programs that run on this machine, or wait for it, per core; mean of the last minute."""
+    return os.getloadavg()[0] / usable_cores()
+
+
+def _workers(quick: bool) -> list[Row]:
+    """A row for each way to use several cores."""
+    return [
+        Row("workers", r.variant, cores=r.threads, efficiency=r.efficiency, started=r.started)
+        for r in scaling.run(quick)
+    ]
+
+
+def _busy_workers() -> list[Row]:
+    """Rows without numbers, which would tell of the other programs."""
+    told = {"cores": usable_cores(), "failure": "not measured: other programs ran"}
+    return [Row("workers", name, **told) for name in ("processes", "Ray", "threads of a batch")]
+
+
+def _computing(do: Callable[[], object]) -> float:
+    """Computing time [s] of a call, the mean of a block of them."""
+    begin, count = process_time(), 0
+    while process_time() - begin < _BLOCK:
+        do()
+        count += 1
+    return (process_time() - begin) / count
+
+
 def _robots(name: str, count: int, quick: bool) -> Row:
     """Robots in random motion, on one core."""
     env_id, robot = _ROBOTS[name]
@@ -59,7 +94,7 @@ def _robots(name: str, count: int, quick: bool) -> Row:
     env = gymnasium.make_vec(env_id, num_envs=count, threads=1, **options)
     env.reset(seed=0)
     actions = _SHARE * np.random.default_rng(0).uniform(-1, 1, env.action_space.shape)
-    (seconds,) = least_times(2 if quick else _ROUNDS, lambda: env.step(actions))
+    seconds = min(_computing(lambda: env.step(actions)) for _ in range(2 if quick else _ROUNDS))
     period = env.control_period
     env.close()
     way = "one" if count == 1 else "batch"

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 from softrobot_env.benchmarks.scale.rows import Row, cost_of
@@ -15,7 +15,7 @@ _STEPS, _QUICK_STEPS, _FIRST = {"ppo": 16_384, "sac": 4_096}, {"ppo": 2_048, "sa
 
 
 class _Timer:
-    """Time spent in a function."""
+    """Computing time spent in a function."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
@@ -24,11 +24,11 @@ class _Timer:
         """The function, timed."""
 
         def timed(*args: Any, **kwargs: Any) -> Any:
-            begin = perf_counter()
+            begin = process_time()
             try:
                 return function(*args, **kwargs)
             finally:
-                self.seconds += perf_counter() - begin
+                self.seconds += process_time() - begin
 
         return timed
 
@@ -53,9 +53,9 @@ def _row(algorithm: str, steps: int) -> Row:
     env.step_wait = stepped.around(env.step_wait)
     for part in env.parts:
         part.simulation.advance = physics.around(part.simulation.advance)
-    begin = perf_counter()
+    begin = process_time()
     model.learn(steps)
-    taken = perf_counter() - begin
+    taken = process_time() - begin
     done, period = model.num_timesteps, env.parts[0].control_period
     env.close()
     return Row(

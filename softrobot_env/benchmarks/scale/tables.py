@@ -19,9 +19,10 @@ _WORKERS = (
     Column("cores", form="d"),
     Column("efficiency", form=".2f"),
     Column("ready after s", lambda row: number(row.started, ".1f"), ">"),
+    Column("", "failure"),
 )
 _TRAINING = (
-    Column("training, one core", "variant"),
+    Column("training", "variant"),
     Column("physics %", "physics", ".0f", "%"),
     Column("Python %", "python", ".0f", "%"),
     Column("learner %", "learner", ".0f", "%"),
@@ -30,7 +31,7 @@ _TRAINING = (
 )
 _JOBS = (
     Column("jobs", "variant"),
-    Column("ms of the driver", "seconds", ".2f", "ms"),
+    Column("ms the driver computes", "seconds", ".2f", "ms"),
     Column("kB in the driver", lambda row: number(row.memory / 1e3, ".1f"), ">"),
     Column("kB kept", lambda row: number(row.kept / 1e3, ".2f"), ">"),
 )

@@ -24,7 +24,7 @@ _PROCESSES = 16
 _BLOCK = 0.3
 
 
-def least_times(rounds: int, *actions: Callable[[], object]) -> list[float]:
+def _in_turns(rounds: int, *actions: Callable[[], object]) -> list[float]:
     """Least time [s] of each of some things done in turns, over some rounds."""
     return np.min([[_timed(do) for do in actions] for _ in range(rounds)], axis=0).tolist()
 
@@ -44,7 +44,7 @@ def run(quick: bool) -> list[Row]:
     processes = _processes(quick)
     rows = []
     for count, threads in CASES[-1:] if quick else CASES:
-        times = least_times(2 if quick else 6, *_batched(count, threads))
+        times = _in_turns(2 if quick else 6, *_batched(count, threads))
         rows.append(step_row(_WHAT, "VectorTrackingEnv", *times, count=count, threads=threads))
     return [*rows, processes]
 
@@ -54,7 +54,7 @@ def _processes(quick: bool) -> Row:
     env = gymnasium.make_vec(_ENV_ID, num_envs=_PROCESSES, vectorization_mode="async")
     env.reset(seed=0)
     actions = np.zeros(env.action_space.shape, np.float32)
-    (least,) = least_times(2 if quick else 6, lambda: env.step(actions))
+    (least,) = _in_turns(2 if quick else 6, lambda: env.step(actions))
     env.close()
     sizes = {"count": _PROCESSES, "threads": _PROCESSES}
     return step_row(_WHAT, "AsyncVectorEnv of the same", least, None, **sizes)
