@@ -197,6 +197,7 @@ _OF_SECTION = (
     "density",
     "damping_time",
     "poisson_ratio",
+    "bending_friction",
 )
 _FLAT = ("length", "pieces", *_OF_SECTION)
 
@@ -220,6 +221,7 @@ class RobotParams:
         pieces: Number of pieces of the thesis' discretisation, equal in each section; curvature
             is reported per piece.
         poisson_ratio: [1], in (-1, 0.5].
+        bending_friction: [N m], dry friction of the backbone against bending, see `Section`.
         tendons: Tendons, ordered by group.
         gravity: (3,) [m/s2].
         head: Rigid body on the tip, if any.
@@ -245,6 +247,7 @@ class RobotParams:
     damping_time: NotNegative = None
     pieces: Pieces = None
     poisson_ratio: PoissonRatio = None
+    bending_friction: NotNegative = None
     tendons: tuple[Tendon, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     head: Head | None = None
@@ -262,8 +265,9 @@ class RobotParams:
         check_argument(f"robot {self.name!r}: sections", self.sections, tuple[Section, ...])
         if self.sections:
             self._adopt_sections()
-        if not self.sections and self.poisson_ratio is None:
-            self._set("poisson_ratio", 0.0)
+        for name in () if self.sections else ("poisson_ratio", "bending_friction"):
+            if getattr(self, name) is None:
+                self._set(name, 0.0)
         check_fields(self, f"robot {self.name!r}", but=_OF_SECTION if self.sections else ())
         check_unique([t.name for t in self.tendons], f"robot {self.name!r}: tendons")
         check_unique([s.name for s in self.sensors], f"robot {self.name!r}: sensors")
@@ -451,8 +455,13 @@ class RobotParams:
 
     @property
     def rubs(self) -> bool:
-        """Whether any tendon has dry friction."""
-        return any(tendon.friction > 0 for tendon in self.tendons)
+        """Whether any tendon, or the backbone, has dry friction."""
+        return self.holds or any(tendon.friction > 0 for tendon in self.tendons)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the backbone has dry friction, which keeps bends."""
+        return any(section.bending_friction > 0 for section in self.backbone.sections)
 
     @property
     def curvature_limit(self) -> float:

@@ -37,6 +37,9 @@ class Section:
         pieces: Number of equal pieces it is cut into.
         inner_radius: [m], as the outer one; 0 is solid.
         poisson_ratio: [1], in (-1, 0.5].
+        bending_friction: [N m], largest moment by which dry friction of the backbone resists a
+            change of its curvature about each axis: hysteresis of a superelastic wire, or a wire
+            that rubs in its discs. It keeps a robot bent that nothing pulls.
     """
 
     length: Positive
@@ -47,6 +50,7 @@ class Section:
     pieces: Pieces
     inner_radius: NotNegative | tuple[NotNegative, NotNegative] = 0.0
     poisson_ratio: PoissonRatio = 0.0
+    bending_friction: NotNegative = 0.0
 
     def __post_init__(self) -> None:
         check_fields(self, "section")

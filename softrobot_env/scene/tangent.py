@@ -34,6 +34,9 @@ import numpy as np
 
 from softrobot_env.scene.chain import TIP_SITE
 
+#: [rad] of a bend of the whole robot at which friction of its backbone is whole.
+_GIVE = 0.01
+
 #: [m] of sliding at which a tendon's friction is whole.
 _LOOSE = 2e-5
 
@@ -292,43 +295,61 @@ class StaticForces:
 
 
 class RubbingForces(StaticForces):
-    """The same with the dry friction of tendons, which depends on where they came from.
+    """The same with dry friction of tendons and backbone, which depends on where they came from.
 
-    A tendon that rubs keeps its length as long as that takes no more than its friction; beyond, it
-    slides and the friction opposes it. It is as stiff as it breaks loose within `_LOOSE`.
+    A tendon that rubs keeps its length as long as that takes no more than its friction, and a joint
+    its angle; beyond, they slide and the friction opposes it. Friction of a tendon is never more
+    than its tension. All break loose within `_LOOSE`, or within a bend of `_GIVE` of the whole
+    robot.
 
     Attributes:
         anchors: (ntendon,) [m], lengths at which friction would vanish; set them before `force`.
+        posture: (nq,) at which friction of the joints would vanish.
     """
 
-    def __init__(self, model: mujoco.MjModel, anchors: np.ndarray) -> None:
-        """Tendons that came to rest at lengths (ntendon,) [m] without friction."""
+    def __init__(self, model: mujoco.MjModel, posture: np.ndarray) -> None:
+        """Tendons and joints that came to rest in a posture (nq,) without friction."""
         super().__init__(model)
-        self.anchors, self._most = anchors.copy(), model.tendon_frictionloss
-        self._rub = np.zeros(model.ntendon)
+        self.anchors, self.posture = self.tendon_length(posture), posture.copy()
+        self._most, self._holding = model.tendon_frictionloss.copy(), model.dof_frictionloss.copy()
+        self._give = _GIVE / max(len(np.unique(model.dof_jntid[self._holding > 0])), 1)
+        self._slid, self._turned = np.zeros(model.ntendon), np.zeros(model.nv)
 
     def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
         """See `StaticForces`."""
         super().force(qpos, ctrl, share)
         model, data = self.model, self._data
-        strain = (data.ten_length - self.anchors) / _LOOSE
-        self._rub = self._most * np.clip(strain, -1.0, 1.0)
+        self._slid = np.clip((data.ten_length - self.anchors) / _LOOSE, -1.0, 1.0)
         arms = np.zeros((model.ntendon, model.nv))
         rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
         mujoco.mju_sparse2dense(arms, data.ten_J, *rows)
-        self.applied = self.applied - self._rub @ arms
+        self.applied = self.applied - (self._bound() * self._slid) @ arms
+        if self._holding.any():
+            mujoco.mj_differentiatePos(model, self._turned, 1.0, self.posture, qpos)
+            self._turned = np.clip(self._turned / self._give, -1.0, 1.0)
+            self.applied -= self._holding * self._turned
         return data.qfrc_passive + share * self.applied
 
+    def tangent(self) -> np.ndarray:
+        """See `StaticForces`."""
+        sticks = np.abs(self._turned) < 1
+        return super().tangent() - np.diag(self._share * sticks * self._holding / self._give)
+
     def stay(self) -> None:
-        """Take the posture of the last `force` for where tendons come from next."""
-        rubbing = self._most > 0
-        sliding = np.where(rubbing, self._rub / np.where(rubbing, self._most, 1.0), 0.0)
-        self.anchors = self._data.ten_length - _LOOSE * sliding
+        """Take the posture of the last `force` for where tendons and joints come from next."""
+        self.anchors = self._data.ten_length - _LOOSE * self._slid
+        self.posture = self._data.qpos.copy()
+        mujoco.mj_integratePos(self.model, self.posture, -self._give * self._turned, 1.0)
+
+    def _bound(self) -> np.ndarray:
+        """(ntendon,) [N], largest friction of each."""
+        return np.minimum(self._most, np.maximum(super()._tensions()[0], 0.0))
 
     def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
         tension, rate = super()._tensions()
-        sticks = np.abs(self._rub) < self._most
-        return tension + self._rub, rate + sticks * self._most / _LOOSE
+        bound, sticks = self._bound(), np.abs(self._slid) < 1
+        grows = np.where(self._most > tension, self._slid, 0.0)
+        return tension + bound * self._slid, rate * (1 + grows) + sticks * bound / _LOOSE
 
 
 @dataclass(frozen=True)

@@ -252,7 +252,7 @@ class BatchSimulation(Batch):
         loss = model.tendon_frictionloss + friction[:, None] * own
         self._batch.expand("tendon_frictionloss")[which] = loss
         flags = model.opt.disableflags | _NO_CONSTRAINT
-        rubbing = loss.any(axis=1)
+        rubbing = loss.any(axis=1) | model.dof_frictionloss.any()
         self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * rubbing)
 
     def drive_by(self, servos: Servos) -> None:

@@ -15,13 +15,14 @@ from softrobot_env.identification.fit.least_squares import (
     combinations,
     first_weights,
     fitted,
+    pays,
     search,
     size,
 )
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import Residual, bends_of, trained
 from softrobot_env.identification.fit.rests import at_rest
-from softrobot_env.identification.fit.unknowns import LAGS, STAGES, Fact, Unknowns
+from softrobot_env.identification.fit.unknowns import HOLDS, LAGS, STAGES, Fact, Unknowns
 from softrobot_env.identification.fit.validation import (
     Validation,
     cross_validated,
@@ -133,14 +134,25 @@ def identify(
             moving = None if moving is None else with_tendons(moving, found)
             times["assignment"] = perf_counter() - began
     turned = any_turn or found is not None
-    filed = [name for name in LAGS if name in known or "statics" not in stages]
-    model = StaticModel(robot, static, turned, known=filed)
-    unknowns = model.unknowns
-    free, x = _free(model, stages, known), np.zeros(len(unknowns.spread))
+    filed = [name for name in (*LAGS, HOLDS) if name in known or "statics" not in stages]
+    model = StaticModel(robot, static, turned, known=[*filed, HOLDS])
+    free, x = _free(model, stages, known), np.zeros(len(model.unknowns.spread))
     if found is not None:
-        x[unknowns.place("frame_turn").stop - 1] = found.turn
+        x[model.unknowns.place("frame_turn").stop - 1] = found.turn
     began = perf_counter()
-    fit = _fitted(model, x, free, lambda n, _: told("fit", min(n, _FITS), _FITS))
+    simple = free.copy()
+    simple[model.unknowns.place(HOLDS)] = False
+    fit = _fitted(model, x, simple, lambda n, _: told("fit", min(n, _FITS), _FITS))
+    if HOLDS not in filed:
+        holding = StaticModel(robot, static, turned, known=filed)
+        other = _fitted(
+            holding, x, free, lambda n, _: told("friction of the backbone", min(n, _FITS), _FITS)
+        )
+        if any(s.bending_friction for s in robot.backbone.sections) or pays(fit, other, holding):
+            model, fit = holding, other
+        else:
+            filed.append(HOLDS)
+    free, unknowns = fit.free, model.unknowns
     times["fit"] = perf_counter() - began
     dynamics = None
     if moving is not None and "dynamics" in stages:

@@ -20,7 +20,7 @@ from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.statics import equilibrium
-from softrobot_env.scene.tangent import RubbingForces, StaticForces
+from softrobot_env.scene.tangent import RubbingForces
 
 _STEP, _SHORTEST = 1 / 16, 1 / 1024  # of the way from one command to another
 
@@ -100,7 +100,7 @@ class Body:
             return self.at_rest(self._horn, before)
         model = self._model.model
         if self._rubbing is None:
-            self._rubbing = RubbingForces(model, StaticForces(model).tendon_length(before))
+            self._rubbing = RubbingForces(model, before)
         rest = partial(equilibrium, model, rubbing=self._rubbing)
         try:
             return rest(self._horn + self._offset, before)
