@@ -26,6 +26,7 @@ _LINES = ((8 / 7, 4 / 3, 0.0), (-1 / 7, 1.0, math.sqrt(7 / 12)))
 
 _UNSEEN = [0.0, 0.0, 0.0, 0.0]
 
+
 def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = False) -> None:
     """Add all tendons of the robot with one actuator each, named alike.
 

@@ -401,15 +401,6 @@ def _seen(layout, marker, work, out):
 
 
 @kernel
-def _moves(step):
-    """Whether a step (...) of something is not zero."""
-    for value in step.flat:
-        if value.imag != 0:
-            return True
-    return False
-
-
-@kernel
 def _touched(many, tendons):
     """What each of p parameters changes: tendons (p, n_tendons), backbone, weight, markers (p, 3).
 
@@ -420,18 +411,18 @@ def _touched(many, tendons):
     for j in range(p):
         for k in range(tendons):
             pulls[j, k] = (
-                _moves(many.place[j, k])
+                np.any(many.place[j, k].imag != 0)
                 or many.spring[j, k].imag != 0
                 or many.pretension[j, k].imag != 0
                 or many.friction[j, k].imag != 0
                 or many.straight[j, k].imag != 0
                 or many.play[j, k].imag != 0
             )
-        others[j, 0] = (
-            _moves(many.stiffness[j]) or _moves(many.rest[j]) or _moves(many.holding[j])
-        )
-        others[j, 1] = _moves(many.mass[j]) or _moves(many.head[j]) or _moves(many.gravity[j])
-        others[j, 2] = _moves(many.marker[j])
+        springs = np.any(many.stiffness[j].imag != 0) or np.any(many.rest[j].imag != 0)
+        others[j, 0] = springs or np.any(many.holding[j].imag != 0)
+        weights = np.any(many.mass[j].imag != 0) or np.any(many.head[j].imag != 0)
+        others[j, 1] = weights or np.any(many.gravity[j].imag != 0)
+        others[j, 2] = np.any(many.marker[j].imag != 0)
     return pulls, others
 
 
@@ -548,7 +539,17 @@ def follow(
                     i = m - tendons
                     right[3 * (i // 2) + i % 2] += hold[m] * by_anchor[m]
             _add_slopes(
-                layout, body, many, touched, q, control, by_control, anchor, rubs, work, right,
+                layout,
+                body,
+                many,
+                touched,
+                q,
+                control,
+                by_control,
+                anchor,
+                rubs,
+                work,
+                right,
                 by_length,
             )
             by_q = np.linalg.solve(matrix, right)

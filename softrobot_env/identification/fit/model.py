@@ -172,7 +172,9 @@ class StaticModel:
             len(sizes) if m.station_m is None else int(np.argmin(np.abs(edges - m.station_m)))
             for m in markers
         ]
-        self.layout = Layout(sizes, spans, last, self._by_length, np.array(nodes), _LOOSE, _GIVE * sizes / robot.length)
+        give = _GIVE * sizes / robot.length
+        nodes = np.array(nodes)
+        self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give)
         backbone = robot.backbone
         self._bending = backbone.in_series(backbone.bending, edges) / sizes
         self._torsion = backbone.in_series(backbone.torsion, edges) / sizes
@@ -319,7 +321,8 @@ class StaticModel:
         )
         n, tendons, k = len(self.layout.sizes), len(body.spring), len(self.layout.nodes)
         turns, markers = np.zeros((len(chosen), 3 * n)), np.zeros((len(chosen), k, 3))
-        slopes, rub = np.zeros((len(chosen), k, 3, len(by))), np.zeros((len(chosen), tendons + 2 * n))
+        slopes = np.zeros((len(chosen), k, 3, len(by)))
+        rub = np.zeros((len(chosen), tendons + 2 * n))
         begins = self.begins[chosen].copy()
         begins[0] = True
         begins |= np.append(False, np.diff(self.recording.runs[chosen]) != 0)

@@ -31,8 +31,8 @@ STAGES: dict[str, str] = {
     "frame": "frame of the recording and offsets of its markers",
     "tendons": "which column pulls which tendon, their angles and distances, scales of commands",
     "geometry": "curvature without load, anisotropy, direction of gravity",
-    "statics": "Young's modulus, mass; stiffness, pretension and friction of tendons, backlash; friction "
-    "of the backbone where the data ask for it",
+    "statics": "Young's modulus, mass; stiffness, pretension and friction of tendons, backlash; "
+    "friction of the backbone where the data ask for it",
     "dynamics": "damping, delay and friction, of a robot that was recorded in motion",
     "residual": "what physics leaves, learned near the data",
 }
