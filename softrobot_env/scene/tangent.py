@@ -297,9 +297,9 @@ class StaticForces:
 class RubbingForces(StaticForces):
     """The same with dry friction of tendons and backbone, which depends on where they came from.
 
-    A tendon that rubs keeps its length as long as that takes no more than its friction, and a joint
-    its angle; beyond, they slide and the friction opposes it. Friction of a tendon is never more
-    than its tension. All break loose within `_LOOSE`, or within a bend of `_GIVE` of the whole
+    A tendon that rubs keeps its length as long as that takes no more than its friction, and a
+    station its bend; beyond, they slide and the friction opposes it. Friction of a tendon is never
+    more than its tension. All break loose within `_LOOSE`, or within a bend of `_GIVE` of the whole
     robot.
 
     Attributes:
@@ -311,9 +311,11 @@ class RubbingForces(StaticForces):
         """Tendons and joints that came to rest in a posture (nq,) without friction."""
         super().__init__(model)
         self.anchors, self.posture = self.tendon_length(posture), posture.copy()
-        self._most, self._holding = model.tendon_frictionloss.copy(), model.dof_frictionloss.copy()
-        self._give = _GIVE / max(len(np.unique(model.dof_jntid[self._holding > 0])), 1)
-        self._slid, self._turned = np.zeros(model.ntendon), np.zeros(model.nv)
+        self._most, self._slid = model.tendon_frictionloss.copy(), np.zeros(model.ntendon)
+        self._bends = _bends(model)
+        self._holding = model.dof_frictionloss[self._bends[:, :1]]
+        self._give = _GIVE / max(len(self._bends), 1)
+        self._away = np.zeros(self._bends.shape)  # from where friction vanishes, over what gives
 
     def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
         """See `StaticForces`."""
@@ -324,22 +326,35 @@ class RubbingForces(StaticForces):
         rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
         mujoco.mju_sparse2dense(arms, data.ten_J, *rows)
         self.applied = self.applied - (self._bound() * self._slid) @ arms
-        if self._holding.any():
-            mujoco.mj_differentiatePos(model, self._turned, 1.0, self.posture, qpos)
-            self._turned = np.clip(self._turned / self._give, -1.0, 1.0)
-            self.applied -= self._holding * self._turned
+        if len(self._bends):
+            turned = np.zeros(model.nv)
+            mujoco.mj_differentiatePos(model, turned, 1.0, self.posture, qpos)
+            self._away = turned[self._bends] / self._give
+            self.applied[self._bends] -= self._holding * self._held()
         return data.qfrc_passive + share * self.applied
 
     def tangent(self) -> np.ndarray:
         """See `StaticForces`."""
-        sticks = np.abs(self._turned) < 1
-        return super().tangent() - np.diag(self._share * sticks * self._holding / self._give)
+        out = super().tangent()
+        if len(self._bends):
+            way = self._held()
+            far = np.maximum(np.linalg.norm(self._away, axis=1), 1.0)[:, None, None]
+            across = np.where(far > 1, way[:, :, None] * way[:, None, :], 0.0)
+            rate = self._holding[:, :, None] / self._give * (np.eye(way.shape[1]) - across) / far
+            out[self._bends[:, :, None], self._bends[:, None, :]] -= self._share * rate
+        return out
+
+    def _held(self) -> np.ndarray:
+        """(stations, k) share of friction of each station's bends, of length one at most."""
+        return self._away / np.maximum(np.linalg.norm(self._away, axis=1, keepdims=True), 1.0)
 
     def stay(self) -> None:
         """Take the posture of the last `force` for where tendons and joints come from next."""
         self.anchors = self._data.ten_length - _LOOSE * self._slid
         self.posture = self._data.qpos.copy()
-        mujoco.mj_integratePos(self.model, self.posture, -self._give * self._turned, 1.0)
+        back = np.zeros(self.model.nv)
+        back[self._bends] = -self._give * self._held()
+        mujoco.mj_integratePos(self.model, self.posture, back, 1.0)
 
     def _bound(self) -> np.ndarray:
         """(ntendon,) [N], largest friction of each."""
@@ -350,6 +365,15 @@ class RubbingForces(StaticForces):
         bound, sticks = self._bound(), np.abs(self._slid) < 1
         grows = np.where(self._most > tension, self._slid, 0.0)
         return tension + bound * self._slid, rate * (1 + grows) + sticks * bound / _LOOSE
+
+
+def _bends(model: mujoco.MjModel) -> np.ndarray:
+    """(stations, 1 or 2) degrees of freedom that bend a station whose backbone rubs."""
+    dofs = np.flatnonzero(model.dof_frictionloss > 0)
+    within = dofs - model.jnt_dofadr[model.dof_jntid[dofs]]
+    dofs = dofs[within < 2]  # the third of a ball joint twists
+    stations = len(np.unique(model.dof_bodyid[dofs]))
+    return dofs.reshape(stations, -1) if stations else np.zeros((0, 1), dtype=int)
 
 
 @dataclass(frozen=True)

@@ -58,7 +58,7 @@ class Body(NamedTuple):
         gravity: (3,) [m/s2] along the robot's axes.
         play: (n_tendons,) [m], half of the servos' backlash.
         marker: (n_markers, 3) [m], from the nodes, along the cross-section's axes.
-        holding: (n,) [N m], friction of the backbone against each of its two bends.
+        holding: (n,) [N m], friction of the backbone against bending in any direction.
     """
 
     stiffness: np.ndarray
@@ -259,6 +259,29 @@ def _add_tendon(layout, body, q, k, control, anchor, rubs, work):
 
 
 @kernel
+def _held(layout, q, i, anchor):
+    """Share (x, y) of friction of piece i, of length one at most, bent from its anchor."""
+    x = (q[3 * i] - anchor[2 * i]) / layout.give[i]
+    y = (q[3 * i + 1] - anchor[2 * i + 1]) / layout.give[i]
+    size = np.sqrt(x * x + y * y)
+    return (x / size, y / size) if size.real > 1 else (x, y)
+
+
+@kernel
+def _held_slopes(layout, q, i, anchor, out):
+    """Set out (2, 2) [1/rad] to the derivative of `_held` by the bend of piece i."""
+    x, y = q[3 * i] - anchor[2 * i], q[3 * i + 1] - anchor[2 * i + 1]
+    size = np.sqrt(x * x + y * y)
+    if size > layout.give[i]:
+        x, y = x / size, y / size
+        out[0, 0], out[1, 1] = y * y / size, x * x / size
+        out[0, 1] = out[1, 0] = -x * y / size
+    else:
+        out[0, 0] = out[1, 1] = 1 / layout.give[i]
+        out[0, 1] = out[1, 0] = 0.0
+
+
+@kernel
 def _add_piece(layout, body, q, i, anchor, rubs, out):
     """Add spring and friction of piece i to out (3 n,) [N m]; anchor (2 n,) [rad] of bends."""
     b0, b1 = q[3 * i] - body.rest[i, 0], q[3 * i + 1] - body.rest[i, 1]
@@ -267,9 +290,9 @@ def _add_piece(layout, body, q, i, anchor, rubs, out):
     out[3 * i + 1] += k[1] * b0 + k[2] * b1
     out[3 * i + 2] += k[3] * q[3 * i + 2]
     if rubs:
-        for a in range(2):
-            share = _slid(q[3 * i + a] - anchor[2 * i + a], layout.give[i])
-            out[3 * i + a] += body.holding[i] * share
+        x, y = _held(layout, q, i, anchor)
+        out[3 * i] += body.holding[i] * x
+        out[3 * i + 1] += body.holding[i] * y
 
 
 @kernel
@@ -486,7 +509,7 @@ def follow(
     z, by_length = np.zeros(n, np.complex128), np.zeros((tendons, p))
     seen = np.zeros((len(layout.nodes), 3), np.complex128)
     by_turn = np.zeros((len(layout.nodes), 3, n))
-    right, hold = np.zeros((n, p)), np.zeros(rubbing)
+    right, hold, held = np.zeros((n, p)), np.zeros(tendons), np.zeros((n // 3, 2, 2))
     touched = _touched(many, tendons)
     for t in range(len(controls)):
         rubs = not begins[t]
@@ -516,28 +539,26 @@ def follow(
         turns[t] = q
         imbalance(layout, body, q, control, anchor, rubs, real)
         _seen(layout, body.marker, real, markers[t])
-        rub[t], hold[:] = 0.0, 0.0
+        rub[t], hold[:], held[:] = 0.0, 0.0, 0.0
         if rubs:
             for k in range(tendons):
                 rub[t, k] = _slid(real.length[k] - anchor[k], layout.loose)
                 pull = _pull(layout, body, k, real.length[k], control[k])
                 hold[k] = min(body.friction[k], pull) / layout.loose
-            for m in range(2 * len(layout.sizes)):
-                i, a = m // 2, m % 2
-                rub[t, tendons + m] = _slid(q[3 * i + a] - anchor[tendons + m], layout.give[i])
-                hold[tendons + m] = body.holding[i] / layout.give[i]
+            for i in range(n // 3):
+                m = tendons + 2 * i
+                rub[t, m], rub[t, m + 1] = _held(layout, q, i, anchor[tendons:])
+                _held_slopes(layout, q, i, anchor[tendons:], held[i])
         if p > 0:
-            # What sticks is held by its anchor, of which earlier rows have a derivative.
+            # Friction depends on its anchor, of which earlier rows have a derivative.
             right[:, :] = 0
-            for m in range(rubbing):
-                if not rubs or abs(rub[t, m]) >= 1:
-                    continue
-                if m < tendons:
-                    for i in range(3 * layout.last[m]):
-                        right[i] += hold[m] * real.arm[m, i] * by_anchor[m]
-                else:
-                    i = m - tendons
-                    right[3 * (i // 2) + i % 2] += hold[m] * by_anchor[m]
+            for k in range(tendons):
+                if rubs and abs(rub[t, k]) < 1:
+                    for i in range(3 * layout.last[k]):
+                        right[i] += hold[k] * real.arm[k, i] * by_anchor[k]
+            for i in range(n // 3):
+                m = tendons + 2 * i
+                right[3 * i : 3 * i + 2] += body.holding[i] * held[i] @ by_anchor[m : m + 2]
             _add_slopes(
                 layout,
                 body,
@@ -565,13 +586,13 @@ def follow(
                 for j in range(p):
                     if touched[1][j, 2]:
                         slopes[t, k, :, j] += axes @ (many.marker[j, k].imag / TINY)
-            for m in range(rubbing):
-                if rubs and abs(rub[t, m]) < 1:
-                    continue
-                if m < tendons:
-                    by_anchor[m] = real.arm[m] @ by_q + by_length[m]
-                else:
-                    by_anchor[m] = by_q[3 * ((m - tendons) // 2) + (m - tendons) % 2]
+            for k in range(tendons):
+                if not rubs or abs(rub[t, k]) >= 1:
+                    by_anchor[k] = real.arm[k] @ by_q + by_length[k]
+            for i in range(n // 3):
+                m, bends = tendons + 2 * i, by_q[3 * i : 3 * i + 2]
+                moved = held[i] @ (bends - by_anchor[m : m + 2])
+                by_anchor[m : m + 2] = bends - layout.give[i] * moved
         for k in range(tendons):
             anchor[k] = real.length[k] - layout.loose * rub[t, k]
         for m in range(2 * len(layout.sizes)):
