@@ -221,7 +221,8 @@ class RobotParams:
         pieces: Number of pieces of the thesis' discretisation, equal in each section; curvature
             is reported per piece.
         poisson_ratio: [1], in (-1, 0.5].
-        bending_friction: [N m], dry friction of the backbone against bending, see `Section`.
+        bending_friction: [N m], dry friction of the backbone against bending, see `Section`; None
+            is none.
         tendons: Tendons, ordered by group.
         gravity: (3,) [m/s2].
         head: Rigid body on the tip, if any.
@@ -247,7 +248,7 @@ class RobotParams:
     damping_time: NotNegative = None
     pieces: Pieces = None
     poisson_ratio: PoissonRatio = None
-    bending_friction: NotNegative = None
+    bending_friction: NotNegative | None = None
     tendons: tuple[Tendon, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     head: Head | None = None
@@ -265,9 +266,8 @@ class RobotParams:
         check_argument(f"robot {self.name!r}: sections", self.sections, tuple[Section, ...])
         if self.sections:
             self._adopt_sections()
-        for name in () if self.sections else ("poisson_ratio", "bending_friction"):
-            if getattr(self, name) is None:
-                self._set(name, 0.0)
+        if not self.sections and self.poisson_ratio is None:
+            self._set("poisson_ratio", 0.0)
         check_fields(self, f"robot {self.name!r}", but=_OF_SECTION if self.sections else ())
         check_unique([t.name for t in self.tendons], f"robot {self.name!r}: tendons")
         check_unique([s.name for s in self.sensors], f"robot {self.name!r}: sensors")
@@ -316,6 +316,7 @@ class RobotParams:
             (one,) = self.sections
             for name in _OF_SECTION:
                 self._set(name, getattr(one, name))
+            self._set("bending_friction", one.bending_friction or None)
             self._set("outer_radius", one.outer_radii[0])
             self._set("inner_radius", one.inner_radii[0])
             self._set("sections", ())
@@ -329,7 +330,8 @@ class RobotParams:
         """Its sections, and their properties as functions of the arc length."""
         if self.sections:
             return Backbone(self.sections)
-        return Backbone([Section(**{name: getattr(self, name) for name in _FLAT})])
+        given = {name: getattr(self, name) for name in _FLAT}
+        return Backbone([Section(**{n: value for n, value in given.items() if value is not None})])
 
     @property
     def is_uniform(self) -> bool:
