@@ -22,7 +22,7 @@ from softrobot_env.identification.fit.least_squares import (
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import Residual, bends_of, trained
 from softrobot_env.identification.fit.rests import at_rest
-from softrobot_env.identification.fit.unknowns import HOLDS, LAGS, STAGES, Fact, Unknowns
+from softrobot_env.identification.fit.unknowns import HOLDS, LAGS, RUBS, STAGES, Fact, Unknowns
 from softrobot_env.identification.fit.validation import (
     Validation,
     cross_validated,
@@ -134,7 +134,7 @@ def identify(
             moving = None if moving is None else with_tendons(moving, found)
             times["assignment"] = perf_counter() - began
     turned = any_turn or found is not None
-    filed = [name for name in (*LAGS, HOLDS) if name in known or "statics" not in stages]
+    filed = [name for name in RUBS if name in known or "statics" not in stages]
     model = StaticModel(robot, static, turned, known=[*filed, HOLDS])
     free, x = _free(model, stages, known), np.zeros(len(model.unknowns.spread))
     if found is not None:

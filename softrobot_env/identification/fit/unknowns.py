@@ -22,6 +22,9 @@ LAGS = ("tendon_friction", "backlash")
 #: The kind that few robots have, and which is taken where the data ask for it.
 HOLDS = "bending_friction"
 
+#: All kinds that a model has some of unless they are known to be as the file says.
+RUBS = (*LAGS, HOLDS)
+
 _BEND = 0.1  # rad, by which the zero of a servo may bend a robot
 _HOLD = 0.06  # rad, by which friction of the backbone may keep a robot bent
 _PLAY = 0.003  # half of a backlash that is usual, over the recorded range of commands
