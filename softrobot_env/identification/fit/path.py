@@ -134,24 +134,10 @@ def identify(
             moving = None if moving is None else with_tendons(moving, found)
             times["assignment"] = perf_counter() - began
     turned = any_turn or found is not None
-    filed = [name for name in RUBS if name in known or "statics" not in stages]
-    model = StaticModel(robot, static, turned, known=[*filed, HOLDS])
-    free, x = _free(model, stages, known), np.zeros(len(model.unknowns.spread))
-    if found is not None:
-        x[model.unknowns.place("frame_turn").stop - 1] = found.turn
     began = perf_counter()
-    simple = free.copy()
-    simple[model.unknowns.place(HOLDS)] = False
-    fit = _fitted(model, x, simple, lambda n, _: told("fit", min(n, _FITS), _FITS))
-    if HOLDS not in filed:
-        holding = StaticModel(robot, static, turned, known=filed)
-        other = _fitted(
-            holding, x, free, lambda n, _: told("friction of the backbone", min(n, _FITS), _FITS)
-        )
-        if any(s.bending_friction for s in robot.backbone.sections) or pays(fit, other, holding):
-            model, fit = holding, other
-        else:
-            filed.append(HOLDS)
+    model, fit, filed = _statics(
+        robot, static, stages, known, turned, 0.0 if found is None else found.turn, told
+    )
     free, unknowns = fit.free, model.unknowns
     times["fit"] = perf_counter() - began
     dynamics = None
@@ -324,6 +310,40 @@ def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np
             place = model.unknowns.place(name)
             free[place or slice(0)] = False
     return free
+
+
+def _statics(
+    robot: RobotParams,
+    static: Recording,
+    stages: Sequence[str],
+    known: Sequence[str],
+    turned: bool,
+    turn: float,
+    show: Show,
+) -> tuple[StaticModel, Fit, list[str]]:
+    """Model and fit of the rows at rest, and the kinds of friction that are as the file says.
+
+    Few backbones have friction. One is fitted with and without unless the file knows of some, and
+    has it where that pays.
+    """
+    filed = [name for name in RUBS if name in known or "statics" not in stages]
+
+    def tried(what: str, held: Sequence[str]) -> tuple[StaticModel, Fit]:
+        model = StaticModel(robot, static, turned, known=held)
+        free, x = _free(model, stages, known), np.zeros(len(model.unknowns.spread))
+        free[model.unknowns.place(HOLDS)] &= HOLDS not in held
+        if turn:
+            x[model.unknowns.place("frame_turn").stop - 1] = turn
+        return model, _fitted(model, x, free, lambda n, _: show(what, min(n, _FITS), _FITS))
+
+    if robot.holds and HOLDS not in filed:
+        return *tried("fit", filed), filed
+    plain = list(dict.fromkeys([*filed, HOLDS]))
+    model, fit = tried("fit", plain)
+    if HOLDS in filed:
+        return model, fit, plain
+    holding, other = tried("friction of the backbone", filed)
+    return (holding, other, filed) if pays(fit, other, holding) else (model, fit, plain)
 
 
 def _fitted(
