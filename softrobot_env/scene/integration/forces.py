@@ -2,7 +2,6 @@
 
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 
 from softrobot_env.scene.integration.layout import AT, LENGTHS, NBODY, NQ, NTENDON, NU, NV
@@ -28,9 +27,6 @@ from softrobot_env.scene.integration.mujoco_functions import (
     reals_at,
     word,
 )
-
-#: Kind of an actuator that pulls a tendon, as a number for compiled code.
-ON_TENDON = int(mujoco.mjtTrn.mjTRN_TENDON)
 
 #: Parameters of a drive's law in MuJoCo, mjNBIAS.
 BIASES = 10
@@ -183,37 +179,21 @@ def find_taut(chain, stiffness, pulls):
 
 @jit
 def _find_rubbing(chain, friction, arms):
-    """Friction and lever arms of tendons that rub; their number. A slack one does not rub."""
+    """Friction and lever arms of tendons that rub; their number."""
     model, data, header, tendons = chain.model, chain.data, chain.header, chain.header[NTENDON]
     losses = reals(model, header[AT.tendon_frictionloss], tendons)
     nonzero = ints(model, header[AT.ten_J_rownnz], tendons)
     start = ints(model, header[AT.ten_J_rowadr], tendons)
     count = 0
     for k in range(tendons):
-        bound = min(losses[k], _tension(chain, k)) if losses[k] > 0 else 0.0
-        if bound <= 0:
+        if losses[k] <= 0:
             continue
         end = start[k] + nonzero[k]
         columns = ints(model, header[AT.ten_J_colind], end)
         _spread(reals(data, header[AT.ten_J], end), columns, start[k], arms[count])
-        friction[count] = bound
+        friction[count] = losses[k]
         count += 1
     return count
-
-
-@jit
-def _tension(chain, tendon):
-    """What drives pull with [N] at a tendon."""
-    model, data, header, nu = chain.model, chain.data, chain.header, chain.ctrl.size
-    kinds = ints(model, header[AT.actuator_trntype], nu)
-    whose = ints(model, header[AT.actuator_trnid], 2 * nu)
-    gear = reals(model, header[AT.actuator_gear], 6 * nu)
-    now = reals(data, header[AT.actuator_force], nu)
-    total = 0.0
-    for k in range(nu):
-        if kinds[k] == ON_TENDON and whose[2 * k] == tendon:
-            total -= gear[6 * k] * now[k]
-    return max(total, 0.0)
 
 
 @jit

@@ -10,8 +10,7 @@ PATH, ROWS, SERVOS, TOLD, TELL, SHADOW_STATES, OFFSETS = range(8, 15)
 MODEL_FIELDS = (
     "M_rownnz", "M_rowadr", "M_colind", "jnt_stiffness", "dof_jntid", "dof_damping",
     "actuator_biasprm", "actuator_forcerange", "ten_J_rownnz", "ten_J_rowadr", "ten_J_colind",
-    "tendon_frictionloss", "actuator_gainprm", "dof_parentid", "actuator_trntype",
-    "actuator_trnid", "actuator_gear",
+    "tendon_frictionloss", "actuator_gainprm", "dof_parentid",
 )  # fmt: skip
 DATA_FIELDS = (
     "qpos", "qvel", "ctrl", "qfrc_applied", "xfrc_applied", "qacc", "M", "qfrc_passive",
