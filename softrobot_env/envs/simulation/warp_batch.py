@@ -63,6 +63,7 @@ class WarpBatch:
         qpos, qvel: (n, nq) [rad, rad/s], hinge angles and rates.
         ctrl: (n, nu), controls in force, to be written to.
         sensordata, actuator_force: (n, ...) float32, as in MjData, read-only.
+        ten_length: (n, ntendon) [m], as in MjData, read-only.
         full_length: (n, n_tendons) [m], inside the straight robots, less those of `ten_length`.
     """
 
@@ -100,6 +101,7 @@ class WarpBatch:
             self._seen["actuator_force"],
         )
         self._radius = real(np.ones((count, model.ntendon)))
+        self.ten_length = torch.zeros_like(self._radius)
         self.full_length = real(np.tile(full_length(scene.config.robot, model), (count, 1)))
         self._servos: Servos | None = None
         index = self.arrays.index
@@ -130,11 +132,6 @@ class WarpBatch:
 
     def check_process(self) -> None:
         """Nothing: a device refuses a forked child by itself."""
-
-    @property
-    def ten_length(self) -> torch.Tensor:
-        """(n, ntendon) [m], as in MjData."""
-        return self._radius * self._seen["ten_length"]
 
     # ------------------------------------------------------------------ variations
 
@@ -258,6 +255,7 @@ class WarpBatch:
             mujoco_warp.fwd_velocity(model, data)
             mujoco_warp.sensor_vel(model, data)
             mujoco_warp.fwd_actuation(model, data)
+        torch.mul(self._radius, self._seen["ten_length"], out=self.ten_length)
 
     def _put(self, qpos: torch.Tensor, qvel: torch.Tensor, ctrl: torch.Tensor) -> None:
         for name, values in (("qpos", qpos), ("qvel", qvel), ("ctrl", ctrl)):

@@ -25,7 +25,7 @@ if TYPE_CHECKING:  # what takes seconds to load
 INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete")
 
 #: Length of a step of the extrapolation, over the first period, unless a timestep is given.
-STEP_SHARE = 1 / 200
+STEP_SHARE = 1 / 150
 
 _BACKEND = "backend 'warp'"
 
