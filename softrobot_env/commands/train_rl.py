@@ -55,6 +55,13 @@ def add_learning(group: argparse._ActionsContainer) -> None:
         action="store_true",
         help="draw robots and disturbances from broad ranges, not Young's modulus alone",
     )
+    group.add_argument(
+        "--backend",
+        choices=("mujoco", "warp"),
+        default="mujoco",
+        help="what simulates: MuJoCo, or MuJoCo Warp on a graphics card (see docs/howto/gpu.md)",
+    )
+    group.add_argument("--device", help="of the backend warp: cuda:0 unless given, or cpu")
     group.add_argument("--steps", type=int, help="environment steps; default: by algorithm")
     group.add_argument(
         "--set",

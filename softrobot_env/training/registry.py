@@ -24,6 +24,9 @@ from softrobot_env.robots import ARM, RIG, RobotParams
 #: The last operating points, by robot, plant and whether they are few.
 _FOUND: dict[tuple[RobotParams, str, bool], Any] = {}
 
+#: What the backend "warp" simulates with.
+_WARP = "mujoco_warp"
+
 
 @dataclass(frozen=True)
 class Quantity:
@@ -80,7 +83,7 @@ class Training:
     Attributes:
         run: Train as ordered, write the file and return the figures.
         options: Names of the settings that it takes.
-        packages: That it needs beyond the package's own, of the extras `rl` and `mpc`.
+        packages: That it needs beyond the package's own, of the extras `rl`, `mpc` and `gpu`.
         robot: The only robot it is of, None of any.
         also: Further packages that it needs for some robots and settings.
         drawn: Whether anything in it is drawn at random, so that seeds differ.
@@ -109,7 +112,8 @@ class Training:
         packages = (*self.packages, *self.also(robot, settings))
         missing = [package for package in packages if find_spec(package) is None]
         if missing:
-            raise ImportError(f"{name} needs {', '.join(missing)}: {install_command('rl', 'mpc')}")
+            extras = ("rl", "mpc", *(("gpu",) if _WARP in packages else ()))
+            raise ImportError(f"{name} needs {', '.join(missing)}: {install_command(*extras)}")
 
 
 def _mm(length: float) -> Quantity:
@@ -257,6 +261,11 @@ def usual_teacher(robot: RobotParams) -> str:
     return "mpc_preview" if robot == ARM else "lq_preview"
 
 
+def _backends_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """What the backend of a training needs."""
+    return (_WARP,) if settings.get("backend") == "warp" else ()
+
+
 def _teachers_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[str, ...]:
     """What the teacher of an imitation needs."""
     from softrobot_env.control.registry import find_policy
@@ -336,7 +345,10 @@ def _randomized(order: Order, randomize: bool) -> Order:
 
 
 #: Settings of reinforcement learning, see `commands.train_rl`.
-REINFORCEMENT = ("task", "start", "randomize", "steps", "set", "checkpoint", "resume", "log")
+REINFORCEMENT = (
+    *("task", "start", "randomize", "steps", "set", "checkpoint", "resume", "log"),
+    *("backend", "device"),
+)
 
 #: Trainings by reinforcement: algorithm, and whether robots and disturbances are drawn.
 LEARNERS = {name: (name, False) for name in ("ppo", "sac", "td3")} | {
@@ -387,6 +399,7 @@ TRAININGS: Registry[Training] = Registry(
                 partial(_reinforcement, *how),
                 ("quick", *REINFORCEMENT),
                 ("torch", "stable_baselines3"),
+                also=_backends_package,
             )
             for name, how in LEARNERS.items()
         },

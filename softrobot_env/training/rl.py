@@ -168,8 +168,7 @@ def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -
         wanted["tasks"] = tuple(dict.fromkeys(settings["task"]))
         if not set(wanted["tasks"]) <= set(known):
             raise ValueError(f"robot {robot.name!r} is trained on {', '.join(known)}")
-    if "steps" in settings:
-        wanted["steps"] = settings["steps"]
+    wanted |= {name: settings[name] for name in ("steps", "backend", "device") if name in settings}
     for name, value in settings.get("set", ()):
         if name not in NUMBERS:
             raise ValueError(f"cannot set {name!r}; choose from {', '.join(NUMBERS)}")
@@ -265,7 +264,9 @@ def _part(
         observe=tuple(view.observed),
         reward=TrackingReward(coarse_scale=view.coarse, fine_scale=config.fine_scale * share),
         randomization=config.randomization,
-        threads=config.threads,
+        threads=config.threads if config.backend == "mujoco" else 0,
+        backend=config.backend,
+        device=config.device,
         autoreset_mode=AutoresetMode.SAME_STEP,
         **view.environment,
         **named,
@@ -310,6 +311,8 @@ def _keep(
 def _about(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
     """Settings, seed and robot, in what a checkpoint can hold."""
     told = {**asdict(config), "seed": seed, "robot": str(fingerprint(robot)["fingerprint"])}
+    if config.backend == "mujoco":  # which checkpoints do not tell
+        del told["backend"], told["device"]
     return json.loads(json.dumps(told))
 
 

@@ -87,6 +87,7 @@ class RLConfig:
         trials: Robots and disturbances of the checks, as in the option `vary` of `reset`.
         trial_duration: [s] of the checks' episodes, the tasks' own for None.
         threads: Of torch and the simulation.
+        backend, device: Of the simulation, as of `VectorTrackingEnv`.
     """
 
     algorithm: str = "ppo"
@@ -112,6 +113,8 @@ class RLConfig:
     trials: tuple[dict[str, float], ...] = MODULI
     trial_duration: Positive | None = None
     threads: int = 1
+    backend: str = "mujoco"
+    device: str | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, "training")

@@ -80,7 +80,8 @@ class WarpBatch:
         self.scene, self.count, self.arrays = scene, count, TorchArrays(device)
         self._host = model = _without_reset(scene.model)
         if warp.config.log_level == warp.LOG_INFO:  # which tells of every kernel
-            warp.config.log_level = warp.LOG_WARNING
+            # Without a card Warp warns that there is none.
+            warp.config.log_level = warp.LOG_ERROR if device == "cpu" else warp.LOG_WARNING
         warp.init()
         self._device = warp.device_from_torch(self.arrays.device)
         self._varied, self._slopes = False, None

@@ -48,9 +48,7 @@ def checked_device(device: str | None) -> str:
     if not isinstance(wanted, str) or wanted not in [*there, "cpu"]:
         known = re.fullmatch(r"cuda:\d+", str(wanted))
         what = f"there is no CUDA device {wanted!r}" if known else f"unknown device {wanted!r}"
-        raise ValueError(
-            f"{what}; {_BACKEND} has {', '.join([*there, 'cpu'])}, cpu for tests alone"
-        )
+        raise ValueError(f"{what}; choose from {', '.join([*there, 'cpu'])} (cpu is for tests)")
     return wanted
 
 
