@@ -20,6 +20,7 @@ PAGES = [
 ]
 #: Pages whose Python is not run from top to bottom, and why.
 NOT_RUN = {
+    "docs/howto/gpu.md": "needs a graphics card",
     "docs/howto/hardware.md": "needs a robot",
     "docs/howto/own_task.md": "is run by tests/commands/test_any_robot.py",
 }
