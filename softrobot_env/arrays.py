@@ -13,6 +13,8 @@ import numpy as np
 
 def namespace(array: Any) -> ModuleType:
     """The module whose functions take an array: `torch` for a tensor, else `numpy`."""
+    if isinstance(array, np.ndarray):
+        return np
     torch = sys.modules.get("torch")
     return torch if torch is not None and isinstance(array, torch.Tensor) else np
 

@@ -174,7 +174,7 @@ class TendonMap:
         if self._shift is not None:
             reduced = reduced + self._shift
         kind = namespace(reduced)
-        product = np.dot if kind is np else kind.matmul
+        product = np.ndarray.dot if kind is np else kind.matmul
         pulls = product(reduced, self._one)
         if self._other is not None:
             beside = product(reduced, self._other)

@@ -32,15 +32,21 @@ FILE = str(Path(__file__).resolve().parents[2] / "assets" / "robots" / "hanging_
 #: Measured: 6 to 35 times; the weights of the three rows, 4.5, -4 and 0.5, are a part of that.
 ROUNDINGS = 60
 
-#: Where three tendons lie [m], and robots with such: in channels that wind, and in rough ones.
+#: Where three tendons lie [m], and robots with such: in channels that wind, in rough ones, and
+#: through guides of a rod that bends and twists alike.
 PLACES = ((0.008, 0.0), (-0.004, 0.007), (-0.004, -0.007))
-WOUND, RUBBING = (
+WOUND, RUBBING, ISOTROPIC = (
     replace(
         ROD,
         name=name,
+        poisson_ratio=ratio,
         tendons=tuple(tendon(f"t{k}", xy, 0.4, **how) for k, xy in enumerate(PLACES)),
     )
-    for name, how in (("wound", {"turns": 0.5}), ("rubbing", {"friction": 0.1}))
+    for name, ratio, how in (
+        ("wound", 0.45, {"turns": 0.5}),
+        ("rubbing", 0.45, {"friction": 0.1}),
+        ("isotropic", 0.0, {"turns": 0.5, "guides": (0.1, 0.2, 0.3)}),
+    )
 )
 
 #: Accuracy [m] with which no step of the compiled integrator is divided.
@@ -342,6 +348,7 @@ def test_speed_is_measured_by_the_number_of_robots():
         ({"backend": "mujoco"}, "device 'cpu' is for backend='warp'"),
         ({"randomization": Randomization(tendon_friction=(0.0, 0.5))}, "cannot vary tendon_fric"),
         ({"robot": RUBBING}, "no constraints, and tendons of robot 'rubbing' rub"),
+        ({"robot": ISOTROPIC}, "robot 'isotropic' has ball joints"),
         ({"robot": WOUND, "randomization": Randomization(tendon_radius=(1, 2))}, "straight"),
         (
             {"robot": "gripper_finger", "task": "reach", "observe": "sensors"},
