@@ -202,7 +202,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         check_argument("randomization", randomization, Randomization | None)
         if backend == "warp":
             device = warp_limits.checked_device(device)
-            warp_limits.check_options(threads, integrator, accuracy, randomization)
+            warp_limits.check_options(threads, integrator, accuracy)
         elif device is not None:
             raise ValueError(f"device {device!r} is for backend='warp'; MuJoCo has threads")
         self._setting = setting = SimulatedSetting(
@@ -242,7 +242,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         self._on_device = backend == "warp"
         if self._on_device:
             nominal = setting.plant.nominal
-            warp_limits.check_robot(nominal, self.twin, setting.observed, randomization)
+            warp_limits.check_robot(nominal, randomization)
             self.simulation = warp_limits.make_batch(nominal, self.num_envs, device)
         else:
             self.simulation = BatchSimulation(setting.plant.nominal, self.num_envs, threads)
@@ -438,7 +438,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
                 sensed.append(noise_seed(self._generators[i]))
         if self._cameras is not None:
             self._exact.update()
-            self._cameras.start(which, seeds, self._exact.tip[which])
+            self._cameras.start(which, seeds, self.arrays.host(self._exact.tip)[which])
         if self._bank is not None:
             errors = self._variation["sensor_errors"][which].tolist()
             pairs = zip(errors, sensed, strict=True)

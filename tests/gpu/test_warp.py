@@ -120,9 +120,10 @@ def largest(one, other):
         (ARM, {"integrator": "implicitfast"}, 5e-6),
         (ARM, {"integrator": "discrete"}, 5e-6),
         (RIG, {}, 5e-7),
+        (RIG, {"twin": 3}, 5e-7),
         (ANY_ROBOT, {"robot": FILE}, 5e-6),
     ],
-    ids=["arm", "arm, implicitfast", "arm, discrete", "rig", "file"],
+    ids=["arm", "arm, implicitfast", "arm, discrete", "rig", "twin", "file"],
 )
 def test_500_steps_differ_by_roundings(env_id, options, most):
     """`most` [m] is what the tips may differ."""
@@ -171,10 +172,19 @@ EVERYTHING = Randomization(
     damping_time=(0.5, 2.0),
     tendon_radius=(0.9, 1.1),
     tension_gain=(0.9, 1.1),
+    tendon_friction=(0.0, 0.5),
     delay=(0.0, 0.03),
     sensor_noise=(0.0, 1.0),
 )
 ALL_BUT_GAIN = Randomization(**{n: v for n, v in vars(EVERYTHING).items() if n != "tension_gain"})
+
+#: Curvature sensors of a specimen that is drawn for every episode.
+SENSED = {
+    "robot": "gripper_finger",
+    "task": "reach",
+    "observe": ("all", "sensors"),
+    "randomization": Randomization(sensor_errors=(0.0, 1.0)),
+}
 
 
 @pytest.mark.parametrize(
@@ -186,8 +196,10 @@ ALL_BUT_GAIN = Randomization(**{n: v for n, v in vars(EVERYTHING).items() if n !
         (ANY_ROBOT, {"robot": FILE, "randomization": EVERYTHING}),
         (ANY_ROBOT, {"robot": "ftdcr_v4", "randomization": ALL_BUT_GAIN}),
         ("SoftRobot/ArmRandom-v0", {"reward": "log", "act_as": "change"}),
+        (RIG, {"twin": 3, "randomization": Randomization(sensor_noise=(0.0, 1.0))}),
+        (ANY_ROBOT, SENSED),
     ],
-    ids=["arm", "arm, vector, same step", "rig", "file", "guides", "drawn tasks"],
+    ids=["arm", "vector, same step", "rig", "file", "guides", "drawn tasks", "twin", "sensors"],
 )
 def test_episodes_are_those_of_the_c_engine(env_id, options):
     """Draws, resets within steps, rewards, flags and `info`, all of them."""
@@ -206,6 +218,7 @@ def test_episodes_are_those_of_the_c_engine(env_id, options):
 def test_options_of_a_reset():
     warp, exact = pair(ARM)
     vary = {"youngs_modulus": np.array([0.7, 1.0, 1.2, 1.0]), "tendon_radius": 0.95}
+    vary["tendon_friction"] = np.array([0.0, 1.0, 0.0, 0.3])
     options = {"vary": vary, "start_curvature": [0.5, 0.2, -0.1, -0.3], "duration": 0.2}
     options["start_curvature"] = np.resize([0.5, -0.2], exact._setting._bends)
     off = differences(*(e.reset(seed=0, options=dict(options)) for e in (warp, exact)))
@@ -346,14 +359,13 @@ def test_speed_is_measured_by_the_number_of_robots():
         ({"device": "tpu"}, "unknown device 'tpu'"),
         ({"backend": "jax"}, "backend"),
         ({"backend": "mujoco"}, "device 'cpu' is for backend='warp'"),
-        ({"randomization": Randomization(tendon_friction=(0.0, 0.5))}, "cannot vary tendon_fric"),
-        ({"robot": RUBBING}, "no constraints, and tendons of robot 'rubbing' rub"),
+        (
+            {"randomization": Randomization(tendon_friction=(0, 1)), "integrator": "discrete"},
+            "friction of tendons with integrator 'extrapolation' alone, not with 'discrete'",
+        ),
+        ({"robot": RUBBING, "integrator": "implicitfast"}, "alone, not with 'implicitfast'"),
         ({"robot": ISOTROPIC}, "robot 'isotropic' has ball joints"),
         ({"robot": WOUND, "randomization": Randomization(tendon_radius=(1, 2))}, "straight"),
-        (
-            {"robot": "gripper_finger", "task": "reach", "observe": "sensors"},
-            "has no curvature sensors",
-        ),
     ],
 )
 def test_refusals(options, what):
@@ -363,9 +375,9 @@ def test_refusals(options, what):
 
 
 def test_a_refused_variation_changes_nothing():
-    env = made(ARM)
+    env = made(ARM, integrator="implicitfast")
     env.reset(seed=0)
     before = env.simulation.qpos.clone()
-    with pytest.raises(ValueError, match="cannot vary tendon_friction: it has no constraints"):
+    with pytest.raises(ValueError, match="friction of tendons with integrator 'extrapolation'"):
         env.reset(options={"vary": {"tendon_friction": 0.5}})
     assert torch.equal(env.simulation.qpos, before)

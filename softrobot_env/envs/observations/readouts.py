@@ -6,7 +6,8 @@ Every readout has the functions of `table.Measured`, which return new arrays, an
 * `bend`: its mean curvatures [1/m], a new array at every `update`;
 * `true_length`: function that returns a new array of tendon lengths [m] as they are;
 * `truth`: function that returns what `info` tells of the true state, None if sensors are exact;
-* `shape()`: rotation (1 or n, cells, 3) [1/m] of the parts between `cells` of its plant;
+* `shape()`: rotation (1 or n, cells, 3) [1/m] of the parts between `cells` of its plant, as an
+  array of NumPy;
 * `update()`: measure anew; what left the documented workspace, or None.
 """
 
@@ -218,7 +219,8 @@ class BatchReadout:
         self.curvature = lambda: self.bend
         self.curvature_rate = lambda: self._arrays.real(simulation.qvel) @ self._mean
         scene = simulation.scene
-        self.shape = lambda: station_strain(scene.model, scene.layout, simulation.qpos)
+        angles = simulation.qpos
+        self.shape = lambda: station_strain(scene.model, scene.layout, self._arrays.host(angles))
         self.tendon_tension = lambda: self._arrays.copy(simulation.actuator_force)
         self.tendon_length, self.true_length = _tendon_lengths(
             simulation.ten_length[:, : len(robot.tendons)],
@@ -369,7 +371,7 @@ def fitted(readout: Any, bank: "Bank", robots: int | slice) -> SensedReadout:
     """An exact readout with the curvature sensors of `robots`, see `noisy`."""
     return SensedReadout(
         readout,
-        {"sensors": lambda: bank.reading[robots].copy()},
+        {"sensors": lambda: like(bank.reading[robots].copy(), readout.tip)},
         lambda _, which: bank.look(readout.shape(), which),
     )
 

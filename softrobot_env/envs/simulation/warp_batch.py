@@ -6,7 +6,7 @@ imported where it is used: MuJoCo Warp and PyTorch take seconds to load.
 """
 
 from copy import copy
-from typing import Any
+from typing import Any, NamedTuple
 
 import mujoco
 import mujoco_warp
@@ -47,14 +47,34 @@ _VARIED = (
     "actuator_ctrlrange",
     "actuator_biasprm",
     "actuator_gear",
+    "tendon_frictionloss",
 )
+
+
+#: As those of `scene.integration.euler`.
+_SWEEPS, _STILL = warp.constant(200), warp.constant(warp.float64(1e-12))
+
+
+class _Acting(NamedTuple):
+    """What acts on n chains in one posture.
+
+    Attributes:
+        mass, stiffness: (n, nv, nv), of joints and of taut drives.
+        force: (n, nv), all generalised forces but friction of tendons.
+        arms: (n, ntendon, nv), lever arms of tendons, where they are needed.
+    """
+
+    mass: torch.Tensor
+    stiffness: torch.Tensor
+    force: torch.Tensor
+    arms: torch.Tensor | None
 
 
 class WarpBatch:
     """As `BatchSimulation`, on a device; arrays are float64 tensors there unless told otherwise.
 
     The integrator is that of `scene.integration` with steps of one length and `ROWS` rows, without
-    a look at its error, or "implicitfast" or "discrete" of MuJoCo. No constraint acts.
+    a look at its error, or "implicitfast" or "discrete" of MuJoCo, without friction of tendons.
 
     Attributes:
         scene: The scene.
@@ -84,7 +104,7 @@ class WarpBatch:
             warp.config.log_level = warp.LOG_ERROR if device == "cpu" else warp.LOG_WARNING
         warp.init()
         self._device = warp.device_from_torch(self.arrays.device)
-        self._varied, self._slopes = False, None
+        self._varied, self._slopes, self._rubs = False, None, scene.config.robot.rubs
         with self._on_device():
             self._data = mujoco_warp.make_data(model, nworld=count, nconmax=0, njmax=0)
         self._take_model({})
@@ -162,6 +182,10 @@ class WarpBatch:
             if field == "body_mass":
                 self._set("body_subtreemass", robots, self._carried(rows))
         self._route(robots, values["tendon_radius"])
+        own = np.arange(self._host.ntendon) < len(self.scene.config.robot.tendons)
+        loss = self._host.tendon_frictionloss + values["tendon_friction"][:, None] * own
+        self._set("tendon_frictionloss", robots, loss)
+        self._rubs = self._rubs or bool(loss.any())
 
     def _set(self, field: str, robots: torch.Tensor, rows: np.ndarray) -> None:
         own = self._fields[field]
@@ -307,8 +331,8 @@ class WarpBatch:
         self.qpos += turns[-1]
         self.qvel.copy_(velocities[-1])
 
-    def _measure(self) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Mass and stiffness (n, nv, nv), and forces (n, nv), with the controls on the device."""
+    def _measure(self) -> _Acting:
+        """What acts with the controls on the device."""
         with self._on_device():
             mujoco_warp.fwd_actuation(self._model, self._data)
         seen, real = self._seen, self.arrays.real
@@ -317,26 +341,62 @@ class WarpBatch:
         mass[:, self._mass_at[0], self._mass_at[1]] = real(seen["M"])
         stiffness = torch.diag_embed(real(self._fields["jnt_stiffness"])[:, self._joint_of])
         spring = -real(self._fields["actuator_biasprm"])[..., 1]
+        arms = None
+        if self._rubs or self.scene.config.actuation == "length":
+            arms = self.qvel.new_zeros((n, self._host.ntendon, nv))
+            arms[:, self._arm_at[0], self._arm_at[1]] = real(seen["ten_J"])
+            arms *= self._radius[..., None]
         if self.scene.config.actuation == "length":
             force = real(seen["actuator_force"])
             taut = (force > self._range[:, 0]) & (force < self._range[:, 1])
-            arms = self.qvel.new_zeros((n, self._host.ntendon, nv))
-            arms[:, self._arm_at[0], self._arm_at[1]] = real(seen["ten_J"])
-            pulls = arms[:, self._drawn_by] * real(self._fields["actuator_gear"])[..., :1]
+            pulls = arms[:, self._drawn_by]
             stiffness = stiffness + pulls.mT @ ((spring * taut)[..., None] * pulls)
         force = seen["qfrc_passive"].double() - seen["qfrc_bias"] + seen["qfrc_actuator"]
-        return mass, stiffness, force
+        return _Acting(mass, stiffness, force, arms)
 
-    def _euler(
-        self, acting: tuple[torch.Tensor, torch.Tensor, torch.Tensor], v: torch.Tensor, h: float
-    ) -> torch.Tensor:
-        """The change (n, nv) of rates by one linearly implicit Euler step."""
-        mass, stiffness, force = acting
+    def _euler(self, acting: _Acting, v: torch.Tensor, h: float) -> torch.Tensor:
+        """The change (n, nv) of rates by one linearly implicit Euler step, with friction."""
         damping = self.arrays.real(self._fields["dof_damping"])
-        rhs = h * (force - h * (stiffness @ v[..., None])[..., 0])
-        system = mass + torch.diag_embed(h * damping) + h * h * stiffness
+        rhs = h * (acting.force - h * (acting.stiffness @ v[..., None])[..., 0])
+        system = acting.mass + torch.diag_embed(h * damping) + h * h * acting.stiffness
         factor, _ = torch.linalg.cholesky_ex(system)
-        return torch.cholesky_solve(rhs[..., None], factor)[..., 0]
+        change = torch.cholesky_solve(rhs[..., None], factor)[..., 0]
+        if not self._rubs:
+            return change
+        answers = torch.cholesky_solve(acting.arms.mT, factor)
+        rates = (acting.arms @ (v + change)[..., None])[..., 0]
+        bounds = (h * self.arrays.real(self._fields["tendon_frictionloss"])).expand_as(rates)
+        impulses = torch.zeros_like(rates)
+        told = (acting.arms @ answers, bounds.contiguous(), rates.contiguous(), impulses)
+        with self._on_device():
+            arrays = [warp.from_torch(values) for values in told]
+            warp.launch(_find_impulses, self.count, arrays[:2], arrays[2:])
+        return change - (answers @ impulses[..., None])[..., 0]
+
+
+@warp.kernel
+def _find_impulses(
+    couplings: warp.array3d(dtype=warp.float64),
+    bounds: warp.array2d(dtype=warp.float64),
+    rates: warp.array2d(dtype=warp.float64),
+    impulses: warp.array2d(dtype=warp.float64),
+) -> None:
+    """As `scene.integration.euler`: impulses, within their bounds, that stop or slow rates."""
+    robot = warp.tid()
+    count = rates.shape[1]
+    for _sweep in range(_SWEEPS):
+        moved = warp.float64(0.0)
+        for k in range(count):
+            most, own = bounds[robot, k], couplings[robot, k, k]
+            if most > warp.float64(0.0) and own > warp.float64(0.0):
+                wanted = warp.clamp(impulses[robot, k] + rates[robot, k] / own, -most, most)
+                step = wanted - impulses[robot, k]
+                impulses[robot, k] = wanted
+                moved = warp.max(moved, warp.abs(step) / most)
+                for j in range(count):
+                    rates[robot, j] = rates[robot, j] - step * couplings[robot, j, k]
+        if moved < _STILL:
+            break
 
 
 def _add_row(entries: list[torch.Tensor], entry: torch.Tensor) -> None:
@@ -367,7 +427,11 @@ def _places(nonzero: np.ndarray, start: np.ndarray, column: np.ndarray) -> tuple
 
 
 def _without_reset(model: mujoco.MjModel) -> Any:
-    """A copy without the flag of ours that Warp refuses: it never resets a diverged state."""
-    copied = copy(model)
-    copied.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
+    """A copy without the flag of ours that Warp refuses: it never resets a diverged state.
+
+    And without constraints, which MuJoCo's friction is.
+    """
+    copied, flags = copy(model), mujoco.mjtDisableBit
+    copied.opt.disableflags &= ~int(flags.mjDSBL_AUTORESET)
+    copied.opt.disableflags |= int(flags.mjDSBL_CONSTRAINT)
     return copied

@@ -9,11 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
-from gymnasium import spaces
 
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.extras import install_command
-from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.timestep import EXTRAPOLATION
@@ -52,9 +50,7 @@ def checked_device(device: str | None) -> str:
     return wanted
 
 
-def check_options(
-    threads: int, integrator: str | None, accuracy: float | str, randomization: Randomization | None
-) -> None:
+def check_options(threads: int, integrator: str | None, accuracy: float | str) -> None:
     """Raise ValueError for arguments of an environment that the backend does not take."""
     if threads:
         raise ValueError(f"{_BACKEND} takes no threads, they are MuJoCo's: choose a device")
@@ -66,25 +62,22 @@ def check_options(
         raise ValueError(
             f"{_BACKEND} takes no accuracy, its steps have one length: give a timestep"
         )
-    if randomization is not None:
-        ranges = {n: max(getattr(randomization, n)) for n in ("tendon_friction", "sensor_errors")}
-        _refuse(ranges)
 
 
 def check_variation(scene: Scene, variation: Mapping[str, Any]) -> None:
     """Raise ValueError for values, or arrays of them, that the backend cannot vary."""
-    _refuse(variation)
+    if np.any(np.asarray(variation.get("tendon_friction", 0.0)) != 0):
+        _check_friction(scene)
     if np.any(np.asarray(variation.get("tendon_radius", 1.0)) != 1):
         _check_radius(scene)
 
 
-def _refuse(values: Mapping[str, Any]) -> None:
-    for name, why in (
-        ("tendon_friction", "it has no constraints"),
-        ("sensor_errors", "it has no curvature sensors"),
-    ):
-        if np.any(np.asarray(values.get(name, 0.0)) != 0):
-            raise ValueError(f"{_BACKEND} cannot vary {name}: {why}")
+def _check_friction(scene: Scene) -> None:
+    if scene.timestep.integrator != EXTRAPOLATION:
+        raise ValueError(
+            f"{_BACKEND} has friction of tendons with integrator {EXTRAPOLATION!r} alone, not with "
+            f"{scene.timestep.integrator!r}"
+        )
 
 
 def _check_radius(scene: Scene) -> None:
@@ -95,22 +88,18 @@ def _check_radius(scene: Scene) -> None:
         )
 
 
-def check_robot(
-    scene: Scene, twin: Twin | None, observed: spaces.Dict, randomization: Randomization | None
-) -> None:
-    """Raise ValueError for what the backend cannot simulate or measure."""
+def check_robot(scene: Scene, randomization: Randomization | None) -> None:
+    """Raise ValueError for what the backend cannot simulate."""
     model, name = scene.model, scene.name
-    if scene.config.robot.rubs:
-        raise ValueError(f"{_BACKEND} has no constraints, and tendons of robot {name!r} rub")
+    if scene.config.robot.rubs or (
+        randomization is not None and any(randomization.tendon_friction)
+    ):
+        _check_friction(scene)
     if model.nq != model.nv:
         raise ValueError(
             f"{_BACKEND} takes chains of hinges; robot {name!r} has ball joints, as it bends and "
             "twists alike and has no channels"
         )
-    if "sensors" in observed.spaces:
-        raise ValueError(f"{_BACKEND} has no curvature sensors: leave 'sensors' out of `observe`")
-    if twin is not None and (twin.camera_noise or twin.camera_delay):
-        raise ValueError(f"{_BACKEND} has no camera with errors: camera_noise and camera_delay = 0")
     if np.any(model.actuator_trntype != mujoco.mjtTrn.mjTRN_TENDON):
         raise ValueError(f"{_BACKEND} takes drives of tendons alone; robot {name!r} has others")
     if randomization is not None and tuple(randomization.tendon_radius) != (1, 1):
