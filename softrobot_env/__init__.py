@@ -1,9 +1,9 @@
 """MuJoCo environments for tendon-driven soft robots (see README.md)."""
 
 from softrobot_env.paths import give_numba_a_place
-from softrobot_env.processes import one_thread_on_the_command_line
+from softrobot_env.processes import prepare_the_command_line
 
-one_thread_on_the_command_line()
+prepare_the_command_line()
 give_numba_a_place()
 
 from typing import Any  # noqa: E402

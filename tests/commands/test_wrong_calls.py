@@ -121,6 +121,58 @@ def test_ctrl_c_ends_in_one_line(capsys, monkeypatch):
     assert capsys.readouterr().err == "softrobot list: stopped by Ctrl-C\n"
 
 
+def test_ctrl_c_while_the_package_is_loaded_ends_in_one_line():
+    program = (
+        "import os, sys; sys.argv = ['softrobot']; import softrobot_env; os.kill(os.getpid(), 2)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, preexec_fn=_heeding
+    )
+    assert done.returncode == 130
+    assert done.stderr == "softrobot: stopped by Ctrl-C\n"
+
+
+_STOPS = """
+import sys, time
+from signal import SIGINT, SIGTERM, raise_signal
+from softrobot_env.cli import main
+from softrobot_env.commands import listing
+
+class Forgotten:
+    def __del__(self):
+        raise_signal(SIGINT)  # Python tells what is raised here, and goes on
+
+def forgotten(_):
+    Forgotten()
+    time.sleep(30)
+
+def changed(_):
+    try:
+        raise_signal(SIGINT)
+    except KeyboardInterrupt:
+        raise TypeError("what was interrupted is of no type")
+
+def terminated(_):
+    try:
+        raise_signal(SIGTERM)
+    finally:
+        print("cleaned up")
+
+for listing.run in (forgotten, changed, terminated):
+    print(main(["list"]), flush=True)
+assert sys.unraisablehook is sys.__unraisablehook__
+"""
+
+
+def test_ctrl_c_and_sigterm_end_in_one_line_whatever_they_interrupt():
+    done = subprocess.run(
+        [sys.executable, "-c", _STOPS], capture_output=True, text=True, preexec_fn=_heeding
+    )
+    assert done.stdout.split() == ["130", "130", "cleaned", "up", "143"], done.stderr
+    by = ("Ctrl-C", "Ctrl-C", "SIGTERM")
+    assert done.stderr.splitlines() == [f"softrobot list: stopped by {name}" for name in by]
+
+
 def _heeding():
     """Background jobs of a shell ignore Ctrl-C, and so do their children."""
     signal(SIGINT, SIG_DFL)
