@@ -11,7 +11,7 @@ from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.commands.arguments import add_robot, positive, seed, variation
-from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.commands.output import add_out, check_free, new_file
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
@@ -93,7 +93,13 @@ def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if the robot was stopped before the end."""
     console = Console(highlight=False)
     check_writable(args.out)
-    check_free(args.out, header_path(args.out), overwrite=args.overwrite)
+    check_free(header_path(args.out), overwrite=args.overwrite)
+    with new_file(args.out, args.overwrite):
+        return _run(args, console)
+
+
+def _run(args: argparse.Namespace, console: Console) -> int:
+    """Record and write."""
     robot = RIG if args.robot is None else find_robot(args.robot)
     planned = plan(robot, _excitation(args), args.control_period)
     scales = ", ".join(f"{scale:.2g}" for scale in planned.scales)
