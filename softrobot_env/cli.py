@@ -4,7 +4,7 @@ import argparse
 import os
 import shlex
 import sys
-from signal import SIG_DFL, SIGINT, SIGTERM, default_int_handler, getsignal, signal
+from signal import SIG_DFL, SIG_IGN, SIGINT, SIGTERM, default_int_handler, getsignal, signal
 from threading import Timer, current_thread, main_thread
 from types import FrameType
 from typing import Any
@@ -87,6 +87,7 @@ class _Stop:
     def __init__(self) -> None:
         self.asked: int | None = None
         self._usual: dict[int, Any] = {}
+        self._timer: Timer | None = None
         self._hooks = sys.unraisablehook, sys.excepthook
 
     def begin(self) -> None:
@@ -109,24 +110,25 @@ class _Stop:
         if not issubclass(unraisable.exc_type, KeyboardInterrupt):
             self._hooks[0](unraisable)
         elif self._usual:
-            again = Timer(0.05, self._again)
-            again.daemon = True
-            again.start()
+            self._timer = Timer(0.05, os.kill, (os.getpid(), SIGINT))
+            self._timer.daemon = True
+            self._timer.start()
 
     def _printed(self, kind: type[BaseException], *told: Any) -> None:
         """So does C code that prints what is raised."""
         if not issubclass(kind, KeyboardInterrupt):
             self._hooks[1](kind, *told)
 
-    def _again(self) -> None:
-        if self._usual:
-            os.kill(os.getpid(), SIGINT)
-
     def end(self) -> None:
         """Let both do what they did."""
-        for number, handler in self._usual.items():
-            if getsignal(number) == self._note:
-                signal(number, handler)
+        mine = {n: usual for n, usual in self._usual.items() if getsignal(n) == self._note}
+        for number in mine:
+            signal(number, SIG_IGN)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer.join()
+        for number, usual in mine.items():
+            signal(number, usual)
         self._usual = {}
         if sys.unraisablehook == self._unraisable:
             sys.unraisablehook, sys.excepthook = self._hooks
