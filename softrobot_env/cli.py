@@ -4,6 +4,9 @@ import argparse
 import os
 import shlex
 import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from signal import SIG_DFL, SIG_IGN, SIGINT, SIGTERM, default_int_handler, getsignal, signal
 from threading import Timer, current_thread, main_thread
 from types import FrameType
@@ -43,7 +46,8 @@ def main(argv: list[str] | None = None) -> int:
         args.command_line = shlex.join(["softrobot", *argv])
         name = f"softrobot {args.command}" if args.command else name
         stop.begin()
-        status = args.command_run(args)
+        with _warned(name):
+            status = args.command_run(args)
         if stop.asked != SIGTERM:
             return status
     except KeyboardInterrupt:
@@ -75,6 +79,21 @@ def _parsed(argv: list[str]) -> argparse.Namespace:
         if "MUJOCO_GL" not in str(error):
             raise
         raise RuntimeError(f"{error}; choose egl, osmesa or glfw, or unset it") from None
+
+
+@contextmanager
+def _warned(name: str) -> Iterator[None]:
+    """Within it warnings are lines as errors are, without the place in the sources."""
+    usual = warnings.formatwarning
+
+    def line(message: Warning | str, *place: Any, **more: Any) -> str:
+        return f"{name}: warning: {' '.join(str(message).split())}\n"
+
+    warnings.formatwarning = line
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
 
 
 class _Stop:

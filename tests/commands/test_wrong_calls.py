@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 import time
+import warnings
 from pathlib import Path
 from signal import SIG_DFL, SIGINT, signal
 
@@ -110,6 +111,17 @@ def test_what_numbers_or_memory_do_not_allow_is_told_in_one_line(error, capsys, 
     assert main(["list"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "out of" in line
+
+
+def test_warnings_are_told_in_one_line(capsys, monkeypatch):
+    def warns(_):
+        told = warnings.formatwarning("so and\nso", UserWarning, "build.py", 307)
+        print(told, end="")
+        return 0
+
+    monkeypatch.setattr("softrobot_env.commands.listing.run", warns)
+    assert main(["list"]) == 0
+    assert capsys.readouterr().out == "softrobot list: warning: so and so\n"
 
 
 def test_ctrl_c_ends_in_one_line(capsys, monkeypatch):
