@@ -136,10 +136,14 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
 
 def check_settings(training: Training, settings: dict[str, Any]) -> None:
     """Raise ValueError for settings that a training does not take."""
-    foreign = [name for name in settings if name not in training.options]
-    for name in foreign:
-        able = [other for other, known in TRAININGS.items() if name in known.options]
-        raise ValueError(f"{', '.join(f'--{one}' for one in foreign)}: only with {', '.join(able)}")
+    foreign: dict[str, list[str]] = {}
+    for name in settings:
+        if name not in training.options:
+            able = [other for other, known in TRAININGS.items() if name in known.options]
+            foreign.setdefault(", ".join(able), []).append(f"--{name}")
+    if foreign:
+        told = (f"{', '.join(options)}: only with {able}" for able, options in foreign.items())
+        raise ValueError("; ".join(told))
 
 
 def _path(args: argparse.Namespace, name: str, robot: RobotParams) -> Path:

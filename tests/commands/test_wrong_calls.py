@@ -210,3 +210,10 @@ def test_ctrl_c_ends_workers_too(tmp_path):
         _, told = running.communicate(timeout=30)
     assert running.returncode == 130
     assert told.splitlines() == ["softrobot benchmark: stopped by Ctrl-C"], told
+
+
+def test_options_of_other_trainings_are_refused_each_with_those_that_take_it(capsys, tmp_path):
+    call = ["train", "lqi", "--out", str(tmp_path), "--recording", "a.csv", "--steps", "9"]
+    assert main(call) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--recording: only with ssm; --steps: only with ppo," in line
