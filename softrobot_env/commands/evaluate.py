@@ -26,7 +26,7 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
-from softrobot_env.commands.output import add_out, check_free, new_results
+from softrobot_env.commands.output import add_out, check_folder, check_free, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
 from softrobot_env.commands.task_options import option, task_name
@@ -236,7 +236,8 @@ def run(args: argparse.Namespace) -> int:
 
 def _evaluate(args: argparse.Namespace, console: Console) -> int:
     """Run all cases and write."""
-    if args.record is not None and args.record.is_dir():
+    if args.record is not None:
+        check_folder(args.record)
         check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
     if args.workers is not None and args.env != SIMULATED:
         raise ValueError(f"--workers: only with --env {SIMULATED}")

@@ -11,7 +11,7 @@ from rich.console import Console
 from softrobot_env.artifacts import artifact_folder, looked_up, training_folder
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_robot, add_workers, policy, seed, seeds
-from softrobot_env.commands.output import add_out, claimed, inside, new_file
+from softrobot_env.commands.output import add_out, check_folder, claimed, inside, new_file
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.train_several import SEVERAL, train_several
 from softrobot_env.rendering.tables import named_values
@@ -108,7 +108,9 @@ def run(args: argparse.Namespace) -> int:
     with ExitStack() as held:
         held.enter_context(new_file(order.path, args.overwrite or bool(settings.get("resume"))))
         if "checkpoint" in training.options:
-            held.enter_context(claimed(checkpoint_of(settings, order.path)))
+            folder = checkpoint_of(settings, order.path)
+            held.enter_context(claimed(folder))
+            check_folder(folder)
         order.path.parent.mkdir(parents=True, exist_ok=True)
         progress = held.enter_context(progress_on(console))
         bar = progress.add_task(name, total=None)
@@ -134,10 +136,14 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
 
 def check_settings(training: Training, settings: dict[str, Any]) -> None:
     """Raise ValueError for settings that a training does not take."""
-    foreign = [name for name in settings if name not in training.options]
-    for name in foreign:
-        able = [other for other, known in TRAININGS.items() if name in known.options]
-        raise ValueError(f"{', '.join(f'--{one}' for one in foreign)}: only with {', '.join(able)}")
+    foreign: dict[str, list[str]] = {}
+    for name in settings:
+        if name not in training.options:
+            able = [other for other, known in TRAININGS.items() if name in known.options]
+            foreign.setdefault(", ".join(able), []).append(f"--{name}")
+    if foreign:
+        told = (f"{', '.join(options)}: only with {able}" for able, options in foreign.items())
+        raise ValueError("; ".join(told))
 
 
 def _path(args: argparse.Namespace, name: str, robot: RobotParams) -> Path:
