@@ -36,8 +36,9 @@ class Tendon:
         stiffness: [N/m] between drive and robot; it matters only to tendons driven by length,
             which need a finite one.
         pretension: [N], smallest tension kept in the tendon.
-        friction: [N], largest dry (Coulomb) friction between tendon and robot. At rest it is no
-            more than the tension; in motion MuJoCo has it of slack tendons as well.
+        friction: [N], largest dry (Coulomb) friction between tendon and robot; of a slack tendon
+            as well, as it stands for what else rubs in the robot. At rest it is no more than the
+            tension where sections have `bending_friction`.
         route: Via-points (s, x, y) [m] after the base: arc length and position in the
             cross-section, the last one at `end`. Guides need none of their own.
         turns: Full turns [1] about the fibre from the base to `end`, from +x towards +y.

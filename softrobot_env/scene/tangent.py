@@ -298,9 +298,9 @@ class RubbingForces(StaticForces):
     """The same with dry friction of tendons and backbone, which depends on where they came from.
 
     A tendon that rubs keeps its length as long as that takes no more than its friction, and a
-    station its bend; beyond, they slide and the friction opposes it. Friction of a tendon is never
-    more than its tension. All break loose within `_LOOSE`, or within a bend of `_GIVE` of the whole
-    robot.
+    station its bend; beyond, they slide and the friction opposes it. Where the backbone rubs, that
+    of a tendon is no more than its tension. All break loose within `_LOOSE`, or within a bend of
+    `_GIVE` of the whole robot.
 
     Attributes:
         anchors: (ntendon,) [m], lengths at which friction would vanish; set them before `force`.
@@ -358,12 +358,14 @@ class RubbingForces(StaticForces):
 
     def _bound(self) -> np.ndarray:
         """(ntendon,) [N], largest friction of each."""
+        if not len(self._bends):
+            return self._most
         return np.minimum(self._most, np.maximum(super()._tensions()[0], 0.0))
 
     def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
         tension, rate = super()._tensions()
         bound, sticks = self._bound(), np.abs(self._slid) < 1
-        grows = np.where(self._most > tension, self._slid, 0.0)
+        grows = np.where(bound < self._most, self._slid, 0.0)
         return tension + bound * self._slid, rate * (1 + grows) + sticks * bound / _LOOSE
 
 

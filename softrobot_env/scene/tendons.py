@@ -61,8 +61,8 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
 def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
     """Dry friction [N] against changes of the tendon's length.
 
-    In motion it acts whatever the tension, on slack tendons too, which it can push. Statics take no
-    more than the tension (`tangent.RubbingForces`).
+    It acts whatever the tension, on slack tendons too, which it can push; `tangent.RubbingForces`
+    tells where that is not so.
     """
     routed.frictionloss = friction
     routed.solimp_friction = FRICTION_IMPEDANCE

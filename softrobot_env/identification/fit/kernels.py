@@ -33,6 +33,7 @@ class Layout(NamedTuple):
         nodes: (n_markers,) ends of pieces that carry the markers, 0 is the base.
         loose: [m] of sliding at which friction of a tendon is whole.
         give: (n,) [rad] of a turn at which friction of a piece is whole.
+        apart: Whether friction of the backbone is told apart from that of the tendons.
     """
 
     sizes: np.ndarray
@@ -42,6 +43,7 @@ class Layout(NamedTuple):
     nodes: np.ndarray
     loose: float
     give: np.ndarray
+    apart: bool
 
 
 class Body(NamedTuple):
@@ -238,12 +240,13 @@ def _pull(layout, body, k, length, control):
 def _tension(layout, body, k, length, control, anchor, rubs):
     """Tension [N] of tendon k inside the robot, friction included.
 
-    Friction is its own at most, and no more than its tension: a slack tendon does not rub.
+    Where friction of the backbone is told apart, it is no more than the tension: a slack tendon
+    does not rub.
     """
     pull = _pull(layout, body, k, length, control)
     if rubs:
         most = body.friction[k] + pull * 0
-        if pull.real < most.real:
+        if layout.apart and pull.real < most.real:
             most = pull
         pull = pull + most * _slid(length - anchor, layout.loose)
     return pull
@@ -544,7 +547,8 @@ def follow(
             for k in range(tendons):
                 rub[t, k] = _slid(real.length[k] - anchor[k], layout.loose)
                 pull = _pull(layout, body, k, real.length[k], control[k])
-                hold[k] = min(body.friction[k], pull) / layout.loose
+                most = min(body.friction[k], pull) if layout.apart else body.friction[k]
+                hold[k] = most / layout.loose
             for i in range(n // 3):
                 m = tendons + 2 * i
                 rub[t, m], rub[t, m + 1] = _held(layout, q, i, anchor[tendons:])

@@ -174,7 +174,8 @@ class StaticModel:
         ]
         give = _GIVE * sizes / robot.length
         nodes = np.array(nodes)
-        self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give)
+        apart = bool(self._holding.any())
+        self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give, apart)
         backbone = robot.backbone
         self._bending = backbone.in_series(backbone.bending, edges) / sizes
         self._torsion = backbone.in_series(backbone.torsion, edges) / sizes
