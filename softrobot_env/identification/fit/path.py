@@ -37,6 +37,7 @@ Show = Callable[[str, int, int], None]
 
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
 _FITS = 25  # steps shown as all
+_LEAST_KEPT = 0.02  # rad, of a bend that friction of a backbone keeps
 _STARTS = (-0.7, 0.7)  # further ones, of the logarithm of the stiffness
 
 
@@ -324,7 +325,8 @@ def _statics(
     """Model and fit of the rows at rest, and the kinds of friction that are as the file says.
 
     Few backbones have friction. One is fitted with and without unless the file knows of some, and
-    has it where that pays.
+    has it where that pays, and where it keeps more of a bend than other things that the model
+    lacks might.
     """
     filed = [name for name in RUBS if name in known or "statics" not in stages]
 
@@ -343,7 +345,16 @@ def _statics(
     if HOLDS in filed:
         return model, fit, plain
     holding, other = tried("friction of the backbone", filed)
-    return (holding, other, filed) if pays(fit, other, holding) else (model, fit, plain)
+    rubs = pays(fit, other, holding) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
+    return (holding, other, filed) if rubs else (model, fit, plain)
+
+
+def _kept(robot: RobotParams) -> float:
+    """Bend [rad] that friction of the backbone can keep, of the whole robot."""
+    sections, ends = robot.backbone.sections, robot.backbone.ends
+    stiffness = robot.backbone.bending((ends[:-1] + ends[1:]) / 2)
+    turns = [s.bending_friction * s.length / k for s, k in zip(sections, stiffness, strict=True)]
+    return float(sum(turns))
 
 
 def _fitted(
