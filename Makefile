@@ -14,7 +14,7 @@ export MKL_NUM_THREADS ?= 1
 # in the order of tests/conftest.py: what compiles longest first.
 PYTEST := $(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
-.PHONY: setup evaluate check test slow test-clients test-cluster lint docs demo test-demo clean
+.PHONY: setup evaluate check test slow test-clients test-cluster test-gpu lint docs demo test-demo clean
 .DELETE_ON_ERROR:
 
 # Install the package in place with what `softrobot evaluate` and `render` need.
@@ -26,10 +26,10 @@ evaluate: .venv/.setup
 
 # The daily loop: lint, and the tests that were quick when they were last run.
 check: lint
-	$(PYTEST) --quick -m "not slow"
+	$(PYTEST) --quick -m "not slow and not cluster and not gpu"
 
 test: .venv/.setup-test
-	$(PYTEST) -m "not slow and not cluster"
+	$(PYTEST) -m "not slow and not cluster and not gpu"
 
 # What takes minutes: trainings, ANCF, Cosserat as a plant, whole studies, the wheel, and every
 # benchmark's quick run.
@@ -37,14 +37,21 @@ slow: .venv/.setup-test
 	$(PYTEST) -m slow
 
 # Other libraries with our environments, each in a virtual environment of its own under
-# .venv/clients; CLIENTS="torchrl skrl" picks some. Prints the table of docs/clients.md.
+# .venv/clients; CLIENTS="torchrl skrl" picks some. Prints the table of docs/clients.md, which is made
+# from its report: OUT=docs/results/clients writes it.
 test-clients: .venv/bin/python
-	$(BIN)/python tests/clients/run.py $(CLIENTS)
+	$(BIN)/python tests/clients/run.py $(CLIENTS) $(if $(OUT),--out $(OUT))
 
-# Studies on a Ray cluster of two nodes of this machine, one of which is killed.
+# Studies, trainings and a search on a Ray cluster of two nodes of this machine; one is killed.
 test-cluster: .venv/.setup-test
 	$(PIP) install --quiet -c constraints.txt -e '.[cluster]'
 	$(BIN)/python -m pytest tests/cluster
+
+# Robots on MuJoCo Warp against the C engine, on Warp's CPU device: no graphics card is needed. Its
+# kernels are compiled in the first run, which takes a minute or two more.
+test-gpu: .venv/.setup-test
+	$(PIP) install --quiet -c constraints.txt -e '.[gpu]'
+	$(BIN)/python -m pytest tests/gpu
 
 # The documentation site in out/docs; warnings, which broken links are, end it.
 docs: .venv/.setup-docs

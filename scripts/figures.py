@@ -1,7 +1,7 @@
-"""Fill the figures of README.md and docs/ from the committed reports of the benchmarks.
+"""Fill the figures of README.md and docs/ from reports, from the code and from what is quoted.
 
     python scripts/figures.py           # writes
-    python scripts/figures.py --check   # says what is stale, and changes nothing
+    python scripts/figures.py --check   # says what is stale or typed, and changes nothing
 
 A text between `<!-- figures TEMPLATE -->` and `<!-- end -->` is the template with its figures:
 
@@ -12,20 +12,38 @@ is shown. `variation.delay=0.02` is a field within a field, `x=` an empty or abs
 of several, `_` a space or colon, `*` any text. What is shown is a field, behind it a unit of
 `softrobot_env.rendering.tables.FACTORS` and a format (`.2g`, `,.0f`; a plain number is significant
 digits), before it one of `FUNCTIONS`; without a function all rows must agree. A line of a template
-such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure.
+such as `each policy = lqi, mpc` repeats the lines with `{policy}`, also within a figure; the line
+behind `rows NAME` is repeated with the fields of every row of a report.
+
+Three words in place of a report name other sources:
+
+    {code robots.ARM: length mm}               what `softrobot_env.robots.ARM` says, or a default
+    {code robots.find_robot(rig): length mm}   what a function says of a name
+    {code evaluation.thesis.FIGURES task=swing controller=MPC: e_max mm}    one of many records
+    {code evaluation.thesis.TRIANGLE 0=hybrid 1=5.0: value.0 mm}    a mapping, by parts of its keys
+    {model rig_nn: about_play mm}              a number of models/rig_nn.npz
+    {quoted publisher: error mm}               docs/quoted.toml, which names the source
+
+A number in running text that is in none of these is typed, see `typed`.
 """
 
 import gzip
+import inspect
 import json
 import math
+import pkgutil
 import re
 import sys
-from collections.abc import Callable
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from fnmatch import fnmatchcase
 from functools import cache
 from pathlib import Path
 from statistics import mean, median
 from typing import Any
+
+import numpy as np
 
 from softrobot_env.rendering.tables import FACTORS, NONE, number
 from softrobot_env.writing import write_text
@@ -33,6 +51,23 @@ from softrobot_env.writing import write_text
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(<!-- figures\s(.*?)-->)(.*?)(<!-- end -->)", re.S)
 FIGURE = re.compile(r"\{([^{}]*?):([^{}]*)\}")
+#: What is no running text: what is filled, comments, code, and targets of links.
+NOT_RUNNING = re.compile(
+    r"<!-- figures\s.*?<!-- end -->|<!--.*?-->|^```.*?^```|\]\([^)]*\)"
+    r"|`(?![-+\d., ]+[a-zµ%]{0,3}`)(?:[^`\n]|\n(?!\n))*`",  # but for a lone figure
+    re.S | re.M,
+)
+#: Numbers that are names: parts of a text, specimens, versions, years, reciprocal units.
+NAMES = re.compile(
+    r"\b(?:secs?\.|Figs?\.|Tabs?\.|ch\.|[Cc]hapters?|Python|Node\.js|seeds?|twins?)\s"
+    r"\d[\d.]*(?:(?:,|,?\sand|,?\sto|,?\sor)\s\d[\d.]*)*"
+    r"|\(\d+\.\d+\)|\b(?:19|20)\d\d\b|^\s*\d+\.\s|\b1/(?=[A-Za-z])|\b[23]-D\b",
+    re.M,
+)
+#: A number that is no part of a word.
+NUMBER = re.compile(r"(?<![\w.])(?<!\w-)\d(?:[\d,.]*\d)?(?: \d{3})*(?:e[-+]?\d+)?")
+#: Unit shown -> factor from SI.
+UNITS = {**FACTORS, "degrees": 180 / math.pi}
 FUNCTIONS: dict[str, Callable[[list[Any]], Any]] = {
     "mean": mean,
     "median": median,
@@ -44,11 +79,15 @@ FUNCTIONS: dict[str, Callable[[list[Any]], Any]] = {
 
 
 def pages() -> list[Path]:
-    """README.md and the pages of docs/ that are written by hand."""
+    """README.md, the pages of docs/ that are written by hand, and what they include.
+
+    Not firmware/README.md, whose numbers are pins, voltages and baud rates of its boards.
+    """
     docs = sorted((ROOT / "docs").rglob("*.md"))
     foreign = ROOT / "docs" / "demo"  # what npm installs there
     own = [p for p in docs if p.name != "report.md" and foreign not in p.parents]
-    return [ROOT / "README.md", *own]
+    included = [ROOT / "CONTRIBUTING.md", *sorted((ROOT / "models").glob("*.md"))]
+    return [ROOT / "README.md", *own, *included]
 
 
 @cache
@@ -70,7 +109,63 @@ def field(row: dict[str, Any], name: str) -> Any:
     """A field of a row, or `outer.inner` of a field with fields; None where there is none."""
     value: Any = row
     for part in name.split("."):
-        value = value.get(part) if isinstance(value, dict) else None
+        if isinstance(value, list | tuple) and part.isdigit():
+            value = value[int(part)]
+        else:
+            value = value.get(part) if isinstance(value, dict) else None
+    return value
+
+
+def declared(path: str, name: str) -> Any:
+    """What an object of the package says: an attribute, an entry, or the default of a parameter.
+
+    Raises:
+        ValueError: There is no such object, or it has no such value.
+    """
+    where, _, argument = path.rstrip(")").partition("(")
+    try:
+        value = pkgutil.resolve_name(f"softrobot_env.{where}")
+        value = value(argument) if argument else value
+        for part in name.split("."):
+            if hasattr(value, "__getitem__") and not hasattr(value, part):
+                value = value[int(part) if part.isdigit() else part]
+            elif hasattr(value, part):
+                value = getattr(value, part)
+            else:
+                value = inspect.signature(value).parameters[part].default
+    except (ImportError, AttributeError, LookupError, TypeError) as error:
+        raise ValueError(f"softrobot_env.{path} has no {name!r}: {error!r}") from None
+    return value
+
+
+def records(path: str) -> list[dict[str, Any]]:
+    """A sequence of dataclasses, or a mapping from tuples, of the package as rows."""
+    found = pkgutil.resolve_name(f"softrobot_env.{path}")
+    if isinstance(found, Mapping):
+        return [{**dict(zip("0123", key, strict=False)), "value": v} for key, v in found.items()]
+    return [asdict(record) for record in found]
+
+
+@cache
+def quoted() -> dict[str, dict[str, Any]]:
+    """Figures of others by what they are called, each with its `source`."""
+    return tomllib.loads((ROOT / "docs" / "quoted.toml").read_text(encoding="utf-8"))
+
+
+def given(kind: str, where: str, name: str) -> Any:
+    """A value that is in no report: of the code, of a model, or quoted.
+
+    Raises:
+        ValueError: There is no such value.
+    """
+    if kind == "code":
+        return declared(where, name)
+    if kind == "model":
+        with np.load(ROOT / "models" / f"{where}.npz", allow_pickle=False) as model:
+            return model[name].item()
+    value = field(quoted().get(where, {}), name)
+    if value is None:
+        raise ValueError(f"{kind} {where!r} has no {name!r}")
     return value
 
 
@@ -82,6 +177,22 @@ def matches(row: dict[str, Any], name: str, allowed: str) -> bool:
     return any(fnmatchcase(text, pattern) for pattern in allowed.split("|"))
 
 
+def chosen_values(
+    report: str, among: list[dict[str, Any]], conditions: list[str], name: str
+) -> list[Any]:
+    """A field of all rows that fulfil conditions.
+
+    Raises:
+        ValueError: There is no such row.
+    """
+    pairs = [condition.split("=", 1) for condition in conditions]
+    chosen = [row for row in among if all(matches(row, *pair) for pair in pairs)]
+    chosen = [row for row in chosen if name in row or "." in name or name == "rows"]
+    if not chosen:
+        raise ValueError(f"no row of {report!r} has {' '.join(conditions)} and {name!r}")
+    return [field(row, name) for row in chosen]
+
+
 def figure(source: str, shown: str) -> str:
     """One figure, as text.
 
@@ -89,15 +200,18 @@ def figure(source: str, shown: str) -> str:
         ValueError: No row or several where one is meant, an unknown field, function or report.
     """
     report, *conditions = source.split()
-    pairs = [condition.split("=", 1) for condition in conditions]
-    chosen = [row for row in rows(report) if all(matches(row, *pair) for pair in pairs)]
     words = shown.split()
-    function = FUNCTIONS[words.pop(0)] if words[0] in FUNCTIONS else None
+    if not words:
+        raise ValueError(f"{source!r}: no field")
+    function = FUNCTIONS[words.pop(0)] if words[1:] and words[0] in FUNCTIONS else None
     name, *how = words
-    chosen = [row for row in chosen if name in row or "." in name or name == "rows"]
-    if not chosen:
-        raise ValueError(f"no row of {report!r} has {' '.join(conditions)} and {name!r}")
-    values = [field(row, name) for row in chosen]
+    if report == "code" and len(conditions) > 1:
+        values = chosen_values(conditions[0], records(conditions[0]), conditions[1:], name)
+    elif report in ("code", "model", "quoted"):
+        found = given(report, conditions[0], name)
+        values = list(found) if function else [found]
+    else:
+        values = chosen_values(report, rows(report), conditions, name)
     if function is None and len(set(map(str, values))) > 1:
         raise ValueError(f"{len(values)} rows of {report!r} have {' '.join(conditions)}")
     if function not in (None, len):
@@ -105,11 +219,11 @@ def figure(source: str, shown: str) -> str:
     value = function(values) if function else values[0]
     if value is None or isinstance(value, str):
         return value or NONE
-    unit = next((word for word in how if word in FACTORS), "")
-    form = next((word for word in how if word not in FACTORS), "g")
+    factor = math.prod(UNITS[word] for word in how if word in UNITS)
+    form = next((word for word in how if word not in UNITS), "g")
     if form.isdigit():
-        return significant(value * FACTORS.get(unit, 1), int(form))
-    return number(value, form, unit)
+        return significant(value * factor, int(form))
+    return number(value * factor, form)
 
 
 def significant(value: float, digits: int) -> str:
@@ -120,8 +234,8 @@ def significant(value: float, digits: int) -> str:
     return f"{round(value, places):,.{max(places, 0)}f}".replace(",", " ")
 
 
-def filled(template: str) -> str:
-    """A template with its figures; errors as `figure`."""
+def repeated(template: str) -> str:
+    """A template whose lines are repeated as its lines `each` say."""
     lines, each = [], None
     for line in template.strip().splitlines():
         if line.startswith("each "):
@@ -131,7 +245,21 @@ def filled(template: str) -> str:
             lines += [line.replace(f"{{{each[0]}}}", value) for value in each[1]]
         else:
             lines.append(line)
-    return "\n".join(FIGURE.sub(lambda found: figure(found[1], found[2]), line) for line in lines)
+    return "\n".join(lines)
+
+
+def filled(template: str) -> str:
+    """A template with its figures; errors as `figure`."""
+    lines, of = [], ""
+    for line in repeated(template).splitlines():
+        if line.startswith("rows "):
+            of = line.removeprefix("rows ").strip()
+        elif of:
+            lines += [line.format_map(row) for row in rows(of)]
+            of = ""
+        else:
+            lines.append(FIGURE.sub(lambda found: figure(found[1], found[2]), line))
+    return "\n".join(lines)
 
 
 def fill(text: str) -> str:
@@ -145,12 +273,49 @@ def fill(text: str) -> str:
     return BLOCK.sub(block, text)
 
 
+def running(text: str) -> str:
+    """What of a page is running text, without numbers that are names.
+
+    In a table that begins with the columns `place` and `printed`, these quote the source that the
+    page is about.
+    """
+    lines, quoting = [], False
+    for line in NOT_RUNNING.sub(" ", text).splitlines():
+        quoting = line.startswith("|") and (quoting or line.startswith("| place | printed |"))
+        lines.append("|".join(line.split("|")[3:]) if quoting else line)
+    return NAMES.sub(" ", "\n".join(lines))
+
+
+def typed(text: str) -> list[str]:
+    """Figures of a page that were typed: numbers in running text, also in words of a template.
+
+    A template may repeat numbers that its conditions have, in any unit of `UNITS`, as headings do.
+    """
+    found = [match[0].strip() for match in NUMBER.finditer(running(text))]
+    for _, template, _, _ in BLOCK.findall(text):
+        lines = repeated(template)
+        conditions = " ".join(source for source, _ in FIGURE.findall(lines))
+        named = [float(number) for number in re.findall(r"\d+(?:\.\d+)?", conditions)]
+        for match in NUMBER.finditer(running(FIGURE.sub("", lines))):
+            value = float(re.sub("[ ,]", "", match[0]).rstrip("."))
+            if not any(math.isclose(value, n * u) for n in named for u in (1, *UNITS.values())):
+                found.append(match[0].strip())
+    return found
+
+
 def main() -> int:
-    """Write or check the pages; 1 where one is stale under `--check`."""
+    """Write or check the pages; 1 where one is stale under `--check`, or a figure is typed."""
     stale = 0
     for path in pages():
         text = path.read_text(encoding="utf-8")
-        new = fill(text)
+        for figure_typed in typed(text):
+            stale += 1
+            print(f"{path.relative_to(ROOT)}: typed figure {figure_typed!r}")
+        try:
+            new = fill(text)
+        except ValueError as error:
+            print(f"{path.relative_to(ROOT)}: {error}")
+            return 1
         if new != text:
             stale += 1
             print(f"{path.relative_to(ROOT)}: figures are stale")

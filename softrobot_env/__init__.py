@@ -1,10 +1,10 @@
 """MuJoCo environments for tendon-driven soft robots (see README.md)."""
 
-from softrobot_env.paths import give_numba_a_place
-from softrobot_env.processes import one_thread_on_the_command_line
+from softrobot_env.paths import give_caches_a_place
+from softrobot_env.processes import prepare_the_command_line
 
-one_thread_on_the_command_line()
-give_numba_a_place()
+prepare_the_command_line()
+give_caches_a_place()
 
 from typing import Any  # noqa: E402
 

@@ -94,9 +94,12 @@ def read_arrays(path: str | Path) -> Arrays:
     """
     with Path(path).open("rb") as file:
         try:
-            return Arrays(path, dict(np.load(file, allow_pickle=False)))
+            values = dict(np.load(file, allow_pickle=False))
+            if not all(isinstance(value, np.ndarray) for value in values.values()):
+                raise ValueError("NumPy gives other members of the zip file as bytes")
         except Exception as error:  # whatever zip, zlib and NumPy raise on damage
             raise ValueError(f"{path} is no npz file of arrays, or damaged") from error
+        return Arrays(path, values)
 
 
 def write_arrays(path: str | Path, values: Mapping[str, Any]) -> None:

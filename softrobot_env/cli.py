@@ -1,16 +1,22 @@
 """`softrobot`: the command line."""
 
 import argparse
+import os
 import shlex
 import sys
-from signal import SIGINT, default_int_handler, getsignal, signal
-from threading import current_thread, main_thread
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from signal import SIG_DFL, SIG_IGN, SIGINT, SIGTERM, default_int_handler, getsignal, signal
+from threading import Timer, current_thread, main_thread
 from types import FrameType
+from typing import Any
 
 from softrobot_env import __version__
+from softrobot_env.processes import STOPPED, ended_by_ctrl_c
 
-#: Exit status of a command that was refused, and of one that Ctrl-C stopped.
-_REFUSED, _STOPPED = 2, 130
+#: Exit status of a command that was refused, and of one that SIGTERM ended.
+_REFUSED, _TERMINATED = 2, 143
 
 
 def build_parser() -> argparse.ArgumentParser:
@@ -30,7 +36,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run a command; returns the exit status.
 
     Bad arguments end with status 2 and the reason in one line on standard error, failed episodes
-    with 1, Ctrl-C with 130.
+    with 1, Ctrl-C with 130, SIGTERM with 143.
     """
     argv = sys.argv[1:] if argv is None else argv
     name = "softrobot"
@@ -39,18 +45,26 @@ def main(argv: list[str] | None = None) -> int:
         args = _parsed(argv)
         args.command_line = shlex.join(["softrobot", *argv])
         name = f"softrobot {args.command}" if args.command else name
-        return args.command_run(args)
+        stop.begin()
+        with _warned(name):
+            status = args.command_run(args)
+        if stop.asked != SIGTERM:
+            return status
     except KeyboardInterrupt:
-        stop.asked = True
+        pass
     except (ValueError, ImportError, RuntimeError, OSError, ArithmeticError, MemoryError) as error:
         # Ctrl-C ends workers too, and what it interrupts may tell it as something else.
         if not stop.asked:
             print(f"{name}: {str(error) or 'out of memory'}", file=sys.stderr)
             return _REFUSED
+    except Exception:
+        if not stop.asked:
+            raise
     finally:
-        stop.restore()
-    print(f"{name}: stopped by Ctrl-C", file=sys.stderr)
-    return _STOPPED
+        stop.end()
+    by, status = ("SIGTERM", _TERMINATED) if stop.asked == SIGTERM else ("Ctrl-C", STOPPED)
+    print(f"{name}: stopped by {by}", file=sys.stderr)
+    return status
 
 
 def _parsed(argv: list[str]) -> argparse.Namespace:
@@ -67,24 +81,73 @@ def _parsed(argv: list[str]) -> argparse.Namespace:
         raise RuntimeError(f"{error}; choose egl, osmesa or glfw, or unset it") from None
 
 
+@contextmanager
+def _warned(name: str) -> Iterator[None]:
+    """Within it warnings are lines as errors are, without the place in the sources."""
+    usual = warnings.formatwarning
+
+    def line(message: Warning | str, *place: Any, **more: Any) -> str:
+        return f"{name}: warning: {' '.join(str(message).split())}\n"
+
+    warnings.formatwarning = line
+    try:
+        yield
+    finally:
+        warnings.formatwarning = usual
+
+
 class _Stop:
-    """Remembers that Ctrl-C was pressed, besides what it does anyway.
+    """Ctrl-C and SIGTERM interrupt what runs, once it runs, and are remembered.
 
     Attributes:
-        asked: Whether it was.
+        asked: Which of them came, None without.
     """
 
     def __init__(self) -> None:
-        self.asked = False
-        self._usual = getsignal(SIGINT)
-        if self._usual is default_int_handler and current_thread() is main_thread():
-            signal(SIGINT, self._note)
+        self.asked: int | None = None
+        self._usual: dict[int, Any] = {}
+        self._timer: Timer | None = None
+        self._hooks = sys.unraisablehook, sys.excepthook
+
+    def begin(self) -> None:
+        """Until now nothing could be lost; handlers that are not the usual ones stay."""
+        if current_thread() is not main_thread():
+            return
+        usual = {SIGINT: (default_int_handler, ended_by_ctrl_c), SIGTERM: (SIG_DFL,)}
+        for number, handlers in usual.items():
+            if (found := getsignal(number)) in handlers:
+                self._usual[number] = found
+                signal(number, self._note)
+        sys.unraisablehook, sys.excepthook = self._unraisable, self._printed
 
     def _note(self, number: int, frame: FrameType | None) -> None:
-        self.asked = True
-        default_int_handler(number, frame)
+        self.asked = self.asked or number
+        raise KeyboardInterrupt
 
-    def restore(self) -> None:
-        """Let Ctrl-C do what it did."""
-        if getsignal(SIGINT) == self._note:
-            signal(SIGINT, self._usual)
+    def _unraisable(self, unraisable: Any) -> None:
+        """Python tells and forgets what is raised where C code called it: interrupt again."""
+        if not issubclass(unraisable.exc_type, KeyboardInterrupt):
+            self._hooks[0](unraisable)
+        elif self._usual:
+            self._timer = Timer(0.05, os.kill, (os.getpid(), SIGINT))
+            self._timer.daemon = True
+            self._timer.start()
+
+    def _printed(self, kind: type[BaseException], *told: Any) -> None:
+        """So does C code that prints what is raised."""
+        if not issubclass(kind, KeyboardInterrupt):
+            self._hooks[1](kind, *told)
+
+    def end(self) -> None:
+        """Let both do what they did."""
+        mine = {n: usual for n, usual in self._usual.items() if getsignal(n) == self._note}
+        for number in mine:
+            signal(number, SIG_IGN)
+        if self._timer is not None:
+            self._timer.cancel()
+            self._timer.join()
+        for number, usual in mine.items():
+            signal(number, usual)
+        self._usual = {}
+        if sys.unraisablehook == self._unraisable:
+            sys.unraisablehook, sys.excepthook = self._hooks

@@ -106,13 +106,14 @@ def _knock(address: str) -> None:
 
 
 @contextmanager
-def ray_executor(address: str, environment: dict[str, str]) -> Iterator[RayExecutor]:
-    """Connect to a cluster, and leave it at the end.
+def connected(address: str, environment: dict[str, str], cores: int | None = None) -> Iterator[Any]:
+    """The module `ray`, connected to a cluster, which is left at the end.
 
     Args:
         address: HOST:PORT, "auto" for the cluster that this machine belongs to, or "local" for one
             that is started here and ended afterwards. A connection that is there is kept.
         environment: Variables of all workers.
+        cores: Of a cluster that is started here; all unless given.
 
     Raises:
         ImportError: Ray is not installed.
@@ -130,16 +131,26 @@ def ray_executor(address: str, environment: dict[str, str]) -> Iterator[RayExecu
                 address=address,
                 runtime_env={"env_vars": environment},
                 include_dashboard=False if address == "local" else None,
+                num_cpus=cores,
                 log_to_driver=False,
                 logging_level="ERROR",
             )
         except (OSError, ValueError, RuntimeError) as error:
             told = str(error).splitlines()[0]
             raise ConnectionError(f"no Ray cluster at {address!r}: {told}") from None
-    executor = RayExecutor(ray)
     try:
-        yield executor
+        yield ray
     finally:
-        executor.shutdown(cancel_futures=True)
         if own:
             ray.shutdown()
+
+
+@contextmanager
+def ray_executor(address: str, environment: dict[str, str]) -> Iterator[RayExecutor]:
+    """What jobs are submitted to; arguments and errors as of `connected`."""
+    with connected(address, environment) as ray:
+        executor = RayExecutor(ray)
+        try:
+            yield executor
+        finally:
+            executor.shutdown(cancel_futures=True)

@@ -13,6 +13,7 @@ import numpy as np
 from softrobot_env.equilibrium import EquilibriumError
 
 _ITERATIONS = 40  # from a guess
+_HALVINGS = 6  # of a careful iteration
 _LARGEST_CHANGE = 0.5  # of a coordinate's scale in one iteration or step
 _CONVERGED = 1e-10
 _STALLED = 1e-7  # where a change that no longer shrinks is rounding error
@@ -62,7 +63,11 @@ class _Point(NamedTuple):
 
 
 def find_equilibrium(
-    loaded: Loaded, rest: np.ndarray, guess: np.ndarray | None, load_steps: int
+    loaded: Loaded,
+    rest: np.ndarray,
+    guess: np.ndarray | None,
+    load_steps: int,
+    careful: bool = False,
 ) -> np.ndarray:
     """Equilibrium under full loads, near a guess or else where slow loading leads.
 
@@ -71,11 +76,12 @@ def find_equilibrium(
         rest: Coordinates in equilibrium without loads.
         guess: Coordinates, tried first.
         load_steps: Least number of equal steps of the loads.
+        careful: Whether to shorten steps from the guess, which forces with kinks need.
 
     Raises:
         EquilibriumError: The path does not reach the loads, or could not be followed.
     """
-    q = None if guess is None else _near(loaded, guess)
+    q = None if guess is None else _near(loaded, guess, careful)
     return _follow(loaded, rest, load_steps) if q is None else q
 
 
@@ -84,8 +90,13 @@ def _size(loaded: Loaded, change: np.ndarray) -> float:
     return float(np.max(np.abs(change) / loaded.scale))
 
 
-def _near(loaded: Loaded, q: np.ndarray) -> np.ndarray | None:
-    """Equilibrium (n,) under full loads by damped iterations, None if they do not converge."""
+def _near(loaded: Loaded, q: np.ndarray, careful: bool) -> np.ndarray | None:
+    """Equilibrium (n,) under full loads by damped iterations, None if they do not converge.
+
+    Careful ones are so short that the next change, by the same stiffness, is smaller (Deuflhard,
+    Newton Methods for Nonlinear Problems, 2004): forces with kinks, of what sticks or slides, make
+    full ones go to and fro.
+    """
     before, quick = np.inf, False
     for _ in range(_ITERATIONS):
         change = loaded.again(q, 1.0) if quick else _balance(loaded, q)
@@ -96,10 +107,16 @@ def _near(loaded: Loaded, q: np.ndarray) -> np.ndarray | None:
             quick = False
             continue
         share = min(1.0, _LARGEST_CHANGE / size) if size > 0 else 1.0
-        q = loaded.moved(q, share * change)
+        there = loaded.moved(q, share * change)
+        for _ in range(_HALVINGS if careful else 0):
+            if _size(loaded, loaded.again(there, 1.0)) <= (1 - share / 4) * size:
+                break
+            share /= 2
+            there = loaded.moved(q, share * change)
+        q = there
         if _converged(size, before):
             return q
-        quick, before = size < _NEARLY, size
+        quick, before = size < _NEARLY and not careful, size
     return None
 
 

@@ -20,6 +20,8 @@ def install_command(*extras: str) -> str:
     except PackageNotFoundError:  # run from its sources
         return f'pip install -e ".[{",".join(extras)}]"'
     found = [match for text in told if (match := _EXTRA.fullmatch(text))]
-    needed = [match["requirement"] for match in found if match["extra"] in extras]
-    index = [_CPU_TORCH] if any(name.startswith("torch>") for name in needed) else []
+    chosen = (match["requirement"] for match in found if match["extra"] in extras)
+    needed = list(dict.fromkeys(chosen))  # several may need the same
+    plain = "gpu" not in extras and any(name.startswith("torch>") for name in needed)
+    index = [_CPU_TORCH] if plain else []
     return " ".join(["pip install", *index, *(f'"{name}"' for name in needed)])

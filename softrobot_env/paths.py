@@ -37,12 +37,16 @@ def cache_dir() -> Path:
     return private_dir() if own is None else own / "softrobot_env"
 
 
-def give_numba_a_place() -> None:
-    """Let Numba keep compiled functions in `cache_dir` where it would find no place of its own.
+def give_caches_a_place() -> None:
+    """Let Numba and Matplotlib keep files in `cache_dir` where they would find no place themselves.
 
-    It looks beside the sources and in the user's cache; call it before Numba is loaded.
+    Numba looks beside the sources and in the user's cache, Matplotlib in the user's home, and tells
+    of it at length; call it before they are loaded.
     """
-    if _user_cache() is None and not os.access(_PACKAGE, os.W_OK):
+    if _user_cache() is not None:
+        return
+    os.environ.setdefault("MPLCONFIGDIR", str(cache_dir() / "matplotlib"))
+    if not os.access(_PACKAGE, os.W_OK):
         os.environ.setdefault("NUMBA_CACHE_DIR", str(cache_dir() / "numba"))
 
 

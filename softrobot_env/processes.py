@@ -5,6 +5,7 @@ wait for each other, which makes such work up to fifty times slower.
 """
 
 import os
+import signal as signals
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,14 +13,18 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from signal import SIG_DFL, SIGINT, signal
-from threading import Lock, Thread
-from typing import TYPE_CHECKING
+from signal import SIG_DFL, SIGINT, SIGTERM, default_int_handler, getsignal, signal
+from threading import Lock, Thread, current_thread, main_thread
+from types import FrameType
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from concurrent.futures import Executor
+    from concurrent.futures import Executor, Future
 
     from threadpoolctl import ThreadpoolController
+
+#: Exit status of what Ctrl-C ended.
+STOPPED = 130
 
 #: Libraries read these once, when they are loaded.
 THREADS = (
@@ -37,14 +42,32 @@ def one_thread() -> None:
         os.environ.setdefault(name, "1")
 
 
-def one_thread_on_the_command_line() -> None:
-    """`one_thread` if this process is `softrobot` or `python -m softrobot_env`.
+def prepare_the_command_line() -> None:
+    """`one_thread` and `stop_at_once` if this is `softrobot` or `python -m softrobot_env`.
 
     A program that imports the package keeps its own settings, see `one_blas_thread`.
     """
     program = sys.argv[0] if sys.argv else ""  # "-m" while Python still looks for the module
-    if program == "-m" or Path(program).name == "softrobot":
+    started = getattr(sys, "orig_argv", [])
+    if "softrobot_env" in started if program == "-m" else Path(program).name == "softrobot":
         one_thread()
+        if "--multiprocessing-fork" not in started and current_thread() is main_thread():
+            stop_at_once()
+
+
+def stop_at_once() -> None:
+    """Let Ctrl-C end this process in a line: for as long as it loads, when nothing can be lost.
+
+    What is interrupted while it is imported would tell a traceback, and perhaps go on.
+    """
+    if getsignal(SIGINT) is default_int_handler:
+        signal(SIGINT, ended_by_ctrl_c)
+
+
+def ended_by_ctrl_c(number: int, frame: FrameType | None) -> None:
+    """Handler of Ctrl-C."""
+    os.write(2, b"softrobot: stopped by Ctrl-C\n")
+    os._exit(STOPPED)
 
 
 #: Held by who has set one thread.
@@ -126,6 +149,16 @@ def using(workers: Workers | None) -> Iterator[None]:
         _CHOSEN.reset(token)
 
 
+@contextmanager
+def chosen_processes() -> "Iterator[Executor | None]":
+    """`worker_processes` if they were chosen by `using`, else None: the work is done here."""
+    if _CHOSEN.get() is _AS_WANTED:
+        yield None
+        return
+    with worker_processes() as pool:
+        yield pool
+
+
 def _begin_worker() -> None:
     """End with the process that began this one, and in silence on Ctrl-C: that one tells of it."""
     from multiprocessing import parent_process
@@ -135,7 +168,26 @@ def _begin_worker() -> None:
         os._exit(1)
 
     signal(SIGINT, SIG_DFL)
+    signal(SIGTERM, SIG_DFL)
+    if hasattr(signals, "pthread_sigmask"):
+        signals.pthread_sigmask(signals.SIG_UNBLOCK, {SIGINT})
     Thread(target=end, daemon=True).start()
+
+
+@contextmanager
+def _ctrl_c_waits() -> Iterator[None]:
+    """Processes started within it hear of Ctrl-C in `_begin_worker`: before, they would tell it."""
+    if not hasattr(signals, "pthread_sigmask"):
+        yield
+        return
+    from multiprocessing import resource_tracker
+
+    resource_tracker.ensure_running()  # would end what is begun here
+    before = signals.pthread_sigmask(signals.SIG_BLOCK, {SIGINT})
+    try:
+        yield
+    finally:
+        signals.pthread_sigmask(signals.SIG_SETMASK, before)
 
 
 @contextmanager
@@ -161,11 +213,19 @@ def worker_processes(count: int | None = None) -> "Iterator[Executor]":
 
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, "1"))  # what is started meanwhile inherits it
-    pool = ProcessPoolExecutor(
-        chosen.count or count or usable_cores(), get_context("spawn"), _begin_worker
-    )
+
+    class Pool(ProcessPoolExecutor):
+        def submit(self, *job: Any, **options: Any) -> "Future":
+            with _ctrl_c_waits():  # it may start a process
+                return super().submit(*job, **options)
+
+    pool = Pool(chosen.count or count or usable_cores(), get_context("spawn"), _begin_worker)
     try:
         yield pool
+    except KeyboardInterrupt:  # perhaps of this process alone: do not wait for the others
+        for process in list((pool._processes or {}).values()):
+            process.terminate()
+        raise
     finally:
         pool.shutdown(cancel_futures=True)
         for name, value in before.items():

@@ -1,10 +1,11 @@
 """How an observation is read as one vector of order 1, by arrays that a file can hold."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 
+from softrobot_env.arrays import HostArrays, namespace
 from softrobot_env.artifacts import Arrays
 
 _READING, _RAW = "vector_", "sensors"
@@ -42,7 +43,13 @@ class Reading:
         picked = flat[..., self.take]
         if len(self.less):
             picked[..., self.relative] -= (flat if less is None else less)[..., self.less]
-        return np.arcsinh((picked - self.origin) / self.scale)
+        return namespace(flat).arcsinh((picked - self.origin) / self.scale)
+
+    def on(self, arrays: HostArrays) -> "Reading":
+        """The same for observables that are `arrays`."""
+        places = {n: arrays.index(getattr(self, n)) for n in ("take", "relative", "less")}
+        values = {n: arrays.real(getattr(self, n)) for n in ("origin", "scale")}
+        return replace(self, **places, **values)
 
     @property
     def environment(self) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """No file that is damaged, incomplete or not finite gets into a policy."""
 
 import json
+import zipfile
 
 import numpy as np
 import pytest
@@ -115,6 +116,15 @@ def test_objects_and_single_arrays_are_refused(tmp_path):
             read_arrays(tmp_path / name)
     with pytest.raises(FileNotFoundError):
         read_arrays(tmp_path / "none.npz")
+
+
+def test_zip_files_with_other_members_than_arrays_are_refused(tmp_path):
+    path = tmp_path / "a.npz"
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("data.pkl", b"anything")
+    for load in (read_arrays, Network.load, lambda path: IdentifiedParameters.load(RIG, path)):
+        with pytest.raises(ValueError, match=r"a\.npz is no npz file of arrays"):
+            load(path)
 
 
 def test_infinity_is_allowed_where_it_has_a_meaning():

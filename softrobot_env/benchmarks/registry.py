@@ -72,6 +72,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "reduction": _in_folder("reduction"),
         "rig": _in_folder("rig", alone=True),
         "rig_networks": _in_folder("rig_networks", run="run:run_on_twin"),
+        "scale": _in_folder("scale", plot=None, alone=True),
         "scenes": _in_folder("scenes", options=("count", "seed")),
         "sections": _in_folder("sections", alone=True),
         "sensing": _in_folder("sensing", alone=True),

@@ -1,17 +1,21 @@
 """Arguments that several commands share."""
 
 import argparse
+import glob
+import sys
 from collections.abc import Callable, Iterable
 from math import inf, isfinite, nan
 from pathlib import Path
+from typing import Any
 
+from softrobot_env.artifacts import training_folder
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.control.registry import EVERY_POLICY, FEEDBACKS, NETWORK, policy_environment
 from softrobot_env.envs.disturbances import NEUTRAL, check_value
 from softrobot_env.hardware.tip import LAST_PORT
 from softrobot_env.processes import Workers, parsed_workers
 from softrobot_env.registries import is_path
-from softrobot_env.robots import ROBOTS, RobotParams
+from softrobot_env.robots import ARM, ROBOTS, RobotParams
 from softrobot_env.scene.config import DEFAULT_RULE, DEFAULT_SHARE, INTEGRATORS
 from softrobot_env.scene.quadrature import RULES
 
@@ -150,6 +154,22 @@ def add_learnt(parser: argparse._ActionsContainer) -> None:
     )
 
 
+def files_among(given: Iterable[Any]) -> set[Path]:
+    """Files that jobs may depend on: those given, by name or as what is in them, what was
+    learned beside them, and what was learned where trainings write."""
+    found = set(training_folder(ARM).glob("*.npz"))
+    for one in given:
+        if isinstance(one, list | tuple):
+            found |= files_among(one)
+        elif isinstance(one, str | Path):
+            name = str(one).rpartition(":")[0] or str(one)
+            module = sys.modules.get(name)
+            file = Path(getattr(module, "__file__", None) or name)
+            if file.is_file():
+                found |= {file, *file.parent.glob(f"{glob.escape(file.stem)}.*")}
+    return found
+
+
 def positive(text: str) -> float:
     """A positive number."""
     return number(text, lambda value: 0 < value < inf, "a positive number")
@@ -179,6 +199,16 @@ def seed(text: str, what: str = "a whole number of zero or more") -> int:
     if not text.isdecimal():
         raise argparse.ArgumentTypeError(f"{text!r} is not {what}")
     return int(text)
+
+
+def seeds(text: str) -> tuple[int, ...]:
+    """Seeds from `0..4` (the last one too) or `0,3,5`."""
+    first, dots, last = text.partition("..")
+    found = range(seed(first), seed(last) + 1) if dots else map(seed, text.split(","))
+    chosen = tuple(dict.fromkeys(found))
+    if not chosen:
+        raise argparse.ArgumentTypeError(f"{text!r} is not FIRST..LAST or A,B,...")
+    return chosen
 
 
 def number(text: str, allowed: Callable[[float], bool], what: str) -> float:

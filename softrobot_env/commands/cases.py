@@ -19,7 +19,7 @@ from softrobot_env.control.registry import (
 from softrobot_env.envs.disturbances import NEUTRAL, rounded
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.robots import ARM, RobotParams
+from softrobot_env.robots import ARM
 from softrobot_env.tasks import STEP_WIDTHS, TASKS, Task, find_maker, make_task, tasks_of
 
 #: Arguments that only robots over a serial line have.
@@ -66,11 +66,10 @@ def make_cases(args: argparse.Namespace, setup: Setup) -> list[Case]:
         for name, make in makers.items()
     }
     _check_names(args.policies)
-    robots = {name: made[0].robot for name, made in tasks.items()}
-    _check_policies(args.policies, list(robots.values()), setup)
+    _check_policies(args.policies, [made[0] for made in tasks.values()], setup)
     cases = []
     for name, made in tasks.items():
-        cases += _of_task(made, _for_task(args.policies, name, robots[name], setup), setup, args)
+        cases += _of_task(made, _for_task(args.policies, name, made[0], setup), setup, args)
     setup.check(cases)
     return cases
 
@@ -96,28 +95,28 @@ def left_out(args: argparse.Namespace, cases: list[Case]) -> list[str]:
     return missing if "all" in args.policies and arm else []
 
 
-def _for_task(names: list[str], task: str, robot: RobotParams, setup: Setup) -> list[str]:
+def _for_task(names: list[str], called: str, task: Task, setup: Setup) -> list[str]:
     """Policies among those named that can drive the robot of a task.
 
     Raises:
         ValueError: There is none.
     """
     if "all" in names:
-        named = [*fitting(robot, setup), *(name for name in names if name != "all")]
+        named = [*fitting(task, setup), *(name for name in names if name != "all")]
     else:
-        named = [name for name in names if setup.misfit(name, robot) is None]
+        named = [name for name in names if setup.misfit(name, task) is None]
     if not named:
-        able = ", ".join(fitting(robot, setup))
+        able = ", ".join(fitting(task, setup))
         raise ValueError(
-            f"no policy for task {task!r} among {', '.join(names)}; it can have {able}"
+            f"no policy for task {called!r} among {', '.join(names)}; it can have {able}"
         )
     return list(dict.fromkeys(named))
 
 
-def fitting(robot: RobotParams, setup: Setup) -> list[str]:
-    """Installed policies that can drive a robot, see `Setup.misfit`."""
+def fitting(task: Task, setup: Setup) -> list[str]:
+    """Installed policies that can drive a task's robot, see `Setup.misfit`."""
     ready = [*installed_policies(), *(name for name in EVERY_POLICY if name not in POLICIES)]
-    return [name for name in ready if setup.misfit(name, robot) is None]
+    return [name for name in ready if setup.misfit(name, task) is None]
 
 
 def _check_names(names: list[str]) -> None:
@@ -131,17 +130,17 @@ def _check_names(names: list[str]) -> None:
             raise ValueError(f"there are two policies called {name!r}: rename that of {which!r}")
 
 
-def _check_policies(names: list[str], robots: list[RobotParams], setup: Setup) -> None:
-    """Refuse policies that are for none of the robots."""
+def _check_policies(names: list[str], tasks: list[Task], setup: Setup) -> None:
+    """Refuse policies that are for none of the tasks."""
     for name in (name for name in names if name != "all"):
-        reasons = {robot.name: setup.misfit(name, robot) for robot in robots}
-        if None in reasons.values():
+        reasons = dict.fromkeys((task.robot.name, setup.misfit(name, task)) for task in tasks)
+        if None in [reason for _, reason in reasons]:
             continue
         owners = [robot for robot in FAMILIES if name in FAMILIES[robot]]
         if setup.robot is None and owners:
             fits = ", ".join(tasks_of(owners[0]).own())
             raise ValueError(f"policy {name!r} is for the tasks {fits}")
-        told = "; ".join(f"{robot!r}: {reason}" for robot, reason in reasons.items())
+        told = "; ".join(f"{robot!r}: {reason}" for robot, reason in reasons)
         raise ValueError(f"policy {name!r} cannot drive robot {told}")
 
 

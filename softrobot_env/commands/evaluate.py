@@ -1,9 +1,6 @@
 """`softrobot evaluate`: policies on tasks, with table, report and plots."""
 
 import argparse
-import glob
-import sys
-from collections.abc import Iterable
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
@@ -12,7 +9,6 @@ from typing import Any
 
 from rich.console import Console
 
-from softrobot_env.artifacts import training_folder
 from softrobot_env.benchmarks.jobs import run_in_processes
 from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.commands.arguments import (
@@ -22,6 +18,7 @@ from softrobot_env.commands.arguments import (
     add_robot,
     add_twin,
     add_workers,
+    files_among,
     or_all,
     policy,
     positive,
@@ -29,7 +26,13 @@ from softrobot_env.commands.arguments import (
     variation,
 )
 from softrobot_env.commands.cases import left_out, make_cases, make_setup
-from softrobot_env.commands.output import add_out, changed_results, check_free, new_results
+from softrobot_env.commands.output import (
+    add_out,
+    changed_results,
+    check_folder,
+    check_free,
+    new_results,
+)
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
 from softrobot_env.commands.task_options import option, task_name
@@ -46,7 +49,6 @@ from softrobot_env.extras import install_command
 from softrobot_env.hardware.errors import RobotError
 from softrobot_env.processes import using
 from softrobot_env.recordings import write_recording
-from softrobot_env.robots import ARM
 from softrobot_env.tasks import TASKS, UNSEEN_TASKS, WITH_OPTION
 from softrobot_env.writing import write_text
 
@@ -260,7 +262,8 @@ def _redraw(out: Path, console: Console) -> int:
 
 def _evaluate(args: argparse.Namespace, console: Console) -> int:
     """Run all cases and write."""
-    if args.record is not None and args.record.is_dir():
+    if args.record is not None:
+        check_folder(args.record)
         check_free(*sorted(args.record.glob("*.csv")), overwrite=args.overwrite)
     if args.workers is not None and args.env != SIMULATED:
         raise ValueError(f"--workers: only with --env {SIMULATED}")
@@ -275,7 +278,7 @@ def _evaluate(args: argparse.Namespace, console: Console) -> int:
     else:
         given = {k: v for k, v in vars(args).items() if k not in _ELSEWHERE}
         study = f"evaluate {sorted(given.items())}"
-        with kept_in(args.out, study, _files_of(given.values())) as journal:
+        with kept_in(args.out, study, files_among(given.values())) as journal:
             results = _run_side_by_side(cases, args, console)
             if journal.taken:
                 console.print(
@@ -319,22 +322,6 @@ def _run_side_by_side(
 
         jobs = [(case.label, partial(runner.run, case)) for case in cases]
         return [Result(outcome) for outcome in run_in_processes(jobs, show)]
-
-
-def _files_of(given: Iterable[Any]) -> set[Path]:
-    """Files that episodes may depend on: those given, by name or as what is in them, what was
-    learned beside them, and what was learned where trainings write."""
-    found = set(training_folder(ARM).glob("*.npz"))
-    for one in given:
-        if isinstance(one, list | tuple):
-            found |= _files_of(one)
-        elif isinstance(one, str | Path):
-            name = str(one).rpartition(":")[0] or str(one)
-            module = sys.modules.get(name)
-            file = Path(getattr(module, "__file__", None) or name)
-            if file.is_file():
-                found |= {file, *file.parent.glob(f"{glob.escape(file.stem)}.*")}
-    return found
 
 
 def _write(results: list[Result], args: argparse.Namespace, console: Console) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 from rich.console import Console
 
 from softrobot_env.commands.arguments import positive, seed, size
-from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.commands.output import add_out, new_file
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.robots import GRIPPERS, find_gripper
 from softrobot_env.scene.gripper import FINENESS
@@ -53,16 +53,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command."""
+    if args.out is not None:
+        from softrobot_env.rendering.video import check_suffix
+
+        check_suffix(args.out)
+        with new_file(args.out, args.overwrite):
+            return _run(args)
+    return _run(args)
+
+
+def _run(args: argparse.Namespace) -> int:
+    """Close the gripper, and show it if wanted."""
     from softrobot_env.control.gripper.calibration import senses
     from softrobot_env.control.gripper.policies import ScriptedGrip
     from softrobot_env.envs.gripper import GripperEnv
     from softrobot_env.evaluation.run import play
 
-    if args.out is not None:
-        from softrobot_env.rendering.video import check_suffix
-
-        check_suffix(args.out)
-        check_free(args.out, overwrite=args.overwrite)
     width, height = args.size
     gripper = find_gripper(args.gripper)
     sensed = args.out is not None and senses(gripper)

@@ -13,7 +13,7 @@ from softrobot_env.commands.arguments import add_workers
 from softrobot_env.commands.output import add_out, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.recording.check import add_file
-from softrobot_env.processes import using
+from softrobot_env.processes import chosen_processes, using
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import ROBOTS, find_robot
@@ -64,7 +64,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--no-validation", action="store_true", help="skip the cross-validation, half of the time"
     )
     parser.add_argument("--no-plots", action="store_true", help="skip the plots")
-    add_workers(parser, "; those of the cross-validation; default: two processes")
+    add_workers(
+        parser,
+        "; those of the assignment, of further starts and of the cross-validation; default: two "
+        "processes, of the cross-validation alone",
+    )
     add_out(parser, "out/identify")
 
 
@@ -83,7 +87,8 @@ def run(args: argparse.Namespace) -> int:
         FileExistsError: There are results already, and no --overwrite.
         ValueError: A recording or robot that nothing can be identified of; says why.
     """
-    with new_results(args.out, args.overwrite), using(args.workers):
+    # The last one keeps a cluster, which is then started, or connected to, once for all parts.
+    with new_results(args.out, args.overwrite), using(args.workers), chosen_processes():
         return _identified(args)
 
 

@@ -136,12 +136,19 @@ def _overview(scene: Scene, title: str, left_out: list[str], own: dict[str, str]
         f"rule {scene.config.hinge_rule}",
         "bodies": f"{model.nbody - 1} links",
         "tendons, actuators": f"{tendons}, {model.nu} ({scene.config.actuation})",
+        **_holding(scene.config.robot),
         "sensors": ", ".join(model.sensor(i).name for i in range(model.nsensor)) or "none",
         "left out": "; ".join(left_out),
         **_timing(scene),
         **own,
     }
     return named_values(title, rows)
+
+
+def _holding(robot: RobotParams) -> dict[str, str]:
+    """Dry friction of the backbone, where it has any."""
+    held = [f"{section.bending_friction:.3g}" for section in robot.backbone.sections]
+    return {"friction of the backbone": f"{', '.join(held)} N m"} if robot.holds else {}
 
 
 def _timing(scene: Scene) -> dict[str, str]:

@@ -32,16 +32,34 @@ def add_out(
 
 
 def check_free(*paths: Path, overwrite: bool) -> None:
-    """Refuse to replace files.
+    """Refuse to replace files, and what could not be written once it is computed.
 
     Raises:
-        FileExistsError: One is there, and is not to be overwritten.
+        FileExistsError: One is there, and is not to be overwritten, or is no file.
+        OSError: As `check_folder` of their folders.
     """
     for path in paths:
+        if path.exists() and not path.is_file():
+            raise FileExistsError(f"{path} is there, but is no file: choose another name")
         if path.exists() and not overwrite:
             raise FileExistsError(
                 f"{path} is there already: --overwrite replaces it, --out writes elsewhere"
             )
+        check_folder(path.parent)
+
+
+def check_folder(folder: Path) -> None:
+    """Refuse a folder in which nothing can be written, or that cannot be made.
+
+    Raises:
+        NotADirectoryError: It is a file, or within one.
+        PermissionError: This user may not.
+    """
+    there = next(place for place in (folder, *folder.parents) if place.exists())
+    if not there.is_dir():
+        raise NotADirectoryError(f"{there} is no folder: choose another one to write to")
+    if not os.access(there, os.W_OK | os.X_OK):
+        raise PermissionError(f"nothing can be written in {there}: choose another folder")
 
 
 @contextmanager
@@ -49,7 +67,7 @@ def new_file(path: Path, overwrite: bool) -> Iterator[None]:
     """Hold a file that is free while it is made.
 
     Raises:
-        FileExistsError: As `check_free`.
+        OSError: As `check_free`.
         BlockingIOError: Another run writes to it.
     """
     with claimed(path):
@@ -66,6 +84,7 @@ def new_results(folder: Path, overwrite: bool) -> Iterator[None]:
 
     Raises:
         FileExistsError: There are results.
+        OSError: As `check_folder`.
         BlockingIOError: Another run writes to it.
     """
     with claimed(folder):

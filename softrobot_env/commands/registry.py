@@ -11,6 +11,7 @@ from softrobot_env.commands import (
     render,
     robot_file,
     train,
+    tune,
     view,
     warm_up,
 )
@@ -31,6 +32,7 @@ COMMANDS: Registry[Command] = Registry(
         "grip": Command(grip, "close a gripper on a bar; write a video"),
         "benchmark": Command(benchmark, "measure accuracy and speed"),
         "train": Command(train, "make the trained artifacts that policies load"),
+        "tune": Command(tune, "search for settings of a training by Ray Tune"),
         "inspect": Command(inspect, "print what a scene contains and what it leaves out"),
         "warm-up": Command(warm_up, "compile what is compiled at its first use, ahead of it"),
         "list": Command(listing, "print the robots, tasks, policies, environments there are"),

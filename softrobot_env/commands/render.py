@@ -118,12 +118,12 @@ def _case(args: argparse.Namespace, setup: Setup) -> Case:
         ValueError: A policy of another robot.
     """
     task = one_task(args, setup.robot)
-    name = args.policy or setup.default_policy(task.robot)
-    reason = setup.misfit(name, task.robot)
+    name = args.policy or setup.default_policy(task)
+    reason = setup.misfit(name, task)
     if reason is not None:
         raise ValueError(
             f"policy {name!r} is not for the task {task.name}: {reason}; choose from "
-            f"{', '.join(fitting(task.robot, setup))}"
+            f"{', '.join(fitting(task, setup))}"
         )
     case = Case(task, name, twin=setup.twins(task.robot)[0])
     return replace(setup.complete(case), duration=args.duration)

@@ -25,7 +25,7 @@ from softrobot_env.evaluation.labels import REAL, VIRTUAL
 from softrobot_env.evaluation.runner import Case, acts_on_identified
 from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
 from softrobot_env.scene.registry import SCENES
-from softrobot_env.tasks import RIG_TASKS
+from softrobot_env.tasks import RIG_TASKS, Task
 
 if TYPE_CHECKING:
     from softrobot_env.control.rig.identified import IdentifiedParameters
@@ -77,16 +77,20 @@ class Setup:
         self._feedback = getattr(args, "feedback", FEEDBACKS[0])
         self._sensors = getattr(args, "sensors", None)
 
-    def default_policy(self, robot: RobotParams) -> str:
-        """The policy to show of a robot."""
-        return _SHOWN.get(robot, _SHOWN_OF_OTHERS)
+    def default_policy(self, task: Task) -> str:
+        """The policy to show on a task."""
+        name = _SHOWN.get(task.robot, _SHOWN_OF_OTHERS)
+        return name if self.misfit(name, task) is None else _SHOWN_OF_OTHERS
 
-    def misfit(self, policy: str, robot: RobotParams) -> str | None:
-        """Why a policy is not for a robot; None where it is.
+    def misfit(self, policy: str, task: Task) -> str | None:
+        """Why a policy is not for a task's robot, or its reference; None where it is.
 
         Raises:
             ValueError: There is no such policy.
         """
+        robot = task.robot
+        if robot == RIG and policy in FAMILIES[RIG] and len(task.axes) > 2:
+            return f"policy {policy!r} follows x and y alone, as {', '.join(RIG_TASKS)} have them"
         own = policy_environment(policy, robot).get("control_period")
         given = getattr(self._args, "control_period", None)
         if None not in (own, given) and abs(round(own / given) * given - own) > 1e-9:

@@ -21,6 +21,13 @@ class Command(NamedTuple):
 class Parser(argparse.ArgumentParser):
     """Says in one line what is wrong with arguments."""
 
+    def parse_known_args(self, *arguments: Any, **more: Any) -> tuple[Any, list[str]]:
+        """Refuse unknown arguments here: argparse would let the uppermost parser do it."""
+        found, unknown = super().parse_known_args(*arguments, **more)
+        if unknown:
+            self.error(f"unrecognized arguments: {' '.join(unknown)}")
+        return found, unknown
+
     def error(self, message: str) -> NoReturn:
         """End the program with status 2."""
         text = " ".join(message.split())

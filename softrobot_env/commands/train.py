@@ -10,9 +10,10 @@ from rich.console import Console
 
 from softrobot_env.artifacts import artifact_folder, looked_up, training_folder
 from softrobot_env.commands import train_rl
-from softrobot_env.commands.arguments import add_robot, policy, seed
-from softrobot_env.commands.output import add_out, claimed, inside, new_file
+from softrobot_env.commands.arguments import add_robot, add_workers, policy, seed, seeds
+from softrobot_env.commands.output import add_out, check_folder, claimed, inside, new_file
 from softrobot_env.commands.progress import progress_on
+from softrobot_env.commands.train_several import SEVERAL, train_several
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import ARM, RobotParams, find_robot
 from softrobot_env.training.registry import TRAININGS, Order, Training, file_of
@@ -21,6 +22,7 @@ from softrobot_env.training.rl_config import checkpoint_of
 EXAMPLE = """softrobot train lq_preview --robot my.toml
   softrobot train imitation --robot my.toml --teacher lq_preview
   softrobot train ppo --robot my.toml --start none
+  softrobot train ppo --seeds 0..4 --set rate=1e-4,3e-4 --workers 4
   softrobot train rig_nn --twin 3"""
 
 
@@ -34,8 +36,22 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help=f"policy to train, out of {', '.join(TRAININGS)}; or give --algo",
     )
     add_robot(parser, "a name or a file; default: the thesis' of the artifact")
-    parser.add_argument("--seed", type=seed, default=0, help="of the randomness; default: 0")
-    add_out(parser, None, "default: beside the file of a robot of one's own, else out")
+    drawn = parser.add_mutually_exclusive_group()
+    drawn.add_argument("--seed", type=seed, help="of the randomness; default: 0")
+    drawn.add_argument(
+        "--seeds",
+        type=seeds,
+        metavar="A..B|A,B",
+        help="a run for each; with this, several values of --set or --workers, runs have folders "
+        "in that of --out, and the same command goes on with those that are not done",
+    )
+    add_workers(parser, "; several runs at a time; default: as many processes as cores")
+    add_out(
+        parser,
+        None,
+        "default: beside the file of a robot of one's own, else out; of several runs "
+        f"{SEVERAL}/NAME",
+    )
     parser.add_argument(
         "--ship",
         action="store_true",
@@ -79,17 +95,22 @@ def run(args: argparse.Namespace) -> int:
             f"give an artifact ({', '.join(TRAININGS)}) or an algorithm (--algo "
             f"{', '.join(train_rl.ALGORITHMS)})"
         )
-    name = args.what or args.algo
+    name, args.seed = args.what or args.algo, args.seed or 0
     training, settings = TRAININGS[name], _settings(args)
     robot = (training.robot or ARM) if args.robot is None else find_robot(args.robot)
     training.check(name, robot, settings)
-    _check_settings(training, settings)
+    check_settings(training, settings)
+    values = train_rl.values_of(args)
+    if args.seeds or args.workers or any(len(own) > 1 for own in values.values()):
+        return train_several(args, name, robot, settings, values)
     order = Order(robot, _path(args, name, robot), args.seed, settings)
     console, began = Console(), perf_counter()
     with ExitStack() as held:
         held.enter_context(new_file(order.path, args.overwrite or bool(settings.get("resume"))))
         if "checkpoint" in training.options:
-            held.enter_context(claimed(checkpoint_of(settings, order.path)))
+            folder = checkpoint_of(settings, order.path)
+            held.enter_context(claimed(folder))
+            check_folder(folder)
         order.path.parent.mkdir(parents=True, exist_ok=True)
         progress = held.enter_context(progress_on(console))
         bar = progress.add_task(name, total=None)
@@ -113,12 +134,16 @@ def _settings(args: argparse.Namespace) -> dict[str, Any]:
     return {n: v for n, v in own.items() if v not in (None, False)} | train_rl.given(args)
 
 
-def _check_settings(training: Training, settings: dict[str, Any]) -> None:
+def check_settings(training: Training, settings: dict[str, Any]) -> None:
     """Raise ValueError for settings that a training does not take."""
-    foreign = [name for name in settings if name not in training.options]
-    for name in foreign:
-        able = [other for other, known in TRAININGS.items() if name in known.options]
-        raise ValueError(f"{', '.join(f'--{one}' for one in foreign)}: only with {', '.join(able)}")
+    foreign: dict[str, list[str]] = {}
+    for name in settings:
+        if name not in training.options:
+            able = [other for other, known in TRAININGS.items() if name in known.options]
+            foreign.setdefault(", ".join(able), []).append(f"--{name}")
+    if foreign:
+        told = (f"{', '.join(options)}: only with {able}" for able, options in foreign.items())
+        raise ValueError("; ".join(told))
 
 
 def _path(args: argparse.Namespace, name: str, robot: RobotParams) -> Path:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from softrobot_env import robots
+from softrobot_env.arrays import HOST, HostArrays, namespace
 from softrobot_env.envs.observations.table import SENSOR_NOISE
 
 #: What can be varied, with the values that change nothing.
@@ -151,12 +152,13 @@ class Drives:
     Applied is min(gain x commanded, limit): a drive pulls no more than its limit.
     """
 
-    def __init__(self, count: int, limit: np.ndarray) -> None:
-        """Neutral drives of `count` robots, with limits (n_tendons,) [N]."""
-        self._limit, self._everyone = limit, np.arange(count)
-        self._gain = np.ones((count, 1))
+    def __init__(self, count: int, limit: np.ndarray, arrays: HostArrays = HOST) -> None:
+        """Neutral drives of `count` robots, with limits (n_tendons,) [N], which take `arrays`."""
+        self._arrays, self._limit = arrays, arrays.real(limit)
+        self._everyone = arrays.index(np.arange(count))
+        self._gain = arrays.real(np.ones((count, 1)))
         self._delay = np.zeros(count, dtype=int)
-        self._sent = np.zeros((count, 1, len(limit)))  # a ring of commands
+        self._sent = arrays.real(np.zeros((count, 1, len(limit))))  # a ring of commands
         self._now = 0
 
     def start(
@@ -172,15 +174,19 @@ class Drives:
 
         """
         self._lengthen(int(np.max(delay)) + 1)
-        self._gain[which, 0], self._delay[which] = gain, delay
-        self._sent[which] = np.broadcast_to(tension, (len(which), len(self._limit)))[:, None]
+        robots, arrays = self._arrays.index(which), self._arrays
+        self._gain[robots, 0], self._delay[which] = arrays.real(gain), delay
+        tension = np.broadcast_to(tension, (len(which), len(self._limit)))[:, None]
+        self._sent[robots] = arrays.real(tension.copy())
 
     def _lengthen(self, size: int) -> None:
         """Make room for `size` commands of each robot."""
         old = self._sent.shape[1]
         if size > old:
-            ordered = np.roll(self._sent, -self._now - 1, axis=1)  # the latest comes last
-            self._sent = np.pad(ordered, ((0, 0), (size - old, 0), (0, 0)))
+            kind = namespace(self._sent)
+            ordered = kind.roll(self._sent, -self._now - 1, 1)  # the latest comes last
+            room = self._arrays.real(np.zeros((len(ordered), size - old, len(self._limit))))
+            self._sent = kind.concatenate((room, ordered), axis=1)
             self._now = size - 1
 
     def apply(self, commanded: np.ndarray) -> np.ndarray:
@@ -193,8 +199,9 @@ class Drives:
     @property
     def tension(self) -> np.ndarray:
         """(n, n_tendons) [N], in force now."""
-        late = (self._now - self._delay) % self._sent.shape[1]
-        return np.minimum(self._gain * self._sent[self._everyone, late], self._limit)
+        late = self._arrays.index((self._now - self._delay) % self._sent.shape[1])
+        sent = self._gain * self._sent[self._everyone, late]
+        return namespace(sent).minimum(sent, self._limit)
 
 
 class SensorNoise:

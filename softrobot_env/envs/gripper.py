@@ -106,6 +106,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         pieces: int | None = None,
         timestep: float | None = None,
         threads: int = 0,
+        backend: str = "mujoco",
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: None = None,
     ) -> None:
@@ -125,6 +126,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
             pieces: Of each finger, as the fineness has it unless given.
             timestep: [s], as the fineness has it unless given.
             threads: Of the pool, 0 for as many as have enough to do.
+            backend: "mujoco" alone: what touches is not simulated by "warp".
             autoreset_mode: One of `AutoresetMode`, or its value.
             render_mode: None; many environments are not drawn.
 
@@ -136,6 +138,10 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         """
         _check_arguments(num_envs, control_period, observe_as, threads, pieces, timestep)
         check_argument("render_mode", render_mode, type(None))
+        if backend != "mujoco":
+            raise ValueError(
+                f"grippers have the backend 'mujoco' alone, got {backend!r}: they touch"
+            )
         check_argument("reward", reward, GripReward | None)
         self.task = GRIP_TASKS.find(task) if isinstance(task, str) else task
         check_argument("task", self.task, GripTask)

@@ -10,6 +10,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from numpy import float64
 
+from softrobot_env.arrays import HOST, HostArrays, namespace
 from softrobot_env.envs.disturbances import NEUTRAL, check_value, periods
 from softrobot_env.fields import check_argument, shown
 from softrobot_env.robots import as_number
@@ -290,12 +291,18 @@ def one_action(action: Any, shape: tuple[int]) -> tuple[np.ndarray, list[float]]
     return checked, checked.tolist()
 
 
-def checked_actions(actions: Any, shape: tuple[int, ...]) -> np.ndarray:
+def checked_actions(actions: Any, shape: tuple[int, ...], arrays: HostArrays = HOST) -> np.ndarray:
     """Actions as a new array of float64, those beyond [-1, 1] by `ROUNDING` or less at the bound.
+
+    Tensors and numbers of NumPy are taken where `arrays` are tensors.
 
     Raises:
         ValueError: Anything else than real numbers in [-1, 1] of this shape.
     """
+    if arrays is not HOST and namespace(actions) is not np and actions.shape == shape:
+        values = arrays.copy(arrays.real(actions))
+        if bool((values.abs() <= 1.0 + ROUNDING).all()):
+            return values.clip(-1.0, 1.0)
     try:
         given = np.asarray(actions)
     except (TypeError, ValueError, RuntimeError):  # uneven lists, tensors that cannot be read
@@ -305,7 +312,7 @@ def checked_actions(actions: Any, shape: tuple[int, ...]) -> np.ndarray:
         # The largest of numbers with a NaN is NaN, and that is not <= anything.
         largest = np.maximum.reduce(np.abs(values), axis=None)
         if largest <= 1.0 + ROUNDING:
-            return values if largest <= 1.0 else np.clip(values, -1.0, 1.0)
+            return arrays.real(values if largest <= 1.0 else np.clip(values, -1.0, 1.0))
     what = "action must be an array of" if len(shape) == 1 else "actions must be an array of"
     wrapper = "ClipAction" if len(shape) == 1 else "vector.ClipAction"
     raise ValueError(

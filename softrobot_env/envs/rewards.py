@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy import float64
 
+from softrobot_env.arrays import namespace
 from softrobot_env.envs.observations.vector import NEAR
 from softrobot_env.fields import Positive, check_argument, check_fields
 from softrobot_env.robots import RobotParams
@@ -47,7 +48,7 @@ class TrackingReward:
         check_fields(self, "reward")
 
     def _earned(self, error: Any, functions: Any) -> tuple[Any, Any]:
-        """Terms tracking and precision of errors [m], by the functions of `math` or of `np`."""
+        """Terms tracking and precision of errors [m], by the functions of `math` or of arrays."""
         tracking = self.tracking * functions.exp(-error / self.coarse_scale)
         return tracking, self.precision * functions.exp(-error / self.fine_scale)
 
@@ -75,15 +76,15 @@ class TrackingReward:
     def batch_terms(
         self, error: np.ndarray, action: np.ndarray, previous: np.ndarray
     ) -> dict[str, np.ndarray]:
-        """Terms for errors (n,) [m] and actions (n, n_inputs)."""
-        size, change = action.shape[1], action - previous
-        tracking, precision = self._earned(error, np)
+        """Terms for errors (n,) [m] and actions (n, n_inputs), NumPy's or tensors."""
+        size, change, kind = action.shape[1], action - previous, namespace(error)
+        tracking, precision = self._earned(error, kind)
         return {
             "reward_tracking": tracking,
             "reward_precision": precision,
-            "reward_effort": action**2 @ np.full(size, -self.effort / size),
-            "reward_smoothness": change**2 @ np.full(size, -self.smoothness / size),
-            "reward_failure": np.zeros(len(error)),
+            "reward_effort": (action**2).sum(axis=1) * (-self.effort / size),
+            "reward_smoothness": (change**2).sum(axis=1) * (-self.smoothness / size),
+            "reward_failure": kind.zeros_like(error),
         }
 
     def failed_terms(self) -> tuple[float, dict[str, float64]]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
+from softrobot_env.arrays import HOST, HostArrays
 from softrobot_env.envs.disturbances import NOISE_ROOM
 from softrobot_env.envs.observations.camera import FARTHEST
 from softrobot_env.envs.observations.table import (
@@ -165,9 +166,12 @@ class Setting:
         told = {"period": self.control_period, "preview": self._preview}
         return replace(self.view.reading, **told, change=self.change or 0.0)
 
-    def observer(self, sources: Sources) -> Callable[[], Seen]:
-        """Function that makes a new observation, as the environment is seen."""
-        return observer(self.observed, sources, self.view)
+    def observer(self, sources: Sources, arrays: HostArrays = HOST) -> Callable[[], Seen]:
+        """Function that makes a new observation of `arrays`, as the environment is seen."""
+        view = self.view
+        if view is not None and arrays is not HOST:
+            view = view.on(arrays)
+        return observer(self.observed, sources, view)
 
     def wanted(self, action: np.ndarray, previous: np.ndarray) -> np.ndarray:
         """Inputs (..., n_inputs) over full scale that actions ask for.
@@ -178,7 +182,7 @@ class Setting:
         """
         if self.change is None:
             return action
-        return np.minimum(np.maximum(previous + self.change * action, -1.0), 1.0)
+        return (previous + self.change * action).clip(-1.0, 1.0)
 
     def action_of(self, inputs: np.ndarray) -> np.ndarray:
         """Inputs (n_inputs,) over full scale."""

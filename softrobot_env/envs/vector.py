@@ -3,13 +3,14 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from sys import maxsize
-from typing import Any, ClassVar, NamedTuple, NoReturn
+from typing import Any, ClassVar, Literal, NamedTuple, NoReturn
 
 import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
+from softrobot_env.arrays import HostArrays, namespace
 from softrobot_env.envs.disturbances import (
     NEUTRAL,
     Drives,
@@ -39,6 +40,7 @@ from softrobot_env.envs.setting import (
     Start,
     check_task_options,
 )
+from softrobot_env.envs.simulation import warp_limits
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.spec import EpisodeSpec
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
@@ -66,11 +68,11 @@ class _References:
         columns: By name, (rows * instants, size), row by row.
     """
 
-    def __init__(self, count: int, shared: ReferenceTable) -> None:
+    def __init__(self, count: int, shared: ReferenceTable, arrays: HostArrays) -> None:
         self._count, self._offset = count, np.zeros(count, dtype=np.int64)
         self._shared: ReferenceTable | None = shared
-        self._instants = shared.last_index + 1
-        self.columns = shared.rows()
+        self._instants, self._arrays = shared.last_index + 1, arrays
+        self.columns = {name: arrays.real(column) for name, column in shared.rows().items()}
 
     def set(self, which: np.ndarray, table: ReferenceTable) -> None:
         """Let environments `which` (k,) have a reference."""
@@ -81,29 +83,38 @@ class _References:
         instants = table.last_index + 1
         if instants > self._instants:
             self._lengthen(instants)
-        for name, column in table.rows().items():
+        robots = self._arrays.index(which)
+        for name, values in table.rows().items():
+            column = self._arrays.real(values)
             rows = self.columns[name].reshape(self._count, self._instants, -1)
-            rows[which, :instants] = column
-            rows[which, instants:] = column[-1]
+            rows[robots, :instants] = column
+            rows[robots, instants:] = column[-1]
 
     def _part(self) -> None:
         """Give every environment a row of its own."""
         self._shared = None
         self._offset = np.arange(self._count) * self._instants
-        self.columns = {name: np.tile(c, (self._count, 1)) for name, c in self.columns.items()}
+        self.columns = {
+            name: namespace(c).tile(c, (self._count, 1)) for name, c in self.columns.items()
+        }
 
     def _lengthen(self, instants: int) -> None:
         more = instants - self._instants
         for name, column in self.columns.items():
             rows = column.reshape(self._count, self._instants, -1)
-            longer = np.concatenate((rows, np.repeat(rows[:, -1:], more, axis=1)), axis=1)
+            kind = namespace(rows)
+            longer = kind.concatenate((rows, kind.tile(rows[:, -1:], (1, more, 1))), axis=1)
             self.columns[name] = longer.reshape(self._count * instants, -1)
         self._instants = instants
         self._offset = np.arange(self._count) * instants
 
     def at(self, index: np.ndarray) -> np.ndarray:
         """Where in `columns` the instants `index` (n,) of all environments stand."""
-        return self._offset + index
+        return self._arrays.index(self._offset + index)
+
+    def rows(self, name: str, at: np.ndarray) -> np.ndarray:
+        """Rows (n, size) of a column."""
+        return self._arrays.rows(self.columns[name], at)
 
 
 class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]):
@@ -121,8 +132,13 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
     raise RuntimeError (start the child with "spawn"), and an environment can be neither copied nor
     pickled (make another with the same arguments).
 
+    With `backend="warp"` MuJoCo Warp simulates the robots on a `device`, and observations, rewards,
+    flags and numbers in `info` are tensors of PyTorch there. Actions may be tensors or arrays.
+    Docs: docs/howto/gpu.md.
+
     Attributes:
-        simulation: Of all robots, a `BatchSimulation`.
+        simulation: Of all robots, a `BatchSimulation`, or a `WarpBatch`.
+        arrays: The kind of all arrays that are returned.
         task, twin, control_period, input_scale, vector_layout, reading: As of `TrackingEnv`.
     """
 
@@ -145,6 +161,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         reward: TrackingReward | str | None = None,
         randomization: Randomization | None = None,
         threads: int = 0,
+        backend: str = "mujoco",
+        device: str | None = None,
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         pieces: int | tuple[int, ...] | None = None,
@@ -162,6 +180,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
             task, robot, twin, control_period, observe, preview, observe_as, act_as, reward,
                 randomization: As those of `TrackingEnv`.
             threads: Of the pool, 0 for as many as have enough to do.
+            backend: "mujoco", or "warp" (extra `gpu`).
+            device: Of the backend "warp": "cuda:0" or "cpu"; the first CUDA device unless given.
             max_episode_steps: After which an episode is truncated, if it is not over before.
             autoreset_mode: One of `AutoresetMode`, or its value.
             pieces, rule, timestep, integrator, accuracy: As those of `TrackingEnv`.
@@ -170,14 +190,21 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
 
         Raises:
             ValueError: An argument out of range; the message names what is allowed.
+            ImportError: What the backend needs is not installed; says how to install it.
             TypeError: An unknown argument.
         """
         check_task_options(type(self), task, robot, task_options)
         check_argument("render_mode", render_mode, type(None))
+        check_argument("backend", backend, Literal["mujoco", "warp"])
         check_argument("max_episode_steps", max_episode_steps, Count | None)
         check_argument("num_envs", num_envs, Count)
         check_argument("threads", threads, Whole)
         check_argument("randomization", randomization, Randomization | None)
+        if backend == "warp":
+            device = warp_limits.checked_device(device)
+            warp_limits.check_options(threads, integrator, accuracy)
+        elif device is not None:
+            raise ValueError(f"device {device!r} is for backend='warp'; MuJoCo has threads")
         self._setting = setting = SimulatedSetting(
             task,
             task_options,
@@ -211,8 +238,15 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.max_episode_steps = min(setting.reference.last_index, max_episode_steps or maxsize)
-        self.simulation = BatchSimulation(setting.plant.nominal, self.num_envs, threads)
         self.twin, self._servos = setting.twin, setting.servos(self.num_envs)
+        self._on_device = backend == "warp"
+        if self._on_device:
+            nominal = setting.plant.nominal
+            warp_limits.check_robot(nominal, randomization)
+            self.simulation = warp_limits.make_batch(nominal, self.num_envs, device)
+        else:
+            self.simulation = BatchSimulation(setting.plant.nominal, self.num_envs, threads)
+        self.arrays = self.simulation.arrays
         self._target = self.simulation.ctrl
         if self._servos is not None:
             self.simulation.drive_by(self._servos)
@@ -229,14 +263,14 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         """State of the episodes, and what a step would otherwise look up."""
         n, m = self.num_envs, len(self.input_scale)
         setting = self._setting
-        self._references = _References(n, setting.reference)
-        self._command = setting.inputs.per_action().command
+        self._references = _References(n, setting.reference, self.arrays)
+        self._command = setting.inputs.per_action(self.arrays).command
         self._nobody = np.zeros(n, dtype=bool)
         self._nobody.flags.writeable = False
         self._everyone = np.ones(n, dtype=bool)
         self._index = np.zeros(n, dtype=np.int64)
         self._last = np.zeros(n, dtype=np.int64)
-        self._action = np.zeros((n, m))
+        self._action = self.arrays.real(np.zeros((n, m)))
         self._done = np.ones(n, dtype=bool)
         self._variation = {name: np.full(n, value) for name, value in NEUTRAL.items()}
         self._drives: Drives | None = None
@@ -270,10 +304,10 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         references = self._references
         sources = Sources(
             self._readout,
-            lambda column: lambda: references.columns[column].take(self._at, axis=0),
-            lambda: self._action.copy(),
+            lambda column: lambda: references.rows(column, self._at),
+            lambda: self.arrays.copy(self._action),
         )
-        self._see = self._setting.observer(sources)
+        self._see = self._setting.observer(sources, self.arrays)
 
     # ------------------------------------------------------------------ episodes
 
@@ -304,6 +338,8 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         parsed, seeds = self._setting.parse_options(given), parse_seeds(seed, self.num_envs)
         if variation is not None:
             self._setting.check_variation(variation)
+            if self._on_device:
+                warp_limits.check_variation(self._setting.plant.nominal, variation)
         beginning = self._beginning(parsed, parsed.changed(self.task))
         seed_generators(self._generators, seeds)
         self._begin(which, beginning, variation, self._redrawn and "seed" not in parsed.task)
@@ -363,11 +399,12 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         command = self._start_drives(which, command)
         if self._servos is not None:
             self._servos.start(command, which)
-            command = self._servos.horn[which]
+            command = self.arrays.host(self._servos.horn)[which]
         self.simulation.reset(which, posture, command)
         self._start_sensors(which)
         self._index[which] = 0
-        self._action[which] = self._setting.action_of(action)
+        wanted = self._setting.action_of(action)
+        self._action[self.arrays.index(which)] = self.arrays.real(wanted)
         self._done[which] = False
 
     def _start_drives(self, which: np.ndarray, command: np.ndarray) -> np.ndarray:
@@ -378,9 +415,9 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
             self._drives = None  # all apply what is commanded
             return command
         if self._drives is None:
-            self._drives = Drives(self.num_envs, self._setting.most)
+            self._drives = Drives(self.num_envs, self._setting.most, self.arrays)
         self._drives.start(which, gain[which], delay[which], command)
-        return self._drives.tension[which]
+        return self.arrays.host(self._drives.tension)[which]
 
     def _start_sensors(self, which: np.ndarray) -> None:
         """Start noise and cameras of the environments `which` (k,)."""
@@ -401,7 +438,7 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
                 sensed.append(noise_seed(self._generators[i]))
         if self._cameras is not None:
             self._exact.update()
-            self._cameras.start(which, seeds, self._exact.tip[which])
+            self._cameras.start(which, seeds, self.arrays.host(self._exact.tip)[which])
         if self._bank is not None:
             errors = self._variation["sensor_errors"][which].tolist()
             pairs = zip(errors, sensed, strict=True)
@@ -422,11 +459,13 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         if not self._started or (self._mode == AutoresetMode.DISABLED and self._done.any()):
             raise gymnasium.error.ResetNeeded("call reset() before step(): an episode is over")
         self.simulation.check_process()
-        actions, previous = checked_actions(actions, self._action.shape), self._action
+        shape, previous = (self.num_envs, len(self.input_scale)), self._action
+        actions = checked_actions(actions, shape, self.arrays)
         resets = self._mode == AutoresetMode.NEXT_STEP and self._done.any()
         ended = self._done.copy() if resets else None
-        wanted = self._setting.wanted(actions, previous)
-        self._action = wanted if ended is None else np.where(ended[:, None], 0, wanted)
+        self._action = self._setting.wanted(actions, previous)
+        if ended is not None:
+            self._action[self._where(ended)] = 0.0
         command = self._command(self._action)
         self._target[:] = command if self._drives is None else self._drives.apply(command)
         failed = self._advance(ended)
@@ -454,16 +493,21 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         if ended is not None:
             terminated[ended] = truncated[ended] = False
             for term in terms.values():
-                term[ended] = 0.0
+                term[self._where(ended)] = 0.0
         if terminated.any():
             failures = self._fail(terminated, failed, terms, before)
         info = self._info(terms)
         if failures is not None:
-            info |= {"failure": failures, "_failure": terminated.copy()}
+            info |= {"failure": failures, "_failure": self.arrays.flags(terminated.copy())}
         self._done = terminated | truncated
         if self._mode == AutoresetMode.SAME_STEP and self._done.any():
             info = self._restart(info)
-        return self._observation, sum(terms.values()), terminated, truncated, info
+        flags = self.arrays.flags
+        return self._observation, sum(terms.values()), flags(terminated), flags(truncated), info
+
+    def _where(self, mask: np.ndarray) -> np.ndarray:
+        """What picks the environments of a mask (n,) bool out of arrays."""
+        return self.arrays.index(np.flatnonzero(mask))
 
     def _fail(
         self,
@@ -476,10 +520,11 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         failures = np.full(self.num_envs, None, dtype=object)
         for i in np.flatnonzero(failed):
             failures[i] = self._what_failed(i, diverged[i])
+        where = self._where(failed)
         for name, value in self._reward.failed_terms()[1].items():
-            terms[name][failed] = value
+            terms[name][where] = float(value)
         for value, last in zip(arrays(self._observation), arrays(before), strict=True):
-            value[failed] = last[failed]
+            value[where] = last[where]
         return failures
 
     def _what_failed(self, i: int, diverged: bool) -> str:
@@ -490,13 +535,15 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
 
     def _restart(self, last: dict[str, Any]) -> dict[str, Any]:
         """Reset ended episodes within the step; `info` of the new ones, and `last` of the ends."""
-        done = self._done.copy()
+        done = self.arrays.flags(self._done.copy())
         final = {"final_obs": self._observation, "_final_obs": done}
         final |= {"final_info": last, "_final_info": done}
-        ended = np.flatnonzero(done)
+        ended = np.flatnonzero(self._done)
+        terms = {name: self.arrays.copy(last[name]) for name in NO_REWARD}
+        for term in terms.values():
+            term[self._where(self._done)] = 0.0
         self._begin(ended, self._usual, drawn=self._redrawn)
         self._observation = self._observe(ended)
-        terms = {name: np.where(done, 0.0, last[name]) for name in NO_REWARD}
         return self._info(terms) | final
 
     # ------------------------------------------------------------------ read-outs
@@ -510,16 +557,16 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         """
         self._readout.update(started)
         self._at = self._references.at(self._index)
-        gap = self._exact.tip - self._references.columns["position"].take(self._at, axis=0)
-        self._error = np.sqrt(np.einsum("ij,ij->i", gap, gap))
+        gap = self._exact.tip - self._references.rows("position", self._at)
+        self._error = namespace(gap).einsum("ij,ij->i", gap, gap) ** 0.5
         return self._see()
 
     def _no_reward(self) -> dict[str, np.ndarray]:
-        return {name: np.zeros(self.num_envs) for name in NO_REWARD}
+        return {name: self.arrays.real(np.zeros(self.num_envs)) for name in NO_REWARD}
 
     def _info(self, terms: dict[str, np.ndarray]) -> dict[str, Any]:
         info: dict[str, Any] = {
-            "time": self._index * self.control_period,
+            "time": self.arrays.real(self._index * self.control_period),
             "error": self._error,
             "tendon_tension": self._exact.tendon_tension(),
             "tendon_length": self._exact.true_length(),
@@ -529,10 +576,13 @@ class VectorTrackingEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray]
         if estimate is not None:
             info["integration_error"] = estimate
         if self._randomization is not None:
-            info |= told_variation(self._variation)
-        info |= dict.fromkeys([f"_{name}" for name in info], self._everyone.copy())
+            told = told_variation(self._variation)
+            info |= {name: self.arrays.real(value) for name, value in told.items()}
+        everyone = self.arrays.flags(self._everyone.copy())
+        info |= dict.fromkeys([f"_{name}" for name in info], everyone)
         if self._readout.truth is not None:
             truth = self._readout.truth()
             sensed = self._everyone if self._cameras is not None else self._noise.noisy
-            info |= truth | {f"_{name}": sensed.copy() for name in truth}
+            masks = {f"_{name}": self.arrays.flags(sensed.copy()) for name in truth}
+            info |= truth | masks
         return info

@@ -6,16 +6,19 @@ stops at LLVM's code. What Python calls is optimised, with all that it calls, an
 It runs as fast, and compiles in half the time or less.
 """
 
-from collections.abc import Callable
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import llvmlite.binding as llvm
 from numba.core.caching import CompileResultCacheImpl
 from numba.core.codegen import JITCodeLibrary
-from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder
+from numba.core.compiler import CompilerBase, CompileResult, DefaultPassBuilder, Flags
 from numba.core.compiler_machinery import LoweringPass, register_pass
 from numba.core.environment import lookup_environment
 from numba.core.typed_passes import NoPythonBackend
+from numba.core.typing.templates import _OverloadFunctionTemplate
 from numba.extending import overload
 from numba.np import arrayobj
 
@@ -76,6 +79,59 @@ def _misfit(given: tuple, place: tuple) -> None:
     raise NotImplementedError
 
 
+class _Flags(Flags):
+    """Options of what is compiled here, so that Numba's own functions are compiled for it alone.
+
+    Numba compares them a hundred thousand times, and would make dictionaries of all of them each.
+    """
+
+    __slots__ = ()
+
+    def _changed(self) -> dict[str, Any]:
+        options = self.options
+        return {n: value for n, value in self._values.items() if value != options[n].default}
+
+    def __eq__(self, other: object) -> bool:
+        if type(other) is not _Flags:
+            return False
+        return self._values == other._values or self._changed() == other._changed()
+
+    def __hash__(self) -> int:
+        return hash((self.nrt, self.no_compile, self.forceinline, len(self.fastmath.flags)))
+
+
+_decorator_of = _OverloadFunctionTemplate._get_jit_decorator
+
+
+def _linking_decorator_of(template: Any) -> Callable:
+    """What makes an implementation of a function of Numba, linked unless it says otherwise."""
+    jit = _decorator_of(template)
+    return lambda **options: jit(**{**LINKED, **options})
+
+
+@contextmanager
+def _less_work() -> Iterator[None]:
+    """Within it Numba compiles with less effort.
+
+    - Its own functions are linked, as the kernels are.
+    - Its error of arrays that do not fit, which tells both shapes, is replaced by one that does
+      not: it costs seconds to compile how numbers are written.
+    - No garbage is looked for, which took a tenth of the time and found little.
+    """
+    told, arrayobj.raise_with_shape_context = arrayobj.raise_with_shape_context, _misfit
+    decorator = _OverloadFunctionTemplate._get_jit_decorator
+    _OverloadFunctionTemplate._get_jit_decorator = _linking_decorator_of
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        arrayobj.raise_with_shape_context = told
+        _OverloadFunctionTemplate._get_jit_decorator = decorator
+        if collects:
+            gc.enable()
+
+
 class KernelCompiler(CompilerBase):
     """Compiles what Python calls."""
 
@@ -84,16 +140,13 @@ class KernelCompiler(CompilerBase):
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
         state = self.state
+        state.flags = _Flags(state.flags)
         state.library = self._library(state.targetctx.codegen(), "kernel")
         state.library.enable_object_caching()
 
     def _compile_core(self) -> Any:
-        # Numba's own error tells both shapes: it costs seconds to compile how numbers are written.
-        told, arrayobj.raise_with_shape_context = arrayobj.raise_with_shape_context, _misfit
-        try:
+        with _less_work():
             return super()._compile_core()
-        finally:
-            arrayobj.raise_with_shape_context = told
 
     def define_pipelines(self) -> list:
         """Numba's passes."""

@@ -122,7 +122,8 @@ class Recording:
             )
         if unknown:
             raise ValueError(
-                f"robot {robot.name!r} has no tendon {unknown[0]!r}; it has {', '.join(names)}"
+                f"robot {robot.name!r} has no tendon {unknown[0]!r}; "
+                f"it has {', '.join(names) or 'none'}"
             )
         idle = [t.pretension if self.kind == "tension" else 0.0 for t in robot.tendons]
         out = np.tile(np.array(idle, dtype=float), (len(self.times), 1))

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from io import StringIO
+from statistics import median
 from typing import Any
 
 from rich import box
@@ -40,6 +41,23 @@ def number(value: float | None, form: str = ".2g", unit: str = "", missing: str 
     if not math.isfinite(value):
         raise ValueError(f"{value} in a table")
     return format(FACTORS.get(unit, 1) * value, form)
+
+
+def spread(values: Sequence[float | None], form: str = ".3g", unit: str = "") -> str:
+    """Median of some numbers in SI units, and in brackets the least and the largest.
+
+    Args:
+        values: The numbers; None where there is none, which is told.
+        form, unit: As of `number`.
+    """
+    known = [value for value in values if value is not None]
+    if not known:
+        return NONE
+    missing = "" if len(known) == len(values) else f", {len(values) - len(known)} never"
+    if len(known) == 1:
+        return number(known[0], form, unit) + missing
+    middle, least, most = (number(f(known), form, unit) for f in (median, min, max))
+    return f"{middle} ({least} to {most}{missing})"
 
 
 @dataclass(frozen=True)

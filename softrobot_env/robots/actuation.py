@@ -9,6 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
+from softrobot_env.arrays import HOST, HostArrays, namespace
 from softrobot_env.robots.parameters import RobotParams, Tendon
 
 _ROUNDING = 1e-9
@@ -33,8 +34,8 @@ class Inputs(Protocol):
     def command(self, inputs: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """What the drives apply, (..., n_tendons), for inputs (..., n_inputs)."""
 
-    def per_action(self) -> "Inputs":
-        """The same map from actions: its `command` takes actions in place of inputs."""
+    def per_action(self, arrays: HostArrays = HOST) -> "Inputs":
+        """The same map from actions: its `command` takes actions, `arrays`, in place of inputs."""
 
 
 @lru_cache(maxsize=256)
@@ -96,12 +97,14 @@ class PulledLengths:
 
     def command(self, inputs: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """The lengths (..., n_tendons) [m] themselves, a new array unless `out` is given."""
-        return np.multiply(inputs, self._factor, out=out)
+        if namespace(inputs) is np:
+            return np.multiply(inputs, self._factor, out=out)
+        return inputs * self._factor
 
-    def per_action(self) -> "PulledLengths":
+    def per_action(self, arrays: HostArrays = HOST) -> "PulledLengths":
         """See `Inputs`."""
         scaled = copy(self)
-        scaled._factor = self.input_scale
+        scaled._factor = arrays.real(self.input_scale)
         return scaled
 
 
@@ -155,25 +158,29 @@ class TendonMap:
         self._pretensioned = bool(self._base.any())
         self._shift: np.ndarray | None = None
 
-    def per_action(self) -> "TendonMap":
+    def per_action(self, arrays: HostArrays = HOST) -> "TendonMap":
         """See `Inputs`."""
         scaled = copy(self)
-        scaled._one = self._one * self.input_scale[:, None]
+        scaled._one = arrays.real(self._one * self.input_scale[:, None])
         if self._other is not None:
-            scaled._other = self._other * self.input_scale[:, None]
+            scaled._other = arrays.real(self._other * self.input_scale[:, None])
         if self.input_centre.any():
-            scaled._shift = self.input_centre / self.input_scale
+            scaled._shift = arrays.real(self.input_centre / self.input_scale)
+        scaled._base, scaled._widest = arrays.real(self._base), arrays.flags(self._widest)
         return scaled
 
     def tension(self, reduced: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
         """Tensions (..., n_tendons) [N] >= pretension for reduced inputs (..., n_inputs) [N]."""
         if self._shift is not None:
             reduced = reduced + self._shift
-        pulls = reduced.dot(self._one)
+        kind = namespace(reduced)
+        product = np.ndarray.dot if kind is np else kind.matmul
+        pulls = product(reduced, self._one)
         if self._other is not None:
-            beside = reduced.dot(self._other)
-            pulls = np.where(self._widest, np.maximum(pulls, beside), np.minimum(pulls, beside))
-        out = np.maximum(pulls, 0.0, out=out)
+            beside = product(reduced, self._other)
+            most, least = kind.maximum(pulls, beside), kind.minimum(pulls, beside)
+            pulls = kind.where(self._widest, most, least)
+        out = np.maximum(pulls, 0.0, out=out) if kind is np else pulls.clip(0.0)
         if self._pretensioned:
             out += self._base
         return out

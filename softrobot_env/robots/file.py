@@ -51,6 +51,7 @@ KEYS: dict[type, dict[str, str]] = {
         "density": "density_kg_m3",
         "damping_time": "damping_time_s",
         "pieces": "pieces",
+        "bending_friction": "bending_friction_N_m",
     },
     Tendon: {
         "name": "name",

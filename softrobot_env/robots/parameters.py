@@ -197,6 +197,7 @@ _OF_SECTION = (
     "density",
     "damping_time",
     "poisson_ratio",
+    "bending_friction",
 )
 _FLAT = ("length", "pieces", *_OF_SECTION)
 
@@ -220,6 +221,8 @@ class RobotParams:
         pieces: Number of pieces of the thesis' discretisation, equal in each section; curvature
             is reported per piece.
         poisson_ratio: [1], in (-1, 0.5].
+        bending_friction: [N m], dry friction of the backbone against bending, see `Section`; None
+            is none.
         tendons: Tendons, ordered by group.
         gravity: (3,) [m/s2].
         head: Rigid body on the tip, if any.
@@ -245,6 +248,7 @@ class RobotParams:
     damping_time: NotNegative = None
     pieces: Pieces = None
     poisson_ratio: PoissonRatio = None
+    bending_friction: NotNegative | None = None
     tendons: tuple[Tendon, ...] = ()
     gravity: tuple[float, float, float] = (0.0, 0.0, 0.0)
     head: Head | None = None
@@ -312,6 +316,7 @@ class RobotParams:
             (one,) = self.sections
             for name in _OF_SECTION:
                 self._set(name, getattr(one, name))
+            self._set("bending_friction", one.bending_friction or None)
             self._set("outer_radius", one.outer_radii[0])
             self._set("inner_radius", one.inner_radii[0])
             self._set("sections", ())
@@ -325,7 +330,8 @@ class RobotParams:
         """Its sections, and their properties as functions of the arc length."""
         if self.sections:
             return Backbone(self.sections)
-        return Backbone([Section(**{name: getattr(self, name) for name in _FLAT})])
+        given = {name: getattr(self, name) for name in _FLAT}
+        return Backbone([Section(**{n: value for n, value in given.items() if value is not None})])
 
     @property
     def is_uniform(self) -> bool:
@@ -451,8 +457,13 @@ class RobotParams:
 
     @property
     def rubs(self) -> bool:
-        """Whether any tendon has dry friction."""
-        return any(tendon.friction > 0 for tendon in self.tendons)
+        """Whether any tendon, or the backbone, has dry friction."""
+        return self.holds or any(tendon.friction > 0 for tendon in self.tendons)
+
+    @property
+    def holds(self) -> bool:
+        """Whether the backbone has dry friction, which keeps bends."""
+        return any(section.bending_friction > 0 for section in self.backbone.sections)
 
     @property
     def curvature_limit(self) -> float:

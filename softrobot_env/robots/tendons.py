@@ -37,7 +37,8 @@ class Tendon:
             which need a finite one.
         pretension: [N], smallest tension kept in the tendon.
         friction: [N], largest dry (Coulomb) friction between tendon and robot; of a slack tendon
-            as well.
+            as well, as it stands for what else rubs in the robot. At rest it is no more than the
+            tension where sections have `bending_friction`.
         route: Via-points (s, x, y) [m] after the base: arc length and position in the
             cross-section, the last one at `end`. Guides need none of their own.
         turns: Full turns [1] about the fibre from the base to `end`, from +x towards +y.

@@ -201,7 +201,7 @@ class Assembly:
     @property
     def is_extrapolated(self) -> bool:
         """Whether our own integrator advances the scene."""
-        return self.contacts is None and is_extrapolated(self.placed[0])
+        return self.contacts is None and all(map(is_extrapolated, self.placed))
 
 
 @dataclass(frozen=True)

@@ -147,7 +147,7 @@ class Scene(CompiledModel):
         if rubbing or self.config.robot.rubs:
             raise ValueError(
                 "friction holds a robot in many places: an equilibrium with contacts needs "
-                f"friction 0 (of {', '.join(rubbing) or 'the tendons'}), or use `simulate`"
+                f"friction 0 (of {', '.join(rubbing) or 'tendons and backbone'}), or use `simulate`"
             )
         model = copy(self.model)
         if gravity is not None:
@@ -231,8 +231,9 @@ def build_scene(config: SceneConfig) -> Scene:
 
 
 def is_extrapolated(config: SceneConfig) -> bool:
-    """Whether our own integrator advances the scene: where no other is asked for."""
-    return config.contacts is None and config.integrator in (None, EXTRAPOLATION)
+    """Whether our own integrator advances the scene: where no other is asked for or needed."""
+    free = config.contacts is None and not config.robot.holds
+    return free and config.integrator in (None, EXTRAPOLATION)
 
 
 def _extrapolated(config: SceneConfig, robot: RobotParams) -> TimestepChoice:
@@ -415,7 +416,7 @@ def apply_choice(choice: TimestepChoice, option: mujoco.MjOption) -> None:
 def empty_spec(name: str, gravity: Sequence[float], *, rubs: bool) -> mujoco.MjSpec:
     """Spec without contacts and MuJoCo's silent reset of a diverged state.
 
-    Without constraints too, unless a tendon rubs: MuJoCo's dry friction is one.
+    Without constraints too, unless something rubs: MuJoCo's dry friction is one.
     """
     spec = mujoco.MjSpec()
     spec.modelname = name

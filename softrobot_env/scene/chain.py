@@ -43,6 +43,11 @@ TIP_SITE = "tip"
 HEAD_BODY = "head"
 BASE_BODY = "base"
 
+#: MuJoCo's friction is a soft constraint: with its default impedance a tendon or joint creeps while
+#: it should stick.
+FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
+FRICTION_REFERENCE = (0.004, 1.0)  # time constant [s], damping ratio [1]
+
 #: Between the name of one of several robots and the names of its parts.
 SEPARATOR = "/"
 
@@ -234,6 +239,8 @@ def add_chain(
     bodies = [_add_base(spec, robot)]
     stations = np.concatenate(([0.0], layout.stations, [robot.length]))
     joints, inertias = _joint_stiffness(robot, layout, kinds), _inertias(robot, stations[1:])
+    sections = robot.backbone.sections
+    holding = [sections[i].bending_friction for i in robot.backbone.index(layout.stations)]
     for index, weight in enumerate(layout.weights):
         origin = stations[index + 1] - stations[index]
         body = bodies[-1].add_body(name=f"link{index}", pos=[0, 0, origin])
@@ -242,6 +249,10 @@ def add_chain(
             joint = _add_joint(body, f"{kind}{index}", kind, robot, weight, azimuth)
             joint.stiffness[0] = stiffness = joints[kind][index]
             joint.damping[0] = joints["damping_time"][index] * stiffness
+            if holding[index] and kind != "twist":
+                joint.frictionloss = holding[index]
+                joint.solimp_friction = FRICTION_IMPEDANCE
+                joint.solref_friction = FRICTION_REFERENCE
         bodies.append(body)
     chain = Chain(spec, layout, robot.length, tuple(bodies), kinds, azimuth)
     _add_tip(chain, robot.head)

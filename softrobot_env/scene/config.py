@@ -204,6 +204,11 @@ class SceneConfig:
         if self.torsion and self.bending != "spatial":
             raise ValueError("torsion needs bending='spatial': a planar chain cannot twist")
         _ = self.wanted_accuracy, self.edges
+        if self.integrator == EXTRAPOLATION and self.robot.holds:
+            raise ValueError(
+                f"robot {self.robot.name!r}: integrator {EXTRAPOLATION!r} knows no friction of the "
+                "backbone; leave it out, or choose one of MuJoCo's"
+            )
         self._check_contacts()
 
     def _check_contacts(self) -> None:

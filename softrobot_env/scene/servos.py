@@ -4,6 +4,7 @@ from types import EllipsisType
 
 import numpy as np
 
+from softrobot_env.arrays import HOST, HostArrays
 from softrobot_env.scene.integration.layout import (
     COMMAND,
     HALF,
@@ -47,7 +48,7 @@ class Servos:
             backlash: (nu,) [m], or (n, nu).
             count: Number n of robots; None is one, whose arrays have no axis of robots.
         """
-        self._one = count is None
+        self._one, self.arrays = count is None, HOST
         self.block = np.zeros((count or 1, SERVO_ROWS, np.shape(offset)[-1]))
         self.block[:, SPEED], self.block[:, OFFSET] = speed, offset
         self.block[:, HALF] = np.asarray(backlash, dtype=float) / 2
@@ -60,8 +61,13 @@ class Servos:
         self._offset, self.command = rows[OFFSET], rows[COMMAND]
         self.motor, self.horn = rows[MOTOR], rows[HORN]
 
+    def live_as(self, arrays: HostArrays) -> None:
+        """Be arrays of another kind from now on."""
+        self.arrays, self.block = arrays, arrays.real(self.block)
+        self._connect()
+
     def __getstate__(self) -> dict:
-        return {"_one": self._one, "block": self.block}
+        return {"_one": self._one, "block": self.block, "arrays": self.arrays}
 
     def __setstate__(self, state: dict) -> None:
         self.__dict__.update(state)
@@ -74,6 +80,9 @@ class Servos:
             command: (nu,) or (k, nu) [m].
             which: (k,) int, the robots; all unless given.
         """
+        if which is not ...:
+            which = self.arrays.index(which)
+        command = self.arrays.real(command)
         self.command[which] = command
         self.motor[which] = self._offset[which] + command
         self.horn[which] = self.motor[which]

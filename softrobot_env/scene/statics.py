@@ -61,7 +61,8 @@ def equilibrium(
         model = copy(model)  # the caller's may be simulating in another thread
         model.opt.gravity[:] = finite("gravity", gravity, (3,))
     forces = StaticForces(model) if rubbing is None else rubbing
-    q = find_equilibrium(_LoadedChain(forces, ctrl), model.qpos_spring, guess, load_steps)
+    loaded, careful = _LoadedChain(forces, ctrl), rubbing is not None
+    q = find_equilibrium(loaded, model.qpos_spring, guess, load_steps, careful)
     if kind is not None:
         forces.force(q, ctrl)
         require_stable(kind, -forces.tangent(), forces.mass(), np.diag(model.dof_damping))

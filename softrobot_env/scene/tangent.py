@@ -34,6 +34,9 @@ import numpy as np
 
 from softrobot_env.scene.chain import TIP_SITE
 
+#: [rad] of a bend of the whole robot at which friction of its backbone is whole.
+_GIVE = 0.01
+
 #: [m] of sliding at which a tendon's friction is whole.
 _LOOSE = 2e-5
 
@@ -292,43 +295,87 @@ class StaticForces:
 
 
 class RubbingForces(StaticForces):
-    """The same with the dry friction of tendons, which depends on where they came from.
+    """The same with dry friction of tendons and backbone, which depends on where they came from.
 
-    A tendon that rubs keeps its length as long as that takes no more than its friction; beyond, it
-    slides and the friction opposes it. It is as stiff as it breaks loose within `_LOOSE`.
+    A tendon that rubs keeps its length as long as that takes no more than its friction, and a
+    station its bend; beyond, they slide and the friction opposes it. Where the backbone rubs, that
+    of a tendon is no more than its tension. All break loose within `_LOOSE`, or within a bend of
+    `_GIVE` of the whole robot.
 
     Attributes:
         anchors: (ntendon,) [m], lengths at which friction would vanish; set them before `force`.
+        posture: (nq,) at which friction of the joints would vanish.
     """
 
-    def __init__(self, model: mujoco.MjModel, anchors: np.ndarray) -> None:
-        """Tendons that came to rest at lengths (ntendon,) [m] without friction."""
+    def __init__(self, model: mujoco.MjModel, posture: np.ndarray) -> None:
+        """Tendons and joints that came to rest in a posture (nq,) without friction."""
         super().__init__(model)
-        self.anchors, self._most = anchors.copy(), model.tendon_frictionloss
-        self._rub = np.zeros(model.ntendon)
+        self.anchors, self.posture = self.tendon_length(posture), posture.copy()
+        self._most, self._slid = model.tendon_frictionloss.copy(), np.zeros(model.ntendon)
+        self._bends = _bends(model)
+        self._holding = model.dof_frictionloss[self._bends[:, :1]]
+        self._give = _GIVE / max(len(self._bends), 1)
+        self._away = np.zeros(self._bends.shape)  # from where friction vanishes, over what gives
 
     def force(self, qpos: np.ndarray, ctrl: np.ndarray, share: float = 1.0) -> np.ndarray:
         """See `StaticForces`."""
         super().force(qpos, ctrl, share)
         model, data = self.model, self._data
-        strain = (data.ten_length - self.anchors) / _LOOSE
-        self._rub = self._most * np.clip(strain, -1.0, 1.0)
+        self._slid = np.clip((data.ten_length - self.anchors) / _LOOSE, -1.0, 1.0)
         arms = np.zeros((model.ntendon, model.nv))
         rows = model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
         mujoco.mju_sparse2dense(arms, data.ten_J, *rows)
-        self.applied = self.applied - self._rub @ arms
+        self.applied = self.applied - (self._bound() * self._slid) @ arms
+        if len(self._bends):
+            turned = np.zeros(model.nv)
+            mujoco.mj_differentiatePos(model, turned, 1.0, self.posture, qpos)
+            self._away = turned[self._bends] / self._give
+            self.applied[self._bends] -= self._holding * self._held()
         return data.qfrc_passive + share * self.applied
 
+    def tangent(self) -> np.ndarray:
+        """See `StaticForces`."""
+        out = super().tangent()
+        if len(self._bends):
+            way = self._held()
+            far = np.maximum(np.linalg.norm(self._away, axis=1), 1.0)[:, None, None]
+            across = np.where(far > 1, way[:, :, None] * way[:, None, :], 0.0)
+            rate = self._holding[:, :, None] / self._give * (np.eye(way.shape[1]) - across) / far
+            out[self._bends[:, :, None], self._bends[:, None, :]] -= self._share * rate
+        return out
+
+    def _held(self) -> np.ndarray:
+        """(stations, k) share of friction of each station's bends, of length one at most."""
+        return self._away / np.maximum(np.linalg.norm(self._away, axis=1, keepdims=True), 1.0)
+
     def stay(self) -> None:
-        """Take the posture of the last `force` for where tendons come from next."""
-        rubbing = self._most > 0
-        sliding = np.where(rubbing, self._rub / np.where(rubbing, self._most, 1.0), 0.0)
-        self.anchors = self._data.ten_length - _LOOSE * sliding
+        """Take the posture of the last `force` for where tendons and joints come from next."""
+        self.anchors = self._data.ten_length - _LOOSE * self._slid
+        self.posture = self._data.qpos.copy()
+        back = np.zeros(self.model.nv)
+        back[self._bends] = -self._give * self._held()
+        mujoco.mj_integratePos(self.model, self.posture, back, 1.0)
+
+    def _bound(self) -> np.ndarray:
+        """(ntendon,) [N], largest friction of each."""
+        if not len(self._bends):
+            return self._most
+        return np.minimum(self._most, np.maximum(super()._tensions()[0], 0.0))
 
     def _tensions(self) -> tuple[np.ndarray, np.ndarray]:
         tension, rate = super()._tensions()
-        sticks = np.abs(self._rub) < self._most
-        return tension + self._rub, rate + sticks * self._most / _LOOSE
+        bound, sticks = self._bound(), np.abs(self._slid) < 1
+        grows = np.where(bound < self._most, self._slid, 0.0)
+        return tension + bound * self._slid, rate * (1 + grows) + sticks * bound / _LOOSE
+
+
+def _bends(model: mujoco.MjModel) -> np.ndarray:
+    """(stations, 1 or 2) degrees of freedom that bend a station whose backbone rubs."""
+    dofs = np.flatnonzero(model.dof_frictionloss > 0)
+    within = dofs - model.jnt_dofadr[model.dof_jntid[dofs]]
+    dofs = dofs[within < 2]  # the third of a ball joint twists
+    stations = len(np.unique(model.dof_bodyid[dofs]))
+    return dofs.reshape(stations, -1) if stations else np.zeros((0, 1), dtype=int)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,13 @@ import mujoco
 import numpy as np
 
 from softrobot_env.robots import RobotParams, Tendon
-from softrobot_env.scene.chain import Chain, is_swapped, seen_from_hinges
+from softrobot_env.scene.chain import (
+    FRICTION_IMPEDANCE,
+    FRICTION_REFERENCE,
+    Chain,
+    is_swapped,
+    seen_from_hinges,
+)
 from softrobot_env.scene.quadrature import HingeLayout
 
 _PULL = [-1.0, 0, 0, 0, 0, 0]
@@ -19,11 +25,6 @@ _PULL = [-1.0, 0, 0, 0, 0, 0]
 _LINES = ((8 / 7, 4 / 3, 0.0), (-1 / 7, 1.0, math.sqrt(7 / 12)))
 
 _UNSEEN = [0.0, 0.0, 0.0, 0.0]
-
-#: MuJoCo's friction is a soft constraint: with its default impedance a tendon creeps while it
-#: should stick.
-FRICTION_IMPEDANCE = (0.9999, 0.9999, 0.001, 0.5, 2.0)
-FRICTION_REFERENCE = (0.004, 1.0)  # time constant [s], damping ratio [1]
 
 
 def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = False) -> None:
@@ -58,9 +59,10 @@ def add_tendons(chain: Chain, robot: RobotParams, actuation: str, exact: bool = 
 
 
 def _rub(routed: mujoco.MjsTendon, friction: float) -> None:
-    """Dry friction [N] against changes of the tendon's length, whatever its tension.
+    """Dry friction [N] against changes of the tendon's length.
 
-    It acts on slack tendons too, and can push there.
+    It acts whatever the tension, on slack tendons too, which it can push; `tangent.RubbingForces`
+    tells where that is not so.
     """
     routed.frictionloss = friction
     routed.solimp_friction = FRICTION_IMPEDANCE

@@ -282,7 +282,7 @@ def choose_timestep(
         control_period: [s].
         timestep: [s], rounded to a divisor of the control period (down); None applies the rule.
         integrator: MuJoCo's name; None applies the rule.
-        friction: Whether any tendon rubs.
+        friction: Whether tendons or the backbone rub.
         contacts: [s] that resolve what touches; None if nothing does.
         links: Of a robot that touches things.
 
@@ -301,7 +301,7 @@ def choose_timestep(
     elif integrator is None and chain.is_undamped_spring:
         integrator, reason = "RK4", "RK4 neither damps nor drives undamped motion"
     elif integrator is None and friction:
-        integrator, reason = "discrete", "discrete includes the damping where tendons rub"
+        integrator, reason = "discrete", "discrete includes the damping where something rubs"
         accurate = min(accurate, FRICTION_STEP)
     elif integrator is None:
         integrator, reason = _choose_integrator(chain, accurate)

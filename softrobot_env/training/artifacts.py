@@ -13,6 +13,7 @@ from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.training.closed_loop_check import check
+from softrobot_env.training.registry import Figures, Quantity
 from softrobot_env.vector_reading import reading_in
 
 _START = "imitation"
@@ -133,17 +134,16 @@ def figures(
     variations: tuple[dict[str, float], ...] = ({},),
     robot: RobotParams = ARM,
     view: View | None = None,
-) -> list[tuple[str, str]]:
+) -> Figures:
     """Closed-loop figures for people, with robots and disturbances as `check` takes them."""
-    out = [("parameters", str(len(network.parameters)))]
+    out: Figures = [("parameters", str(len(network.parameters)))]
     for name, row in check(network, variations, robot=robot, view=view).items():
-        text = f"max {1e3 * row.e_max:.2f} mm, mean {1e3 * row.e_mean:.2f} mm"
-        if row.step is not None:
-            overshoot, settling = _text(row.step.overshoot, 100), _text(row.step.settling_time)
-            text = f"overshoot {overshoot} %, settling {settling} s"
-        out.append((name, row.failure or text))
+        if row.failure:
+            out.append((name, row.failure))
+        elif row.step is None:
+            out.append((f"{name}: largest error", Quantity(row.e_max, ".2f", "mm")))
+            out.append((f"{name}: mean error", Quantity(row.e_mean, ".2f", "mm")))
+        else:
+            out.append((f"{name}: overshoot", Quantity(row.step.overshoot, ".3g", "%")))
+            out.append((f"{name}: settling time", Quantity(row.step.settling_time, ".3g", "s")))
     return out
-
-
-def _text(value: float | None, factor: float = 1) -> str:
-    return "-" if value is None else f"{factor * value:.3g}"

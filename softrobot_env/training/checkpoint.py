@@ -1,5 +1,6 @@
 """What a training needs to go on, in one file that is written whole and runs nothing when read."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -53,6 +54,12 @@ def write(folder: Path, checkpoint: Checkpoint) -> None:
             newest.replace(folder / _BEFORE)
 
 
+def forget(folder: Path) -> None:
+    """Delete the states in a folder."""
+    for name in (_NEWEST, _BEFORE):
+        (folder / name).unlink(missing_ok=True)
+
+
 def read(folder: Path | None, show: Show | None = None) -> Checkpoint | None:
     """The newest state in a folder that is whole, None if there is none at all.
 
@@ -90,7 +97,8 @@ def read(folder: Path | None, show: Show | None = None) -> Checkpoint | None:
 def _read(path: Path) -> Checkpoint:
     """A file of `write`; weights alone are read, no other objects."""
     try:
-        held = torch.load(path, map_location="cpu", weights_only=True)
+        with warnings.catch_warnings(action="ignore"):  # of what is refused then, in one line
+            held = torch.load(path, map_location="cpu", weights_only=True)
         checkpoint = Checkpoint(**{**held, "best": _network(held["best"])})
         numbers = [list(point.values()) for point in checkpoint.curve]
         fine = _all_finite(checkpoint.learner) and np.isfinite(numbers).all()

@@ -5,7 +5,7 @@ What it needs is loaded when it runs.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -18,13 +18,36 @@ from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.extras import install_command
 from softrobot_env.interfaces import Show
 from softrobot_env.registries import Registry, load
+from softrobot_env.rendering.tables import number
 from softrobot_env.robots import ARM, RIG, RobotParams
 
 #: The last operating points, by robot, plant and whether they are few.
 _FOUND: dict[tuple[RobotParams, str, bool], Any] = {}
 
-#: What a training found, as pairs of a quantity and its value with unit.
-Figures = list[tuple[str, str]]
+#: What the backend "warp" simulates with.
+_WARP = "mujoco_warp"
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A measured number, which several trainings can be compared by.
+
+    Attributes:
+        value: In SI units; None where there is none.
+        form: Format of the number.
+        unit: That it is shown in, see `rendering.tables.FACTORS`; others have the factor 1.
+    """
+
+    value: float | None
+    form: str
+    unit: str = ""
+
+    def __str__(self) -> str:
+        return f"{number(self.value, self.form, self.unit)} {self.unit}".strip()
+
+
+#: What a training found, as pairs of a name and its value, measured or a text for people.
+Figures = list[tuple[str, "str | Quantity"]]
 
 
 @dataclass(frozen=True)
@@ -36,12 +59,21 @@ class Order:
         path: File to write.
         seed: Of everything random.
         settings: Values of the training's own options, those alone that are given.
+        near: Folder where what it builds on is looked for first; that of the file unless given.
+        told: Called with the learning curve after each check of a reinforcement learning.
     """
 
     robot: RobotParams
     path: Path
     seed: int = 0
     settings: Mapping[str, Any] = field(default_factory=dict)
+    near: Path | None = None
+    told: Callable[[list[dict[str, float]]], None] | None = None
+
+    @property
+    def folder(self) -> Path:
+        """Where what it builds on is looked for first."""
+        return self.near or self.path.parent
 
 
 @dataclass(frozen=True)
@@ -51,9 +83,10 @@ class Training:
     Attributes:
         run: Train as ordered, write the file and return the figures.
         options: Names of the settings that it takes.
-        packages: That it needs beyond the package's own, of the extras `rl` and `mpc`.
+        packages: That it needs beyond the package's own, of the extras `rl`, `mpc` and `gpu`.
         robot: The only robot it is of, None of any.
         also: Further packages that it needs for some robots and settings.
+        drawn: Whether anything in it is drawn at random, so that seeds differ.
     """
 
     run: Callable[[Order, Show], Figures]
@@ -61,6 +94,7 @@ class Training:
     packages: tuple[str, ...] = ()
     robot: RobotParams | None = None
     also: Callable[[RobotParams, Mapping[str, Any]], tuple[str, ...]] = lambda robot, settings: ()
+    drawn: bool = True
 
     def check(
         self, name: str, robot: RobotParams, settings: Mapping[str, Any] = MappingProxyType({})
@@ -78,12 +112,22 @@ class Training:
         packages = (*self.packages, *self.also(robot, settings))
         missing = [package for package in packages if find_spec(package) is None]
         if missing:
-            raise ImportError(f"{name} needs {', '.join(missing)}: {install_command('rl', 'mpc')}")
+            extras = ("rl", "mpc", *(("gpu",) if _WARP in packages else ()))
+            raise ImportError(f"{name} needs {', '.join(missing)}: {install_command(*extras)}")
+
+
+def _mm(length: float) -> Quantity:
+    return Quantity(float(length), ".3f", "mm")
 
 
 def file_of(robot: RobotParams, policy: str, folder: Path | None = None) -> Path:
     """The file that a training writes: where policies look, unless a folder is given."""
     return (folder or artifact_folder(robot)) / artifact_name(robot, policy)
+
+
+def curve_file(path: Path) -> Path:
+    """Where a reinforcement learning that writes to a file writes its learning curve."""
+    return path.with_name(f"{path.stem}_curve.json")
 
 
 def _network(order: Order, show: Show) -> Figures:
@@ -97,8 +141,8 @@ def _network(order: Order, show: Show) -> Figures:
     trained.network.save(order.path, trained.about)
     off = trained.errors
     return [
-        ("median error of the tip at rest, unseen places", f"{1e3 * float(median(off)):.3f} mm"),
-        ("largest", f"{1e3 * max(off):.3f} mm"),
+        ("median error of the tip at rest, unseen places", _mm(float(median(off)))),
+        ("largest", _mm(float(max(off)))),
         ("parameters", str(len(trained.network.parameters))),
     ]
 
@@ -128,8 +172,8 @@ def _thesis_network(order: Order, show: Show) -> Figures:
     reached = quasi_static.workspace(samples.inputs[:, 2:4])
     fit.network.save(order.path, {**describe(ARM), "workspace": reached, "seed": order.seed})
     return [
-        ("rms error, training data", f"{quasi_static.rms(fit.network, samples):.4f} N"),
-        ("rms error, fresh data", f"{quasi_static.rms(fit.network, validation):.4f} N"),
+        ("rms error, training data", Quantity(quasi_static.rms(fit.network, samples), ".4f", "N")),
+        ("rms error, fresh data", Quantity(quasi_static.rms(fit.network, validation), ".4f", "N")),
         ("parameters", str(len(fit.network.parameters))),
         ("effective parameters", f"{fit.effective_parameters:.1f}"),
         ("alpha, beta", f"{fit.alpha:.4g}, {fit.beta:.4g}"),
@@ -217,6 +261,11 @@ def usual_teacher(robot: RobotParams) -> str:
     return "mpc_preview" if robot == ARM else "lq_preview"
 
 
+def _backends_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[str, ...]:
+    """What the backend of a training needs."""
+    return (_WARP,) if settings.get("backend") == "warp" else ()
+
+
 def _teachers_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[str, ...]:
     """What the teacher of an imitation needs."""
     from softrobot_env.control.registry import find_policy
@@ -230,7 +279,7 @@ def _imitation(order: Order, show: Show) -> Figures:
     from softrobot_env.training.artifacts import figures, save
     from softrobot_env.training.imitation import Lesson, imitate, settings_of
 
-    lesson = Lesson.of(order.robot, order.settings.get("teacher"), order.path.parent)
+    lesson = Lesson.of(order.robot, order.settings.get("teacher"), order.folder)
     config = settings_of(lesson, "quick" in order.settings)
     network, view = imitate(config, order.seed, show, lesson), lesson.view()
     save(network, order.path, order.seed, order.robot, view)
@@ -249,12 +298,12 @@ def _rig_network(order: Order, show: Show) -> Figures:
     rig.save(order.path, RIG, {"seed": order.seed})
     return [
         ("twin", str(twin)),
-        ("rms error, lengths of outputs", f"{1e3 * found.errors['inverse']:.3f} mm"),
-        ("rms error, outputs of lengths", f"{1e3 * found.errors['forward']:.3f} mm"),
-        ("bending stiffness over nominal", f"{rig.stiffness:.3f}"),
-        ("bending damping over nominal", f"{rig.damping:.3f}"),
+        ("rms error, lengths of outputs", _mm(found.errors["inverse"])),
+        ("rms error, outputs of lengths", _mm(found.errors["forward"])),
+        ("bending stiffness over nominal", Quantity(rig.stiffness, ".3f")),
+        ("bending damping over nominal", Quantity(rig.damping, ".3f")),
         ("turn of the tendons", f"{degrees(rig.turn):.2f} deg"),
-        ("backlash of the tendons", f"{1e3 * rig.backlash:.3f} mm"),
+        ("backlash of the tendons", _mm(rig.backlash)),
     ]
 
 
@@ -276,14 +325,33 @@ def _reinforcement(algorithm: str, randomize: bool, order: Order, show: Show) ->
     """Network that learns by reward; its learning curve is written beside it."""
     from softrobot_env.training.rl import run
 
-    settings = {"randomize": True, **order.settings} if randomize else order.settings
-    return run(algorithm, Order(order.robot, order.path, order.seed, settings), show)
+    return run(algorithm, _randomized(order, randomize), show)
+
+
+def check_reinforcement(name: str, order: Order) -> None:
+    """Refuse what a training of `LEARNERS` would refuse, before any work is done.
+
+    Raises:
+        ValueError: A setting that does not exist or is out of range, or no network to start from.
+    """
+    from softrobot_env.training.rl import check_order
+
+    algorithm, randomize = LEARNERS[name]
+    check_order(algorithm, _randomized(order, randomize))
+
+
+def _randomized(order: Order, randomize: bool) -> Order:
+    return replace(order, settings={"randomize": True, **order.settings}) if randomize else order
 
 
 #: Settings of reinforcement learning, see `commands.train_rl`.
-REINFORCEMENT = ("task", "start", "randomize", "steps", "set", "checkpoint", "resume", "log")
+REINFORCEMENT = (
+    *("task", "start", "randomize", "steps", "set", "checkpoint", "resume", "log"),
+    *("backend", "device"),
+)
 
-_LEARNERS = {name: (name, False) for name in ("ppo", "sac", "td3")} | {
+#: Trainings by reinforcement: algorithm, and whether robots and disturbances are drawn.
+LEARNERS = {name: (name, False) for name in ("ppo", "sac", "td3")} | {
     f"{name}_randomized": (name, True) for name in ("ppo", "sac")
 }
 
@@ -299,6 +367,7 @@ TRAININGS: Registry[Training] = Registry(
                 "softrobot_env.control.scheduled.lqi:Integral",
             ),
             ("quick",),
+            drawn=False,
         ),
         "lq_preview": Training(
             partial(
@@ -307,16 +376,19 @@ TRAININGS: Registry[Training] = Registry(
                 "softrobot_env.control.scheduled.lq_preview:Preview",
             ),
             ("quick",),
+            drawn=False,
         ),
         "mpc": Training(
             partial(_plan, "softrobot_env.control.scheduled.policies:WithoutPreview"),
             ("quick",),
             ("daqp",),
+            drawn=False,
         ),
         "mpc_preview": Training(
             partial(_plan, "softrobot_env.control.scheduled.mpc:Constrained"),
             ("quick",),
             ("daqp",),
+            drawn=False,
         ),
         "rig_nn": Training(_rig_network, ("twin",), robot=RIG),
         "ssm": Training(_reduced, ("twin", "recording", "quick")),
@@ -327,8 +399,9 @@ TRAININGS: Registry[Training] = Registry(
                 partial(_reinforcement, *how),
                 ("quick", *REINFORCEMENT),
                 ("torch", "stable_baselines3"),
+                also=_backends_package,
             )
-            for name, how in _LEARNERS.items()
+            for name, how in LEARNERS.items()
         },
     },
 )

@@ -1,8 +1,8 @@
 """Reinforcement learning of a network on all tasks at once (stable-baselines3)."""
 
 import json
-from collections.abc import Mapping
-from dataclasses import asdict, fields, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,10 +32,11 @@ from softrobot_env.training.checkpoint import (
 )
 from softrobot_env.training.learners import freeze_actor, make_model, put_actor
 from softrobot_env.training.references import draw_reference, generic_task
-from softrobot_env.training.registry import Figures, Order
+from softrobot_env.training.registry import Figures, Order, curve_file
 from softrobot_env.training.rl_config import (
     IMITATION,
     NO_START,
+    NUMBERS,
     QUICK,
     ROBOT_TASKS,
     TRAINING_TASKS,
@@ -71,6 +72,7 @@ def train(
     log: Path | None = None,
     robot: RobotParams = ARM,
     view: View | None = None,
+    told: Callable[[list[Point]], None] | None = None,
 ) -> tuple[Network, list[Point]]:
     """Train from a network, or from scratch.
 
@@ -81,11 +83,13 @@ def train(
         start: Network to start from.
         checkpoint: Folder that is written to at every closed-loop check, if given; see
             `training.checkpoint`.
-        resume: Whether to go on with the training that the folder holds: with other draws, new
-            episodes, and the learning rate that so many of all steps are left for.
+        resume: Whether to go on with the training that the folder holds. With as many steps it
+            ends as if it had not been stopped, since all episodes and draws begin anew after
+            every check; with more, the learning rate is that of so many left of all.
         log: Folder of TensorBoard's logs (needs the package tensorboard), none unless given.
         robot: To train for; `tasks` of the settings are its own.
         view: Of the networks; that of the robot unless given.
+        told: Called with the learning curve after each check, when the checkpoint is written.
 
     Returns:
         The network that did best in the checks, the one to start from among them, and the
@@ -99,12 +103,12 @@ def train(
     torch.set_num_threads(config.threads)
     view = view_for(robot) if view is None else view
     logs = None if log is None else str(log)
-    told = _told(config, seed, robot)
-    watch = Watch(config, show, partial(_keep, checkpoint, told), robot, view)
+    about = _about(config, seed, robot)
+    anew = None if checkpoint is None else partial(_begin_anew, seed)
+    watch = Watch(config, show, partial(_keep, checkpoint, about, told), robot, view, anew)
     if resume:
-        before = _to_go_on_with(checkpoint, told, show)
+        before = _to_go_on_with(checkpoint, about, show)
         watch.take_up(before.best, before.curve)
-        seed = int(np.random.SeedSequence([seed, watch.steps]).generate_state(1)[0] >> 1)
         model = make_model(config, make_training_env(config, seed, robot, view), seed, logs)
         put_learner_state(model, before.learner)
     else:
@@ -128,7 +132,7 @@ def run(algorithm: str, order: Order, show: Show) -> Figures:
     """
     settings, robot, path = order.settings, order.robot, order.path
     config = config_of(algorithm, settings, robot)
-    start, view = _start(settings, path, robot)
+    start, view = _start(order)
     network, curve = train(
         config,
         order.seed,
@@ -139,9 +143,10 @@ def run(algorithm: str, order: Order, show: Show) -> Figures:
         log=settings.get("log"),
         robot=robot,
         view=view,
+        told=order.told,
     )
     save(network, path, order.seed, robot, view)
-    written = path.with_name(f"{path.stem}_curve.json")
+    written = curve_file(path)
     write_text(written, json.dumps(curve, indent=1) + "\n")
     told = figures(network, config.trials, robot, view)
     return [*told, ("learning curve", str(written))]
@@ -163,26 +168,42 @@ def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -
         wanted["tasks"] = tuple(dict.fromkeys(settings["task"]))
         if not set(wanted["tasks"]) <= set(known):
             raise ValueError(f"robot {robot.name!r} is trained on {', '.join(known)}")
-    if "steps" in settings:
-        wanted["steps"] = settings["steps"]
-    numbers = {f.name: f.type for f in fields(RLConfig) if f.type in (int, float)}
+    wanted |= {name: settings[name] for name in ("steps", "backend", "device") if name in settings}
     for name, value in settings.get("set", ()):
-        if name not in numbers:
-            raise ValueError(f"cannot set {name!r}; choose from {', '.join(numbers)}")
-        if numbers[name] is int and not value.is_integer():
+        if name not in NUMBERS:
+            raise ValueError(f"cannot set {name!r}; choose from {', '.join(NUMBERS)}")
+        if NUMBERS[name] is int and not value.is_integer():
             raise ValueError(f"{name} must be a whole number, got {value:g}")
-        wanted[name] = numbers[name](value)
+        wanted[name] = NUMBERS[name](value)
     return replace(config, **wanted)
 
 
-def _start(
-    settings: Mapping[str, Any], path: Path, robot: RobotParams
-) -> tuple[Network | None, View]:
+def save_kept(order: Order, folder: Path) -> None:
+    """Write the best network of a checkpoint as `run` writes it, and its learning curve.
+
+    Raises:
+        FileNotFoundError, ValueError: There is none in the folder, or it is damaged.
+    """
+    found = read(folder)
+    if found is None:
+        raise FileNotFoundError(f"no checkpoint in {folder}")
+    save(found.best, order.path, order.seed, order.robot, _start(order)[1])
+    write_text(curve_file(order.path), json.dumps(found.curve, indent=1) + "\n")
+
+
+def check_order(algorithm: str, order: Order) -> None:
+    """Refuse what `run` would refuse of settings and network; ValueError as there."""
+    config_of(algorithm, order.settings, order.robot)
+    _start(order)
+
+
+def _start(order: Order) -> tuple[Network | None, View]:
     """The network to start from, if any, and the view of all networks: its own, else the robot's.
 
     A training that goes on has its network, but still the view of the one that it started from.
     """
-    start = settings.get("start", IMITATION)
+    settings, robot = order.settings, order.robot
+    start, path = settings.get("start", IMITATION), order.folder / order.path.name
     if start == NO_START:
         return None, view_for(robot)
     network, view = load_start(path if start == IMITATION else Path(start), robot, start)
@@ -243,7 +264,9 @@ def _part(
         observe=tuple(view.observed),
         reward=TrackingReward(coarse_scale=view.coarse, fine_scale=config.fine_scale * share),
         randomization=config.randomization,
-        threads=config.threads,
+        threads=config.threads if config.backend == "mujoco" else 0,
+        backend=config.backend,
+        device=config.device,
         autoreset_mode=AutoresetMode.SAME_STEP,
         **view.environment,
         **named,
@@ -264,20 +287,32 @@ def begin(model: BaseAlgorithm, config: RLConfig, start: Network | None) -> None
         freeze_actor(model, config, False)
 
 
+def _begin_anew(seed: int, model: BaseAlgorithm, steps: int) -> None:
+    """New episodes and draws by seed and steps alone, as a checkpoint holds neither."""
+    model.set_random_seed(int(np.random.SeedSequence([seed, steps]).generate_state(1)[0] >> 1))
+    model._last_obs = model.get_env().reset()
+    model._last_episode_starts = np.ones(model.n_envs, dtype=bool)
+
+
 def _keep(
     folder: Path | None,
-    told: dict[str, Any],
+    about: dict[str, Any],
+    told: Callable[[list[Point]], None] | None,
     model: BaseAlgorithm,
     best: Network,
     curve: list[Point],
 ) -> None:
     if folder is not None:
-        write(folder, Checkpoint(told, curve, best, learner_state(model)))
+        write(folder, Checkpoint(about, curve, best, learner_state(model)))
+    if told is not None:
+        told(curve)
 
 
-def _told(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
+def _about(config: RLConfig, seed: int, robot: RobotParams) -> dict[str, Any]:
     """Settings, seed and robot, in what a checkpoint can hold."""
     told = {**asdict(config), "seed": seed, "robot": str(fingerprint(robot)["fingerprint"])}
+    if config.backend == "mujoco":  # which checkpoints do not tell
+        del told["backend"], told["device"]
     return json.loads(json.dumps(told))
 
 
@@ -291,12 +326,12 @@ def _check_free(folder: Path | None) -> None:
         )
 
 
-def _to_go_on_with(folder: Path | None, told: dict[str, Any], show: Show) -> Checkpoint:
+def _to_go_on_with(folder: Path | None, about: dict[str, Any], show: Show) -> Checkpoint:
     """The training in a folder, unless there is none or another one."""
     found = read(folder, show)
     if found is None:
         raise FileNotFoundError(f"no training to go on with in {folder}")
-    differ = [k for k in told if k != "steps" and told[k] != found.settings.get(k)]
+    differ = [k for k in about if k != "steps" and about[k] != found.settings.get(k)]
     if differ:
         raise ValueError(
             f"the training in {folder} had other settings: "

@@ -1,7 +1,7 @@
 """Settings of reinforcement learning, and the ones that the shipped policies were trained with."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -87,6 +87,7 @@ class RLConfig:
         trials: Robots and disturbances of the checks, as in the option `vary` of `reset`.
         trial_duration: [s] of the checks' episodes, the tasks' own for None.
         threads: Of torch and the simulation.
+        backend, device: Of the simulation, as of `VectorTrackingEnv`.
     """
 
     algorithm: str = "ppo"
@@ -112,6 +113,8 @@ class RLConfig:
     trials: tuple[dict[str, float], ...] = MODULI
     trial_duration: Positive | None = None
     threads: int = 1
+    backend: str = "mujoco"
+    device: str | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, "training")
@@ -130,6 +133,9 @@ class RLConfig:
                     f"{name} must lie between {least:g} and {most:g}, got {getattr(self, name)!r}"
                 )
 
+
+#: Settings that are numbers, which can be set by name -> int or float.
+NUMBERS = {f.name: f.type for f in fields(RLConfig) if f.type in (int, float)}
 
 _OFF_POLICY = {"envs_per_task": 2, "batch": 256, "rate": 1e-3, "deviation": 0.1, "steps": 700_000}
 

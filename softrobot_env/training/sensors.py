@@ -22,7 +22,7 @@ from softrobot_env.sensing.bank import felt_bends
 from softrobot_env.sensing.estimation import BEND_PER_PLACE
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, reconstruct, told
 from softrobot_env.training.references import generic_task
-from softrobot_env.training.registry import Figures, Order
+from softrobot_env.training.registry import Figures, Order, Quantity
 
 #: Postures for each quantity that sensors tell, and of a quick run.
 _POSTURES, _FEW = 60, 20
@@ -180,10 +180,10 @@ def run(order: Order, show: Show) -> Figures:
     write_arrays(
         order.path, {**known.arrays(), **fingerprint(order.robot), **about, "seed": order.seed}
     )
-    units = {"tip_position": (1e3, "mm"), "curvature": (1.0, "1/m")}
-    found = [("postures", str(postures))]
+    units = {"tip_position": "mm", "curvature": "1/m"}
+    found: Figures = [("postures", str(postures))]
     for name, own in known.maps.items():
-        factor, unit = units[name]
-        found.append((f"{name}: RMS of postures left out", f"{factor * own.error:.3g} {unit}"))
+        error = Quantity(float(own.error), ".3g", units[name])
+        found.append((f"{name}: RMS of postures left out", error))
         found.append((f"{name}: terms", str(len(own.powers))))
     return found

@@ -27,7 +27,7 @@ from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.training.motions import Plan, collect
-from softrobot_env.training.registry import Figures, Order
+from softrobot_env.training.registry import Figures, Order, Quantity
 
 #: What a robot does: half an hour, decays aside.
 PLAN = Plan(minutes=30, amplitude=0.6, laps_amplitude=1.0)
@@ -258,7 +258,7 @@ def run(order: Order, show: Show) -> Figures:
         ("lag of the inputs", f"{model.lag * model.period:.3g} s"),
         ("coordinates, order", f"{model.dimension}, {int(model.powers.sum(axis=1).max())}"),
         ("terms", str(model.coefficients.size)),
-        ("mean error over 2 s, motion left out", f"{1e3 * error:.3g} mm"),
+        ("mean error over 2 s, motion left out", Quantity(float(error), ".3g", "mm")),
     ]
 
 

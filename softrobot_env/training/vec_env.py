@@ -10,6 +10,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
+from softrobot_env.arrays import on_host
 from softrobot_env.control.learned import neural
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.interfaces import Observation, Seen
@@ -18,7 +19,7 @@ from softrobot_env.interfaces import Observation, Seen
 def make_vec_env(
     env_id: str, n_envs: int = 1, *, seed: int | None = None, **options: Any
 ) -> "TrackingVecEnv":
-    """An environment of stable-baselines3 with many robots, simulated on a thread pool.
+    """An environment of stable-baselines3 with many robots, on a thread pool or on MuJoCo Warp.
 
     Args:
         env_id: Of the environment.
@@ -45,6 +46,8 @@ def make_vec_env(
 
 class TrackingVecEnv(VecEnv):
     """One or several `VectorTrackingEnv`, one behind the other, as they are.
+
+    Those of MuJoCo Warp are read back from their device once a step.
 
     Observations are dicts (for "MultiInputPolicy"), or with `observe_as="vector"` vectors (for
     "MlpPolicy").
@@ -135,7 +138,7 @@ class TrackingVecEnv(VecEnv):
             seen, _ = part.reset(
                 options={"reset_mask": mask, "duration": max(duration, part.control_period)}
             )
-        return seen
+        return on_host(seen)
 
     def step_async(self, actions: np.ndarray) -> None:
         """Remember what agents chose, (n, n_inputs)."""
@@ -147,7 +150,8 @@ class TrackingVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for k, (part, where) in enumerate(zip(self.parts, self._slices, strict=True)):
             action = self._action(self._chosen[where], self._seen[k])
-            self._seen[k], reward, terminated, truncated, info = part.step(action)
+            told = on_host(part.step(action))
+            self._seen[k], reward, terminated, truncated, info = told
             rewards[where], dones[where] = reward, terminated | truncated
             for i in np.flatnonzero(terminated | truncated):
                 infos[where.start + i] = self._end(info, i, bool(truncated[i]))

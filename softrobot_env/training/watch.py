@@ -52,6 +52,7 @@ class Watch(BaseCallback):
         save: Callable[[BaseAlgorithm, Network, list[Point]], None],
         robot: RobotParams = ARM,
         view: View | None = None,
+        anew: Callable[[BaseAlgorithm, int], None] | None = None,
     ) -> None:
         """Watch a training.
 
@@ -61,8 +62,10 @@ class Watch(BaseCallback):
             save: Called after every check, with the learner, the best network and the curve.
             robot: To train for.
             view: Of its networks; that of the robot unless given.
+            anew: Called with learner and steps where a training goes on after a check, if given.
         """
         super().__init__()
+        self._anew = anew
         self._robot, self._view = robot, view_for(robot) if view is None else view
         self._config, self._show, self._save = config, show, save
         self.best: Network | None = None
@@ -73,21 +76,35 @@ class Watch(BaseCallback):
         """Go on with the best network and the curve of an earlier training."""
         self.best, self.curve = best, list(curve)
         self._reward = max(point["reward"] for point in self.curve)
-        self._next = self.curve[-1]["steps"] + self._config.trial_every
+        self._next = self._after(self.steps)
 
     @property
     def steps(self) -> int:
         """Environment steps at the last check."""
         return int(self.curve[-1]["steps"])
 
+    def _after(self, steps: int) -> int:
+        """Steps of the first check after some steps."""
+        every = self._config.trial_every
+        return (steps // every + 1) * every
+
     def _on_step(self) -> bool:
         return True
+
+    def _on_training_start(self) -> None:
+        if self.curve:
+            self._begin_anew()
 
     def _on_rollout_start(self) -> None:
         if self.num_timesteps >= self._next:
             self.judge()
-            self._next += self._config.trial_every
+            self._next = self._after(self.num_timesteps)
+            self._begin_anew()
         self._show(f"mean reward {self._reward:.4f}", self.num_timesteps, self._config.steps)
+
+    def _begin_anew(self) -> None:
+        if self._anew is not None:
+            self._anew(self.model, self.steps)
 
     def judge(self) -> None:
         """Try the present network."""

@@ -1,5 +1,6 @@
 """Kernels are compiled once, and never run stale."""
 
+import gc
 import os
 import shutil
 import subprocess
@@ -7,6 +8,7 @@ import sys
 from pathlib import Path
 from typing import NamedTuple
 
+import numba
 import numpy as np
 import pytest
 
@@ -137,3 +139,35 @@ def test_an_array_of_another_shape_is_refused_in_a_linked_kernel_too():
     assert place.tolist() == [1, 1, 0]
     with pytest.raises(ValueError, match="another shape"):
         call(place, np.ones(4))
+
+
+@kernel
+def _made(count):
+    return np.empty(count)
+
+
+def _made_by_numba(count):
+    return len(np.empty(count)) + len(_made(count + 1)) + len(np.empty(count))
+
+
+def test_functions_of_numba_stay_as_they_are_for_others():
+    assert _made(3).shape == (3,)
+    of_user = numba.njit(_made_by_numba)
+    assert of_user(3) == 10
+    for function in (_made, of_user):
+        with pytest.raises(ValueError, match="negative dimensions"):
+            function(-2)
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_garbage_is_collected_after_a_compilation_if_it_was_before(collects):
+    before = gc.isenabled()
+    try:
+        (gc.enable if collects else gc.disable)()
+        assert kernel(lambda x: x + 1)(1) == 2
+        assert gc.isenabled() == collects
+        with pytest.raises(numba.TypingError):
+            kernel(lambda x: x.no_such_thing)(1)
+        assert gc.isenabled() == collects
+    finally:
+        (gc.enable if before else gc.disable)()

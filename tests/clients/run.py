@@ -103,6 +103,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("clients", nargs="*", default=list(CLIENTS), metavar="CLIENT")
     parser.add_argument("--envs", type=Path, default=ROOT / ".venv" / "clients")
+    parser.add_argument("--out", type=Path, help="folder of a report.json, as docs/results/clients")
     args = parser.parse_args()
     unknown = sorted(set(args.clients) - set(CLIENTS))
     if unknown:
@@ -119,6 +120,11 @@ def main() -> int:
         own = {"name": name, "version": version(name, folder)}
         rows += [own | row for row in use(name, folder)]
     print(table(rows))
+    if args.out:
+        meta = {"command": "make test-clients", "python": sys.version.split()[0]}
+        args.out.mkdir(parents=True, exist_ok=True)
+        text = json.dumps({"meta": meta, "rows": rows}, indent=1)
+        (args.out / "report.json").write_text(text + "\n")
     return int(any(row["good"] < row["tried"] for row in rows))
 
 

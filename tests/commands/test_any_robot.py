@@ -258,3 +258,17 @@ def test_commands_of_the_page_work_as_printed(tmp_path, monkeypatch):
             *("inverse_dynamics", "chain_dynamics", "chain_dynamics_pi", "Smooth"),
         )
     }
+
+
+def test_the_rigs_own_policies_are_not_asked_for_references_in_space(tmp_path, capsys):
+    """Without a policy each command takes one that fits, and names those that do not."""
+    short = ["--robot", "rig", "--duration", "0.1"]
+    assert main(["render", *short, "--size", "64", "48", "--out", str(tmp_path / "a.gif")]) == 0
+    evaluate = ["evaluate", *short, "--tasks", "circle", "--no-plots", "--out", str(tmp_path / "e")]
+    assert main(evaluate) == 0
+    rows = json.loads((tmp_path / "e" / "report.json").read_text())["rows"]
+    assert {"static", "hold"} <= {row["policy"] for row in rows}
+    capsys.readouterr()
+    assert main([*evaluate, "--overwrite", "--policies", "hybrid"]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "follows x and y alone" in line and "rig_circle" in line

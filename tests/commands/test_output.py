@@ -51,6 +51,48 @@ def test_earlier_results_are_not_replaced(name, tmp_path, capsys):
     assert [found for found in tmp_path.rglob("*") if found.is_file()] == [path]
 
 
+#: Calls that would write something they take long to compute.
+_LONG = {
+    "evaluate": (["evaluate", "--out"], ""),
+    "its recordings": (["evaluate", "--out", "new", "--record"], ""),
+    "benchmark": (["benchmark", "accuracy", "--quick", "--out"], ""),
+    "train": (["train", "lqi", "--quick", "--out"], ""),
+    "its checkpoint": (["train", "ppo", "--quick", "--out", "new", "--checkpoint"], ""),
+    "render": (["render", "--out"], "a.gif"),
+    "grip": (["grip", "--out"], "a.gif"),
+    "record": (["robot", "record", "--out"], "a.csv"),
+    "identify": (["identify", "rec.csv", "--robot", "rig", "--out"], ""),
+    "replay": (["recording", "replay", "rec.csv", "--robot", "rig", "--out"], ""),
+    "export": (["export", "--out"], ""),
+    "virtual": (["robot", "virtual", "--log"], "a.npz"),
+}
+
+
+@pytest.mark.parametrize("name", _LONG)
+@pytest.mark.parametrize("place", ["file", "file/below", "/dev/full", "closed/below"])
+def test_places_that_cannot_be_written_are_refused_at_once(
+    name, place, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("mine")
+    closed = tmp_path / "closed"
+    monkeypatch.setattr(  # root may write everywhere
+        "softrobot_env.commands.output.os.access", lambda path, _: Path(path).resolve() != closed
+    )
+    closed.mkdir()
+    words, file = _LONG[name]
+    line = refused([*words, Path(place) / file], capsys)
+    assert ("nothing can be written in closed" if place.startswith("closed") else "folder") in line
+    assert Path("file").read_text() == "mine"
+    assert not list(closed.iterdir())
+
+
+@pytest.mark.parametrize("words", [["render", "--task", "swing"], ["grip"]])
+def test_a_folder_is_not_replaced_by_a_video(words, tmp_path, capsys):
+    (tmp_path / "a.gif").mkdir()
+    assert "is no file" in refused([*words, "--overwrite", "--out", tmp_path / "a.gif"], capsys)
+
+
 @pytest.mark.parametrize("words", [["render", "--task", "swing"], ["grip"]])
 def test_earlier_videos_are_not_replaced(words, tmp_path, capsys):
     path = tmp_path / "a.gif"

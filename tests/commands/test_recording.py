@@ -76,6 +76,10 @@ def test_what_is_evaluated_is_recorded(tmp_path):
         ("robot record --robot arm --env virtual", "--robot, --plant: only with --env sim"),
         ("robot record --env virtual --vary density=1", "--vary: only with --env sim"),
         (
+            "robot record --env virtual --twin none",
+            "--twin none: only with --env sim",
+        ),
+        (
             "robot record --robot arm --twin 1",
             "a twin has servos; robot 'arm' is driven by tension",
         ),

@@ -5,6 +5,8 @@ import re
 import subprocess
 import sys
 import time
+import warnings
+from itertools import takewhile
 from pathlib import Path
 from signal import SIG_DFL, SIGINT, signal
 
@@ -61,8 +63,10 @@ def test_each_is_refused_in_one_line(capsys):
             main(list(words))
         told = capsys.readouterr()
         lines = told.err.splitlines()
+        own = takewhile(lambda word: word[0] not in "-?", words)
+        command = " ".join(["softrobot", *own])
         fine = stop.value.code == 2 and not told.out and len(lines) == 1
-        if not (fine and lines[0].startswith("softrobot") and "--help" in lines[0]):
+        if not (fine and lines[0].startswith(f"{command}:") and f"{command} --help" in lines[0]):
             wrong[words] = told
     assert not wrong
 
@@ -112,6 +116,17 @@ def test_what_numbers_or_memory_do_not_allow_is_told_in_one_line(error, capsys, 
     assert "out of" in line
 
 
+def test_warnings_are_told_in_one_line(capsys, monkeypatch):
+    def warns(_):
+        told = warnings.formatwarning("so and\nso", UserWarning, "build.py", 307)
+        print(told, end="")
+        return 0
+
+    monkeypatch.setattr("softrobot_env.commands.listing.run", warns)
+    assert main(["list"]) == 0
+    assert capsys.readouterr().out == "softrobot list: warning: so and so\n"
+
+
 def test_ctrl_c_ends_in_one_line(capsys, monkeypatch):
     def stopped(_):
         raise KeyboardInterrupt
@@ -119,6 +134,58 @@ def test_ctrl_c_ends_in_one_line(capsys, monkeypatch):
     monkeypatch.setattr("softrobot_env.commands.listing.run", stopped)
     assert main(["list"]) == 130
     assert capsys.readouterr().err == "softrobot list: stopped by Ctrl-C\n"
+
+
+def test_ctrl_c_while_the_package_is_loaded_ends_in_one_line():
+    program = (
+        "import os, sys; sys.argv = ['softrobot']; import softrobot_env; os.kill(os.getpid(), 2)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, preexec_fn=_heeding
+    )
+    assert done.returncode == 130
+    assert done.stderr == "softrobot: stopped by Ctrl-C\n"
+
+
+_STOPS = """
+import sys, time
+from signal import SIGINT, SIGTERM, raise_signal
+from softrobot_env.cli import main
+from softrobot_env.commands import listing
+
+class Forgotten:
+    def __del__(self):
+        raise_signal(SIGINT)  # Python tells what is raised here, and goes on
+
+def forgotten(_):
+    Forgotten()
+    time.sleep(30)
+
+def changed(_):
+    try:
+        raise_signal(SIGINT)
+    except KeyboardInterrupt:
+        raise TypeError("what was interrupted is of no type")
+
+def terminated(_):
+    try:
+        raise_signal(SIGTERM)
+    finally:
+        print("cleaned up")
+
+for listing.run in (forgotten, changed, terminated):
+    print(main(["list"]), flush=True)
+assert sys.unraisablehook is sys.__unraisablehook__
+"""
+
+
+def test_ctrl_c_and_sigterm_end_in_one_line_whatever_they_interrupt():
+    done = subprocess.run(
+        [sys.executable, "-c", _STOPS], capture_output=True, text=True, preexec_fn=_heeding
+    )
+    assert done.stdout.split() == ["130", "130", "cleaned", "up", "143"], done.stderr
+    by = ("Ctrl-C", "Ctrl-C", "SIGTERM")
+    assert done.stderr.splitlines() == [f"softrobot list: stopped by {name}" for name in by]
 
 
 def _heeding():
@@ -143,3 +210,10 @@ def test_ctrl_c_ends_workers_too(tmp_path):
         _, told = running.communicate(timeout=30)
     assert running.returncode == 130
     assert told.splitlines() == ["softrobot benchmark: stopped by Ctrl-C"], told
+
+
+def test_options_of_other_trainings_are_refused_each_with_those_that_take_it(capsys, tmp_path):
+    call = ["train", "lqi", "--out", str(tmp_path), "--recording", "a.csv", "--steps", "9"]
+    assert main(call) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert "--recording: only with ssm; --steps: only with ppo," in line

@@ -1,88 +1,98 @@
 """Figures of README.md and docs/ come from the committed reports, and are not typed."""
 
 import importlib.util
-import re
 from pathlib import Path
 
 import pytest
+
+import softrobot_env.robots
 
 ROOT = Path(__file__).resolve().parents[2]
 spec = importlib.util.spec_from_file_location("figures", ROOT / "scripts" / "figures.py")
 figures = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(figures)
 
-#: Text between marks, code, links and comments, whose numbers are not typed results.
-NOT_TYPED = re.compile(
-    r"<!-- figures\s.*?<!-- end -->|<!--.*?-->|^```.*?^```|`[^`\n]*`|\]\([^)]*\)", re.S | re.M
-)
-#: A number and what makes it a measurement.
-MEASURED = re.compile(r"\d[\d .,]*(?:mm|µs|ms|%|times|steps a second)(?!\w)")
 
-#: How many numbers with units the running text of a page of docs/ still has: settings, quotations
-#: of the thesis, what tests measure, and results to be taken from reports. It may only fall.
-LEFT = {
-    "clients.md": 1,
-    "explanation/chain.md": 7,
-    "explanation/time.md": 8,
-    "howto/beams.md": 3,
-    "howto/contacts.md": 7,
-    "howto/environments.md": 2,
-    "howto/gripper.md": 11,
-    "howto/identification.md": 10,
-    "howto/own_robot.md": 3,
-    "howto/policies.md": 13,
-    "howto/reduced_models.md": 1,
-    "howto/several_robots.md": 1,
-    "results/accuracy.md": 3,
-    "results/index.md": 1,
-    "results/learning.md": 3,
-    "results/link.md": 6,
-    "results/policies.md": 1,
-    "results/rig.md": 9,
-    "results/robots.md": 11,
-    "results/sections.md": 1,
-    "results/sensing.md": 13,
-    "results/speed.md": 1,
-    "results/stability.md": 8,
-    "thesis_audit.md": 40,
-}
+def shown(path):
+    return path.relative_to(ROOT).as_posix()
 
 
-def typed(text):
-    return [found[0] for found in MEASURED.finditer(NOT_TYPED.sub("", text))]
-
-
-def typed_tables(text):
-    lines = NOT_TYPED.sub("", text).splitlines()
-    return [line for line in lines if line.startswith("|") and re.search(r"\|[^|a-z]*\d", line)]
-
-
-@pytest.mark.parametrize("path", figures.pages(), ids=lambda path: path.name)
+@pytest.mark.parametrize("path", figures.pages(), ids=shown)
 def test_no_figure_is_stale(path):
     text = path.read_text()
     assert figures.fill(text) == text
 
 
-def test_no_figure_of_the_readme_is_typed():
-    assert typed((ROOT / "README.md").read_text()) == []
-
-
-def test_no_more_figures_are_typed():
-    docs = ROOT / "docs"
-    found = {p.relative_to(docs).as_posix(): typed(p.read_text()) for p in figures.pages()[1:]}
-    assert {page: len(x) for page, x in found.items() if x} == LEFT
+@pytest.mark.parametrize("path", figures.pages(), ids=shown)
+def test_no_figure_is_typed(path):
+    assert figures.typed(path.read_text()) == []
 
 
 @pytest.mark.parametrize(
-    "path", sorted((ROOT / "docs" / "results").glob("*.md")), ids=lambda path: path.name
+    ("text", "found"),
+    [
+        ("It errs by 0.5 mm.", ["0.5"]),
+        ("| `mpc` | 12 |", ["12"]),
+        ("- 30 000 steps, `0.3 mm` off", ["30 000", "0.3"]),
+        ("82 of 84 goals, 1e-3 of the length", ["82", "84", "1e-3"]),
+        ("<!-- figures {laws met=True: count met} of 84 -->82 of 84<!-- end -->", ["84"]),
+        ("<!-- figures {laws met=True: count met} -->82<!-- end --> of 84", ["84"]),
+        ("| place | printed | used |\n|---|---|---|\n| Tab. 6.1 | 25 mm | 12 mm |", ["12"]),
+    ],
 )
-def test_no_table_of_results_is_typed(path):
-    assert typed_tables(path.read_text()) == []
+def test_a_typed_figure_is_found(text, found):
+    assert figures.typed(text) == found
 
 
-def test_typed_figures_are_found():
-    assert typed("errs by 0.5 mm") and not typed("<!-- figures {a: b} -->0.5 mm<!-- end -->")
-    assert typed_tables("| a | 0.5 |") and not typed_tables("| a | the same |")
+@pytest.mark.parametrize(
+    "text",
+    [
+        "`softrobot render --fps 12`, Python 3.11, sec. 6.6.1, Figs. 5.10, 5.11 and 5.14, (2.91)",
+        "```python\nsteps = 200_000\n```\n[results](results/2026.md), the twins 0 to 3, seed 0",
+        "1. first\n2. float32 in 3-D, 1/m, 2026",
+        "<!-- figures {laws met=True: count met} -->82<!-- end -->",
+        "<!-- figures\n| lap of 1 s |\n| {rig policy=hybrid period=1.0 twin=: e_mean mm} |\n-->",
+    ],
+)
+def test_what_is_no_typed_figure(text):
+    assert figures.typed(text) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("It errs by 0.5 mm.", "typed figure '0.5'"),
+        ("<!-- figures {laws met=True: count met} -->81<!-- end -->", "stale"),
+        ("<!-- figures {laws met=maybe: count met} -->81<!-- end -->", "no row of 'laws'"),
+        ("<!-- figures {code robots.ARM: lenght} -->1<!-- end -->", "has no 'lenght'"),
+    ],
+)
+def test_the_check_fails(tmp_path, monkeypatch, capsys, text, said):
+    page = tmp_path / "page.md"
+    page.write_text(text)
+    figures.rows("laws")  # is kept
+    monkeypatch.setattr(figures, "ROOT", tmp_path)
+    monkeypatch.setattr(figures, "pages", lambda: [page])
+    monkeypatch.setattr(figures.sys, "argv", ["figures.py", "--check"])
+    assert figures.main() == 1
+    assert said in capsys.readouterr().out
+    assert page.read_text() == text
+
+
+def test_other_sources():
+    arm = softrobot_env.robots.ARM
+    assert figures.figure("code robots.ARM", "length mm") == f"{1e3 * arm.length:g}"
+    assert figures.figure("code robots.find_robot(arm)", "tendons.0.tension_limit") == "80"
+    assert figures.figure("code tasks.arm._step", "step_width mm") == "50"
+    assert figures.figure("code evaluation.thesis.FIGURES task=swing controller=LQI", "e_max mm")
+    assert figures.figure("code evaluation.thesis.TRIANGLE 0=hybrid 1=5.0", "value.0 mm") == "2.9"
+
+
+def test_quoted_figures_have_a_source_and_are_used():
+    pages = "".join(path.read_text() for path in figures.pages())
+    for name, entry in figures.quoted().items():
+        assert entry["source"]
+        assert f"{{quoted {name}:" in pages
 
 
 def test_templates():
@@ -100,9 +110,12 @@ def test_templates():
 
 
 @pytest.mark.parametrize(
-    "source, shown, message",
+    ("source", "shown", "message"),
     [
         ("nothing", "error", "no report"),
+        ("laws", "", "no field"),
+        ("quoted nobody", "error", "has no 'error'"),
+        ("code robots.NOBODY", "length", "has no 'length'"),
         ("ppo_defaults case=ArmStep", "error", "3 rows"),
         ("ppo_defaults case=other", "error", "no row"),
         ("ppo_defaults case=ArmStep", "speed", "no row"),

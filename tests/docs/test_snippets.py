@@ -1,5 +1,6 @@
 """Code of README.md and docs/ runs: imports and command lines always, whole pages where slow."""
 
+import argparse
 import ast
 import re
 import shlex
@@ -7,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from softrobot_env.benchmarks.registry import BENCHMARKS
 from softrobot_env.cli import build_parser, main
 from softrobot_env.paths import assets_dir
 
@@ -18,6 +20,7 @@ PAGES = [
 ]
 #: Pages whose Python is not run from top to bottom, and why.
 NOT_RUN = {
+    "docs/howto/gpu.md": "needs a graphics card",
     "docs/howto/hardware.md": "needs a robot",
     "docs/howto/own_task.md": "is run by tests/commands/test_any_robot.py",
 }
@@ -102,3 +105,12 @@ def test_every_model_card_has_a_page():
     for card in (ROOT / "models").glob("*.md"):
         assert f"../../models/{card.name}" in (pages / card.name).read_text()
         assert card.stem in index
+
+
+def test_every_command_and_benchmark_is_on_the_page_of_commands():
+    page = (ROOT / "docs" / "howto" / "commands.md").read_text()
+    parser = build_parser()
+    (choices,) = [a.choices for a in parser._actions if isinstance(a, argparse._SubParsersAction)]
+    missing = [name for name in choices if f"softrobot {name}" not in page]
+    missing += [name for name in BENCHMARKS if f"softrobot benchmark {name}" not in page]
+    assert missing == []

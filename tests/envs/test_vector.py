@@ -9,6 +9,7 @@ from gymnasium.vector import AutoresetMode
 
 from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.envs.randomization import Randomization
+from softrobot_env.envs.simulation import warp_limits
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
 from softrobot_env.registration import ENVIRONMENTS
@@ -435,6 +436,25 @@ def test_other_bad_arguments_are_refused():
     env = VectorTrackingEnv(COUNT, SHORT)
     with pytest.raises(ValueError, match="a number or 4 of them"):
         env.reset(seed=[1, 2, 3])
+
+
+@pytest.mark.parametrize(
+    ("env_id", "options", "what"),
+    [
+        ("SoftRobot/ArmSwing-v0", {"backend": "jax"}, "backend must be one of 'mujoco', 'warp'"),
+        ("SoftRobot/ArmSwing-v0", {"device": "cpu"}, "device 'cpu' is for backend='warp'"),
+        ("SoftRobot/GripperHold-v0", {"backend": "warp"}, "grippers have the backend 'mujoco'"),
+    ],
+)
+def test_backends_are_refused_by_name(env_id, options, what):
+    with pytest.raises(ValueError, match=what):
+        gymnasium.make_vec(env_id, 2, "vector_entry_point", **options)
+
+
+def test_warp_says_what_to_install(monkeypatch):
+    monkeypatch.setattr(warp_limits, "find_spec", lambda name: None)
+    with pytest.raises(ImportError, match=r"^backend 'warp' needs mujoco_warp, torch: pip install"):
+        VectorTrackingEnv(2, backend="warp")
 
 
 def test_observations_belong_to_the_caller():

@@ -11,6 +11,7 @@ from softrobot_env.benchmarks.identify.twins import identified
 from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy
 from softrobot_env.evaluation.runner import Case, run
+from softrobot_env.identification.fit import path
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.dynamics import windows_of
 from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, size
@@ -19,9 +20,10 @@ from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files
 from softrobot_env.identification.fit.residual import corrected, read_residual, trained
 from softrobot_env.identification.fit.rests import at_rest
-from softrobot_env.identification.fit.unknowns import LAGS, Fact, Group, Unknowns
+from softrobot_env.identification.fit.unknowns import HOLDS, RUBS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.replay import replay
+from softrobot_env.processes import Workers, using
 from softrobot_env.recordings import (
     Commands,
     Frame,
@@ -74,7 +76,7 @@ UP_AND_DOWN = np.concatenate([np.linspace(0.1, 1, 6), np.linspace(0.8, 0.1, 4)])
 @pytest.mark.slow
 def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
     robot, levels = rod(), np.linspace(0.1, 1.0, 4)
-    model = StaticModel(robot, pulled(robot, levels), known=LAGS)
+    model = StaticModel(robot, pulled(robot, levels), known=RUBS)
     x = np.zeros(len(model.unknowns.spread))
     found = model.simulate(x, np.ones(len(x), dtype=bool))
     turn = levels * TENDON * LENGTH / BENDING
@@ -104,6 +106,20 @@ def test_friction_weight_and_modulus_are_found_in_what_the_chain_does():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("held", [0.0, 0.1])
+def test_friction_of_the_backbone_is_found_where_there_is_some(held):
+    """Of a rod that keeps a bend of `held` [rad]; the other has friction of its tendons alone."""
+    most = held * BENDING / LENGTH
+    true = replace(rod(), bending_friction=most or None).vary(tendon_friction=0.02)
+    recording = pulled(true, np.append(UP_AND_DOWN, 0.0), noise=1e-4)
+    found = identify(recording, rod(), ("statics",), validate=False)
+    sections = found.robot.backbone.sections
+    assert [s.bending_friction for s in sections] == pytest.approx([most], rel=0.1)
+    assert [t.friction for t in found.robot.tendons] == pytest.approx([0.02] * 3, rel=0.2)
+    assert size(found.fit.simulated.error) < 4e-4
+
+
+@pytest.mark.slow
 def test_what_is_written_is_what_was_found(tmp_path):
     """Robot file and header make the model, and MuJoCo's chain, do what was fitted."""
     believed = ROBOTS["silicone_rod"]
@@ -128,7 +144,7 @@ def test_what_is_written_is_what_was_found(tmp_path):
     text = (tmp_path / "robot.toml").read_text()
     assert "# " in text and "youngs_modulus: section 1" in text
     again = placed(recording, read)
-    model = StaticModel(robot, again, known=LAGS)
+    model = StaticModel(robot, again, known=RUBS)
     same = model.simulate(np.zeros(len(model.unknowns.spread)))
     assert np.abs(same.markers - found.fit.simulated.markers).max() < 1e-7
     assert size(replay(again, robot).error) < size(found.fit.simulated.error) + 2e-4 < 1e-3
@@ -154,7 +170,7 @@ def test_backlash_is_found_where_tendons_do_not_rub():
     found = identify(recording, believed, ("statics",), known=["tendon_friction"], validate=False)
     assert found.robot.drive.backlash == pytest.approx(4e-4, rel=0.05)
     assert size(found.fit.simulated.error) < 4e-4
-    model = StaticModel(believed, recording)
+    model = StaticModel(believed, recording, known=[HOLDS])
     place, x = model.unknowns.place("backlash").start, np.zeros(len(model.unknowns.spread))
     free = np.arange(len(x)) == place
     there, back = (model.simulate(x + free * step).error for step in (1e-5, -1e-5))
@@ -214,6 +230,21 @@ def test_columns_in_another_order_and_a_turned_frame_are_told_apart():
     third = 2 * np.pi / 3 * ((places[0] - 2) % 3)
     assert np.cos(found.turn - turn - third) == pytest.approx(1, abs=1e-4)
     assert found.sign == 1 and found.rms < 2e-3 < found.second
+    with using(Workers(2)):
+        assert assigned(unknown, robot) == found
+
+
+@pytest.mark.slow
+def test_further_starts_find_in_processes_what_they_find_in_this_one(monkeypatch):
+    robot = rod()
+    recording = pulled(robot.vary(youngs_modulus=1.3), np.linspace(0.1, 1.0, 4), noise=1e-4)
+    # Nothing is good enough, so that the further starts are taken.
+    monkeypatch.setattr(path, "size", lambda error: 1.0 + size(error))
+    alone = identify(recording, robot, ("statics",), validate=False)
+    with using(Workers(2)):
+        shared = identify(recording, robot, ("statics",), validate=False)
+    np.testing.assert_array_equal(shared.fit.x, alone.fit.x)
+    np.testing.assert_array_equal(shared.fit.covariance, alone.fit.covariance)
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from softrobot_env.artifacts import fingerprint
 from softrobot_env.robots import (
     ARM,
     CANTILEVER_STIFF,
@@ -456,3 +457,12 @@ def test_two_pieces_by_hand():
     radius = ARM.length / pi
     expected = [[0, 0, 0], [radius, 0, radius], [2 * radius, 0, 2 * radius]]
     np.testing.assert_allclose(shape, expected, atol=1e-15)
+
+
+def test_friction_of_the_backbone_leaves_other_robots_as_they_were():
+    assert not ARM.holds and fingerprint(ARM) == fingerprint(replace(ARM, bending_friction=None))
+    holds = replace(ARM, bending_friction=1e-3)
+    assert holds.holds and holds.rubs and fingerprint(holds) != fingerprint(ARM)
+    again = holds.with_sections(*holds.backbone.sections)
+    assert again == holds
+    assert ARM.with_sections(*ARM.backbone.sections) == ARM

@@ -12,10 +12,12 @@ from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
+from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.kinematics import tips
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
+from softrobot_env.scene.tangent import RubbingForces
 
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 LENGTH, EI = WEIGHTLESS.length, WEIGHTLESS.bending_stiffness
@@ -232,3 +234,25 @@ def test_becks_column_flutters_at_its_follower_force(bending):
             np.testing.assert_array_equal(posture, 0.0)
     with pytest.raises(EquilibriumError, match="check_stability='static'"):
         scene.equilibrium(np.array([20.4]), check_stability="dynamic")
+
+
+@pytest.mark.parametrize("bending", ["planar", "spatial"])
+def test_a_backbone_that_rubs_keeps_a_bend_within_its_friction(bending):
+    """A moment M bends it to (M - f) / EI; released, it opens where EI k - M would be beyond f."""
+    held, most = 0.5 * EI / LENGTH, 1.3 * EI / LENGTH
+    robot = replace(WEIGHTLESS, bending_friction=held)
+    load = Load("load", LENGTH, moment=(0.0, 1.0, 0.0))
+    built = build_scene(SceneConfig(robot, pieces=6, bending=bending, loads=(load,)))
+    q = built.equilibrium(np.zeros(1))
+    rubbing = RubbingForces(built.model, q)
+    for moment, bend in ((most, most - held), (most / 2, most - held), (0.0, held)):
+        q = equilibrium(built.model, np.array([moment]), q, rubbing=rubbing)
+        curvature = joint_angles(built.model, q)[:, 0] / built.layout.weights
+        assert EI * curvature == pytest.approx(bend, abs=0.02 * EI / LENGTH)  # it gives by 0.01
+
+
+def test_a_scene_with_a_backbone_that_rubs_is_not_for_our_integrator():
+    robot = replace(WEIGHTLESS, bending_friction=1e-3)
+    assert build_scene(SceneConfig(robot)).timestep.integrator != "extrapolation"
+    with pytest.raises(ValueError, match="knows no friction of the backbone"):
+        SceneConfig(robot, integrator="extrapolation")

@@ -210,11 +210,9 @@ def test_friction_has_its_derivative_while_tendons_stick_and_slide():
     model = build_scene(SceneConfig(rubbing, actuation="length", bending="spatial")).model
     rng = np.random.default_rng(5)
     q = moved(model, model.qpos0, rng.normal(0, 0.1, model.nv))
-    lengths = StaticForces(model).tendon_length(q)
+    forces, ctrl = RubbingForces(model, q), np.full(model.nu, 5e-3)  # all are taut
     # One tendon slides in, one out, and one sticks: differences must not break it loose.
-    away = np.zeros_like(lengths)
-    away[np.flatnonzero(model.tendon_frictionloss)] = (1e-3, -1e-3, 1e-5)
-    forces, ctrl = RubbingForces(model, lengths + away), np.zeros(model.nu)
+    forces.anchors[np.flatnonzero(model.tendon_frictionloss)] += (1e-3, -1e-3, 1e-5)
     found = differences(forces, q, ctrl, step=1e-9)
     rub = forces.force(q, ctrl) - StaticForces(model).force(q, ctrl)
     assert np.abs(forces.tangent() - found).max() < 1e-3 * np.abs(found).max()
@@ -232,3 +230,21 @@ def test_friction_has_its_derivative_while_tendons_stick_and_slide():
     forces.stay()
     again = forces.force(q, ctrl) - StaticForces(model).force(q, ctrl)
     assert again == pytest.approx(rub, abs=1e-9)
+
+
+def test_friction_of_the_backbone_has_its_derivative_while_joints_stick_and_slide():
+    smooth = robot((0.3, 0.6))
+    tendons = tuple(replace(t, friction=0.4) for t in smooth.tendons)
+    rubbing = replace(smooth, tendons=tendons, bending_friction=2e-3)
+    model = build_scene(SceneConfig(rubbing, pieces=4, bending="spatial")).model
+    q = moved(model, model.qpos0, np.linspace(-0.02, 0.03, model.nv))
+    away, ctrl = np.zeros(model.nv), np.full(model.nu, 0.3)
+    bends = model.dof_frictionloss > 0
+    places = np.flatnonzero(bends).reshape(-1, 2)  # of each station
+    away[places[::2]] = (0.03, -0.04)  # those slide, the others stick
+    forces = RubbingForces(model, moved(model, q, away))
+    found = differences(forces, q, ctrl, step=1e-8)
+    assert np.abs(forces.tangent() - found).max() < 1e-4 * np.abs(found).max()
+    slack = 0 * ctrl  # whose tendons do not rub
+    rub = forces.force(q, slack) - StaticForces(model).force(q, slack)
+    assert rub == pytest.approx(2e-3 * away / 0.05, abs=1e-9)

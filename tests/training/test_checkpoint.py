@@ -85,6 +85,14 @@ def test_nothing_in_a_file_is_run(tmp_path):
     assert not (tmp_path / "ran").exists()
 
 
+@pytest.mark.parametrize("protocol", [2, 4])
+def test_what_torch_warns_of_is_told_in_our_line_alone(protocol, tmp_path, recwarn):
+    (tmp_path / "checkpoint.pt").write_bytes(pickle.dumps({"best": Path()}, protocol))
+    with pytest.raises(ValueError, match=r"checkpoint\.pt is no checkpoint of a training"):
+        read(tmp_path)
+    assert not recwarn.list
+
+
 def test_numbers_that_are_not_finite_and_pickles_of_earlier_versions_are_refused(tmp_path):
     bad = {"weights": {"policy": torch.tensor([0.0, float("nan")])}}
     write(tmp_path, replace(FIRST, learner=bad))

@@ -325,7 +325,27 @@ def test_an_unfinished_training_is_not_overwritten(tmp_path):
         train(TINY, 3, quiet, checkpoint=tmp_path)
 
 
-def test_a_resumed_training_draws_anew_and_logs_where_it_is_told(tmp_path):
+@pytest.mark.parametrize(
+    "algorithm", [a if a == "ppo" else pytest.param(a, marks=pytest.mark.slow) for a in ALGORITHMS]
+)
+def test_a_stopped_training_goes_on_as_if_it_had_not_been(algorithm, tmp_path):
+    config = replace(TINY, algorithm=algorithm)
+
+    def stop(_, steps, __):
+        if steps >= 100:
+            raise KeyboardInterrupt
+
+    network, curve = train(config, 3, quiet, checkpoint=tmp_path / "whole")
+    with pytest.raises(KeyboardInterrupt):
+        train(config, 3, stop, checkpoint=tmp_path / "kept")
+    kept = checkpoint.read(tmp_path / "kept").curve
+    assert 0 < kept[-1]["steps"] < 100 and len(kept) < len(curve)
+    found, same = train(config, 3, quiet, checkpoint=tmp_path / "kept", resume=True)
+    assert same == curve
+    np.testing.assert_array_equal(found.parameters, network.parameters)
+
+
+def test_a_resumed_training_logs_where_it_is_told(tmp_path):
     pytest.importorskip("tensorboard")
     half = replace(TINY, steps=72)
     train(half, 3, quiet, checkpoint=tmp_path / "kept", log=tmp_path / "one")

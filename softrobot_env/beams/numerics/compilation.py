@@ -179,7 +179,11 @@ def _referred_implementation(value):
     data_class = getattr(value, "instance_class", None)
     if data_class not in _REFERENCES or not isinstance(value, types.BaseNamedTuple):
         return lambda value: value
-    fields = ", ".join(f"referred(value.{name})" for name in data_class._fields)
+    nested = [isinstance(field, types.BaseNamedTuple) for field in value.types]
+    fields = ", ".join(
+        f"referred(value.{name})" if within else f"value.{name}"
+        for name, within in zip(data_class._fields, nested, strict=True)
+    )
     namespace = {"make": _REFERENCES[data_class], "referred": _referred}
     exec(f"def convert(value): return make({fields})", namespace)
     return namespace["convert"]

@@ -1,12 +1,10 @@
 """Tables of `benchmarks.learning`: median, least and largest of the seeds."""
 
-from statistics import median
-
 from rich.console import Group
 
 from softrobot_env.benchmarks.learning.run import Row
 from softrobot_env.benchmarks.records import groups
-from softrobot_env.rendering.tables import PlainTable, pivot_table
+from softrobot_env.rendering.tables import PlainTable, pivot_table, spread
 
 #: Tables: title, and heading -> field of a row, and factor to the unit of the heading.
 _TABLES: dict[str, dict[str, tuple[str, float]]] = {
@@ -45,15 +43,8 @@ def _table(
 
 def _cell(rows: list[Row], name: str, factor: float) -> str:
     found = [getattr(row, name) for row in rows]
-    values = [factor * value for value in found if value is not None]
-    if not values:
-        return "-"
-    missing = "" if len(values) == len(rows) else f", {len(rows) - len(values)} never"
-    form = ".0f" if max(values) >= 100 else ".3g"
-    if len(values) == 1:
-        return format(values[0], form) + missing
-    middle, least, most = (format(f(values), form) for f in (median, min, max))
-    return f"{middle} ({least} to {most}{missing})"
+    values = [None if value is None else factor * value for value in found]
+    return spread(values, ".0f" if max((v for v in values if v), default=0) >= 100 else ".3g")
 
 
 def _notes(rows: list[Row]) -> str:

@@ -10,8 +10,8 @@ class Row(Record):
     """How long something takes; None where a field does not apply.
 
     Attributes:
-        what: "env.step", "moving", "vector env.step", "robots", "decision", "scaling", "start" or
-            "render".
+        what: "env.step", "moving", "vector env.step", "warp env.step", "robots", "decision",
+            "scaling", "start" or "render".
         variant: Environment, policy, or what is waited for.
         n_envs, threads: Environments stepped at once, and by how many threads or processes.
         steps_per_second: Of all environments together.

@@ -14,7 +14,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.benchmarks.jobs import Progress, quiet
-from softrobot_env.benchmarks.speed import decisions, moving, robots, scaling, vector
+from softrobot_env.benchmarks.speed import decisions, moving, robots, scaling, vector, warp
 from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.benchmarks.speed.startup import frame_time, startup_times
 from softrobot_env.envs.base import EpisodeEnv
@@ -39,8 +39,8 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
         progress: Called with description, done, total.
 
     Returns:
-        Rows of single environments, of a moving arm by accuracy, of vector environments, of
-        batches of robots, of decisions, of several cores and waits.
+        Rows of single environments, of a moving arm by accuracy, of vector environments, also on
+        MuJoCo Warp, of batches of robots, of decisions, of several cores and waits.
     """
     contestants = {name: gymnasium.make(name) for name in (*YARDSTICKS, *ENVIRONMENTS, RIG)}
     rounds, show = 80 if quick else 300, progress or quiet
@@ -54,7 +54,7 @@ def run(quick: bool, progress: Progress | None = None) -> list[Row]:
     waits["render", "frame 640 x 480"] = frame_time()
     show("vector environments", rounds, rounds)
     steps = [step_row("env.step", name, *t, yardstick=stepped - bare) for name, t in times.items()]
-    steps += moving.run(quick) + vector.run(quick) + robots.run(quick)
+    steps += moving.run(quick) + vector.run(quick) + warp.run(quick) + robots.run(quick)
     steps += decisions.run(quick, show)
     show("several cores", rounds, rounds)
     steps += scaling.run(quick)

@@ -2,6 +2,7 @@
 
 from rich.console import Group
 
+from softrobot_env.benchmarks.speed import warp
 from softrobot_env.benchmarks.speed.rows import Row
 from softrobot_env.rendering.tables import Column, make_table, number
 
@@ -44,6 +45,11 @@ _SCALING = (
     Column("ready\nafter s", lambda row: number(row.started, ".1f", missing="-"), ">"),
     Column("job or\nstep s", "seconds", ".2g"),
 )
+_WARP = (
+    Column("many arms on MuJoCo Warp", "variant"),
+    Column("robots", "n_envs", "d"),
+    Column("steps/s", lambda row: number(row.steps_per_second, ".0f", missing="-"), ">"),
+)
 _WAITS = (
     Column("", "variant"),
     Column("ms", lambda row: number(row.seconds, ".1f", "ms", missing="no OpenGL"), ">"),
@@ -51,20 +57,22 @@ _WAITS = (
 
 
 def tables(rows: list[Row]) -> Group:
-    """A table of steps, a moving arm by accuracy, batches, decisions, several cores, waits."""
+    """Steps, arms on Warp, a moving arm by accuracy, batches, decisions, several cores, waits."""
     moving = [row for row in rows if row.accuracy is not None]
     robots = [row for row in rows if row.dof is not None]
     decisions = [row for row in rows if row.period is not None]
     scaling = [row for row in rows if row.efficiency is not None]
-    others = moving + robots + decisions + scaling
+    warped = [row for row in rows if row.what == warp.WHAT]
+    others = moving + robots + decisions + scaling + warped
     waits = [row for row in rows if row.steps_per_second is None and row not in others]
     steps = [row for row in rows if row not in others + waits]
     parts = (
         (_STEPS, steps),
+        (_WARP, warped),
         (_MOVING, moving),
         (_ROBOTS, robots),
         (_DECISIONS, decisions),
         (_SCALING, scaling),
         (_WAITS, waits),
     )
-    return Group(*(make_table("", columns, kind) for columns, kind in parts))
+    return Group(*(make_table("", columns, kind) for columns, kind in parts if kind))

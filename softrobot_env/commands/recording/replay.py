@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console, Group
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS
-from softrobot_env.commands.arguments import seed
+from softrobot_env.commands.arguments import twin
 from softrobot_env.commands.output import add_out, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.recording.check import add_file
@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--twin",
-        type=seed,
+        type=twin,
         metavar="SEED",
         help="errors of manufacturing, servos and tendons, of a robot driven by length; default: "
         "none",

@@ -10,8 +10,8 @@ import gymnasium
 from rich.console import Console
 
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
-from softrobot_env.commands.arguments import add_robot, positive, seed, variation
-from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.commands.arguments import add_robot, positive, seed, twin, variation
+from softrobot_env.commands.output import add_out, check_free, new_file
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.robot.link import robot_of
 from softrobot_env.commands.robot.virtual import virtual_process
@@ -56,10 +56,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--env", choices=ENVIRONMENTS, default=SIMULATED, help="default: sim")
     parser.add_argument(
         "--twin",
-        type=seed,
+        nargs=1,
+        type=twin,
         metavar="SEED",
         help="errors of manufacturing and servos that a simulated or virtual robot driven by "
-        "length has and nobody is told; default: of the rig 0, of others none",
+        "length has and nobody is told, or none; default: of the rig 0, of others none",
     )
     parser.add_argument(
         "--vary",
@@ -93,7 +94,13 @@ def run(args: argparse.Namespace) -> int:
     """Run the command; 1 if the robot was stopped before the end."""
     console = Console(highlight=False)
     check_writable(args.out)
-    check_free(args.out, header_path(args.out), overwrite=args.overwrite)
+    check_free(header_path(args.out), overwrite=args.overwrite)
+    with new_file(args.out, args.overwrite):
+        return _run(args, console)
+
+
+def _run(args: argparse.Namespace, console: Console) -> int:
+    """Record and write."""
     robot = RIG if args.robot is None else find_robot(args.robot)
     planned = plan(robot, _excitation(args), args.control_period)
     scales = ", ".join(f"{scale:.2g}" for scale in planned.scales)
@@ -163,7 +170,10 @@ def _environment(
     task = resting_task(RIG, planned.duration, "xy")
     options = {"control_period": args.control_period, "observe": "all"}
     if args.env == VIRTUAL:
-        with virtual_process(args.twin or 0) as virtual:
+        (drawn,) = args.twin or (0,)
+        if drawn is None:
+            raise ValueError(f"--twin none: only with --env {SIMULATED}")
+        with virtual_process(drawn) as virtual:
             env = RealRigEnv(task, robot_file=virtual.file, tip=virtual.tip, **options)
             yield from _closing(env)
         return
@@ -186,7 +196,7 @@ def _simulated(args: argparse.Namespace, robot: RobotParams, planned: Plan) -> g
     options = {"control_period": args.control_period, "observe": "all"}
     if args.plant != MUJOCO:
         options["plant"] = BeamPlant(args.plant)
-    drawn = 0 if robot == RIG and args.twin is None else args.twin
+    (drawn,) = args.twin or (0 if robot == RIG else None,)
     if drawn is not None:
         options["twin"] = drawn_twin(robot, drawn)
     if robot != RIG:

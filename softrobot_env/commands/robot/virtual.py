@@ -21,6 +21,7 @@ from rich.console import Console
 
 from softrobot_env.artifacts import write_arrays
 from softrobot_env.commands.arguments import port, positive, seed
+from softrobot_env.commands.output import check_free
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip
@@ -63,6 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Run the command until it is stopped; 1 if the simulation failed."""
+    if args.log is not None:
+        check_free(args.log, overwrite=True)
     stop = Event()
     before = {s: signal.signal(s, lambda *_: stop.set()) for s in (signal.SIGINT, signal.SIGTERM)}
     log = Log()

@@ -71,18 +71,19 @@ class AimingLaw(ScheduledLaw):
         self._check_reference(observation, len(law.times) - 1)
         n, m = law.table.n, law.table.m
         values = np.zeros(3 * n + m + 6 + memory_size(3))
-        _, _, _, held, _, _, _, smoothing = split_memory(values, n, m)
+        # once an episode: by Python, as to compile these for it takes half a second
+        _, _, _, held, _, _, _, smoothing = split_memory.py_func(values, n, m)
         held[:] = self._begun(observation)
         tip, here = observation["tip_position"], np.empty(3)
         here_seen = usable(tip if np.isfinite(tip).all() else observation["reference"])
-        in_space(here_seen, is_planar(law.table), here)
-        begin_smoothing(here, smoothing)
+        in_space.py_func(here_seen, is_planar.py_func(law.table), here)
+        begin_smoothing.py_func(here, smoothing)
         return Memory(values, FINE)
 
     def stiffness(self, state: Memory) -> float:
         """Factor [1] on the nominal stiffness that is estimated; 1 unless the law is adaptive."""
         table = self._law.table
-        return 1.0 + float(split_memory(state.values, table.n, table.m)[5][0])
+        return 1.0 + float(split_memory.py_func(state.values, table.n, table.m)[5][0])
 
 
 @kernel

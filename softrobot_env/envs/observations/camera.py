@@ -5,6 +5,7 @@ from math import ceil
 
 import numpy as np
 
+from softrobot_env.arrays import like, on_host
 from softrobot_env.envs.observations.readouts import BatchReadout, ChainReadout, SensedReadout
 from softrobot_env.robots import CAMERA_PERIOD
 
@@ -145,9 +146,9 @@ class Cameras:
 def filmed(readout: ChainReadout | BatchReadout, camera: Camera | Cameras) -> SensedReadout:
     """A readout with the tip as cameras see it; every `update` is their next control instant."""
     seen = {
-        "tip_position": lambda: camera.position.copy(),
-        "tip_velocity": lambda: camera.velocity.copy(),
+        "tip_position": lambda: like(camera.position.copy(), readout.tip),
+        "tip_velocity": lambda: like(camera.velocity.copy(), readout.tip),
     }
     if isinstance(camera, Cameras):
-        return SensedReadout(readout, seen, camera.see)
+        return SensedReadout(readout, seen, lambda tip, which: camera.see(on_host(tip), which))
     return SensedReadout(readout, seen, lambda tip, _: camera.see(np.array(tip)))

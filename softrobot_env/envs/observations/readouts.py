@@ -6,7 +6,8 @@ Every readout has the functions of `table.Measured`, which return new arrays, an
 * `bend`: its mean curvatures [1/m], a new array at every `update`;
 * `true_length`: function that returns a new array of tendon lengths [m] as they are;
 * `truth`: function that returns what `info` tells of the true state, None if sensors are exact;
-* `shape()`: rotation (1 or n, cells, 3) [1/m] of the parts between `cells` of its plant;
+* `shape()`: rotation (1 or n, cells, 3) [1/m] of the parts between `cells` of its plant, as an
+  array of NumPy;
 * `update()`: measure anew; what left the documented workspace, or None.
 """
 
@@ -16,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from softrobot_env.arrays import HOST, HostArrays, like, namespace
 from softrobot_env.envs.disturbances import SensorNoise
 from softrobot_env.envs.observations.table import (
     SENSOR_NOISE,
@@ -81,10 +83,10 @@ class _ChainMeasures:
     def sharpness(self, fine: np.ndarray) -> np.ndarray:
         """Bend or twist (..., pieces) [1/m], the larger, of its own pieces' curvatures (..., k)."""
         if self.directions == 1:
-            return np.abs(fine)
-        parts = np.abs(fine).reshape(*fine.shape[:-1], -1, self.directions)
-        bend = np.hypot(parts[..., 0], parts[..., 1])
-        return bend if self.directions == 2 else np.maximum(bend, parts[..., 2])
+            return abs(fine)
+        kind, parts = namespace(fine), abs(fine).reshape(*fine.shape[:-1], -1, self.directions)
+        bend = kind.hypot(parts[..., 0], parts[..., 1])
+        return bend if self.directions == 2 else kind.maximum(bend, parts[..., 2])
 
     def what_left(
         self, fine: np.ndarray, velocity: np.ndarray, rates: np.ndarray, time: float
@@ -167,7 +169,7 @@ class ChainReadout:
 
 
 def _tendon_lengths(
-    inside: np.ndarray, full: np.ndarray, servos: Servos | None
+    inside: np.ndarray, full: np.ndarray, servos: Servos | None, arrays: HostArrays = HOST
 ) -> tuple[Read, Read]:
     """Functions of tendons' lengths [m] as measured, and as they are.
 
@@ -175,14 +177,15 @@ def _tendon_lengths(
         inside: (..., n_tendons) [m], view of what MuJoCo tells.
         full: (..., n_tendons) [m], view of what is added to that.
         servos: What drives the tendons in length; theirs are the lengths pulled in.
+        arrays: All of these are.
     """
     if servos is not None:
-        return lambda: servos.reading, lambda: servos.horn.copy()
+        return lambda: servos.reading, lambda: arrays.copy(servos.horn)
     return (both := lambda: inside + full), both
 
 
 class BatchReadout:
-    """Exact measurements of n chains.
+    """Exact measurements of n chains, as arrays of the kind that their simulations have.
 
     Attributes:
         outside: (n,) bool, which robots left the workspace, with what `what_left` says.
@@ -200,9 +203,11 @@ class BatchReadout:
         servos: Servos | None = None,
     ) -> None:
         """Bind to simulations of `robot` or of variations of it; arguments as `ChainReadout`'s."""
-        self._simulation = simulation
+        self._simulation, self._arrays = simulation, simulation.arrays
         self._measures = measures = _ChainMeasures(simulation.scene, robot, pieces, speed)
-        self._mean, self._fine = measures.mean.T, measures.fine.T
+        self._mean = self._fine = self._arrays.real(measures.mean.T)
+        if measures.fine is not measures.mean:
+            self._fine = self._arrays.real(measures.fine.T)
         self._gentle = measures.curvature / sqrt(measures.directions)
         self._slow = measures.slow / sqrt(simulation.qvel.shape[1])
         self._tip = simulation.sensordata[:, 0:3][:, axes]
@@ -210,42 +215,53 @@ class BatchReadout:
         self._nobody = np.zeros(simulation.count, dtype=bool)
         self._nobody.flags.writeable = False
         self.tip_position = lambda: self.tip
-        self.tip_velocity = self._velocity.copy
+        self.tip_velocity = lambda: self._arrays.copy(self._velocity)
         self.curvature = lambda: self.bend
-        self.curvature_rate = lambda: simulation.qvel @ self._mean
+        self.curvature_rate = lambda: self._arrays.real(simulation.qvel) @ self._mean
         scene = simulation.scene
-        self.shape = lambda: station_strain(scene.model, scene.layout, simulation.qpos)
-        self.tendon_tension = simulation.actuator_force.copy
+        angles = simulation.qpos
+        self.shape = lambda: station_strain(scene.model, scene.layout, self._arrays.host(angles))
+        self.tendon_tension = lambda: self._arrays.copy(simulation.actuator_force)
         self.tendon_length, self.true_length = _tendon_lengths(
-            simulation.ten_length[:, : len(robot.tendons)], simulation.full_length, servos
+            simulation.ten_length[:, : len(robot.tendons)],
+            simulation.full_length,
+            servos,
+            self._arrays,
         )
         self.update()
 
     def update(self, _which: np.ndarray | None = None) -> None:
         """Measure anew."""
-        simulation, measures = self._simulation, self._measures
-        angles, rates = simulation.qpos, simulation.qvel
-        self.tip = self._tip.copy()
+        simulation, measures, arrays = self._simulation, self._measures, self._arrays
+        angles, rates = arrays.real(simulation.qpos), arrays.real(simulation.qvel)
+        self.tip = arrays.copy(self._tip)
         self.bend = self._bends = angles @ self._mean
         if self._fine is not self._mean:
             self._bends = angles @ self._fine
         # Any NaN fails the first tests, and then every robot is looked at by itself.
-        if _largest(self._bends) <= self._gentle and _largest(rates) <= self._slow:
+        gentle = _largest(self._bends) <= self._gentle
+        if gentle and _largest(rates) <= self._slow:
             self.outside = self._nobody
             return
-        self.outside = (measures.sharpness(self._bends) > measures.curvature).any(axis=1)
-        self.outside |= np.linalg.norm(self._velocity, axis=1) > measures.speed
-        self.outside |= np.linalg.norm(rates, axis=1) > measures.turning
+        outside = (measures.sharpness(self._bends) > measures.curvature).any(axis=1)
+        outside |= _norms(self._velocity) > measures.speed
+        outside |= _norms(rates) > measures.turning
+        self.outside = arrays.host(outside)
 
     def what_left(self, robot: int, time: float) -> str | None:
         """What of one robot left the documented workspace, or None."""
-        rates = self._simulation.qvel[robot]
-        return self._measures.what_left(self._bends[robot], self._velocity[robot], rates, time)
+        told = (self._bends[robot], self._velocity[robot], self._simulation.qvel[robot])
+        return self._measures.what_left(*map(self._arrays.host, told), time)
 
 
 def _largest(values: np.ndarray) -> float:
     """Largest absolute value, NaN if one is NaN."""
-    return np.maximum.reduce(np.abs(values), axis=None)
+    return abs(values).max()
+
+
+def _norms(values: np.ndarray) -> np.ndarray:
+    """Lengths (n,) of the rows of (n, k)."""
+    return (values * values).sum(axis=1) ** 0.5
 
 
 class BeamReadout:
@@ -339,7 +355,8 @@ class SensedReadout:
 
     def truth(self) -> dict[str, np.ndarray]:
         """Of tip position [m] and curvature [1/m] what sensors show otherwise, for `info`."""
-        true = dict(zip(_TRUE, (np.array(self.tip), self.bend), strict=True))
+        tip = np.array(self.tip) if namespace(self.tip) is np else self.tip
+        true = dict(zip(_TRUE, (tip, self.bend), strict=True))
         return {name: value for name, value in true.items() if name in self._seen}
 
     def update(self, which: np.ndarray | None = None) -> str | None:
@@ -354,7 +371,7 @@ def fitted(readout: Any, bank: "Bank", robots: int | slice) -> SensedReadout:
     """An exact readout with the curvature sensors of `robots`, see `noisy`."""
     return SensedReadout(
         readout,
-        {"sensors": lambda: bank.reading[robots].copy()},
+        {"sensors": lambda: like(bank.reading[robots].copy(), readout.tip)},
         lambda _, which: bank.look(readout.shape(), which),
     )
 
@@ -364,7 +381,7 @@ def noisy(readout: Any, noise: SensorNoise, robots: int | slice) -> SensedReadou
 
     def seen(name: str) -> Read:
         read = getattr(readout, name)
-        return lambda: read() + noise.on(name)[robots]
+        return lambda: (value := read()) + like(noise.on(name)[robots], value)
 
     seen_by_name = {name: seen(name) for name in SENSOR_NOISE}
     return SensedReadout(readout, seen_by_name, lambda _, which: noise.advance(which))

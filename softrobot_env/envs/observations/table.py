@@ -333,7 +333,7 @@ def observer(
 
 def arrays(observation: Seen) -> list[np.ndarray]:
     """The arrays that an observation is made of."""
-    return [observation] if isinstance(observation, np.ndarray) else list(observation.values())
+    return list(observation.values()) if isinstance(observation, dict) else [observation]
 
 
 def copied(observation: Seen) -> Seen:

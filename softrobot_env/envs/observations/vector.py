@@ -1,11 +1,12 @@
 """An observation as one vector of order 1, as learning libraries expect it."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
+from softrobot_env.arrays import HostArrays, namespace
 from softrobot_env.envs.observations.table import OBSERVABLES, Sizes
 from softrobot_env.vector_reading import Reading
 
@@ -85,8 +86,17 @@ class VectorView:
 
     def __call__(self, observation: Mapping[str, np.ndarray]) -> np.ndarray:
         """Vectors (..., k) of observations (..., size)."""
-        flat = np.concatenate([observation[name] for name in self._names], axis=-1)
-        return self.reading(flat).astype(np.float32)
+        return self._read(observation, self.reading)
+
+    def on(self, arrays: HostArrays) -> Callable[[Mapping[str, np.ndarray]], np.ndarray]:
+        """The same for observations that are `arrays`."""
+        reading = self.reading.on(arrays)
+        return lambda observation: self._read(observation, reading)
+
+    def _read(self, observation: Mapping[str, np.ndarray], reading: Reading) -> np.ndarray:
+        parts = [observation[name] for name in self._names]
+        kind = namespace(parts[0])
+        return kind.asarray(reading(kind.concatenate(parts, axis=-1)), dtype=kind.float32)
 
 
 def _slices(sizes: Mapping[str, int]) -> dict[str, slice]:

@@ -7,6 +7,7 @@ from time import perf_counter
 import mujoco
 import numpy as np
 
+from softrobot_env.arrays import HOST
 from softrobot_env.envs.simulation.pool import Pool
 from softrobot_env.processes import usable_cores
 from softrobot_env.robots import NEUTRAL, VARIABLE
@@ -16,7 +17,7 @@ from softrobot_env.scene.simulation import WORRYING, Simulation, inaccuracy
 from softrobot_env.scene.tendons import FRICTION_IMPEDANCE, FRICTION_REFERENCE, full_length
 
 #: Model fields that are proportional to parameters of the robot.
-_PROPORTIONAL = {
+PROPORTIONAL = {
     "jnt_stiffness": ("youngs_modulus",),
     "jnt_stiffnesspoly": ("youngs_modulus",),
     "tendon_stiffness": ("youngs_modulus",),
@@ -67,11 +68,14 @@ class Batch:
 
     Attributes:
         scene: The scene, of one robot or of several.
+        arrays: The kind of all arrays.
         threads: Of the pool.
         qpos, qvel: (n, nq) [rad, rad/s], hinge angles and rates.
         ctrl: (n, nu), controls in force, to be written to.
         sensordata, ten_length, actuator_force: (n, ...), as in MjData, read-only.
     """
+
+    arrays = HOST
 
     def __init__(self, scene: CompiledModel, count: int, threads: int = 0) -> None:
         """Build the simulations.
@@ -168,10 +172,7 @@ class BatchSimulation(Batch):
         self._varied = self._rubs = False
         self._rates = rates_of(scene)
         self.full_length = np.tile(full_length(scene.config.robot, scene.model), (count, 1))
-        first = scene.model.body("link0").id
-        links = slice(first, first + len(scene.layout.stations))
-        # What of a field follows the factors: not heads and discs.
-        self._own = {"body_mass": links, "body_inertia": links}
+        self._own = own_fields(scene)
         self._slopes: dict[str, np.ndarray] | None = None  # of routes, by the factor on radii
 
     def vary(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
@@ -188,10 +189,10 @@ class BatchSimulation(Batch):
         """
         if not self._varied and all(np.all(values[name] == v) for name, v in NEUTRAL.items()):
             return
-        self._check_timesteps(which, values)
+        check_timesteps(self.scene, which, values)
         self._varied = True
         model = self.scene.model
-        for field, names in _PROPORTIONAL.items():
+        for field, names in PROPORTIONAL.items():
             factor = np.prod([values[name] for name in names], axis=0)
             own = self._own.get(field, slice(None))
             nominal = getattr(model, field)[own]
@@ -201,20 +202,6 @@ class BatchSimulation(Batch):
         self._rub(which, values["tendon_friction"])
         self._integration.set(which, self.scene.timestep, self._rates(values))
         self._batch.set_const(which)
-
-    def _check_timesteps(self, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
-        """Refuse robots that do not share MuJoCo's timestep; our own integrator needs none."""
-        shared = self.scene.timestep
-        if shared.accuracy is not None or self.scene.config.timestep is not None:
-            return
-        for at in range(len(which)):
-            own = vary_scene(self.scene, {n: float(values[n][at]) for n in VARIABLE}).timestep
-            if own.timestep < shared.timestep * (1 - 1e-9):
-                raise ValueError(
-                    f"robot {which[at]} needs a timestep of {own.timestep:.3g} s with "
-                    f"{shared.integrator}, the others have {shared.timestep:.3g} s: give a "
-                    "`timestep` for all, or leave out `integrator`"
-                )
 
     def _route(self, which: np.ndarray, radius: np.ndarray) -> None:
         """Lay the tendons at factors (k,) on their distances from the fibre.
@@ -226,9 +213,7 @@ class BatchSimulation(Batch):
             return
         scene = self.scene
         if self._slopes is None:
-            half = vary_scene(scene, {"tendon_radius": 0.5}).model
-            told = ((name, getattr(scene.model, name), getattr(half, name)) for name in _ROUTES)
-            self._slopes = {name: 2 * (whole - part) for name, whole, part in told}
+            self._slopes = slopes_of(scene)
         winding = not all(tendon.is_straight for tendon in scene.config.robot.tendons)
         for name, slope in self._slopes.items():
             steps = (radius - 1).reshape(-1, *(1,) * slope.ndim)
@@ -252,7 +237,7 @@ class BatchSimulation(Batch):
         loss = model.tendon_frictionloss + friction[:, None] * own
         self._batch.expand("tendon_frictionloss")[which] = loss
         flags = model.opt.disableflags | _NO_CONSTRAINT
-        rubbing = loss.any(axis=1)
+        rubbing = loss.any(axis=1) | model.dof_frictionloss.any()
         self._batch.expand("opt.disableflags")[which] = flags & ~(_NO_CONSTRAINT * rubbing)
 
     def drive_by(self, servos: Servos) -> None:
@@ -263,3 +248,38 @@ class BatchSimulation(Batch):
         """
         servos.check_drives(self.scene.config.actuation, self.ctrl.shape)
         self._integration.drive_by(servos.block)
+
+
+def own_fields(scene: Scene) -> dict[str, slice]:
+    """What of fields follows the factors of a variation: links, not heads and discs."""
+    first = scene.model.body("link0").id
+    links = slice(first, first + len(scene.layout.stations))
+    return {"body_mass": links, "body_inertia": links}
+
+
+def slopes_of(scene: Scene) -> dict[str, np.ndarray]:
+    """How fields that place straight tendons change with the factor on their distances."""
+    half = vary_scene(scene, {"tendon_radius": 0.5}).model
+    told = ((name, getattr(scene.model, name), getattr(half, name)) for name in _ROUTES)
+    return {name: 2 * (whole - part) for name, whole, part in told}
+
+
+def check_timesteps(scene: Scene, which: np.ndarray, values: dict[str, np.ndarray]) -> None:
+    """Refuse robots that do not share MuJoCo's timestep; our own integrator needs none.
+
+    Args:
+        scene: Of the robots.
+        which: (k,) int, their numbers.
+        values: (k,) of each of `robots.VARIABLE`.
+    """
+    shared = scene.timestep
+    if shared.accuracy is not None or scene.config.timestep is not None:
+        return
+    for at in range(len(which)):
+        own = vary_scene(scene, {n: float(values[n][at]) for n in VARIABLE}).timestep
+        if own.timestep < shared.timestep * (1 - 1e-9):
+            raise ValueError(
+                f"robot {which[at]} needs a timestep of {own.timestep:.3g} s with "
+                f"{shared.integrator}, the others have {shared.timestep:.3g} s: give a "
+                "`timestep` for all, or leave out `integrator`"
+            )

@@ -58,7 +58,7 @@ class BeamPlant:
             **scene_options: As of `SceneConfig`, in place of what `scene_of` chooses.
 
         Raises:
-            ValueError: The robot has tendon friction, or what the model lacks.
+            ValueError: The robot has dry friction, or what the model lacks.
         """
         self.robot, self.speed = robot, speed_limit(robot) if speed is None else speed
         self.axes = own_axes(robot) if axes is None else axes
@@ -72,10 +72,10 @@ class BeamPlant:
         self._nominal = self._model(robot)
 
     def _model(self, robot: RobotParams) -> PlantModel:
-        if any(tendon.friction for tendon in robot.tendons):
+        if robot.rubs:
             raise ValueError(
-                f"robot {robot.name!r}: beam models have no tendon friction, only the MuJoCo chain "
-                "has (leave out `plant`, or tendon_friction)"
+                f"robot {robot.name!r}: beam models have no tendon friction, nor one of the "
+                "backbone, only the MuJoCo chain has (leave out `plant`, or the friction)"
             )
         return self._factory(robot, **self._options)
 

@@ -90,7 +90,7 @@ class MujocoPlant:
         self, simulation: Simulation | BatchSimulation, servos: Servos | None = None
     ) -> ChainReadout | BatchReadout:
         """What is measured of a simulation or of many, and of the servos that drive it."""
-        kind = BatchReadout if isinstance(simulation, BatchSimulation) else ChainReadout
+        kind = ChainReadout if isinstance(simulation, Simulation) else BatchReadout
         return kind(simulation, self.robot, self.pieces, self.speed, self.axes, servos)
 
     def equilibrium(self, command: np.ndarray) -> np.ndarray:

@@ -6,14 +6,17 @@ Begun at every turn with the assignment that fits how the markers move when colu
 best of them columns change places until nothing helps.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations, permutations
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from softrobot_env.identification.fit.model import StaticModel
+from softrobot_env.processes import chosen_processes
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
@@ -22,6 +25,11 @@ _KEPT = 3  # assignments that are improved
 _ROWS = 160
 _SWEEPS = 4
 _PIECES = 3
+
+#: An assignment: the tendon of each column, and the sign of all.
+_Case = tuple[tuple[int, ...], float]
+
+_TOGETHER = 4  # simulated in one job
 
 #: Told how many assignments have been simulated.
 Show = Callable[[int], None]
@@ -49,7 +57,7 @@ class Assignment:
 
 
 def assigned(recording: Recording, robot: RobotParams, show: Show | None = None) -> Assignment:
-    """Find the assignment.
+    """Find the assignment; in processes if they were chosen by `processes.using`.
 
     Args:
         recording: With as many columns of lengths or tensions as the robot has tendons.
@@ -72,7 +80,8 @@ def assigned(recording: Recording, robot: RobotParams, show: Show | None = None)
             "which tendons the columns drive can only be found from markers with x, y and z; say "
             "it by the header's commands.tendons"
         )
-    return _Search(recording, robot, show).best()
+    with chosen_processes() as pool:
+        return _Search(recording, robot, show, pool).best()
 
 
 def with_tendons(recording: Recording, found: Assignment) -> Recording:
@@ -85,15 +94,23 @@ def with_tendons(recording: Recording, found: Assignment) -> Recording:
 
 
 class _Search:
-    def __init__(self, recording: Recording, robot: RobotParams, show: Show | None) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        robot: RobotParams,
+        show: Show | None,
+        pool: Executor | None,
+    ) -> None:
+        self._pool = pool
         rows = np.unique(np.linspace(0, len(recording.times) - 1, _ROWS).astype(int))
         self._whole, self._robot, self._show = recording, robot, show
         self._part = recording.part(rows)
         self._names = [t.name for t in robot.tendons]
-        self._seen: dict[tuple[tuple[int, ...], float], tuple[float, float]] = {}
+        self._seen: dict[_Case, tuple[float, float]] = {}
 
     def best(self) -> Assignment:
         starts = {(order, sign) for sign in self._signs() for order in self._first(sign)}
+        self._look_at(starts)
         ranked = sorted(starts, key=lambda start: self._rms(*start)[0])
         for start in ranked[:_KEPT]:
             self._improve(*start)
@@ -146,6 +163,7 @@ class _Search:
         for _ in range(_SWEEPS):
             before = self._rms(order, sign)[0]
             around = self._neighbours(order)
+            self._look_at((other, sign) for other in around)
             best = min(around, key=lambda other: self._rms(other, sign)[0])
             if self._rms(best, sign)[0] >= before:
                 return
@@ -175,18 +193,34 @@ class _Search:
         return [one for one in dict.fromkeys(found) if one != order]
 
     def _rms(self, order: tuple[int, ...], sign: float) -> tuple[float, float]:
-        if (order, sign) not in self._seen:
-            commands = replace(
-                self._part.header.commands, tendons=tuple(self._names[k] for k in order)
-            )
-            header = replace(self._part.header, commands=commands)
-            part = replace(self._part, header=header, commands=sign * self._part.commands)
-            model = StaticModel(self._robot, part, pieces=_PIECES)
-            found = model.simulate(np.zeros(len(model.unknowns.spread)), rubs=False)
-            self._seen[order, sign] = _aligned(found.markers, model.points)
+        self._look_at([(order, sign)])
+        return self._seen[order, sign]
+
+    def _look_at(self, cases: Iterable[_Case]) -> None:
+        """Simulate what has not been, several at a time if there are processes."""
+        new = [case for case in cases if case not in self._seen]
+        each, size = (map, 1) if self._pool is None else (self._pool.map, _TOGETHER)
+        parts = [new[k : k + size] for k in range(0, len(new), size)]
+        simulated = partial(_simulated, self._robot, self._part, self._names)
+        for part, found in zip(parts, each(simulated, parts), strict=True):
+            self._seen.update(zip(part, found, strict=True))
             if self._show is not None:
                 self._show(len(self._seen))
-        return self._seen[order, sign]
+
+
+def _simulated(
+    robot: RobotParams, recording: Recording, names: list[str], cases: list[_Case]
+) -> list[tuple[float, float]]:
+    """RMS [m] and turn [rad] of assignments, for the robot as its file says."""
+    found = []
+    for order, sign in cases:
+        commands = replace(recording.header.commands, tendons=tuple(names[k] for k in order))
+        header = replace(recording.header, commands=commands)
+        part = replace(recording, header=header, commands=sign * recording.commands)
+        model = StaticModel(robot, part, pieces=_PIECES)
+        moved = model.simulate(np.zeros(len(model.unknowns.spread)), rubs=False)
+        found.append(_aligned(moved.markers, model.points))
+    return found
 
 
 def _aligned(simulated: np.ndarray, recorded: np.ndarray) -> tuple[float, float]:

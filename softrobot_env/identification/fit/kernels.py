@@ -8,8 +8,8 @@ sin(t / 2) / (t / 2), t = |phi|, it needs no positions. A continuous channel has
 
 Everything is written for real and for complex numbers: the derivative by a parameter is the
 imaginary part after an imaginary step of 1e-30 (exact to rounding). An equilibrium is found by
-Newton's method; its derivative follows from the same matrix, and that of where the tendons rub
-last is carried along from row to row.
+Newton's method; its derivative follows from the same matrix, and that of where tendons and
+backbone rub last is carried along from row to row.
 """
 
 from typing import NamedTuple
@@ -31,7 +31,9 @@ class Layout(NamedTuple):
         last: (n_tendons,) number of pieces that a tendon runs through.
         by_length: Whether controls are lengths pulled in, else tensions.
         nodes: (n_markers,) ends of pieces that carry the markers, 0 is the base.
-        loose: [m] of sliding at which friction is whole.
+        loose: [m] of sliding at which friction of a tendon is whole.
+        give: (n,) [rad] of a turn at which friction of a piece is whole.
+        apart: Whether friction of the backbone is told apart from that of the tendons.
     """
 
     sizes: np.ndarray
@@ -40,6 +42,8 @@ class Layout(NamedTuple):
     by_length: bool
     nodes: np.ndarray
     loose: float
+    give: np.ndarray
+    apart: bool
 
 
 class Body(NamedTuple):
@@ -56,6 +60,7 @@ class Body(NamedTuple):
         gravity: (3,) [m/s2] along the robot's axes.
         play: (n_tendons,) [m], half of the servos' backlash.
         marker: (n_markers, 3) [m], from the nodes, along the cross-section's axes.
+        holding: (n,) [N m], friction of the backbone against bending in any direction.
     """
 
     stiffness: np.ndarray
@@ -70,6 +75,7 @@ class Body(NamedTuple):
     gravity: np.ndarray
     play: np.ndarray
     marker: np.ndarray
+    holding: np.ndarray
 
 
 class Work(NamedTuple):
@@ -103,34 +109,31 @@ def _series(x):
 
 
 @kernel
-def tendon_lengths(layout, place, q, length, arm):
-    """Set lengths (n_tendons,) [m] and their derivatives (n_tendons, 3 n) by q (3 n,)."""
-    for k in range(len(length)):
-        total = q[0] * 0
-        arm[k, :] = 0
-        dx, dy = place[k, 0], place[k, 1]
-        r2 = dx * dx + dy * dy
-        for i in range(layout.last[k]):
-            m = layout.spans[k, i]
-            span = layout.sizes[i] / m
-            p0, p1, p2 = q[3 * i] / m, q[3 * i + 1] / m, q[3 * i + 2] / m
-            x = p0 * p0 + p1 * p1 + p2 * p2
-            _a, b, c, e, _f = _series(x)
-            s, ds = 2 * b, 2 * e - c  # sinc(t / 2)^2 and its derivative by x
-            # (1 - s) / x = 2 e, and its derivative: that of the series of e
-            de = -(1 - x / 28 * (1 - x / 60 * (1 - x / 99))) / 360
-            up = span + p0 * dy - p1 * dx
-            square = p2 * p2 * r2 + up * up
-            along = span * span * p2 * p2
-            chord = np.sqrt(s * square + 2 * e * along)
-            total += m * chord
-            common = 2 * ds * square + 2 * de * along
-            arm[k, 3 * i] = (common * p0 + 2 * s * up * dy) / (2 * chord)
-            arm[k, 3 * i + 1] = (common * p1 - 2 * s * up * dx) / (2 * chord)
-            arm[k, 3 * i + 2] = (common * p2 + 2 * s * p2 * r2 + 4 * e * span * span * p2) / (
-                2 * chord
-            )
-        length[k] = total
+def _tendon_length(layout, place, q, k, arm):
+    """Length [m] of tendon k; sets its derivatives (3 n,) by q (3 n,)."""
+    total = q[0] * 0 + place[k, 0] * 0
+    arm[:] = 0
+    dx, dy = place[k, 0], place[k, 1]
+    r2 = dx * dx + dy * dy
+    for i in range(layout.last[k]):
+        m = layout.spans[k, i]
+        span = layout.sizes[i] / m
+        p0, p1, p2 = q[3 * i] / m, q[3 * i + 1] / m, q[3 * i + 2] / m
+        x = p0 * p0 + p1 * p1 + p2 * p2
+        _a, b, c, e, _f = _series(x)
+        s, ds = 2 * b, 2 * e - c  # sinc(t / 2)^2 and its derivative by x
+        # (1 - s) / x = 2 e, and its derivative: that of the series of e
+        de = -(1 - x / 28 * (1 - x / 60 * (1 - x / 99))) / 360
+        up = span + p0 * dy - p1 * dx
+        square = p2 * p2 * r2 + up * up
+        along = span * span * p2 * p2
+        chord = np.sqrt(s * square + 2 * e * along)
+        total += m * chord
+        common = 2 * ds * square + 2 * de * along
+        arm[3 * i] = (common * p0 + 2 * s * up * dy) / (2 * chord)
+        arm[3 * i + 1] = (common * p1 - 2 * s * up * dx) / (2 * chord)
+        arm[3 * i + 2] = (common * p2 + 2 * s * p2 * r2 + 4 * e * span * span * p2) / (2 * chord)
+    return total
 
 
 @kernel
@@ -213,6 +216,89 @@ def _add_weight(layout, body, q, place, axes, out):
 
 
 @kernel
+def _slid(way, loose):
+    """Share of friction in [-1, 1] after a way from where it would vanish."""
+    share = way / loose
+    if share.real > 1:
+        return share * 0 + 1
+    if share.real < -1:
+        return share * 0 - 1
+    return share
+
+
+@kernel
+def _pull(layout, body, k, length, control):
+    """Tension [N] of tendon k at its servo: none is negative."""
+    pull = control + length * 0
+    if layout.by_length:
+        stretch = control + length - body.straight[k]
+        pull = body.pretension[k] + body.spring[k] * stretch
+    return pull if pull.real > 0 else pull * 0
+
+
+@kernel
+def _tension(layout, body, k, length, control, anchor, rubs):
+    """Tension [N] of tendon k inside the robot, friction included.
+
+    Where friction of the backbone is told apart, it is no more than the tension: a slack tendon
+    does not rub.
+    """
+    pull = _pull(layout, body, k, length, control)
+    if rubs:
+        most = body.friction[k] + pull * 0
+        if layout.apart and pull.real < most.real:
+            most = pull
+        pull = pull + most * _slid(length - anchor, layout.loose)
+    return pull
+
+
+@kernel
+def _add_tendon(layout, body, q, k, control, anchor, rubs, work):
+    """Add tendon k's generalised force to work.force (3 n,) [N m]; sets its length and arm."""
+    work.length[k] = _tendon_length(layout, body.place, q, k, work.arm[k])
+    tension = _tension(layout, body, k, work.length[k], control, anchor, rubs)
+    for i in range(3 * layout.last[k]):
+        work.force[i] += tension * work.arm[k, i]
+
+
+@kernel
+def _held(layout, q, i, anchor):
+    """Share (x, y) of friction of piece i, of length one at most, bent from its anchor."""
+    x = (q[3 * i] - anchor[2 * i]) / layout.give[i]
+    y = (q[3 * i + 1] - anchor[2 * i + 1]) / layout.give[i]
+    size = np.sqrt(x * x + y * y)
+    return (x / size, y / size) if size.real > 1 else (x, y)
+
+
+@kernel
+def _held_slopes(layout, q, i, anchor, out):
+    """Set out (2, 2) [1/rad] to the derivative of `_held` by the bend of piece i."""
+    x, y = q[3 * i] - anchor[2 * i], q[3 * i + 1] - anchor[2 * i + 1]
+    size = np.sqrt(x * x + y * y)
+    if size > layout.give[i]:
+        x, y = x / size, y / size
+        out[0, 0], out[1, 1] = y * y / size, x * x / size
+        out[0, 1] = out[1, 0] = -x * y / size
+    else:
+        out[0, 0] = out[1, 1] = 1 / layout.give[i]
+        out[0, 1] = out[1, 0] = 0.0
+
+
+@kernel
+def _add_piece(layout, body, q, i, anchor, rubs, out):
+    """Add spring and friction of piece i to out (3 n,) [N m]; anchor (2 n,) [rad] of bends."""
+    b0, b1 = q[3 * i] - body.rest[i, 0], q[3 * i + 1] - body.rest[i, 1]
+    k = body.stiffness[i]
+    out[3 * i] += k[0] * b0 + k[1] * b1
+    out[3 * i + 1] += k[1] * b0 + k[2] * b1
+    out[3 * i + 2] += k[3] * q[3 * i + 2]
+    if rubs:
+        x, y = _held(layout, q, i, anchor)
+        out[3 * i] += body.holding[i] * x
+        out[3 * i + 1] += body.holding[i] * y
+
+
+@kernel
 def imbalance(layout, body, q, control, anchor, rubs, work):
     """Set work.force (3 n,) [N m] to what is missing from balance, and the rest of it.
 
@@ -220,47 +306,65 @@ def imbalance(layout, body, q, control, anchor, rubs, work):
         layout, body: The robot.
         q: (3 n,) turns of the pieces.
         control: (n_tendons,) [m] or [N], what servos make of a command.
-        anchor: (n_tendons,) [m], lengths at which friction would vanish.
+        anchor: (n_tendons + 2 n,) where friction would vanish: lengths [m], then bends [rad].
         rubs: Whether friction counts.
         work: Scratch of the numbers' kind.
     """
-    n = len(layout.sizes)
-    tendon_lengths(layout, body.place, q, work.length, work.arm)
-    for i in range(n):
-        b0, b1 = q[3 * i] - body.rest[i, 0], q[3 * i + 1] - body.rest[i, 1]
-        k = body.stiffness[i]
-        work.force[3 * i] = k[0] * b0 + k[1] * b1
-        work.force[3 * i + 1] = k[1] * b0 + k[2] * b1
-        work.force[3 * i + 2] = k[3] * q[3 * i + 2]
-    for t in range(len(work.length)):
-        pull = control[t] + work.length[t] * 0
-        if layout.by_length:
-            stretch = control[t] + work.length[t] - body.straight[t]
-            pull = body.pretension[t] + body.spring[t] * stretch
-        if pull.real < 0:
-            pull = pull * 0
-        if rubs and body.friction[t].real > 0:
-            slid = (work.length[t] - anchor[t]) / layout.loose
-            if slid.real > 1:
-                slid = slid * 0 + 1
-            elif slid.real < -1:
-                slid = slid * 0 - 1
-            pull = pull + body.friction[t] * slid
-        for i in range(3 * layout.last[t]):
-            work.force[i] += pull * work.arm[t, i]
+    tendons = len(work.length)
+    work.force[:] = 0
+    for i in range(len(layout.sizes)):
+        _add_piece(layout, body, q, i, anchor[tendons:], rubs, work.force)
+    for k in range(tendons):
+        _add_tendon(layout, body, q, k, control[k], anchor[k], rubs, work)
     _add_weight(layout, body, q, work.place, work.axes, work.force)
 
 
 @kernel
-def _tangent(layout, body, q, control, anchor, rubs, work, out):
-    """Set out (3 n, 3 n) to the derivative of the imbalance by q, by complex steps."""
+def _tangent(layout, body, q, control, anchor, rubs, real, work, out):
+    """Set out (3 n, 3 n) to the derivative of the imbalance by q, where `real` was set last.
+
+    By complex steps: a tendon's arm about a piece depends on its turns alone, so that three steps
+    tell those of all pieces.
+    """
+    n, tendons = len(layout.sizes), len(real.length)
+    out[:, :] = 0
     z = q.astype(np.complex128)
-    for j in range(len(q)):
-        z[j] = complex(q[j], TINY)
-        imbalance(layout, body, z, control, anchor, rubs, work)
-        z[j] = q[j]
-        for i in range(len(q)):
-            out[i, j] = work.force[i].imag / TINY
+    for i in range(n):
+        for j in range(3):
+            z[3 * i + j] = complex(q[3 * i + j], TINY)
+            work.force[3 * i : 3 * i + 3] = 0
+            _add_piece(layout, body, z, i, anchor[tendons:], rubs, work.force)
+            for k in range(3):
+                out[3 * i + k, 3 * i + j] = work.force[3 * i + k].imag / TINY
+            z[3 * i + j] = q[3 * i + j]
+    for k in range(tendons):
+        length, held = real.length[k], anchor[k]
+        tension = _tension(layout, body, k, length, control[k], held, rubs)
+        moved = _tension(layout, body, k, complex(length, TINY), control[k], held, rubs)
+        rate = moved.imag / TINY
+        m = 3 * layout.last[k]
+        if rate != 0:
+            for i in range(m):
+                share = rate * real.arm[k, i]
+                for j in range(m):
+                    out[i, j] += share * real.arm[k, j]
+        if tension == 0:
+            continue
+        for j in range(3):
+            for i in range(n):
+                z[3 * i + j] = complex(q[3 * i + j], TINY)
+            _tendon_length(layout, body.place, z, k, work.arm[k])
+            for i in range(m):
+                out[i, 3 * (i // 3) + j] += tension * work.arm[k, i].imag / TINY
+            z[:] = q
+    if np.any(body.gravity != 0):
+        for j in range(3 * n):
+            z[j] = complex(q[j], TINY)
+            work.force[:] = 0
+            _add_weight(layout, body, z, work.place, work.axes, work.force)
+            z[j] = q[j]
+            for i in range(3 * n):
+                out[i, j] += work.force[i].imag / TINY
 
 
 @kernel
@@ -272,7 +376,7 @@ def _settle(layout, body, q, control, anchor, rubs, tolerance, real, work, matri
     imbalance(layout, body, q, control, anchor, rubs, real)
     size = np.sqrt(np.sum(real.force**2))
     for iteration in range(40):
-        _tangent(layout, body, q, control, anchor, rubs, work, matrix)
+        _tangent(layout, body, q, control, anchor, rubs, real, work, matrix)
         if size < tolerance and iteration > 0:
             return True
         if not np.isfinite(size):
@@ -307,6 +411,7 @@ def _body(many, j):
         many.gravity[j],
         many.play[j],
         many.marker[j],
+        many.holding[j],
     )
 
 
@@ -322,6 +427,57 @@ def _seen(layout, marker, work, out):
 
 
 @kernel
+def _touched(many, tendons):
+    """What each of p parameters changes: tendons (p, n_tendons), backbone, weight, markers (p, 3).
+
+    Most change one tendon, or the frame of the recording alone.
+    """
+    p = len(many.gravity)
+    pulls, others = np.zeros((p, tendons), np.bool_), np.zeros((p, 3), np.bool_)
+    for j in range(p):
+        for k in range(tendons):
+            pulls[j, k] = (
+                np.any(many.place[j, k].imag != 0)
+                or many.spring[j, k].imag != 0
+                or many.pretension[j, k].imag != 0
+                or many.friction[j, k].imag != 0
+                or many.straight[j, k].imag != 0
+                or many.play[j, k].imag != 0
+            )
+        springs = np.any(many.stiffness[j].imag != 0) or np.any(many.rest[j].imag != 0)
+        others[j, 0] = springs or np.any(many.holding[j].imag != 0)
+        weights = np.any(many.mass[j].imag != 0) or np.any(many.head[j].imag != 0)
+        others[j, 1] = weights or np.any(many.gravity[j].imag != 0)
+        others[j, 2] = np.any(many.marker[j].imag != 0)
+    return pulls, others
+
+
+@kernel
+def _add_slopes(layout, body, many, touched, q, control, by_control, anchor, rubs, work, right, by):
+    """Take derivatives of the imbalance by p parameters, at rest turns, off right (3 n, p).
+
+    Sets `by` (n_tendons, p), those of the tendons' lengths. Anchors count as constant.
+    """
+    pulls, others = touched
+    tendons, n = len(work.length), len(q)
+    for j in range(right.shape[1]):
+        one = _body(many, j)
+        work.force[:] = 0
+        for i in range(n // 3 if others[j, 0] else 0):
+            _add_piece(layout, one, q, i, anchor[tendons:], rubs, work.force)
+        for k in range(tendons):
+            by[k, j] = 0.0
+            if pulls[j, k]:
+                moved = complex(control[k], TINY * by_control[k, j])
+                _add_tendon(layout, one, q, k, moved, anchor[k], rubs, work)
+                by[k, j] = work.length[k].imag / TINY
+        if others[j, 1]:
+            _add_weight(layout, one, q, work.place, work.axes, work.force)
+        for i in range(n):
+            right[i, j] -= work.force[i].imag / TINY
+
+
+@kernel
 def follow(
     layout, body, many, controls, begins, tolerance, real, work, turns, markers, slopes, rub
 ):
@@ -334,26 +490,30 @@ def follow(
         many: The same with an imaginary step in each of the parameters, (p, ...); of none, no
             derivatives are made.
         controls: (t, n_tendons) [m] or [N].
-        begins: (t,) bool, where tendons come to rest as if nothing rubbed, and servos in the middle
-            of their play; the first does.
+        begins: (t,) bool, where tendons and backbone come to rest as if nothing rubbed, and servos
+            in the middle of their play; the first does.
         tolerance: [N m].
         real, work: Scratch of real and of complex numbers.
         turns: (t, 3 n) of the pieces, set.
         markers: (t, n_markers, 3) [m], set.
         slopes: (t, n_markers, 3, p) their derivatives, set.
-        rub: (t, n_tendons) in [-1, 1], share of their friction, set.
+        rub: (t, n_tendons + 2 n) in [-1, 1], share of friction of tendons and of bends, set.
 
     Returns:
         (t,) bool, whether an equilibrium was found.
     """
     n, tendons, p = 3 * len(layout.sizes), controls.shape[1], len(many.gravity)
+    rubbing = rub.shape[1]
     found = np.ones(len(controls), np.bool_)
-    q, anchor = np.zeros(n), np.zeros(tendons)
-    by_q, by_anchor = np.zeros((n, p)), np.zeros((tendons, p))
+    q, anchor = np.zeros(n), np.zeros(rubbing)
+    by_q, by_anchor = np.zeros((n, p)), np.zeros((rubbing, p))
     before, matrix = np.zeros(tendons), np.zeros((n, n))
     control, by_control = np.zeros(tendons), np.zeros((tendons, p))
-    z, far = np.zeros(n, np.complex128), np.zeros(tendons, np.complex128)
-    pulled, seen = np.zeros(tendons, np.complex128), np.zeros((len(layout.nodes), 3), np.complex128)
+    z, by_length = np.zeros(n, np.complex128), np.zeros((tendons, p))
+    seen = np.zeros((len(layout.nodes), 3), np.complex128)
+    by_turn = np.zeros((len(layout.nodes), 3, n))
+    right, hold, held = np.zeros((n, p)), np.zeros(tendons), np.zeros((n // 3, 2, 2))
+    touched = _touched(many, tendons)
     for t in range(len(controls)):
         rubs = not begins[t]
         if begins[t]:
@@ -382,33 +542,64 @@ def follow(
         turns[t] = q
         imbalance(layout, body, q, control, anchor, rubs, real)
         _seen(layout, body.marker, real, markers[t])
-        for k in range(tendons):
-            slid = (real.length[k] - anchor[k]) / layout.loose
-            rub[t, k] = min(max(slid, -1.0), 1.0) if rubs else 0.0
+        rub[t], hold[:], held[:] = 0.0, 0.0, 0.0
+        if rubs:
+            for k in range(tendons):
+                rub[t, k] = _slid(real.length[k] - anchor[k], layout.loose)
+                pull = _pull(layout, body, k, real.length[k], control[k])
+                most = min(body.friction[k], pull) if layout.apart else body.friction[k]
+                hold[k] = most / layout.loose
+            for i in range(n // 3):
+                m = tendons + 2 * i
+                rub[t, m], rub[t, m + 1] = _held(layout, q, i, anchor[tendons:])
+                _held_slopes(layout, q, i, anchor[tendons:], held[i])
         if p > 0:
-            right = np.zeros((n, p))
-            for j in range(p):
-                one = _body(many, j)
-                for k in range(tendons):
-                    far[k] = complex(anchor[k], TINY * by_anchor[k, j])
-                    pulled[k] = complex(control[k], TINY * by_control[k, j])
-                for i in range(n):
-                    z[i] = q[i]
-                imbalance(layout, one, z, pulled, far, rubs, work)
-                for i in range(n):
-                    right[i, j] = -work.force[i].imag / TINY
+            # Friction depends on its anchor, of which earlier rows have a derivative.
+            right[:, :] = 0
+            for k in range(tendons):
+                if rubs and abs(rub[t, k]) < 1:
+                    for i in range(3 * layout.last[k]):
+                        right[i] += hold[k] * real.arm[k, i] * by_anchor[k]
+            for i in range(n // 3):
+                m = tendons + 2 * i
+                right[3 * i : 3 * i + 2] += body.holding[i] * held[i] @ by_anchor[m : m + 2]
+            _add_slopes(
+                layout,
+                body,
+                many,
+                touched,
+                q,
+                control,
+                by_control,
+                anchor,
+                rubs,
+                work,
+                right,
+                by_length,
+            )
             by_q = np.linalg.solve(matrix, right)
-            for j in range(p):
-                one = _body(many, j)
-                for i in range(n):
-                    z[i] = complex(q[i], TINY * by_q[i, j])
+            for i in range(n):
+                z[:] = q
+                z[i] = complex(q[i], TINY)
                 posture(layout, z, work.place, work.axes)
-                _seen(layout, one.marker, work, seen)
-                slopes[t, :, :, j] = seen.imag / TINY
-                tendon_lengths(layout, one.place, z, work.length, work.arm)
-                for k in range(tendons):
-                    if not rubs or abs(rub[t, k]) >= 1:
-                        by_anchor[k, j] = work.length[k].imag / TINY
+                _seen(layout, body.marker, work, seen)
+                by_turn[:, :, i] = seen.imag / TINY
+            for k in range(len(layout.nodes)):
+                slopes[t, k] = by_turn[k] @ by_q
+                axes = real.axes[layout.nodes[k]]
+                for j in range(p):
+                    if touched[1][j, 2]:
+                        slopes[t, k, :, j] += axes @ (many.marker[j, k].imag / TINY)
+            for k in range(tendons):
+                if not rubs or abs(rub[t, k]) >= 1:
+                    by_anchor[k] = real.arm[k] @ by_q + by_length[k]
+            for i in range(n // 3):
+                m, bends = tendons + 2 * i, by_q[3 * i : 3 * i + 2]
+                moved = held[i] @ (bends - by_anchor[m : m + 2])
+                by_anchor[m : m + 2] = bends - layout.give[i] * moved
         for k in range(tendons):
             anchor[k] = real.length[k] - layout.loose * rub[t, k]
+        for m in range(2 * len(layout.sizes)):
+            i = m // 2
+            anchor[tendons + m] = q[3 * i + m % 2] - layout.give[i] * rub[t, tendons + m]
     return found

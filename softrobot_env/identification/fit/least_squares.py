@@ -160,9 +160,8 @@ def search(
     mean = model.unknowns.mean[free]
 
     def cost(found: Simulated, at: np.ndarray) -> float:
-        square = _squares(found.error, used) / weights.scale**2
-        data = np.sum(np.sqrt(1 + square) - 1) * (weights.scale / weights.deviation) ** 2
-        return float(data + 0.5 * np.sum(np.linalg.solve(root, at[free] - mean) ** 2))
+        away = np.linalg.solve(root, at[free] - mean)
+        return _data_cost(found, weights, used) + 0.5 * float(np.sum(away**2))
 
     x, damping, taken = x.copy(), _DAMPING, 0
     here = model.simulate(x, free, rows, rubs)
@@ -213,6 +212,25 @@ def fitted(
         weights = weights_of(fit, model)
     assert fit is not None
     return search(model, fit.x, free, weights, show=show, steps=6, least=1e-3)
+
+
+def pays(simple: Fit, other: Fit, model: StaticModel) -> bool:
+    """Whether more parameters explain the rows so much better that they are there.
+
+    By the Bayesian information criterion: each has to lessen the cost by half of the logarithm of
+    the number of independent residuals. Both fits count by the weights of the simple one.
+    """
+    weights = simple.weights
+    rows = np.isfinite(simple.simulated.error).sum() / weights.correlation
+    price = 0.5 * (other.free.sum() - simple.free.sum()) * np.log(rows)
+    gain = _data_cost(simple.simulated, weights) - _data_cost(other.simulated, weights)
+    return bool(gain > price)
+
+
+def _data_cost(found: Simulated, weights: Weights, used: np.ndarray | None = None) -> float:
+    """What the residuals cost: half of their squares over their variance where they are small."""
+    square = _squares(found.error, used) / weights.scale**2
+    return float(np.sum(np.sqrt(1 + square) - 1) * (weights.scale / weights.deviation) ** 2)
 
 
 def weights_of(fit: Fit, model: StaticModel) -> Weights:

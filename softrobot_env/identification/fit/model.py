@@ -23,6 +23,7 @@ from softrobot_env.identification.fit.kernels import (
 from softrobot_env.identification.fit.unknowns import (
     Unknowns,
     groups,
+    start_bending_friction,
     start_friction,
     start_play,
 )
@@ -36,6 +37,7 @@ from softrobot_env.robots.parameters import Base
 _PIECES = 6  # at least, over all of the robot
 _CHANNEL = 1000  # spans of a continuous channel in a piece
 _LOOSE = 2e-5  # m
+_GIVE = 0.01  # rad, of a bend of the whole robot at which friction of its backbone is whole
 _TOLERANCE = 1e-9  # of the imbalance, over the moment that bends the robot by a radian
 
 
@@ -48,7 +50,7 @@ class Simulated:
             they were not measured.
         slopes: (t, k, 3, p) derivatives by the parameters; of none without.
         turns: (t, 3 n) [rad] of the pieces.
-        rub: (t, n_tendons) share of friction, in [-1, 1].
+        rub: (t, n_tendons + 2 n) share of friction of tendons and of bends, in [-1, 1].
         found: (t,) bool, whether an equilibrium was found.
         markers: (t, k, 3) [m] simulated, along the robot's axes.
     """
@@ -124,6 +126,9 @@ class StaticModel:
         self._play = robot.drive.backlash / 2 if self._by_length else 0.0
         if self._by_length and "backlash" not in known:
             self._play = start_play(robot, travel)
+        self._holding = np.array([s.bending_friction for s in robot.backbone.sections])
+        if "bending_friction" not in known:
+            self._holding = start_bending_friction(robot)
         self._lay(pieces)
 
     def on(self, recording: Recording, gravity: np.ndarray | None = None) -> "StaticModel":
@@ -167,7 +172,10 @@ class StaticModel:
             len(sizes) if m.station_m is None else int(np.argmin(np.abs(edges - m.station_m)))
             for m in markers
         ]
-        self.layout = Layout(sizes, spans, last, self._by_length, np.array(nodes), _LOOSE)
+        give = _GIVE * sizes / robot.length
+        nodes = np.array(nodes)
+        apart = bool(self._holding.any())
+        self.layout = Layout(sizes, spans, last, self._by_length, nodes, _LOOSE, give, apart)
         backbone = robot.backbone
         self._bending = backbone.in_series(backbone.bending, edges) / sizes
         self._torsion = backbone.in_series(backbone.torsion, edges) / sizes
@@ -234,6 +242,7 @@ class StaticModel:
             gravity,
             self._play * np.exp(take("backlash", 1)[0]) * np.ones(n),
             self._offsets(x),
+            (self._holding * np.exp(take("bending_friction", len(self._holding))))[self._section],
         )
 
     def _unlike(self, x: np.ndarray) -> np.ndarray:
@@ -298,7 +307,8 @@ class StaticModel:
             steps.append(moved)
         body = _contiguous(self.body(x), float)
         if not rubs:
-            body = body._replace(friction=body.friction * 0, play=body.play * 0)
+            still = {name: getattr(body, name) * 0 for name in ("friction", "holding", "play")}
+            body = body._replace(**still)
         shifted = [_contiguous(self.body(y), complex) for y in steps]
         many = Body(
             *(
@@ -312,7 +322,8 @@ class StaticModel:
         )
         n, tendons, k = len(self.layout.sizes), len(body.spring), len(self.layout.nodes)
         turns, markers = np.zeros((len(chosen), 3 * n)), np.zeros((len(chosen), k, 3))
-        slopes, rub = np.zeros((len(chosen), k, 3, len(by))), np.zeros((len(chosen), tendons))
+        slopes = np.zeros((len(chosen), k, 3, len(by)))
+        rub = np.zeros((len(chosen), tendons + 2 * n))
         begins = self.begins[chosen].copy()
         begins[0] = True
         begins |= np.append(False, np.diff(self.recording.runs[chosen]) != 0)
@@ -368,9 +379,12 @@ class StaticModel:
             tendons.append(replace(moved, **changes))
         soft = np.exp(take("youngs_modulus", len(robot.backbone.sections)))
         heavy = float(np.exp(take("mass", 1)[0]))
+        holding = self._holding * np.exp(take("bending_friction", len(self._holding)))
         sections = [
-            section.vary(youngs_modulus=float(e), density=heavy)
-            for section, e in zip(robot.backbone.sections, soft, strict=True)
+            replace(
+                section.vary(youngs_modulus=float(e), density=heavy), bending_friction=float(most)
+            )
+            for section, e, most in zip(robot.backbone.sections, soft, holding, strict=True)
         ]
         head = robot.head
         if head is not None:

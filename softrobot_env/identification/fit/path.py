@@ -15,18 +15,20 @@ from softrobot_env.identification.fit.least_squares import (
     combinations,
     first_weights,
     fitted,
+    pays,
     search,
     size,
 )
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import Residual, bends_of, trained
 from softrobot_env.identification.fit.rests import at_rest
-from softrobot_env.identification.fit.unknowns import LAGS, STAGES, Fact, Unknowns
+from softrobot_env.identification.fit.unknowns import HOLDS, LAGS, RUBS, STAGES, Fact, Unknowns
 from softrobot_env.identification.fit.validation import (
     Validation,
     cross_validated,
     pattern_numbers,
 )
+from softrobot_env.processes import chosen_processes
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
 
@@ -35,6 +37,8 @@ Show = Callable[[str, int, int], None]
 
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
 _FITS = 25  # steps shown as all
+_LEAST_KEPT = 0.02  # rad, of a bend that friction of a backbone keeps
+_STARTS = (-0.7, 0.7)  # further ones, of the logarithm of the stiffness
 
 
 @dataclass(frozen=True)
@@ -131,14 +135,11 @@ def identify(
             moving = None if moving is None else with_tendons(moving, found)
             times["assignment"] = perf_counter() - began
     turned = any_turn or found is not None
-    filed = [name for name in LAGS if name in known or "statics" not in stages]
-    model = StaticModel(robot, static, turned, known=filed)
-    unknowns = model.unknowns
-    free, x = _free(model, stages, known), np.zeros(len(unknowns.spread))
-    if found is not None:
-        x[unknowns.place("frame_turn").stop - 1] = found.turn
     began = perf_counter()
-    fit = _fitted(model, x, free, lambda n, _: told("fit", min(n, _FITS), _FITS))
+    model, fit, filed = _statics(
+        robot, static, stages, known, turned, 0.0 if found is None else found.turn, told
+    )
+    free, unknowns = fit.free, model.unknowns
     times["fit"] = perf_counter() - began
     dynamics = None
     if moving is not None and "dynamics" in stages:
@@ -312,10 +313,57 @@ def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np
     return free
 
 
+def _statics(
+    robot: RobotParams,
+    static: Recording,
+    stages: Sequence[str],
+    known: Sequence[str],
+    turned: bool,
+    turn: float,
+    show: Show,
+) -> tuple[StaticModel, Fit, list[str]]:
+    """Model and fit of the rows at rest, and the kinds of friction that are as the file says.
+
+    Few backbones have friction. One is fitted with and without unless the file knows of some, and
+    has it where that pays, and where it keeps more of a bend than other things that the model
+    lacks might.
+    """
+    filed = [name for name in RUBS if name in known or "statics" not in stages]
+
+    def tried(what: str, held: Sequence[str]) -> tuple[StaticModel, Fit]:
+        model = StaticModel(robot, static, turned, known=held)
+        free, x = _free(model, stages, known), np.zeros(len(model.unknowns.spread))
+        free[model.unknowns.place(HOLDS)] &= HOLDS not in held
+        if turn:
+            x[model.unknowns.place("frame_turn").stop - 1] = turn
+        return model, _fitted(model, x, free, lambda n, _: show(what, min(n, _FITS), _FITS))
+
+    if robot.holds and HOLDS not in filed:
+        return *tried("fit", filed), filed
+    plain = list(dict.fromkeys([*filed, HOLDS]))
+    model, fit = tried("fit", plain)
+    if HOLDS in filed:
+        return model, fit, plain
+    holding, other = tried("friction of the backbone", filed)
+    rubs = pays(fit, other, holding) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
+    return (holding, other, filed) if rubs else (model, fit, plain)
+
+
+def _kept(robot: RobotParams) -> float:
+    """Bend [rad] that friction of the backbone can keep, of the whole robot."""
+    sections, ends = robot.backbone.sections, robot.backbone.ends
+    stiffness = robot.backbone.bending((ends[:-1] + ends[1:]) / 2)
+    turns = [s.bending_friction * s.length / k for s, k in zip(sections, stiffness, strict=True)]
+    return float(sum(turns))
+
+
 def _fitted(
     model: StaticModel, x: np.ndarray, free: np.ndarray, show: Callable[[int, float], None]
 ) -> Fit:
-    """The frame at first, then everything; from half and twice the stiffness as well if needed."""
+    """The frame at first, then everything; from half and twice the stiffness as well if needed.
+
+    These two at a time if processes were chosen by `processes.using`.
+    """
     start = first_weights(model)
     frame = free & model.unknowns.of(["frame"])
     if frame.any():
@@ -324,10 +372,16 @@ def _fitted(
     stiff = model.unknowns.place("youngs_modulus")
     if size(best.simulated.error) < 2.5 * start.deviation or stiff is None or not free[stiff].any():
         return best
-    for change in (-0.7, 0.7):
-        other = x.copy()
+    others = [x.copy() for _ in _STARTS]
+    for other, change in zip(others, _STARTS, strict=True):
         other[stiff] += change
-        trial = fitted(model, other, free, start, show)
+    with chosen_processes() as pool:
+        if pool is None:
+            trials = [fitted(model, other, free, start, show) for other in others]
+        else:
+            begun = [pool.submit(fitted, model, other, free, start) for other in others]
+            trials = [one.result() for one in begun]
+    for trial in trials:
         if size(trial.simulated.error) < size(best.simulated.error):
             best = trial
     return best

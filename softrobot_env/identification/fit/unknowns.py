@@ -19,7 +19,14 @@ from softrobot_env.robots import RobotParams
 #: Kinds that make a robot lag behind its commands, which a search has to begin with some of.
 LAGS = ("tendon_friction", "backlash")
 
+#: The kind that few robots have, and which is taken where the data ask for it.
+HOLDS = "bending_friction"
+
+#: All kinds that a model has some of unless they are known to be as the file says.
+RUBS = (*LAGS, HOLDS)
+
 _BEND = 0.1  # rad, by which the zero of a servo may bend a robot
+_HOLD = 0.06  # rad, by which friction of the backbone may keep a robot bent
 _PLAY = 0.003  # half of a backlash that is usual, over the recorded range of commands
 
 #: Stages in their order, and what they find.
@@ -27,7 +34,8 @@ STAGES: dict[str, str] = {
     "frame": "frame of the recording and offsets of its markers",
     "tendons": "which column pulls which tendon, their angles and distances, scales of commands",
     "geometry": "curvature without load, anisotropy, direction of gravity",
-    "statics": "Young's modulus, mass; stiffness, pretension and friction of tendons, backlash",
+    "statics": "Young's modulus, mass; stiffness, pretension and friction of tendons, backlash; "
+    "friction of the backbone where the data ask for it",
     "dynamics": "damping, delay and friction, of a robot that was recorded in motion",
     "residual": "what physics leaves, learned near the data",
 }
@@ -109,6 +117,7 @@ def groups(
         usual = float(np.median([t.pretension for t in robot.tendons]))
         found.append(Group("pretension", "statics", names, zero, "N", usual + zero))
         found.append(Group("backlash", "statics", ("all",), 1.5, "log"))
+    found.append(Group(HOLDS, "statics", sections, 0.4, "log", 2.0))
     found.append(Group("tendon_friction", "statics", names, 0.4, "log", 2.0))
     return found
 
@@ -127,6 +136,13 @@ def start_friction(robot: RobotParams, travel: float, by_length: bool) -> np.nda
     """(n_tendons,) [N] that a search begins with: the file's, or a twentieth of usual forces."""
     least = 0.05 * _typical_force(robot, travel, by_length)
     return np.array([max(t.friction, least) for t in robot.tendons])
+
+
+def start_bending_friction(robot: RobotParams) -> np.ndarray:
+    """(n_sections,) [N m] that a search begins with: the file's, or what keeps a slight bend."""
+    middle = np.array([robot.length / 2])
+    usual = _HOLD * float(robot.backbone.bending(middle)[0]) / robot.length
+    return np.array([s.bending_friction or usual for s in robot.backbone.sections])
 
 
 def start_play(robot: RobotParams, travel: float) -> float:

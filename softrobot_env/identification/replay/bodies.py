@@ -20,8 +20,9 @@ from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.statics import equilibrium
-from softrobot_env.scene.tangent import RubbingForces, StaticForces
+from softrobot_env.scene.tangent import RubbingForces
 
+_LET_OUT = 0.02  # of the robot's length, by which tendons are let out to be slack
 _STEP, _SHORTEST = 1 / 16, 1 / 1024  # of the way from one command to another
 
 
@@ -60,7 +61,10 @@ class Body:
         self._servos, self._offset = None, np.zeros(len(robot.tendons))
         self._rubbing: RubbingForces | None = None
         idle = [0.0 if drive == "length" else t.pretension for t in robot.tendons]
-        self._idle = np.array(idle, dtype=float)
+        self._idle, self._slack = np.array(idle, dtype=float), np.zeros(len(idle))
+        if drive == "length":
+            held = [t.pretension / t.stiffness for t in robot.tendons]
+            self._slack = np.array(held) + _LET_OUT * robot.length
         self._play = self._horn = np.zeros_like(self._offset)
         if drive == "length":
             self._play = np.array(twin.backlash) / 2
@@ -71,9 +75,9 @@ class Body:
     def at_rest(self, control: np.ndarray, guess: np.ndarray | None = None) -> np.ndarray:
         """Coordinates in stable equilibrium under controls (n_tendons,).
 
-        Near the guess, else where slowly growing loads lead, else where the robot goes from rest
-        without commands in small steps: tendons that are let out from no tension at all may give
-        the loads' path a kink at its very begin.
+        Near the guess, else where slowly growing loads lead, else where the robot goes in small
+        steps from rest without commands, or with all tendons let out: some that are slack and some
+        that are not may give the loads' path a kink at its very begin.
 
         Raises:
             EquilibriumError: None was found, or only an unstable one.
@@ -82,8 +86,13 @@ class Body:
         try:
             return self._model.equilibrium(control + self._offset, guess)
         except EquilibriumError:
-            start = self._model.equilibrium(self._idle + self._offset)
-            return self._by_steps(self._model.equilibrium, self._idle, control, start)
+            rest, idle = self._model.equilibrium, self._idle
+            try:
+                start = rest(idle + self._offset)
+            except EquilibriumError:
+                idle = idle - self._slack
+                start = rest(idle + self._offset)
+            return self._by_steps(rest, idle, control, start)
 
     def follow(self, control: np.ndarray, before: np.ndarray | None) -> np.ndarray:
         """Coordinates at rest after slow motion from those before, with friction and backlash.
@@ -100,7 +109,7 @@ class Body:
             return self.at_rest(self._horn, before)
         model = self._model.model
         if self._rubbing is None:
-            self._rubbing = RubbingForces(model, StaticForces(model).tendon_length(before))
+            self._rubbing = RubbingForces(model, before)
         rest = partial(equilibrium, model, rubbing=self._rubbing)
         try:
             return rest(self._horn + self._offset, before)

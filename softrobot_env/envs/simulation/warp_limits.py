@@ -1,0 +1,126 @@
+"""What the backend "warp" can do, told before anything is built; itself it loads nothing heavy."""
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from importlib.util import find_spec
+from math import ceil
+from typing import TYPE_CHECKING, Any
+
+import mujoco
+import numpy as np
+
+from softrobot_env.envs.randomization import Randomization
+from softrobot_env.extras import install_command
+from softrobot_env.scene.build import Scene
+from softrobot_env.scene.config import DEFAULT_SHARE
+from softrobot_env.scene.timestep import EXTRAPOLATION
+
+if TYPE_CHECKING:  # what takes seconds to load
+    from softrobot_env.envs.simulation.warp_batch import WarpBatch
+
+#: Those of its integrators.
+INTEGRATORS = (EXTRAPOLATION, "implicitfast", "discrete")
+
+#: Length of a step of the extrapolation, over the first period, unless a timestep is given.
+STEP_SHARE = 1 / 150
+
+_BACKEND = "backend 'warp'"
+
+
+def checked_device(device: str | None) -> str:
+    """The device that is asked for, the first CUDA device unless one is.
+
+    Raises:
+        ImportError: The extra is not installed.
+        ValueError: There is no such device; the message names those that are there.
+    """
+    missing = [name for name in ("mujoco_warp", "torch") if find_spec(name) is None]
+    if missing:
+        raise ImportError(f"{_BACKEND} needs {', '.join(missing)}: {install_command('gpu')}")
+    import torch
+
+    there = [f"cuda:{k}" for k in range(torch.cuda.device_count())]
+    wanted = (there or ["cuda:0"])[0] if device is None else device
+    wanted = "cuda:0" if wanted == "cuda" else wanted
+    if not isinstance(wanted, str) or wanted not in [*there, "cpu"]:
+        known = re.fullmatch(r"cuda:\d+", str(wanted))
+        what = f"there is no CUDA device {wanted!r}" if known else f"unknown device {wanted!r}"
+        raise ValueError(f"{what}; choose from {', '.join([*there, 'cpu'])} (cpu is for tests)")
+    return wanted
+
+
+def check_options(threads: int, integrator: str | None, accuracy: float | str) -> None:
+    """Raise ValueError for arguments of an environment that the backend does not take."""
+    if threads:
+        raise ValueError(f"{_BACKEND} takes no threads, they are MuJoCo's: choose a device")
+    if integrator not in (None, *INTEGRATORS):
+        raise ValueError(
+            f"{_BACKEND} has the integrators {', '.join(INTEGRATORS)}, got {integrator!r}"
+        )
+    if accuracy != DEFAULT_SHARE:
+        raise ValueError(
+            f"{_BACKEND} takes no accuracy, its steps have one length: give a timestep"
+        )
+
+
+def check_variation(scene: Scene, variation: Mapping[str, Any]) -> None:
+    """Raise ValueError for values, or arrays of them, that the backend cannot vary."""
+    if np.any(np.asarray(variation.get("tendon_friction", 0.0)) != 0):
+        _check_friction(scene)
+    if np.any(np.asarray(variation.get("tendon_radius", 1.0)) != 1):
+        _check_radius(scene)
+
+
+def _check_friction(scene: Scene) -> None:
+    if scene.timestep.integrator != EXTRAPOLATION:
+        raise ValueError(
+            f"{_BACKEND} has friction of tendons with integrator {EXTRAPOLATION!r} alone, not with "
+            f"{scene.timestep.integrator!r}"
+        )
+
+
+def _check_radius(scene: Scene) -> None:
+    if not all(tendon.is_straight for tendon in scene.config.robot.tendons):
+        raise ValueError(
+            f"{_BACKEND} can vary tendon_radius where all tendons are straight; robot "
+            f"{scene.name!r} has others"
+        )
+
+
+def check_robot(scene: Scene, randomization: Randomization | None) -> None:
+    """Raise ValueError for what the backend cannot simulate."""
+    model, name = scene.model, scene.name
+    if scene.config.robot.rubs or (
+        randomization is not None and any(randomization.tendon_friction)
+    ):
+        _check_friction(scene)
+    if model.nq != model.nv:
+        raise ValueError(
+            f"{_BACKEND} takes chains of hinges; robot {name!r} has ball joints, as it bends and "
+            "twists alike and has no channels"
+        )
+    if np.any(model.actuator_trntype != mujoco.mjtTrn.mjTRN_TENDON):
+        raise ValueError(f"{_BACKEND} takes drives of tendons alone; robot {name!r} has others")
+    if randomization is not None and tuple(randomization.tendon_radius) != (1, 1):
+        _check_radius(scene)
+
+
+def make_batch(scene: Scene, count: int, device: str) -> "WarpBatch":
+    """Simulations of a scene that `check_robot` has looked at.
+
+    Args:
+        scene: The scene.
+        count: Number of simulations.
+        device: As `checked_device` has it.
+    """
+    from softrobot_env.envs.simulation.warp_batch import WarpBatch
+
+    choice, period = scene.timestep, scene.config.control_period
+    if choice.integrator == EXTRAPOLATION and scene.config.timestep is None:
+        longest = min(choice.timestep, STEP_SHARE * choice.first_period)
+        substeps = ceil(period / longest - 1e-9)
+        scene = replace(
+            scene, timestep=replace(choice, timestep=period / substeps, substeps=substeps)
+        )
+    return WarpBatch(scene, count, device)

@@ -1,0 +1,265 @@
+"""Runs of a training over seeds and settings, each a job with a folder of its own."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from itertools import product
+from math import inf
+from pathlib import Path
+from threading import Event, Thread
+from time import perf_counter
+from uuid import uuid4
+
+from softrobot_env.artifacts import read_facts
+from softrobot_env.benchmarks.jobs import Progress, quiet, run_in_processes
+from softrobot_env.benchmarks.journal import Journal
+from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.processes import Workers, using
+from softrobot_env.training.registry import TRAININGS, Figures, Order, Quantity, curve_file
+from softrobot_env.writing import whole, write_text
+
+#: In a run's folder: the study that it is of, and the share of it that is done.
+_STUDY, _SHARE = "study.txt", "share.txt"
+
+#: [s] between looks at the shares, and between writing them.
+_EVERY = 2.0
+
+
+@dataclass(frozen=True)
+class Run(Record):
+    """A training with one seed and some settings; what is not told of it is None.
+
+    Attributes:
+        training, robot: What was trained.
+        seed: Of everything random.
+        settings: Numbers that were set.
+        folder: Of its files, in that of all.
+        steps: Environment steps of its last check.
+        reward, max_error, failures, best_steps: Of its best check, by which its network was
+            chosen: mean reward, largest error [m], failed episodes, and environment steps.
+        figures: What the training told at its end, in SI units.
+        curve: Its checks, see `watch.Point`.
+        minutes: That it took since it was last begun.
+        trial: Its number in a search, None outside of one.
+        pruned: Whether a search ended it early.
+        failure: What it ended with, None if it went well.
+        told: As `figures`, with formats and units.
+    """
+
+    training: str
+    robot: str
+    seed: int
+    settings: dict[str, float]
+    folder: str
+    steps: int | None = None
+    reward: float | None = None
+    max_error: float | None = None
+    failures: int | None = None
+    best_steps: int | None = None
+    figures: dict[str, float | None] = field(default_factory=dict)
+    curve: list[dict[str, float]] = field(default_factory=list)
+    minutes: float | None = None
+    trial: int | None = None
+    pruned: bool = False
+    failure: str | None = None
+    told: list[tuple[str, Quantity]] = drawn(())  # noqa: RUF009
+
+
+def orders_of(
+    order: Order, seeds: Sequence[int], values: Mapping[str, Sequence[float]]
+) -> dict[str, Order]:
+    """Orders of all pairs of settings and seeds, by the names of their folders.
+
+    Args:
+        order: What they have in common; its file is within `near` and there in theirs.
+        seeds: Of the runs.
+        values: Values of settings of `--set`; those with several tell the runs apart.
+    """
+    several = [name for name, own in values.items() if len(own) > 1]
+    found = {}
+    for chosen in product(*values.values()):
+        settings = dict(zip(values, chosen, strict=True))
+        parts = [f"{name}_{settings[name]:.12g}" for name in several]
+        for seed in seeds:
+            label = "_".join([*parts, f"seed_{seed}"])
+            own = {**order.settings} | ({"set": list(settings.items())} if settings else {})
+            if "log" in own:
+                own["log"] = Path(own["log"]).resolve() / label
+            path = order.path.parent / label / order.path.name
+            found[label] = replace(order, path=path, seed=seed, settings=own)
+    return found
+
+
+def run_all(
+    name: str,
+    orders: Mapping[str, Order],
+    journal: Journal,
+    progress: Progress = quiet,
+    overwrite: bool = False,
+) -> list[Run]:
+    """Train as ordered, in processes; what an earlier run of the same study did is taken up.
+
+    Args:
+        name: Of the training.
+        orders: By label.
+        journal: Of the study, which is open.
+        progress: Told what is done.
+        overwrite: Whether what is there of other studies may be replaced.
+
+    Raises:
+        FileExistsError: It is there, and may not.
+    """
+    study = study_of(journal)
+    if not overwrite:
+        check_unclaimed([order.path for order in orders.values()], study)
+    jobs = [(label, partial(_trained, name, order, study)) for label, order in orders.items()]
+    with _watched(orders, study, progress) as show:
+        found = run_in_processes(jobs, show)
+    runs = []
+    for order, (run, files) in zip(orders.values(), found, strict=True):
+        for file, content in files.items():  # of a worker on another machine
+            path = order.path.with_name(file)
+            if not path.is_file() or path.read_bytes() != content:
+                with whole(path) as aside:
+                    aside.write_bytes(content)
+        runs.append(run)
+    return runs
+
+
+def study_of(journal: Journal) -> str:
+    """A name of a study, the same until it is done."""
+    known = journal.read("name of the study")
+    if known is None:
+        known = uuid4().hex.encode()
+        journal.write("name of the study", known)
+    return known.decode()
+
+
+def described(name: str, order: Order) -> Run:
+    """What is known of a run before it is begun."""
+    settings, folder = dict(order.settings.get("set", ())), order.path.parent.name
+    return Run(name, order.robot.name, order.seed, settings, folder)
+
+
+def with_curve(run: Run, curve: list[dict[str, float]]) -> Run:
+    """A run with what its checks say."""
+    if not curve:
+        return run
+    best = max(curve, key=lambda point: point["reward"])
+    return replace(
+        run,
+        steps=int(curve[-1]["steps"]),
+        reward=best["reward"],
+        max_error=1e-3 * best["max_mm"],
+        failures=int(best["failures"]),
+        best_steps=int(best["steps"]),
+        curve=curve,
+    )
+
+
+def _trained(name: str, order: Order, study: str) -> tuple[Run, dict[str, bytes]]:
+    """A run, and the files that it wrote; a training that cannot go on is a failure of its own."""
+    training, folder, began = TRAININGS[name], order.path.parent, perf_counter()
+    settings, run = dict(order.settings), described(name, order)
+    learns = "checkpoint" in training.options
+    if learns:
+        settings |= {"checkpoint": folder, "resume": goes_on(folder, study)}
+    else:
+        write_text(folder / _STUDY, study)
+    figures: Figures = []
+    try:
+        with using(Workers(1)):
+            figures = training.run(replace(order, settings=settings), _noting(folder))
+    except (ArithmeticError, ValueError, RuntimeError) as error:
+        run = replace(run, failure=str(error).partition("\n")[0] or type(error).__name__)
+    if learns:
+        run = with_curve(run, _curve(order, run.failure))
+    told = [(key, value) for key, value in figures if isinstance(value, Quantity)]
+    numbers, minutes = {key: value.value for key, value in told}, (perf_counter() - began) / 60
+    left = [path for path in (order.path, curve_file(order.path)) if path.is_file()]
+    files = {path.name: path.read_bytes() for path in left if run.failure is None}
+    return replace(run, figures=numbers, told=told, minutes=minutes), files
+
+
+def _noting(folder: Path) -> Callable[[str, int, int], None]:
+    """What writes the share that is done of a run to its folder, now and then."""
+    last = -inf
+
+    def show(_: str, done: int, total: int) -> None:
+        nonlocal last
+        if total and perf_counter() - last > _EVERY:
+            last = perf_counter()
+            write_text(folder / _SHARE, f"{done / total:.3f}")
+
+    return show
+
+
+@contextmanager
+def _watched(orders: Mapping[str, Order], study: str, progress: Progress) -> Iterator[Progress]:
+    """What jobs tell their progress to; runs under way count by what is in their folders."""
+    done: set[str] = set()
+    over = Event()
+
+    def watch() -> None:
+        while not over.wait(_EVERY):
+            shares = [name in done or _share(o.path.parent, study) for name, o in orders.items()]
+            told = f"{len(done)} of {len(orders)} runs"
+            progress(told, round(1000 * sum(shares)), 1000 * len(orders))
+
+    thread = Thread(target=watch, daemon=True)
+    thread.start()
+    try:
+        yield lambda name, *_: done.add(name)
+    finally:
+        over.set()
+        thread.join()
+
+
+def _share(folder: Path, study: str) -> float:
+    """Share of a run that is done, as far as its folder says."""
+    with suppress(OSError, ValueError):
+        if _of(folder) == study:
+            return float((folder / _SHARE).read_text(encoding="utf-8"))
+    return 0.0
+
+
+def goes_on(folder: Path, study: str) -> bool:
+    """Whether a folder has a checkpoint of a study; those of another one are deleted."""
+    from softrobot_env.training.checkpoint import forget, read
+
+    if _of(folder) == study:
+        with suppress(ValueError):
+            return read(folder) is not None
+    forget(folder)
+    write_text(folder / _STUDY, study)
+    return False
+
+
+def _of(folder: Path) -> str | None:
+    """The study that a folder is of."""
+    named = folder / _STUDY
+    return named.read_text(encoding="utf-8") if named.is_file() else None
+
+
+def check_unclaimed(paths: Sequence[Path], study: str) -> None:
+    """Refuse to replace what is not of a study."""
+    for path in paths:
+        other = _of(path.parent)
+        if other not in (None, study) or (other is None and path.is_file()):
+            raise FileExistsError(
+                f"{path.parent} is of another command, files or version: --overwrite replaces it, "
+                "--out writes elsewhere"
+            )
+
+
+def _curve(order: Order, failure: str | None) -> list[dict[str, float]]:
+    """Checks of a run that is done, or until it failed."""
+    if failure is None:
+        return read_facts(curve_file(order.path))
+    from softrobot_env.training.checkpoint import read
+
+    with suppress(ValueError):
+        found = read(order.path.parent)
+        return [] if found is None else found.curve
+    return []

@@ -1,0 +1,249 @@
+"""A search for settings of a training by Ray Tune: draws, and early ends of poor trials (ASHA).
+
+Every trial is a training with a folder of its own and a checkpoint there at each check. One that is
+begun anew, as its worker, its node or the whole search was stopped, tells Tune the checks that it
+has, and goes on: Tune's own state, which is pickled and may be cut short, is not read.
+"""
+
+import os
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from softrobot_env.benchmarks.jobs import Progress, quiet
+from softrobot_env.cluster import connected
+from softrobot_env.extras import install_command
+from softrobot_env.processes import THREADS, Workers
+from softrobot_env.training.registry import TRAININGS, Order
+from softrobot_env.training.several.runs import Run, described, goes_on, with_curve
+from softrobot_env.training.several.space import Range, Space
+
+#: Of ASHA: the best third of the trials goes on from each of the rungs, at these shares of the
+#: steps. At every check a trial may end.
+FACTOR, CHECKS = 3, 9
+
+#: How often a trial goes on whose worker has ended.
+_RETRIES = 5
+
+#: Name of the folder of trials, and what is reported of a check, see `watch.Point`.
+TRIALS, _POINT = "trials", ("steps", "reward", "max_mm", "failures")
+
+
+@dataclass(frozen=True)
+class Search:
+    """What is searched, and how much.
+
+    Attributes:
+        name: Of the training.
+        order: What trials have in common.
+        space: Of the settings.
+        steps: Environment steps of a trial that is not ended early.
+        trials: Number of draws; None for all combinations of values.
+    """
+
+    name: str
+    order: Order
+    space: Space
+    steps: int
+    trials: int | None
+
+    @property
+    def count(self) -> int:
+        """Number of trials."""
+        if self.trials is not None:
+            return self.trials
+        sizes = [len(own) for own in self.space.values() if not isinstance(own, Range)]
+        count = 1
+        for size in sizes:
+            count *= size
+        return count
+
+
+@contextmanager
+def tune_on(workers: Workers | None) -> Iterator[Any]:
+    """The module `ray.tune` on a cluster; on one that is started here unless workers say more.
+
+    Raises:
+        ImportError: Ray or what its Tune needs is not installed.
+        ConnectionError: There is no cluster at the address.
+    """
+    workers = workers or Workers()
+    with connected(
+        workers.ray or "local",
+        dict.fromkeys(THREADS, "1"),
+        None if workers.ray else workers.count,
+    ):
+        try:
+            from ray import tune
+        except ImportError:
+            raise ImportError(f"Ray Tune is missing: {install_command('cluster')}") from None
+        yield tune
+
+
+def searched(tune: Any, search: Search, study: str, show: Progress) -> list[Run]:
+    """Trials of a search, in the order in which they were drawn.
+
+    Args:
+        tune: The module.
+        search: What is searched; trials have folders beside the file of its order, `trial_folder`.
+        study: Name of the search; what is there of the same one is gone on with.
+        show: Told what is done.
+    """
+    where = trial_folder(search, 0).with_name("ray")
+    shutil.rmtree(where, ignore_errors=True)
+    with _telling(search, show):
+        tuner = _new_tuner(
+            tune, tune.with_resources(partial(_trial, search, study), {"cpu": 1}), search, where
+        )
+        results = {_number(result.metrics["trial_id"]): result for result in tuner.fit()}
+    return [_run(search, number, results[number]) for number in sorted(results)]
+
+
+def trial_folder(search: Search, number: int) -> Path:
+    """Where a trial is, counted from 0."""
+    return search.order.path.parent / TRIALS / f"trial_{number + 1}"
+
+
+def _number(trial_id: str) -> int:
+    """Of a trial, by what Tune calls it: a random text and the number."""
+    return int(trial_id.rpartition("_")[2])
+
+
+def _new_tuner(tune: Any, trial: Callable[..., None], search: Search, where: Path) -> Any:
+    from ray.tune.schedulers import ASHAScheduler
+    from ray.tune.search.basic_variant import BasicVariantGenerator
+
+    return tune.Tuner(
+        trial,
+        param_space=_drawn_from(tune, search),
+        tune_config=tune.TuneConfig(
+            metric="reward",
+            mode="max",
+            num_samples=search.trials or 1,
+            search_alg=BasicVariantGenerator(random_state=search.order.seed),
+            scheduler=ASHAScheduler(
+                time_attr="steps",
+                max_t=search.steps,
+                grace_period=max(1, search.steps // CHECKS),
+                reduction_factor=FACTOR,
+            ),
+        ),
+        run_config=tune.RunConfig(
+            name=where.name,
+            storage_path=str(where.parent),
+            failure_config=tune.FailureConfig(max_failures=_RETRIES),
+            callbacks=[_callback()],
+            verbose=0,
+        ),
+    )
+
+
+def _drawn_from(tune: Any, search: Search) -> dict[str, Any]:
+    """The space in Tune's words; whole numbers are drawn for settings that are whole."""
+    from softrobot_env.training.rl_config import NUMBERS
+
+    found = {}
+    for name, own in search.space.items():
+        if not isinstance(own, Range):
+            found[name] = tune.choice(own) if search.trials else tune.grid_search(list(own))
+        elif NUMBERS[name] is int:
+            draw = tune.lograndint if own.log else tune.randint
+            found[name] = draw(int(own.low), int(own.high) + 1)
+        else:
+            draw = tune.loguniform if own.log else tune.uniform
+            found[name] = draw(own.low, own.high)
+    return found
+
+
+def order_of(search: Search, drawn: Mapping[str, float], folder: Path) -> Order:
+    """The training of a trial."""
+    fixed = dict(search.order.settings.get("set", ()))
+    values = fixed | {name: float(value) for name, value in drawn.items()}
+    settings = {**search.order.settings, "set": list(values.items()), "steps": search.steps}
+    return replace(search.order, path=folder / search.order.path.name, settings=settings)
+
+
+def _trial(search: Search, study: str, drawn: dict[str, float]) -> None:
+    """Train with drawn settings, and report every check."""
+    from ray import tune
+
+    from softrobot_env.training.checkpoint import read
+
+    folder = trial_folder(search, _number(tune.get_context().get_trial_id()))
+    order, last = order_of(search, drawn, folder), {"steps": 0, "reward": -1.0}
+    resume = goes_on(folder, study)
+    settings = {**order.settings, "checkpoint": folder, "resume": resume}
+
+    def report(curve: list[dict[str, float]]) -> None:
+        last.update(curve[-1])
+        tune.report(dict(last))
+
+    try:
+        for point in read(folder).curve if resume else ():
+            report([point])
+        TRAININGS[search.name].run(replace(order, settings=settings, told=report), quiet)
+    except (ArithmeticError, ValueError) as error:  # of the training: anew it would fail again
+        told = str(error).partition("\n")[0] or type(error).__name__
+        tune.report({**last, "failure": told})
+
+
+def _run(search: Search, number: int, result: Any) -> Run:
+    """What a trial found."""
+    metrics, failure = result.metrics, result.metrics.get("failure")
+    run = described(search.name, order_of(search, result.config, trial_folder(search, number)))
+    run = replace(run, folder=f"{TRIALS}/{run.folder}", trial=number + 1)
+    if result.error is not None:
+        failure = str(result.error).strip().splitlines()[-1]
+    if result.metrics_dataframe is not None and "max_mm" in result.metrics_dataframe:
+        told = result.metrics_dataframe[list(_POINT)].dropna().to_dict("records")
+        points = {int(point["steps"]): point for point in told}  # some are told twice
+        run = with_curve(run, [{**points[k], "steps": k} for k in sorted(points)])
+    return replace(
+        run,
+        minutes=metrics.get("time_total_s", 0.0) / 60,
+        pruned=failure is None and (run.steps or 0) < search.steps,
+        failure=failure,
+    )
+
+
+#: Who is told of results; what Tune calls is pickled with the search, and can hold nothing.
+_TOLD: list[Callable[[list[Any]], None]] = []
+
+
+@contextmanager
+def _telling(search: Search, show: Progress) -> Iterator[None]:
+    """Tell the progress, in steps of all trials; ended ones count as whole."""
+    os.environ.setdefault("TUNE_DISABLE_SIGINT_HANDLER", "1")  # Ctrl-C ends the command
+    os.environ.setdefault("RAY_AIR_NEW_OUTPUT", "0")  # the other one prints tables of its own
+
+    def tell(trials: list[Any]) -> None:
+        over = sum(trial.is_finished() for trial in trials)
+        begun = [(t.last_result or {}).get("steps", 0) for t in trials if not t.is_finished()]
+        done = over * search.steps + sum(begun)
+        show(f"{over} of {search.count} trials over", int(done), search.count * search.steps)
+
+    _TOLD.append(tell)
+    try:
+        yield
+    finally:
+        _TOLD.remove(tell)
+
+
+def _callback() -> Any:
+    from ray.tune import Callback
+
+    class Telling(Callback):
+        """Tells of every result."""
+
+        def __reduce__(self) -> tuple[Any, ...]:
+            return _callback, ()
+
+        def on_trial_result(self, iteration: int, trials: list, *_: Any, **__: Any) -> None:
+            for tell in _TOLD:
+                tell(trials)
+
+    return Telling()
