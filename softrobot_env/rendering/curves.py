@@ -150,7 +150,8 @@ def draw_shapes(axis: Axes, curves: Sequence[Curve], shapes: Sequence[np.ndarray
     """Shapes (n, 3) [m] of a planar robot at the end of episodes."""
     for order, (curve, points) in enumerate(zip(curves, shapes, strict=True)):
         line = dict(curve.line) | _dashes(order, len(curves))
-        axis.plot(*_in_plane(points, "xz"), **line, label=curve.label)
+        axis.plot(*_in_plane(points, "xz"), **line)
+        axis.plot([], [], **(line | {"linestyle": "-"}), label=curve.label)  # dashes may miss it
 
 
 def draw_curvatures(axis: Axes, curves: Sequence[Curve], robot: RobotParams) -> None:
