@@ -85,8 +85,10 @@ def _parts(network: Rollout, hybrid: Rollout) -> Figure:
     for label, values, policy in curves:
         axis.plot(network.time, values, **style_of(policy).curve, linewidth=1.2, label=label)
     axis.set(xlabel="time after the approach [s]", ylabel="length pulled in, $s_1$ [mm]")
-    share = np.ptp(both - quasi_static) / np.ptp(both)
-    message = f"The dynamic part moves {100 * share:.0f} % as far as the hybrid's whole length"
+    part, whole = np.ptp(both - quasi_static), np.ptp(both)
+    message = (
+        f"The dynamic part moves by {part:.2g} mm, the hybrid's whole length by {whole:.2g} mm"
+    )
     subject = f"As Fig. 5.13: length of tendon 1, triangle, a lap in {FAST:g} s"
     return finish(figure, axis, message, subject)
 
