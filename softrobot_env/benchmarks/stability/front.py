@@ -119,8 +119,8 @@ def _gain(rows: list[FrontRow]) -> str:
     if not ratios:
         return "Integrators: error against cost"
     return (
-        f"For as many forces {ours} errs {min(ratios):.2g} to {max(ratios):.2g} times less than "
-        "the best other integrator"
+        f"At best, for no more forces, {ours} errs at least {min(ratios):.2g} times less than the "
+        "others"
     )
 
 
