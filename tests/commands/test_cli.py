@@ -197,6 +197,7 @@ def test_quick_speed_benchmark(tmp_path):
         "moving",
         "robots",
         "vector env.step",
+        "warp env.step",
         "start",
         "render",
         "decision",

@@ -69,10 +69,14 @@ def _speeds(rows: list[Row]) -> Figure:
         axis.set_title(_TITLES[task], fontsize=10)
     for axis in axes[-1]:
         axis.set_xlabel("speed of the reference [m/s]")
-    largest = max(row.e_max for row in select(rows, policy=best[0]) if row.failure is None)
+    errors = [row.e_max for row in select(rows, policy=best[0]) if row.failure is None]
+    message = "On paths that no policy has met all failed"
+    if errors:
+        message = f"On paths that no policy has met {best[0]} errs least, by "
+        message += f"{1e3 * max(errors):.2g} mm at most"
     add_title(
         figure,
-        f"On paths that no policy has met {best[0]} errs least, by {1e3 * largest:.2g} mm at most",
+        message,
         f"The {len(best)} of {len(every)} policies that err least; crosses at the top: failed",
     )
     return figure
