@@ -11,8 +11,10 @@ LATE = 0.1
 #: about 7 on a rig of its stiffness (audit).
 _OFFSETS = {"offset 2 mm": 2e-3, "offset 7 mm": 7e-3}
 
-#: [kg] at the head. The thesis does not tell its weight.
-_WEIGHTS = {"weight 20 g": 0.02, "weight 40 g": 0.04}
+#: [kg] at the head. The thesis does not tell its weight. With 26 g its PI loop errs here as is
+#: printed (twin 0, whose parameters it knows); no weight gives all three printed errors at once,
+#: see the table of shares.
+_WEIGHTS = {"weight 26 g": 0.026, "weight 40 g": 0.04}
 
 #: Names of all disturbances, "" for none.
 DISTURBANCES = ("", *_OFFSETS, *_WEIGHTS)

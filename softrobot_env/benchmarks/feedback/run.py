@@ -38,9 +38,9 @@ PRINTED = {
     ("rig_nn", "offset 2 mm"): 31.3e-3,
     ("rig_nn_p", "offset 2 mm"): 26.9e-3,
     ("rig_nn_pi", "offset 2 mm"): 3.1e-3,
-    ("rig_nn", "weight 40 g"): 39.2e-3,
-    ("rig_nn_p", "weight 40 g"): 30.6e-3,
-    ("rig_nn_pi", "weight 40 g"): 7.9e-3,
+    ("rig_nn", "weight 26 g"): 39.2e-3,
+    ("rig_nn_p", "weight 26 g"): 30.6e-3,
+    ("rig_nn_pi", "weight 26 g"): 7.9e-3,
 }
 
 _SAMPLE = 0.02  # s, of a trace
