@@ -237,18 +237,23 @@ def _pull(layout, body, k, length, control):
 
 
 @kernel
-def _tension(layout, body, k, length, control, anchor, rubs):
-    """Tension [N] of tendon k inside the robot, friction included.
+def _bound(layout, body, k, pull):
+    """Largest friction [N] of tendon k.
 
     Where friction of the backbone is told apart, it is no more than the tension: a slack tendon
     does not rub.
     """
+    if layout.apart and pull.real < body.friction[k].real:
+        return pull
+    return body.friction[k] + pull * 0
+
+
+@kernel
+def _tension(layout, body, k, length, control, anchor, rubs):
+    """Tension [N] of tendon k inside the robot, friction included."""
     pull = _pull(layout, body, k, length, control)
     if rubs:
-        most = body.friction[k] + pull * 0
-        if layout.apart and pull.real < most.real:
-            most = pull
-        pull = pull + most * _slid(length - anchor, layout.loose)
+        pull = pull + _bound(layout, body, k, pull) * _slid(length - anchor, layout.loose)
     return pull
 
 
@@ -547,8 +552,7 @@ def follow(
             for k in range(tendons):
                 rub[t, k] = _slid(real.length[k] - anchor[k], layout.loose)
                 pull = _pull(layout, body, k, real.length[k], control[k])
-                most = min(body.friction[k], pull) if layout.apart else body.friction[k]
-                hold[k] = most / layout.loose
+                hold[k] = _bound(layout, body, k, pull) / layout.loose
             for i in range(n // 3):
                 m = tendons + 2 * i
                 rub[t, m], rub[t, m + 1] = _held(layout, q, i, anchor[tendons:])

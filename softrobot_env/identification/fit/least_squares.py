@@ -214,7 +214,7 @@ def fitted(
     return search(model, fit.x, free, weights, show=show, steps=6, least=1e-3)
 
 
-def pays(simple: Fit, other: Fit, model: StaticModel) -> bool:
+def pays(simple: Fit, other: Fit) -> bool:
     """Whether more parameters explain the rows so much better that they are there.
 
     By the Bayesian information criterion: each has to lessen the cost by half of the logarithm of

@@ -345,7 +345,7 @@ def _statics(
     if HOLDS in filed:
         return model, fit, plain
     holding, other = tried("friction of the backbone", filed)
-    rubs = pays(fit, other, holding) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
+    rubs = pays(fit, other) and _kept(holding.robot_of(other.x)) > _LEAST_KEPT
     return (holding, other, filed) if rubs else (model, fit, plain)
 
 
