@@ -165,7 +165,8 @@ def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
         (["evaluate", "--tasks", "circle", "--option", "colour=1"], "speed"),
     ],
 )
-def test_bad_values_end_with_the_reason(arguments, reason, capsys):
+def test_bad_values_end_with_the_reason(arguments, reason, capsys, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where no earlier run left out/evaluate
     assert main(arguments) == 2
     assert reason in capsys.readouterr().err
 
