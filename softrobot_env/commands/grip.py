@@ -123,12 +123,13 @@ def _calibrated(
 
 
 def _picture(env: Any, args: argparse.Namespace, info: dict[str, Any]) -> Any:
-    from softrobot_env.rendering.video import caption
+    from softrobot_env.rendering.video import caption, explain
 
+    picture = explain(env.render(), env.metres_per_pixel, float(env.gripper.tension_limits.max()))
     now = float(env.simulation.ctrl[0, 0])
     told = f"{1e3 * info['diameter']:.0f} mm, t = {info['time']:.2f} s, {now:.0f} N"
     drawn = "its mean curvatures" if env.shown is None else "the calibrated sensors"
-    return caption(env.render(), [args.task, told, f"red: shape that {drawn} tell"])
+    return caption(picture, [args.task, told, f"blue: shape that {drawn} tell"])
 
 
 def _outcome(info: dict[str, Any]) -> str:

@@ -527,6 +527,11 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
         observation, reward, failed, over, info = self._all.step(given[None])
         return _only(observation), float(reward[0]), bool(failed[0]), bool(over[0]), _alone(info)
 
+    @property
+    def metres_per_pixel(self) -> float | None:
+        """[m] in the plane of pictures that `render` makes; None before the first."""
+        return None if self._renderer is None else self._renderer.metres / self._frame[1]
+
     def render(self) -> np.ndarray | None:
         """Picture (height, width, 3) uint8 in mode "rgb_array"; None otherwise.
 
@@ -544,7 +549,7 @@ class GripperEnv(gymnasium.Env[Seen, np.ndarray]):
             self.close()
             self._renderer = GripperRenderer(self.simulation, self._diameter, *self._frame)
         shown = self.simulation.curvature[0] if self.shown is None else self.shown
-        return self._renderer.draw(self.simulation.qpos[0], shown)
+        return self._renderer.draw(self.simulation.qpos[0], self.simulation.ctrl[0], shown)
 
     def close(self) -> None:
         """Free the renderer; closing twice is harmless."""

@@ -25,6 +25,7 @@ _LINE_SPREAD = 0.45  # rad around the body between the lines of two groups
 _DARK = (0.22, 0.24, 0.28, 1.0)
 _WHITE = (0.97, 0.97, 0.97, 1.0)
 _TAG_SHARE, _TAG_THICKNESS = 0.6, 0.0004  # of a side of the head, m
+_WIDEST_BASE = 0.2  # of the reach, half of the clamp block
 _SIDES = 24
 _RING_DISTANCE = 0.0125  # m
 _ROUNDING = 0.15  # of the radius, at the rim of the tip
@@ -61,7 +62,12 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
     if look.surroundings:
         # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
         room = 0.0 if chain.kinds == ("hinge",) else robot.reach
-        add_surroundings(chain.spec, robot.length, 2 * robot.backbone.widest + room)
+        base, wall = robot.base, 2 * robot.backbone.widest + room
+        if base is None:
+            add_surroundings(chain.spec, robot.length, wall)
+        else:
+            middle = base.position + robot.length / 2 * base.axes[:, 2]
+            add_surroundings(chain.spec, robot.length, base.position[1] + wall, tuple(middle))
 
 
 def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appearance) -> None:
@@ -142,10 +148,11 @@ def _add_disc(body: mujoco.MjsBody, disc: Disc, least: float) -> None:
 
 
 def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
-    """Clamp block below the robot."""
+    """Clamp block below the robot; of a short and thick one not much wider than itself."""
     radius = _radius(robot, 0.0)
+    widest = max(1.3 * radius, _WIDEST_BASE * robot.reach)
     for width, top, height in ((1.5, 0.25, 0.25), (2.6, -0.25, 0.6)):
-        size = width * radius
+        size = min(width * radius, widest)
         add_visual(
             body,
             type=mujoco.mjtGeom.mjGEOM_BOX,
@@ -155,21 +162,29 @@ def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
         )
 
 
-def add_surroundings(spec: mujoco.MjSpec, height: float, wall: float) -> None:
+def add_surroundings(
+    spec: mujoco.MjSpec,
+    height: float,
+    wall: float,
+    middle: tuple[float, float, float] | None = None,
+) -> None:
     """Light, and a wall with a grid of 100 mm squares at y = `wall` [m].
 
     Args:
         spec: The scene.
         height: [m], size of what stands there.
         wall: [m].
+        middle: (3,) [m], of what stands there; `height` / 2 above the origin unless given.
     """
+    clip = 2.0 if middle is None else 3.0  # seen from below, the wall shows farther from the light
+    middle = (0.0, 0.0, height / 2) if middle is None else middle
     spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
     spec.visual.headlight.diffuse = [0.28, 0.28, 0.28]
     spec.visual.headlight.specular = [0.0, 0.0, 0.0]
     direction = (0.4, 1.0, -0.5)
     spec.worldbody.add_light(  # its shadow map is centred on the robot
         type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
-        pos=[-2 * direction[0], -2 * direction[1], height / 2 - 2 * direction[2]],
+        pos=[m - 2 * d for m, d in zip(middle, direction, strict=True)],
         dir=direction,
         diffuse=[0.33, 0.33, 0.33],
         specular=[0.2, 0.2, 0.2],
@@ -177,9 +192,9 @@ def add_surroundings(spec: mujoco.MjSpec, height: float, wall: float) -> None:
     )
     # Hundreds of thin capsules make up the lines: coarse ones look the same and draw faster.
     spec.visual.quality.numslices, spec.visual.quality.numstacks = 10, 4
-    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 4096, 2.0
+    spec.visual.quality.shadowsize, spec.visual.map.shadowclip = 4096, clip
     spec.stat.extent = 1.6 * height
-    spec.stat.center = [0, 0, height / 2]
+    spec.stat.center = middle
     spec.visual.global_.azimuth = 90
     spec.visual.global_.elevation = -5
     _add_wall(spec, wall)

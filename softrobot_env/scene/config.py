@@ -51,17 +51,18 @@ _SHORTEST_STEP = 1e-8  # s, below which an episode would take days
 
 _WIDTH_SHOWN, _HEIGHT_SHOWN = 1.9, 1.36  # of the robot's reach
 _ELEVATION = 0.6  # rad, from which a robot that bends in space is seen
+_HANGING = 0.5  # of its direction that is down
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Fixed camera looking along +y at the x-z plane, or down on it.
+    """Fixed camera looking along +y at the x-z plane, or from above or below it.
 
     Attributes:
         name: Unique name.
         center: (x, z) [m] in the middle of the picture.
         height: [m] shown across the line of sight.
-        elevation: [rad] above the horizontal from which it looks.
+        elevation: [rad] above the horizontal from which it looks; negative from below.
     """
 
     name: str
@@ -321,6 +322,10 @@ def visible(config: SceneConfig, aspect: float = 4 / 3) -> SceneConfig:
     """
     reach = config.robot.reach
     height = reach * max(_HEIGHT_SHOWN, _WIDTH_SHOWN / aspect)
-    elevation = _ELEVATION if config.bending == "spatial" else 0.0
+    elevation = 0.0
+    if config.bending == "spatial":  # of one that hangs from below, where its mount hides nothing
+        base = config.robot.base
+        hangs = base is not None and base.axes[2, 2] < -_HANGING
+        elevation = -_ELEVATION if hangs else _ELEVATION
     camera = Camera(FRONT_CAMERA, _middle(config.robot), height, elevation)
     return replace(config, appearance=Appearance(), cameras=(camera,))

@@ -6,6 +6,7 @@ import mujoco
 import numpy as np
 
 from softrobot_env.envs.rendering.opengl import OffscreenContext
+from softrobot_env.envs.rendering.renderer import Lines
 from softrobot_env.envs.simulation.grippers import GripperBatch, bar
 from softrobot_env.robots.gripper import Gripper
 from softrobot_env.robots.parameters import centerline
@@ -15,9 +16,10 @@ from softrobot_env.scene.gripper import gripper_scene
 
 _CAMERA = "front"
 _MAX_GEOMS = 2000
-_SENSED = np.array([0.80, 0.05, 0.10, 1.0], dtype=np.float32)
+_SENSED = np.array([0.05, 0.30, 0.90, 1.0], dtype=np.float32)  # red is a tendon that pulls
 _BAR_RGBA = (0.55, 0.65, 0.6, 0.3)
-_LINE = 0.0010  # m
+_LINE = 0.0007  # m
+_WIDER = 2.5  # lines of tendons, which are thin on fingers, than of robots alone
 _BEFORE = 0.0045  # m towards the camera, so that a line is seen before its finger
 _POINTS = 6  # of a piece
 
@@ -27,13 +29,15 @@ class GripperRenderer:
 
     Attributes:
         diameter: [m], of the bar.
+        metres: [m] from the lower to the upper edge of a picture.
     """
 
     def __init__(self, batch: GripperBatch, diameter: float, width: int, height: int) -> None:
         self.diameter = diameter
         gripper, task, config = batch.gripper, batch.task, batch.scene.config
         reach = max(finger.robot.reach for finger in gripper.fingers)
-        camera = Camera(_CAMERA, (0.0, 0.45 * reach), 1.6 * reach, 0.25)
+        self.metres = 1.6 * reach
+        camera = Camera(_CAMERA, (0.0, 0.45 * reach), self.metres, 0.25)
         own = config.members[0].config
         self._scene = build_assembly(
             gripper_scene(
@@ -46,7 +50,11 @@ class GripperRenderer:
             )
         )
         self._gripper, model = gripper, self._scene.model
-        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+        parts = self._scene.parts.values()
+        self._tendons = [
+            (part.u, Lines(model, part.scene.config.robot, part.member.prefix, _WIDER))
+            for part in parts
+        ]
         self._data = mujoco.MjData(model)
         self._context = OffscreenContext(model, width, height)
         self._drawn = mujoco.MjvScene(model, _MAX_GEOMS)
@@ -54,16 +62,19 @@ class GripperRenderer:
         self._camera.type = mujoco.mjtCamera.mjCAMERA_FIXED
         self._camera.fixedcamid = model.camera(_CAMERA).id
 
-    def draw(self, qpos: np.ndarray, curvature: np.ndarray) -> np.ndarray:
+    def draw(self, qpos: np.ndarray, tension: np.ndarray, curvature: np.ndarray) -> np.ndarray:
         """Picture (height, width, 3) uint8.
 
         Args:
             qpos: (nq,), posture of fingers and bar.
+            tension: (n_tendons,) [N], of all fingers in turn.
             curvature: (pieces,) [1/m], of all fingers' pieces in turn, as sensors tell it.
         """
         model, data = self._scene.model, self._data
         data.qpos[:] = qpos
         mujoco.mj_forward(model, data)
+        for own, tendons in self._tendons:
+            tendons.show(tension[own])
         everything = mujoco.mjtCatBit.mjCAT_ALL.value
         option = mujoco.MjvOption()
         mujoco.mjv_updateScene(model, data, option, None, self._camera, everything, self._drawn)

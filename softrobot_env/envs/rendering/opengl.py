@@ -18,6 +18,10 @@ BACKENDS = ("egl", "osmesa", "glfw")
 
 _OFF = ("disable", "disabled", "off", "false", "0")
 _ANY = ("", "enable", "enabled", "on", "true", "1")
+#: Pixels drawn for one of a picture along each side, which makes the edges of shadows smooth, and
+#: the side up to which that is affordable.
+_FINER, _LARGE = 2, 1000
+
 _HELP = (
     "Install a software renderer (Debian, Ubuntu: apt-get install libegl1 libgl1-mesa-dri, or "
     "apt-get install libosmesa6) and the Python package PyOpenGL, or choose the backend with the "
@@ -78,9 +82,16 @@ class OffscreenContext:
     def __init__(self, model: mujoco.MjModel, width: int, height: int) -> None:
         """Open the first backend that works.
 
+        Args:
+            model: What is drawn.
+            width, height: Of pictures in pixels.
+
         Raises:
             RenderError: None does; the message says why, and what to install.
         """
+        self._finer = _FINER if max(width, height) <= _LARGE else 1
+        width, height = self._finer * width, self._finer * height
+        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._rect = mujoco.MjrRect(0, 0, width, height)
         self._gl, self._buffers = _open_first(model, width, height)
         # Also runs when the interpreter exits, while the OpenGL modules still exist.
@@ -92,7 +103,13 @@ class OffscreenContext:
         mujoco.mjr_render(self._rect, scene, self._buffers)
         pixels = np.empty((self._rect.height, self._rect.width, 3), np.uint8)
         mujoco.mjr_readPixels(pixels, None, self._rect, self._buffers)
-        return np.ascontiguousarray(pixels[::-1])  # OpenGL counts rows from below
+        pixels = pixels[::-1]  # OpenGL counts rows from below
+        if self._finer == 1:
+            return np.ascontiguousarray(pixels)
+        height, width = self._rect.height // self._finer, self._rect.width // self._finer
+        blocks = pixels.reshape(height, self._finer, width, self._finer, 3)
+        total = np.sum(blocks, axis=(1, 3), dtype=np.uint16) + self._finer**2 // 2
+        return (total // self._finer**2).astype(np.uint8)
 
     def close(self) -> None:
         """Free the framebuffer and the context."""

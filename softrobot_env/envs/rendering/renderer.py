@@ -21,7 +21,7 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import TIP_SITE
 from softrobot_env.scene.config import FRONT_CAMERA, SceneConfig, visible
 
-__all__ = ["Frame", "RenderError", "lifted", "make_renderer"]
+__all__ = ["Frame", "Lines", "RenderError", "lifted", "make_renderer"]
 
 _MAX_GEOMS = 2000
 _PATH_POINTS = 50
@@ -90,7 +90,6 @@ class OffscreenRenderer:
         self._view = _View(config, width / height)
         self.metres = self._view.camera.height
         model = self._view.model
-        model.vis.global_.offwidth, model.vis.global_.offheight = width, height
         self._context = OffscreenContext(model, width, height)
         self._scene = mujoco.MjvScene(model, _MAX_GEOMS)
         self._option = mujoco.MjvOption()
@@ -225,9 +224,7 @@ class _View:
         room = config.robot.reach if config.bending == "spatial" else 0.0
         self._front = config.robot.backbone.widest + room
         self._disc_size = min(1.0, config.robot.reach / _FULL_SIZE)
-        self._limit = np.array([t.tension_limit for t in config.robot.tendons])
-        self._width = tendon_width(config.robot)
-        self._lines = [_line_id(self.model, t.name) for t in config.robot.tendons]
+        self._tendons = Lines(self.model, config.robot)
         self._tip = self.data.site(TIP_SITE).xpos
         self._trail: list[np.ndarray] = []
         self._episode = 0
@@ -237,9 +234,7 @@ class _View:
         if np.all(np.isfinite(frame.qpos)):
             self.data.qpos[:] = frame.qpos
         mujoco.mj_fwdPosition(self.model, self.data)
-        share = np.clip(frame.tension / self._limit, 0, 1)
-        self.model.tendon_rgba[self._lines] = tension_colours(share)
-        self.model.tendon_width[self._lines] = self._width * (0.8 + 0.7 * np.sqrt(share))
+        self._tendons.show(frame.tension)
         self._extend_trail(frame.episode)
 
     def _extend_trail(self, episode: int) -> None:
@@ -255,7 +250,7 @@ class _View:
         """Add reference, target, trail and tip where they are, for cameras that move."""
         ball, size = partial(_add_ball, scene), self._disc_size
         if len(frame.path) > 2 and not frame.jumps:
-            _add_line(scene, _thinned(frame.path), 0.0016, _PATH)
+            _add_line(scene, _thinned(frame.path), 0.0020 * size, _PATH)
         else:
             for point in frame.path:
                 ball(point, 0.005 * size, _PATH)
@@ -270,7 +265,7 @@ class _View:
         disc = partial(_add_disc, scene, up=np.array(self.camera.up), towards=towards)
         size = self._disc_size
         if len(frame.path) > 2 and not frame.jumps:
-            _add_line(scene, _thinned(frame.path) + layer[0], 0.0016, _PATH)
+            _add_line(scene, _thinned(frame.path) + layer[0], 0.0020 * size, _PATH)
         else:
             for point in frame.path:
                 disc(point + layer[0], 0.005 * size, _PATH)
@@ -279,6 +274,24 @@ class _View:
         trail = np.array([*self._trail, self._tip])
         _add_line(scene, trail + layer[3], 0.0022 * size, _TRAIL)
         disc(self._tip + layer[5], 0.006 * size, _TRAIL)
+
+
+class Lines:
+    """The drawn lines of a robot's tendons, in colours and widths that tell their tensions."""
+
+    def __init__(
+        self, model: mujoco.MjModel, robot: RobotParams, prefix: str = "", wider: float = 1.0
+    ) -> None:
+        """Find them, of a robot whose parts have names with a prefix, and make them wider [1]."""
+        self._model, self._width = model, wider * tendon_width(robot)
+        self._limit = np.array([t.tension_limit for t in robot.tendons])
+        self._lines = [_line_id(model, prefix + t.name) for t in robot.tendons]
+
+    def show(self, tension: np.ndarray) -> None:
+        """Colour them by tensions (n_tendons,) [N]."""
+        share = np.clip(tension / self._limit, 0, 1)
+        self._model.tendon_rgba[self._lines] = tension_colours(share)
+        self._model.tendon_width[self._lines] = self._width * (0.8 + 0.7 * np.sqrt(share))
 
 
 def _line_id(model: mujoco.MjModel, tendon: str) -> int:
