@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 class Record:
     """A row of a report; subclasses are frozen dataclasses of numbers and texts.
 
-    Fields declared with `drawn()` hold what only the pictures need, and stand in a file beside it.
+    Fields declared with `for_pictures()` hold what only the pictures need, and stand in a file beside it.
     """
 
     def row(self) -> dict[str, Any]:
@@ -33,7 +33,7 @@ _DRAWN = {"drawn": True}
 AnyRecord = TypeVar("AnyRecord")
 
 
-def drawn(default: Any = None) -> Any:
+def for_pictures(default: Any = None) -> Any:
     """A field of a record for pictures alone, such as arrays over time."""
     return field(default=default, metadata=_DRAWN, repr=False)
 

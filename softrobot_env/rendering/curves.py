@@ -33,6 +33,9 @@ _SMALLEST_ERROR = 1e-3
 #: For more curves than colours, without the dashes of the reference.
 _LINES = ("-", "-.", ":")
 
+#: Beneath dashes that take turns, for where no other line continues them.
+_WHOLE = {"linestyle": "-", "linewidth": 0.7}
+
 
 @dataclass(frozen=True)
 class Curve:
@@ -150,6 +153,7 @@ def draw_shapes(axis: Axes, curves: Sequence[Curve], shapes: Sequence[np.ndarray
     """Shapes (n, 3) [m] of a planar robot at the end of episodes."""
     for order, (curve, points) in enumerate(zip(curves, shapes, strict=True)):
         line = dict(curve.line) | _dashes(order, len(curves))
+        axis.plot(*_in_plane(points, "xz"), **dict(curve.line) | _WHOLE)
         axis.plot(*_in_plane(points, "xz"), **line)
         axis.plot([], [], **(line | {"linestyle": "-"}), label=curve.label)  # dashes may miss it
 
@@ -160,6 +164,7 @@ def draw_curvatures(axis: Axes, curves: Sequence[Curve], robot: RobotParams) -> 
         values = curve.rollout.curvature[-1]
         edges = np.linspace(0, 1e3 * robot.length, len(values) + 1)
         line = dict(curve.line) | _dashes(order, len(curves))
+        axis.stairs(values, edges, baseline=None, **dict(curve.line) | _WHOLE)
         axis.stairs(values, edges, baseline=None, **line)
     axis.set(xlabel="arc length from the base [mm]", ylabel="curvature [1/m]")
 
@@ -176,6 +181,25 @@ def least_error(curves: Sequence[Curve]) -> str:
     if np.isinf(error):
         return "all failed"
     return f"{best.name} errs {'least, ' if len(curves) > 1 else ''}by {error:.3g} mm rms"
+
+
+def end_errors(curves: Sequence[Curve]) -> str:
+    """How far from the reference episodes end, as a message; those that failed are counted."""
+    away = [1e3 * curve.rollout.error[-1] for curve in curves if not curve.rollout.failure]
+    if not away:
+        return "all failed"
+    failed = len(curves) - len(away)
+    some = f"{len(away)} of {len(curves)} end" if failed else "all end"
+    who = some if len(curves) > 1 else f"{curves[0].name} ends"
+    told = f"{who} within {max(away):.2g} mm of the reference"
+    return f"{told}, {failed} failed" if failed else told
+
+
+def most_input(curves: Sequence[Curve], values: Values, shown: Shown = everything) -> tuple:
+    """Name of the episode with the largest size of `values`, and that size."""
+    most = {c.name: np.abs(values(c.rollout)[shown(c.rollout)]).max(initial=0) for c in curves}
+    name = max(most, key=most.__getitem__)
+    return name, float(most[name])
 
 
 def _dashes(order: int, count: int) -> dict[str, Any]:

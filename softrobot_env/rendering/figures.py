@@ -256,18 +256,104 @@ def label_lines(axis: Axes, entries: Sequence[tuple[str, float, str]], size: flo
         (min(max(float(to_axis.transform((x, y))[1]), 0.0), 1.0), name, colour)
         for name, y, colour in entries
     )
-    box = axis.get_position().height * axis.figure.get_figheight() * 72
-    gap = min(1.25 * size / box, 1.0 / max(1, len(places) - 1))
-    heights: list[float] = []
-    for place, _, _ in places:
-        heights.append(max(place, heights[-1] + gap) if heights else place)
-    over = max(0.0, heights[-1] - 1.0)
-    for index in reversed(range(len(heights))):  # push down what stands out above
-        limit = 1.0 if index == len(heights) - 1 else heights[index + 1] - gap
-        heights[index] = min(heights[index], limit) if over else heights[index]
+    box = axis.bbox.height * 72 / axis.figure.dpi
+    lines = np.array([1 + name.count("\n") for _, name, _ in places])
+    gaps = 1.25 * size / box * (lines[:-1] + lines[1:]) / 2
+    gaps *= min(1.0, 1.0 / max(gaps.sum(), 1e-9))
+    heights = [places[0][0]]
+    for (place, _, _), gap in zip(places[1:], gaps, strict=True):
+        heights.append(max(place, heights[-1] + gap))
+    if heights[-1] > 1.0:  # push down what stands out above
+        heights[-1] = 1.0
+        for index in reversed(range(len(gaps))):
+            heights[index] = min(heights[index], heights[index + 1] - gaps[index])
     for height, (_, name, colour) in zip(heights, places, strict=True):
         text = {"color": colour, "fontsize": size, "va": "center", "xycoords": "axes fraction"}
         axis.annotate(name, (1.0, height), (5, 0), textcoords="offset points", **text)
+
+
+def label_points(
+    axis: Axes, entries: Sequence[tuple[str, Sequence[tuple[float, float]], str]], size: float = 8
+) -> None:
+    """Names beside points, each at the first side where it covers neither points nor names.
+
+    Args:
+        axis: The axis, on a figure that has all else that it shall have.
+        entries: Name, places of its points in the axis' units, and colour of each.
+        size: Of the letters [pt].
+    """
+    axis.figure.draw_without_rendering()  # finds the place of the axis
+    to_points = 72 / axis.figure.dpi
+    places = {
+        name: to_points * axis.transData.transform(np.array(points)) for name, points, _ in entries
+    }
+    drawn = [np.column_stack(line.get_data()) for line in axis.lines]
+    every = to_points * axis.transData.transform(np.concatenate([np.empty((0, 2)), *drawn]))
+    edges = to_points * axis.transAxes.transform([(0, 0), (1, 1)])
+    taken: list[np.ndarray] = []
+    for name, points, colour in entries:
+        own, width = places[name], 0.62 * size * len(name)
+        choices = []
+        for k, ha, va, dx, dy in _sides(own, size):
+            x, y = own[k] + (dx, dy)
+            left = x - {"left": 0.0, "center": width / 2, "right": width}[ha]
+            low = y - {"bottom": 0.0, "center": size / 2, "top": size}[va]
+            box = np.array([left, low, left + width, low + size])
+            crossed = sum(_meet(box, other) for other in taken)
+            crossed += bool((box[:2] < edges[0]).any() or (box[2:] > edges[1]).any())
+            covered = np.sum(
+                (every > box[:2] - size / 2).all(axis=1) & (every < box[2:] + size / 2).all(axis=1)
+            )
+            choices.append((crossed, covered, len(choices), box, (k, ha, va, dx, dy)))
+        *_, box, (k, ha, va, dx, dy) = min(choices, key=lambda choice: choice[:3])
+        taken.append(box)
+        text = {"color": colour, "fontsize": size, "ha": ha, "va": va}
+        axis.annotate(name, points[k], (dx, dy), textcoords="offset points", **text)
+
+
+def _sides(points: np.ndarray, size: float) -> list[tuple[int, str, str, float, float]]:
+    """Where a name may stand: at which point, how it is aligned, and how far off [pt]."""
+    first, last = int(np.argmin(points[:, 0])), int(np.argmax(points[:, 0]))
+    low, high = int(np.argmin(points[:, 1])), int(np.argmax(points[:, 1]))
+    near, far = 0.8 * size, 1.6 * size
+    return [
+        (last, "left", "center", near, 0.0),
+        (first, "right", "center", -near, 0.0),
+        (high, "center", "bottom", 0.0, near),
+        (low, "center", "top", 0.0, -near),
+        (last, "left", "bottom", near, near / 2),
+        (last, "left", "top", near, -near / 2),
+        (high, "center", "bottom", 0.0, far),
+        (low, "center", "top", 0.0, -far),
+    ]
+
+
+def _meet(box: np.ndarray, other: np.ndarray) -> bool:
+    """Whether two boxes (left, low, right, high) cover each other."""
+    return bool((box[:2] < other[2:]).all() and (other[:2] < box[2:]).all())
+
+
+def add_notes(axis: Axes, notes: Sequence[tuple[str, str]], place: str = "upper right") -> None:
+    """Lines of text in a corner of a panel, each in a colour, in place of a legend.
+
+    Args:
+        axis: The axis.
+        notes: Text and colour of each line.
+        place: The corner, such as "upper right".
+    """
+    upper, right = place.startswith("upper"), place.endswith("right")
+    for k, (text, colour) in enumerate(notes if upper else notes[::-1]):
+        axis.annotate(
+            text,
+            (float(right), float(upper)),
+            ((-1 if right else 1) * 5, (-1 if upper else 1) * (4 + 11 * k)),
+            xycoords="axes fraction",
+            textcoords="offset points",
+            ha="right" if right else "left",
+            va="top" if upper else "bottom",
+            fontsize=8,
+            color=colour,
+        )
 
 
 def save(figure: Figure, path: Path | str) -> Path:

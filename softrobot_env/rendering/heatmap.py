@@ -9,7 +9,7 @@ from softrobot_env.rendering.figures import Axes
 #: Colour of cells without a number.
 _EMPTY = "0.85"
 
-_SIZE = 7.5  # of texts
+_SIZE = 8.5  # of texts
 
 
 def heatmap(

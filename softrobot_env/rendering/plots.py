@@ -16,8 +16,10 @@ from softrobot_env.rendering.curves import (
     draw_shapes,
     draw_stacked,
     draw_tip,
+    end_errors,
     finish,
     least_error,
+    most_input,
     policy_curves,
     typical_error,
     varied_curves,
@@ -201,13 +203,11 @@ def _driven(found: _Comparison) -> Figure:
     ]
     figure, axes = new_figure(len(names), 1, (7.0, 1.5 + 1.8 * len(names)))
     draw_stacked(axes[:, 0], curves, lambda r: r.action, names, found.shown)
-    most = {c.name: np.abs(c.rollout.action[found.shown(c.rollout)]).max(initial=0) for c in curves}
-    name = max(most, key=most.__getitem__)
-    what = "servos pull in up to {:.3g} mm" if by_length else "tendons pull with up to {:.3g} N"
-    if not by_length:
-        what += ", negative where the lower one pulls" if kind == "pair" else " in an input"
-    text = what.format(most[name]) + (f" ({name})" if len(most) > 1 else "")
-    return finish(figure, axes[0, 0], found.titled(text))
+    name, most = most_input(curves, lambda r: r.action, found.shown)
+    pulls = "pulls most, up to" if len(curves) > 1 else "pulls up to"
+    text = f"{name} {pulls} {most:.3g} {'mm' if by_length else 'N'}"
+    note = "negative: the lower tendon of a pair pulls" if kind == "pair" else ""
+    return finish(figure, axes[0, 0], found.titled(text), note)
 
 
 def _shapes(found: _Comparison, shapes: dict[str, np.ndarray]) -> Figure:
@@ -217,13 +217,7 @@ def _shapes(found: _Comparison, shapes: dict[str, np.ndarray]) -> Figure:
     entries = axis.get_legend_handles_labels()[0]
     thin = [replace(c, line={**c.line, "linewidth": 0.8, "alpha": 0.7}) for c in found.curves]
     draw_path(axis, thin, found.path)
-    away = {c.name: c.rollout.error[-1] for c in found.curves if not c.rollout.failure}
-    text = "path of the tip and final shape"
-    if away:
-        text = f"at the end tips are {1e3 * min(away.values()):.2g}"
-        text += f" to {1e3 * max(away.values()):.2g}" if len(away) > 1 else ""
-        text += " mm from the reference"
-    add_title(figure, found.titled(text))
+    add_title(figure, found.titled(end_errors(found.curves)))
     add_legend(figure, [*entries, axis.lines[-1]])
     return figure
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from softrobot_env.benchmarks.records import Record, drawn, groups, select
+from softrobot_env.benchmarks.records import Record, for_pictures, groups, select
 from softrobot_env.benchmarks.registry import BENCHMARKS
 
 
@@ -21,7 +21,7 @@ def test_every_benchmark_loads(name):
 class Run(Record):
     case: str
     error: float | None = None
-    trace: np.ndarray | None = drawn()  # noqa: RUF009
+    trace: np.ndarray | None = for_pictures()  # noqa: RUF009
 
 
 def test_a_record_writes_all_but_what_is_drawn():

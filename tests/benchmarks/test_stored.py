@@ -11,7 +11,7 @@ import pytest
 
 from softrobot_env.artifacts import read_tree, write_tree
 from softrobot_env.benchmarks import stored
-from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.benchmarks.records import Record, for_pictures
 from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark
 from softrobot_env.cli import main
 from softrobot_env.evaluation.rollout import Rollout
@@ -25,7 +25,7 @@ class Run(Record):
     case: str
     error: float | None
     sizes: tuple[int, ...] = ()
-    trace: Rollout | None = drawn()  # noqa: RUF009
+    trace: Rollout | None = for_pictures()  # noqa: RUF009
 
 
 @dataclass(frozen=True)

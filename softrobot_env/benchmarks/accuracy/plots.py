@@ -232,6 +232,21 @@ def _rules(rows: list[Row]) -> Figure:
     add_title(figure, _best_rule(select(chains, kind="static")))
     _draw_static_rules(upper, select(chains, kind="static"))
     _draw_moving_rules(lower, select(chains, kind="dynamic", case=tension_step.CASE))
+    point = {"markersize": 4, "linewidth": 1.2}
+    shown = {row.model.partition("/")[2] for row in chains}
+    rules = [entry(rule, **style_of(rule).points | point) for rule in RULES if rule in shown]
+    integrators = [
+        entry(
+            f"lower panels: {name}",
+            color="0.3",
+            marker="o",
+            linestyle=line,
+            markerfacecolor="0.3" if filled else "white",
+            **point,
+        )
+        for name, (line, filled) in _LINES.items()
+    ]
+    add_legend(figure, [*rules, *integrators])
     return figure
 
 
@@ -266,7 +281,6 @@ def _draw_static_rules(figure: SubFigure, rows: list[Row]) -> None:
         _set_ticks(axes, (6, 12, 24, 48))
     panels[0].set_ylabel("tip error [mm]")
     panels[0].set_ylim(5e-7, 20)
-    panels[0].legend(fontsize=7.5, loc="lower left", framealpha=0.9)
 
 
 def _draw_moving_rules(figure: SubFigure, rows: list[Row]) -> None:
@@ -288,12 +302,6 @@ def _draw_moving_rules(figure: SubFigure, rows: list[Row]) -> None:
         plain_ticks(axes, "x")
         axes.set_ylim(0.02, 5)
     figure.axes[0].set_ylabel("mean tip error [mm]")
-    handles = [
-        entry(name, color="0.3", marker="o", markersize=4, linestyle=line,
-              markerfacecolor="0.3" if filled else "white")
-        for name, (line, filled) in _LINES.items()
-    ]  # fmt: skip
-    figure.axes[0].legend(handles=handles, fontsize=7.5, loc="lower left", framealpha=0.9)
 
 
 def _draw_rule(

@@ -18,6 +18,7 @@ from softrobot_env.rendering.figures import (
     add_legend,
     add_title,
     entry,
+    label_lines,
     new_figure,
     save,
 )
@@ -31,12 +32,12 @@ def plot(rows: Sequence[Record], path: Path | str) -> None:
     figure, axes = new_figure(1, 2, (10, 5.6))
     cells, checks = of_kind(rows, Cell), of_kind(rows, Check)
     scenes = _grid(axes[0, 0], cells)
-    lines = _rods(axes[0, 1], checks)
+    _rods(axes[0, 1], checks)
     steps = [
         entry(f"{n} x the rule's timestep", color=BLACK, marker=_MARKERS[n], linestyle="")
         for (n,) in groups(cells, "steps_ratio")
     ]
-    add_legend(figure, [*scenes, *steps, *lines])
+    add_legend(figure, [*scenes, *steps])
     judged = [c for c in select(cells, steps_ratio=1) if c.error_share is not None]
     good = sum(c.error_share <= ACCURATE_SHARE for c in judged)
     add_title(
@@ -59,21 +60,27 @@ def _grid(axis: Axes, cells: Sequence[Cell]) -> list:
             share = [c.error_share for c in known]
             axis.scatter(cost, share, s=20, c=colour, marker=marker, alpha=0.7)
         entries.append(entry(scene, color=colour, marker="o", linestyle=""))
-    axis.axhline(ACCURATE_SHARE, color=BLACK, linewidth=0.9, linestyle="--")
-    axis.axhline(WRONG_SHARE, color=VERMILLION, linewidth=0.9, linestyle="--")
+    for share, colour, text in (
+        (ACCURATE_SHARE, BLACK, "accurate below"),
+        (WRONG_SHARE, VERMILLION, "wrong above"),
+    ):
+        axis.axhline(share, color=colour, linewidth=0.9, linestyle="--")
+        place = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+        style = {"fontsize": 8, "color": colour, "va": "center"}
+        axis.annotate(text, (1.0, share), (4, 0), **place, **style)
     axis.set(
         xscale="log",
         yscale="log",
         xlabel="run time / simulated time",
-        ylabel="error / length (dashed: accurate; wrong)",
+        ylabel="error / length",
         title="Moving scenes",
     )
     return entries
 
 
-def _rods(axis: Axes, checks: Sequence[Check]) -> list:
+def _rods(axis: Axes, checks: Sequence[Check]) -> None:
     """Errors of forces and tips over the time to come to rest, a line each."""
-    entries = []
+    ends = []
     for ((case,), mine), colour in zip(groups(checks, "case").items(), _COLOURS, strict=False):
         for field, style in (("force_error", "-"), ("tip_error", ":")):
             known = [c for c in mine if getattr(c, field) is not None]
@@ -82,7 +89,7 @@ def _rods(axis: Axes, checks: Sequence[Check]) -> list:
                 errors = [getattr(c, field) for c in known]
                 axis.plot(times, errors, color=colour, linestyle=style, marker="o", markersize=4)
                 what = "force" if field == "force_error" else "tip"
-                entries.append(entry(f"{case}, {what}", color=colour, linestyle=style))
+                ends.append((f"{case},\n{what}", errors[-1], colour))
     axis.set(
         xscale="log",
         yscale="log",
@@ -90,4 +97,4 @@ def _rods(axis: Axes, checks: Sequence[Check]) -> list:
         ylabel="relative error of force; of tip over length",
         title="Rods at rest",
     )
-    return entries
+    label_lines(axis, ends)

@@ -8,7 +8,7 @@ import numpy as np
 
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
-from softrobot_env.benchmarks.records import drawn, one
+from softrobot_env.benchmarks.records import for_pictures, one
 from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.thesis import CONTROLLERS
@@ -64,7 +64,7 @@ class ControllerRow(EpisodeRecord):
     feedback: str
     e_motion: float | None
     e_motion_least: float | None
-    trace: Rollout | None = drawn()  # noqa: RUF009
+    trace: Rollout | None = for_pictures()  # noqa: RUF009
 
     @property
     def modulus(self) -> float | None:

@@ -17,9 +17,11 @@ from softrobot_env.rendering.curves import (
     draw_shapes,
     draw_stacked,
     draw_tip,
+    end_errors,
     finish,
     least_error,
     longest,
+    most_input,
     policy_curves,
     typical_error,
     until,
@@ -36,6 +38,7 @@ from softrobot_env.rendering.figures import (
     add_legend,
     add_title,
     entry,
+    label_points,
     new_figure,
     save,
     style_axes,
@@ -138,9 +141,8 @@ def _inputs(curves: list[Curve], title: str) -> Figure:
     figure, axes = new_figure(pairs.n_inputs, 1, (8, 7.5))
     labels = [f"$u_{pair + 1}$ [N]" for pair in range(pairs.n_inputs)]
     draw_stacked(axes[:, 0], curves, lambda r: pairs.reduced(r.tendon_tension), labels)
-    most = {c.name: np.abs(pairs.reduced(c.rollout.tendon_tension)).max() for c in curves}
-    name = max(most, key=most.__getitem__)
-    message = f"{name} pulls most, with {most[name]:.3g} N"
+    name, most = most_input(curves, lambda r: pairs.reduced(r.tendon_tension))
+    message = f"{name} pulls most, up to {most:.3g} N"
     return finish(figure, axes[0, 0], message, f"{title}; negative: lower tendon")
 
 
@@ -149,9 +151,8 @@ def _arms(curves: list[Curve], title: str) -> Figure:
     draw_shapes(left, curves, [centerline(ARM, c.rollout.curvature[-1]) for c in curves])
     draw_path(left, [], longest(curves).reference)
     draw_curvatures(right, curves, ARM)
-    away = [1e3 * c.rollout.error[-1] for c in curves if not c.rollout.failure]
-    message = f"All end within {max(away):.2g} mm of the reference" if away else "All failed"
-    return finish(figure, left, message, title)
+    message = end_errors(curves)
+    return finish(figure, left, message[0].upper() + message[1:], title)
 
 
 def _plane(curves: list[Curve], title: str) -> Figure:
@@ -181,19 +182,26 @@ def _error_against_time(rows: list[ControllerRow]) -> Figure:
         colour = style_of(of_controller[figure_.controller]).colour
         place = 1e6 * POLICY_TIME[figure_.controller], 1e3 * figure_.e_max
         right.plot(*place, **THESIS | {"color": colour, "markeredgecolor": "black"})
-    colours = {name: style_of(name).colour for name in names(rows)}
-    told = [entry(name, **_marker(colour, True)) for name, colour in colours.items()]
-    told += [entry(label, **_marker(GREY, filled)) for label, filled in _SETTINGS.values()]
+    told = [entry(label, **_marker(GREY, filled)) for label, filled in _SETTINGS.values()]
     best = min(select(rows, setting="mujoco") or rows, key=lambda row: row.e_rms)
     add_title(
         figure,
         f"{best.policy} errs least on the swing, {1e3 * best.e_rms:.2g} mm rms for "
-        f"{1e6 * best.policy_time_median:.0f} µs a decision",
+        f"{float(f'{1e6 * best.policy_time_median:.2g}'):g} µs a decision",
         "All policies: error against the time of a decision",
     )
     label = "thesis (colour: its controller)"
     add_legend(figure, [*told, entry(**THESIS | {"label": label, "color": GREY})])
+    for axis, metric in zip((left, right), _ERRORS, strict=True):
+        label_points(axis, [_labelled(rows, name, metric) for name in names(rows)])
     return figure
+
+
+def _labelled(rows: list[ControllerRow], policy: str, metric: str) -> tuple:
+    """Name, places [µs, mm] and colour of a policy's points."""
+    mine = select(rows, policy=policy)
+    places = [(1e6 * row.policy_time_median, 1e3 * getattr(row, metric)) for row in mine]
+    return policy, places, style_of(policy).colour
 
 
 def _marker(colour: str, filled: bool) -> dict[str, str | float]:

@@ -7,7 +7,18 @@ import numpy as np
 from softrobot_env.benchmarks.feedback.run import CAMERA, LapRow, Row
 from softrobot_env.benchmarks.records import groups, of_kind
 from softrobot_env.rendering.curves import Curve, policy_curves
-from softrobot_env.rendering.figures import REFERENCE, add_legend, add_title, new_figure, save
+from softrobot_env.rendering.figures import (
+    REFERENCE,
+    add_legend,
+    add_panels,
+    add_title,
+    new_figure,
+    save,
+)
+
+
+#: [mm], at the lower end of the axes of errors.
+_LEAST_ERROR = 0.05
 
 
 def plot(rows: list[Row], path: Path | str) -> None:
@@ -19,7 +30,10 @@ def plot(rows: list[Row], path: Path | str) -> None:
     """
     laps = [row for row in of_kind(rows, LapRow) if row.trace is not None]
     cases = groups(laps, "disturbance")
-    figure, axes = new_figure(2, len(cases), (2.7 * len(cases), 5.8))
+    figure, _ = new_figure(0, 0, (max(2.1 * len(cases), 5.0), 5.6))
+    figure.get_layout_engine().set(h_pad=0.09)  # inches
+    parts = figure.subfigures(2, 1, height_ratios=[1, 1.05])
+    axes = [add_panels(part, 1, len(cases), share=True)[0] for part in parts]
     for above, below, ((name,), mine) in zip(*axes, cases.items(), strict=True):
         curves = _curves(mine)
         reference = 1e3 * curves[0].rollout.reference
@@ -29,7 +43,8 @@ def plot(rows: list[Row], path: Path | str) -> None:
             above.plot(*tip[:, :2].T, label=curve.label, **curve.line)
             below.plot(curve.rollout.time, 1e3 * curve.rollout.error, **curve.line)
         above.set(title=name or "undisturbed", xlabel="x [mm]", aspect="equal")
-        below.set(xlabel="time [s]", yscale="log", ylim=(0.05, None))
+        below.set(xlabel="time [s]", yscale="log")
+    axes[1][0].set_ylim(bottom=_LEAST_ERROR)
     axes[0][0].set_ylabel("y [mm]")
     axes[1][0].set_ylabel("error [mm]")
     worst = {}

@@ -18,6 +18,10 @@ from softrobot_env.rendering.figures import (
 )
 
 
+#: Colours of a finger's sensors; the others are those of sizes.
+_SENSORS = COLOURS[:3]
+
+
 def plot(rows: Sequence[Record], path: Path | str) -> None:
     """Draw both, as PNG."""
     things, sizes = changes(of_kind(rows, Grip)), of_kind(rows, Size)
@@ -28,22 +32,27 @@ def plot(rows: Sequence[Record], path: Path | str) -> None:
         _bends(axis, thing, grips)
     for axis in axes.flat[panels:]:
         axis.set_visible(False)
+    for axis in axes[:, 1:].flat:
+        axis.set_ylabel("")
     shown = _shown(sizes)
     _errors(axes.flat[len(things)], shown)
     usual = [size for size in shown if size.errors == 1.0]
-    told = f", with usual sensors {1e3 * usual[0].mean:.2g} mm off in the mean" if usual else ""
-    add_title(
-        figure,
-        f"One grip tells the size of a bar{told}",
-        "Bends of the middle finger's sensors while it closes, and errors of the size",
-    )
-    add_legend(figure, axes[0, 0])
+    message = "Bends of the middle finger's sensors over the tension"
+    if usual:
+        message = (
+            f"Sensors tell diameters of {usual[0].count} bars {1e3 * usual[0].mean:.2g} mm off in "
+            f"the mean, {1e3 * usual[0].most:.2g} mm at most"
+        )
+    subject = "Bends of the middle finger's sensors while it closes, and errors of the size"
+    add_title(figure, message, subject)
+    both = [axes[0, 0], axes.flat[len(things)]]
+    add_legend(figure, [handle for axis in both for handle in axis.get_legend_handles_labels()[0]])
     save(figure, path)
 
 
 def _bends(axis: Axes, thing: str, grips: Sequence[Grip]) -> None:
     tension = [grip.tension for grip in grips]
-    for k, colour in zip(range(len(grips[0].angles)), COLOURS, strict=False):
+    for k, colour in zip(range(len(grips[0].angles)), _SENSORS, strict=False):
         angles = [grip.angles[k] for grip in grips]
         axis.plot(tension, angles, color=colour, label=f"sensor {k + 1}")
     if grips[0].turn is not None:
@@ -62,9 +71,8 @@ def _shown(sizes: Sequence[Size]) -> list[Size]:
 
 def _errors(axis: Axes, sizes: Sequence[Size]) -> None:
     """Of some sizes, by the polynomials."""
-    for size, colour in zip(sizes, COLOURS, strict=False):
-        label = "exact bends" if size.errors is None else f"sensors, errors x {size.errors:g}"
+    for size, colour in zip(sizes, COLOURS[len(_SENSORS) :], strict=False):
+        label = "exact bends" if size.errors is None else f"usual errors x {size.errors:g}"
         diameters, errors = ([1e3 * x for x in xs] for xs in (size.diameters, size.off))
         axis.plot(diameters, errors, ".", color=colour, markersize=4, label=label)
-    axis.legend(fontsize=7)
     axis.set(xlabel="diameter [mm]", ylabel="error [mm]", title="size from one grip")

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.benchmarks.records import Record, for_pictures
 
 
 @dataclass(frozen=True)
@@ -52,8 +52,8 @@ class Size(Record):
     mean: float
     high: float
     most: float
-    diameters: tuple[float, ...] = drawn()
-    off: tuple[float, ...] = drawn()
+    diameters: tuple[float, ...] = for_pictures()
+    off: tuple[float, ...] = for_pictures()
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,21 @@ from softrobot_env.benchmarks.records import groups, of_kind, select
 from softrobot_env.benchmarks.reduction.data import CUTOFFS, PERIOD, random_inputs
 from softrobot_env.benchmarks.reduction.models import OURS, THESIS_MODEL
 from softrobot_env.benchmarks.reduction.rows import OrderRow, PathRow, Row, SpectrumRow
-from softrobot_env.rendering.figures import add_legend, add_title, new_figure, save
+from softrobot_env.rendering.figures import (
+    COLOURS,
+    GREEN,
+    GREY,
+    ORANGE,
+    PURPLE,
+    add_legend,
+    add_notes,
+    add_panels,
+    add_title,
+    label_lines,
+    new_figure,
+    plain_ticks,
+    save,
+)
 
 _COLOURS = {"measured": "0.6", THESIS_MODEL: "#D55E00", OURS: "#0072B2"}
 
@@ -25,27 +39,33 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
     shown = [row for row in of_kind(rows, PathRow) if row.measured is not None]
     shown = [row for row in shown if row.model in _COLOURS]
     periods = [p for (p,) in groups(shown, "period")]
-    figure, axes = new_figure(3, max(len(periods), 3), (2.7 * max(len(periods), 3), 9.0))
-    for line, name in zip(axes, ("rectangle", "circle"), strict=False):
+    figure, _ = new_figure(0, 0, (10.0, 10.5))
+    figure.get_layout_engine().set(h_pad=0.09)  # inches
+    upper, lower = figure.subfigures(2, 1, height_ratios=[1, 1.2])
+    axes = add_panels(upper, 2, max(len(periods), 1), share=True)
+    for line, name in zip(axes, ("rectangle", "circle"), strict=True):
         for axis, period in zip(line, periods, strict=False):
             _paths(axis, select(shown, path=name, period=period))
-            axis.set(title=f"{name}, T = {period:g} s", aspect="equal", xlabel="x [mm]")
+            axis.set(title=f"{name}, T = {period:g} s", aspect="equal")
         line[0].set_ylabel("y [mm]")
-    _decay(axes[2][0], of_kind(rows, SpectrumRow))
-    _speeds(axes[2][1], shown, of_kind(rows, SpectrumRow))
-    _orders(axes[2][2], of_kind(rows, OrderRow))
-    if len(axes[2]) > 4:
-        _excited(axes[2][3], of_kind(rows, SpectrumRow))
-        _inputs(axes[2][4])
-    for axis in [*axes[2][5:], *(one for line in axes[:2] for one in line[len(periods) :])]:
-        axis.set_visible(False)
+    for axis in axes[1]:
+        axis.set_xlabel("x [mm]")
+    reach = 1.3e3 * max((np.abs(row.measured).max() for row in shown), default=1e-3)
+    axes[0][0].set(xlim=(-reach, reach), ylim=(-reach, reach))
+    others = add_panels(lower, 2, 3).flat
+    _decay(others[0], of_kind(rows, SpectrumRow))
+    _speeds(others[1], shown, of_kind(rows, SpectrumRow))
+    _orders(others[2], of_kind(rows, OrderRow))
+    _excited(others[3], of_kind(rows, SpectrumRow))
+    _inputs(others[4])
+    others[5].set_visible(False)
     fastest = select(of_kind(rows, PathRow), model=OURS, period=min(periods, default=0))
     known = [row.mean for row in fastest if row.mean is not None]
     message = "No path is predicted"
     if known:
         message = (
-            f"Models learned from motion predict laps of {fastest[0].period:g} s with a mean error "
-            f"of {1e3 * max(known):.2g} mm at most ({OURS})"
+            f"Models learned from motion, {OURS}, predict laps of {fastest[0].period:g} s with a "
+            f"mean error of {1e3 * max(known):.2g} mm at most"
         )
     add_title(figure, message, "As Figs. 3.11 to 3.18: paths of the rig, predicted from the inputs")
     add_legend(figure, axes[0][0])
@@ -55,20 +75,21 @@ def plot(rows: Sequence[Row], path: Path | str) -> None:
 def _paths(axis: Any, rows: list[PathRow]) -> None:
     measured = 1e3 * rows[0].measured
     axis.plot(*measured.T, color=_COLOURS["measured"], linewidth=2.5, label="measured")
-    reach = 1.3 * np.abs(measured).max()
     for row in rows:
         if row.predicted is not None:
             axis.plot(*(1e3 * row.predicted).T, color=_COLOURS[row.model], label=row.model)
-    axis.set(xlim=(-reach, reach), ylim=(-reach, reach))
 
 
 def _decay(axis: Any, rows: list[SpectrumRow]) -> None:
     """Fig. 3.11."""
+    ends = []
     for record in (row.decay_path for row in rows if row.decay_path is not None):
         time = PERIOD * np.arange(len(record))
-        axis.plot(time, 1e3 * record[:, 0], color=_COLOURS[OURS])
-        axis.plot(time, 1e3 * record[:, 1], color=_COLOURS[THESIS_MODEL])
-    axis.set(title="a decay: x, y", xlabel="time [s]", ylabel="tip [mm]")
+        for k, name, colour in ((0, "x", GREEN), (1, "y", PURPLE)):
+            axis.plot(time, 1e3 * record[:, k], color=colour)
+            ends.append((name, 1e3 * record[-1, k], colour))
+    axis.set(title="a decay", xlabel="time [s]", ylabel="tip [mm]")
+    label_lines(axis, ends)
 
 
 def _excited(axis: Any, rows: list[SpectrumRow]) -> None:
@@ -78,11 +99,11 @@ def _excited(axis: Any, rows: list[SpectrumRow]) -> None:
         axis.set_visible(False)
         return
     time = PERIOD * np.arange(len(known[0]))
-    axis.plot(time, 1e3 * known[0][:, 0], color=_COLOURS[OURS], label="x of the tip")
-    axis.plot(time, 1e3 * known[0][:, 2], color=_COLOURS[THESIS_MODEL], label="first input")
+    axis.plot(time, 1e3 * known[0][:, 0], color=GREEN)
+    axis.plot(time, 1e3 * known[0][:, 2], color=ORANGE)
     active = time[np.flatnonzero(np.abs(known[0][:, 2]) > 1e-9)]
     axis.axvspan(active[0], active[-1], color="0.9", linewidth=0)
-    axis.legend(frameon=False, fontsize="small")
+    add_notes(axis, [("x of the tip", GREEN), ("first input", ORANGE), ("grey: excited", GREY)])
     axis.set(title="excited, then left alone", xlabel="time [s]", ylabel="tip, input [mm]")
 
 
@@ -90,26 +111,32 @@ def _inputs(axis: Any) -> None:
     """Fig. 3.13."""
     held, *smooth = 1e3 * random_inputs()
     time = PERIOD * np.arange(len(held))
-    axis.plot(time, held, color=_COLOURS["measured"], linewidth=1, label="drawn")
-    for one, cutoff, colour in zip(smooth, CUTOFFS, ("#0072B2", "#009E73", "#D55E00"), strict=True):
-        axis.plot(time, one, color=colour, label=f"{cutoff:g} Hz")
-    axis.legend(frameon=False, fontsize="small", ncols=2)
+    axis.plot(time, held, color=GREY, linewidth=1)
+    notes = [("as drawn by chance", GREY)]
+    for one, cutoff, colour in zip(smooth, CUTOFFS, (GREEN, PURPLE, ORANGE), strict=True):
+        axis.plot(time, one, color=colour)
+        notes.append((f"below {cutoff:g} Hz", colour))
+    low, high = axis.get_ylim()
+    axis.set_ylim(low, high + 0.35 * (high - low))  # room for the notes
+    add_notes(axis, notes, "upper left")
     axis.set(title="random inputs, filtered", xlabel="time [s]", ylabel="first input [mm]")
 
 
 def _speeds(axis: Any, paths: list[PathRow], rows: list[SpectrumRow]) -> None:
     """Fig. 3.18: decays are slow where the fastest path is fast."""
     fastest = min(paths, key=lambda row: row.period)
+    notes = {}
     for record, label, colour in (
-        (fastest.measured, f"{fastest.path}, T = {fastest.period:g} s", _COLOURS["measured"]),
-        *((row.decay_path, "a decay", _COLOURS[OURS]) for row in rows),
+        (fastest.measured, f"{fastest.path}, T = {fastest.period:g} s", PURPLE),
+        *((row.decay_path, "a decay", GREEN) for row in rows),
     ):
         if record is None:
             continue
         speed = np.linalg.norm(np.diff(record, axis=0), axis=1) / PERIOD
         distance = np.linalg.norm(record[1:], axis=1)
-        axis.plot(1e3 * distance, speed, ".", markersize=2, color=colour, label=label)
-    axis.legend(frameon=False, fontsize="small")
+        axis.plot(1e3 * distance, speed, ".", markersize=2, color=colour)
+        notes[label] = colour
+    add_notes(axis, [*notes.items()], "upper left")
     axis.set(title="speed by place", xlabel="distance from the axis [mm]", ylabel="speed [m/s]")
 
 
@@ -118,8 +145,14 @@ def _orders(axis: Any, rows: list[OrderRow]) -> None:
     if not rows:
         axis.set_visible(False)
         return
-    for (order,), mine in groups(rows, "shape_order").items():
+    ends = []
+    for ((order,), mine), colour in zip(groups(rows, "shape_order").items(), COLOURS, strict=False):
         known = [row for row in mine if row.rms is not None]
-        axis.plot([r.p for r in known], [1e3 * r.rms for r in known], "o-", label=f"n_w = {order}")
-    axis.legend(frameon=False, fontsize="small")
-    axis.set(title="thesis' settings", xlabel="p", ylabel="RMS error [mm]", yscale="log")
+        if known:
+            points = [r.p for r in known], [1e3 * r.rms for r in known]
+            axis.plot(*points, "o-", color=colour, markersize=4)
+            ends.append((f"$n_w$ = {order}", points[1][-1], colour))
+    axis.set(title="thesis' settings", xlabel="numbers in a delay vector, $p$", yscale="log")
+    axis.set_ylabel("rms error [mm]")
+    plain_ticks(axis, "y")
+    label_lines(axis, ends)

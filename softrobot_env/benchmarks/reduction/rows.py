@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.benchmarks.records import Record, for_pictures
 
 
 @dataclass(frozen=True)
@@ -37,8 +37,8 @@ class PathRow(Record):
     thesis: float | None
     fit_time: float | None
     predict_time: float | None
-    measured: np.ndarray | None = drawn()  # noqa: RUF009
-    predicted: np.ndarray | None = drawn()  # noqa: RUF009
+    measured: np.ndarray | None = for_pictures()  # noqa: RUF009
+    predicted: np.ndarray | None = for_pictures()  # noqa: RUF009
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,8 @@ class SpectrumRow(Record):
     decay: float
     frequency: float
     separation: float
-    decay_path: np.ndarray | None = drawn()  # noqa: RUF009
-    excited: np.ndarray | None = drawn()  # noqa: RUF009
+    decay_path: np.ndarray | None = for_pictures()  # noqa: RUF009
+    excited: np.ndarray | None = for_pictures()  # noqa: RUF009
 
 
 Row = PathRow | OrderRow | DataRow | LoopRow | SpectrumRow

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.benchmarks.records import Record, for_pictures
 from softrobot_env.control.registry import RIG_POLICIES
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rollout import Rollout
@@ -44,7 +44,7 @@ class LapsRow(Record):
     policy_time_max: float
     computing_factor: float
     realtime_factor: float
-    trace: Rollout | None = drawn()  # noqa: RUF009
+    trace: Rollout | None = for_pictures()  # noqa: RUF009
 
 
 def cases(twin: int | None) -> list[Case]:

@@ -122,6 +122,7 @@ def _over_omega(axis: Axes, rows: list[ForceRow], factor: float) -> None:
 def _mark(axis: Axes, rows: list[ForceRow], name: str, what: str) -> None:
     row = one(rows, y_name=name)
     if row is not None:
-        label = f"{what}: {row.y:.2g} rad/s"
-        axis.axvline(row.y, **REFERENCE | {"color": "0.4", "label": label})
-        axis.legend(fontsize=9, frameon=False)
+        axis.axvline(row.y, **REFERENCE | {"color": "0.4", "label": None})
+        text = {"ha": "right", "fontsize": 9, "color": "0.4", "textcoords": "offset points"}
+        place = {"xycoords": ("data", "axes fraction"), "xytext": (-5, 0)}
+        axis.annotate(f"{what}: {row.y:.2g} rad/s", (row.y, 0.9), **place, **text)

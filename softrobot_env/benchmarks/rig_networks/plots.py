@@ -12,6 +12,7 @@ from softrobot_env.rendering.figures import (
     COLOURS,
     REFERENCE,
     Axes,
+    add_legend,
     add_title,
     new_figure,
     plain_ticks,
@@ -19,6 +20,7 @@ from softrobot_env.rendering.figures import (
 )
 
 _TITLES = {"forward": "tip from tendon lengths", "inverse": "tendon lengths from the tip"}
+_WHAT = {"forward": "in the tip", "inverse": "in tendon lengths"}
 
 #: Samples [1] and error [m] that the thesis tells besides, secs. 3.2.3 and 5.1.1: 1 mm, and 1 % of
 #: 30 mm.
@@ -35,23 +37,20 @@ def plot(rows: list[Row], path: Path | str) -> None:
     for (left, right), ((direction,), mine) in zip(axes, directions.items(), strict=True):
         _draw_sizes(left, select(mine, study="size"))
         _draw_samples(right, select(mine, study="samples"), direction)
-        left.axhline(1e3 * THESIS[direction], **REFERENCE | {"label": None})
+        left.axhline(1e3 * THESIS[direction], **REFERENCE | {"label": "thesis"})
         left.set_ylabel(f"rms error [mm]\n{_TITLES[direction]}")
         for axis in (left, right):
             axis.set(xscale="log", yscale="log")
             plain_ticks(axis, "xy")
-            axis.legend(fontsize=8, frameon=False)
     axes[-1, 0].set_xlabel("neurons per layer")
     axes[-1, 1].set_xlabel("samples in the training set")
     used = select(cells, study="samples", samples=TRAINING)
-    told = [
-        f"{1e3 * row.e_rms:.2g} mm ({_TITLES[row.direction]}; thesis {1e3 * thesis:.2g})"
-        for row in used
-        for thesis in [THESIS[row.direction]]
-    ]
+    told = [f"{1e3 * row.e_rms:.2g} mm {_WHAT[row.direction]}" for row in used]
     message = f"With {TRAINING} samples networks err by {' and '.join(told)}"
-    subject = "Quasi-static networks of the rig on the test set; dashed: thesis"
+    subject = "Quasi-static networks of the rig on the test set"
     add_title(figure, message if told else "Errors over size and samples", subject)
+    shown = [h for axis in axes[0] for h in axis.get_legend_handles_labels()[0]]
+    add_legend(figure, [handle for handle in shown if not handle.get_label().startswith("_")])
     save(figure, path)
 
 
@@ -76,4 +75,4 @@ def _draw_samples(axis: Axes, cells: list[CellRow], direction: str) -> None:
     axis.fill_between(x, least, largest, color=BLUE, alpha=0.2, lw=0)
     axis.plot(x, middle, "o-", color=BLUE, markersize=4, lw=1.2, label="median and range")
     marks = ((TRAINING, THESIS[direction]), _TOLD[direction])
-    axis.plot(*zip(*((n, 1e3 * e) for n, e in marks), strict=True), "x", **_MARK, label="thesis")
+    axis.plot(*zip(*((n, 1e3 * e) for n, e in marks), strict=True), "x", **_MARK, label="thesis, by samples")

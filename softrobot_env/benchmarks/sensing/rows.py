@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.benchmarks.records import Record, for_pictures
 
 #: Whether a number of the model was chosen so that the row comes out; it follows from the thesis'
 #: polynomial of order 5, which the model has; it tests the model with numbers chosen elsewhere; or
@@ -35,7 +35,7 @@ class Row(Record):
     thesis: float | None = None
     goal: float | None = None
     note: str = ""
-    curves: dict[str, Any] | None = drawn()  # noqa: RUF009
+    curves: dict[str, Any] | None = for_pictures()  # noqa: RUF009
 
     @property
     def met(self) -> bool | None:

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.records import Record, select
-from softrobot_env.rendering.figures import add_legend, add_title, new_figure
+from softrobot_env.rendering.figures import COLOURS, add_legend, add_title, new_figure
 from softrobot_env.rendering.tables import Column, make_table
 from softrobot_env.robots import ARM, RIG, RobotParams, Tendon
 from softrobot_env.scene.build import Scene, build_scene
@@ -118,10 +118,8 @@ def _gain(rows: list[FrontRow]) -> str:
             ratios.append(min(rest) / best[ours])
     if not ratios:
         return "Integrators: error against cost"
-    return (
-        f"At best, for no more forces, {ours} errs at least {min(ratios):.2g} times less than the "
-        "others"
-    )
+    least = float(f"{min(ratios):.2g}")
+    return f"At best, for no more forces, {ours} errs at least {least:g} times less than the others"
 
 
 def figure(rows: list[FrontRow]) -> "Figure":
@@ -129,10 +127,11 @@ def figure(rows: list[FrontRow]) -> "Figure":
     cases = list(dict.fromkeys(row.case for row in rows))
     drawn, panels = new_figure(1, len(cases), (2.6 * len(cases), 3.6))
     for axes, case in zip(panels[0], cases, strict=True):
-        for name in dict.fromkeys(row.integrator for row in rows):
+        names = dict.fromkeys(row.integrator for row in rows)
+        for name, colour in zip(names, COLOURS, strict=False):
             mine = select(rows, case=case, integrator=name)
             points = [(row.evaluations, 1e3 * row.error) for row in mine]
-            axes.loglog(*zip(*points, strict=True), "o-", label=name, markersize=3)
+            axes.loglog(*zip(*points, strict=True), "o-", color=colour, label=name, markersize=3)
         axes.set(title=case, xlabel="force evaluations")
     panels[0, 0].set_ylabel("error [mm]")
     add_title(drawn, _gain(rows), "Errors of links against forces computed, at several settings")

@@ -87,9 +87,9 @@ def _title(row: Row) -> str:
     else:
         what = f"beam model {row.model} with {row.n} pieces"
     return (
-        f"{what[0].upper()}{what[1:]}: step of the tendon tensions, three first periods or "
-        f"{MOST_STEPS} steps; green: the tip stays within {1e3 * row.e_bound:g} mm (5 % of the "
-        "length) of a refined run of the same model"
+        f"{what[0].upper()}{what[1:]}, a step of the tensions, three first periods or "
+        f"{MOST_STEPS} steps; green: within {1e3 * row.e_bound:g} mm (5 % of the length) of a "
+        "refined run"
     )
 
 
@@ -218,7 +218,7 @@ def _draw_picks(axes: Axes, rows: list[Row], stiffness: str) -> None:
         x, height, own_pick = getattr(row, stiffness), 1e3 * row.timestep, row.case in _OWN
         if not own_pick and x in own:
             continue
-        below = height < _LOWEST
+        below = height < 1.2 * _LOWEST
         axes.plot(
             x,
             1.3 * _LOWEST if below else height,

@@ -51,19 +51,22 @@ def plot(rows: list[Row], path: Path | str) -> None:
 
 
 _SUBJECT = (
-    "Mean error in % of the length on plants and robots that a policy was not tuned on; light errs "
-    "little, dark much; of each robot those that err least where they err most"
+    "Mean error in % of the length on plants and robots that a policy was not tuned on, of those "
+    "that err least in their worst; empty: no such world"
 )
 
 
 def _message(rows: list[TransferRow], robots: dict[str, list[str]]) -> str:
-    """The best policy of each robot, and its largest error."""
-    best = [(robot, labels[0]) for robot, labels in robots.items()]
-    parts = []
-    for robot, label in best:
+    """What the best policies of robots err in their worst world: from which robot to which."""
+    found = []
+    for robot, (label, *_) in robots.items():
         mine = [_percent(row) for row in rows if (row.robot, row.label) == (robot, label)]
-        parts.append(f"{_short(max(mine))} % on {robot} ({label})")
-    return "In their worst world the best policies err by " + ", ".join(parts)
+        found.append((max(mine), f"{_short(max(mine))} % ({robot}, {label})"))
+    found = [pair for pair in found if np.isfinite(pair[0])]
+    if not found:
+        return "No policy stands all worlds of a robot"
+    ends = dict.fromkeys((min(found)[1], max(found)[1]))
+    return f"In their worst world robots' best policies err by {' to '.join(ends)}"
 
 
 def _ranked(rows: list[TransferRow]) -> list[str]:

@@ -14,7 +14,7 @@ from uuid import uuid4
 from softrobot_env.artifacts import read_facts
 from softrobot_env.benchmarks.jobs import Progress, quiet, run_in_processes
 from softrobot_env.benchmarks.journal import Journal
-from softrobot_env.benchmarks.records import Record, drawn
+from softrobot_env.benchmarks.records import Record, for_pictures
 from softrobot_env.processes import Workers, using
 from softrobot_env.training.registry import TRAININGS, Figures, Order, Quantity, curve_file
 from softrobot_env.writing import whole, write_text
@@ -63,7 +63,7 @@ class Run(Record):
     trial: int | None = None
     pruned: bool = False
     failure: str | None = None
-    told: list[tuple[str, Quantity]] = drawn(())  # noqa: RUF009
+    told: list[tuple[str, Quantity]] = for_pictures(())  # noqa: RUF009
 
 
 def orders_of(

@@ -4,9 +4,10 @@ from pathlib import Path
 
 from softrobot_env.benchmarks.thesis.figures import accuracy, cosserat, cost, quadrature, spiral
 from softrobot_env.benchmarks.thesis.rows import Row
-from softrobot_env.rendering.figures import add_title, new_figure, save
+from softrobot_env.rendering.figures import add_legend, add_title, new_figure, save
 
-#: What is appended to a picture's name -> its module, with the panels line by line, and its size.
+#: What is appended to a picture's name -> its module, with the panels line by line, its size, what
+#: it says, and the entries of its legend.
 _PICTURES = {"": accuracy} | {
     f"_{module.__name__.rpartition('.')[2]}": module
     for module in (cosserat, quadrature, cost, spiral)
@@ -28,5 +29,6 @@ def plot(rows: list[Row], path: Path | str) -> None:
             axis.set_title(title, fontsize=10)
             axis.tick_params(labelsize=8.5)
             draw(axis, rows)
-        add_title(figure, f"As in the thesis: {module.SUBJECT}")
+        add_legend(figure, module.legend(rows))
+        add_title(figure, module.message(rows), f"As in the thesis: {module.SUBJECT}")
         save(figure, path.with_stem(path.stem + name))

@@ -3,16 +3,20 @@
 from functools import partial
 
 from softrobot_env.benchmarks.thesis.figures.drawing import (
-    add_legend,
+    GREY,
     draw_level,
     draw_model,
     draw_models,
+    hollow_entry,
+    model_entries,
+    name_ends,
+    note_at,
     select,
     set_pieces_axis,
 )
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row
 from softrobot_env.benchmarks.thesis.statics import LOCKED
-from softrobot_env.rendering.figures import SKY, WINE, Axes, label_of, style_of
+from softrobot_env.rendering.figures import SKY, WINE, Axes, Line2D, entry, label_of, style_of
 
 _LOCKED_STYLE = dict(zip(LOCKED.values(), ((SKY, "v"), (WINE, "D")), strict=True))
 _THEORY = {
@@ -49,7 +53,7 @@ def _draw_centrelines(axes: Axes, rows: list[Row]) -> None:
         axes.plot(x, y, color=style_of(model).colour, linewidth=1.3, label=label_of(model))
     axes.set(xlabel="along the straight beam [mm]", ylabel="deflection [mm]", aspect="equal")
     axes.invert_yaxis()
-    add_legend(axes, loc="lower left")
+    name_ends(axes)
 
 
 def _draw_bending(axes: Axes, rows: list[Row], name: str, limits: tuple[float, float]) -> None:
@@ -65,16 +69,16 @@ def _draw_bending(axes: Axes, rows: list[Row], name: str, limits: tuple[float, f
 
 def _draw_twist(axes: Axes, rows: list[Row]) -> None:
     (exact,) = select(rows, figure="2.14", case="0.01 N m")
-    draw_level(axes, 1e3 * exact.y, label="exact = thesis, 19.08 mrad")
+    draw_level(axes, 1e3 * exact.y, label="exact")
     for model in MODELS:
         mine = select(rows, figure="2.14", case="tip", model=model)
         hollow = {"markerfacecolor": "none", "label": f"{label_of(model)}, tip"}
         draw_model(axes, mine, 1e3, **(hollow if model == "cosserat" else {}))
     mine = select(rows, figure="2.14", case="last section")
-    draw_model(axes, mine, 1e3, label="Cosserat rod, last section (thesis)")
+    draw_model(axes, mine, 1e3, label="Cosserat rod, last\nsection (thesis)")
     axes.set_ylabel("torsion angle at 0.01 N m [mrad]")
     set_pieces_axis(axes)
-    add_legend(axes, loc="lower right")
+    name_ends(axes)
 
 
 def _draw_torsional(axes: Axes, rows: list[Row]) -> None:
@@ -82,25 +86,52 @@ def _draw_torsional(axes: Axes, rows: list[Row]) -> None:
     for case, line in {"nu = 0": {}, "nu = 0.49": hollow}.items():
         for row in select(rows, figure="2.15", case=case, model="analytic"):
             dashes = line.get("linestyle", "-")
-            draw_level(axes, row.y, linestyle=dashes, label=f"exact, {case}")
+            draw_level(axes, row.y, linestyle=dashes)
+            note_at(axes, (20, row.y), f"exact, {case}", ha="right", xytext=(0, 5))
         for model in MODELS:
             mine = select(rows, figure="2.15", case=case, model=model)
-            draw_model(axes, mine, label=f"{label_of(model)}, {case}", **line)
+            draw_model(axes, mine, **line)
     axes.set_ylabel("first torsional frequency [Hz]")
     set_pieces_axis(axes)
-    add_legend(axes, loc="upper right", ncols=2)
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.55 * (high - low))
 
 
-def _draw_legend(axes: Axes, rows: list[Row]) -> None:
-    """Legend of the deflections and bending frequencies, in a panel of its own."""
-    axes.set_axis_off()
-    handles, labels = axes.figure.axes[0].get_legend_handles_labels()
-    axes.legend(handles, labels, loc="center", fontsize=9, frameon=False)
+def _draw_nothing(axes: Axes, rows: list[Row]) -> None:
+    axes.set_visible(False)
 
 
-COLUMNS, SIZE = 4, (13, 7)
+def legend(rows: list[Row]) -> list[Line2D]:
+    """Entries of what several panels show."""
+    theory = [
+        entry(label, color=GREY, linestyle=dashes, linewidth=1)
+        for label, dashes in _THEORY.values()
+    ]
+    locked = [
+        entry(f"ANCF, {case}", color=colour, marker=marker, markersize=4)
+        for case, (colour, marker) in _LOCKED_STYLE.items()
+    ]
+    return [*theory, *model_entries(), *locked, hollow_entry("Fig. 2.15: nu = 0.49")]
+
+
+def message(rows: list[Row]) -> str:
+    """How far the finest models are from the exact rod under their weight."""
+    off, sag = {}, {"figure": "2.11", "y_name": "tip_deflection_m"}
+    for exact in select(rows, model="exact_rod", **sag):
+        for model in MODELS:
+            mine = select(rows, case=exact.case, model=model, **sag)
+            if mine:
+                finest = max(mine, key=lambda row: row.n)
+                off[model, exact.case] = abs(finest.y / exact.y - 1), finest.n
+    if not off:
+        return "Deflections and frequencies over the number of pieces"
+    model, case = worst = max(off, key=off.__getitem__)
+    share, pieces = off[worst]
+    return (
+        f"With {pieces} pieces deflections under the weight are within {100 * share:.2g} % of the "
+        f"exact rod's (farthest: {label_of(model)}, {case} set)"
+    )
+
+
+COLUMNS, SIZE = 2, (9.0, 13.0)
 
 #: What they show.
 SUBJECT = "deflections, shapes and frequencies of the beam models"
@@ -112,5 +143,5 @@ PANELS = {
     "Fig. 2.13a  bending, stiff set": partial(_draw_bending, name="stiff", limits=(2.8, 8)),
     "Fig. 2.13b  bending, weak set": partial(_draw_bending, name="weak", limits=(0.35, 1.05)),
     "Fig. 2.15  torsional oscillation, weak set": _draw_torsional,
-    "legend of Fig. 2.11 and 2.13": _draw_legend,
+    "": _draw_nothing,
 }

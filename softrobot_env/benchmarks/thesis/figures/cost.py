@@ -4,16 +4,18 @@ from functools import partial
 
 from softrobot_env.benchmarks.thesis.figures.drawing import (
     GREY,
-    add_legend,
     draw_level,
     draw_model,
     draw_models,
-    leave_headroom,
+    hollow_entry,
+    model_entries,
+    name_ends,
+    note_at,
     select,
     set_pieces_axis,
 )
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row
-from softrobot_env.rendering.figures import Axes, entry, label_of, style_of
+from softrobot_env.rendering.figures import Axes, Line2D, label_of, style_of
 
 _HOLLOW = {"linestyle": ":", "markerfacecolor": "white"}
 
@@ -21,22 +23,20 @@ _HOLLOW = {"linestyle": ":", "markerfacecolor": "white"}
 def _draw_evaluation_times(axes: Axes, rows: list[Row]) -> None:
     draw_models(axes, rows, "2.16", "compiled", "evaluation_time_s", 1e6)
     mine = select(rows, figure="2.16", case="compiled, order 8")
-    draw_model(axes, mine, 1e6, label="ANCF, Gauss-Legendre of order 8", **_HOLLOW)
-    axes.set(yscale="log", ylabel=r"time per evaluation [$\mu$s]")
-    leave_headroom(axes)
+    draw_model(axes, mine, 1e6, label="ANCF, order 8", **_HOLLOW)
+    axes.set(yscale="log", ylabel="time per evaluation [µs]")
     set_pieces_axis(axes)
-    add_legend(axes, loc="upper left")
+    name_ends(axes)
 
 
 def _draw_evaluation_numbers(axes: Axes, rows: list[Row]) -> None:
     for model in MODELS:
         mine = select(rows, figure="2.17", model=model, y_name="evaluations")
-        method = f" ({mine[0].case})" if mine else ""
+        method = f"\n({mine[0].case})" if mine else ""
         draw_model(axes, mine, label=f"{label_of(model)}{method}")
     axes.set(yscale="log", ylabel="evaluations for 5 s")
-    leave_headroom(axes)
     set_pieces_axis(axes)
-    add_legend(axes, loc="upper left")
+    name_ends(axes)
 
 
 def _draw_simulation_times(axes: Axes, rows: list[Row], figure: str, duration: float) -> None:
@@ -45,12 +45,12 @@ def _draw_simulation_times(axes: Axes, rows: list[Row], figure: str, duration: f
         mine = select(rows, figure=figure, model=model, y_name="computation_time_s")
         measured = [row for row in mine if row.case.endswith(", measured")]
         draw_model(axes, [row for row in mine if row not in measured])
-        draw_model(axes, measured, label=f"{label_of(model)}, measured", **_HOLLOW)
+        draw_model(axes, measured, label="_", **_HOLLOW)
     draw_level(axes, duration, linestyle="--")
-    axes.text(1, duration * 0.92, "real time", color=GREY, fontsize=8, va="top")
+    note_at(axes, (1, duration), "real time", va="top", xytext=(0, -3))
     axes.set(yscale="log", ylabel=f"computation time of {duration:g} s [s]")
     set_pieces_axis(axes)
-    add_legend(axes, loc="lower right")
+    name_ends(axes)
 
 
 def _draw_table(
@@ -69,18 +69,32 @@ def _draw_table(
     axes.set_yticks(range(len(cases)), [case.replace(", ", "\n") for case in cases], fontsize=8)
     axes.invert_yaxis()
     axes.set(xscale="log", xlabel=label)
-    point = {"linestyle": "none", "markersize": 5}
-    handles = [entry(label_of(model), **style_of(model).points, **point) for model in MODELS]
-    for text, face in (("ours", GREY), ("thesis", "white")):
-        handles.append(entry(text, color=GREY, marker="o", markerfacecolor=face, **point))
-    place = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.16), "ncols": 5}
-    narrow = {"frameon": False, "columnspacing": 0.8, "handletextpad": 0.1}
-    add_legend(axes, handles=handles, **place, **narrow)
 
 
 _TIMES, _STEPS = ("computation_time_s",), ("step_s", "smallest_step_s", "largest_step_s")
 
-COLUMNS, SIZE = 3, (12, 8.4)
+def legend(rows: list[Row]) -> list[Line2D]:
+    """Entries of the models, and of hollow markers."""
+    return [*model_entries(), hollow_entry("hollow: measured (Fig. 2.18), thesis (tables)")]
+
+
+def message(rows: list[Row]) -> str:
+    """What evaluations of the finest models take."""
+    told = []
+    for model in MODELS:
+        mine = select(
+            rows, figure="2.16", case="compiled", model=model, y_name="evaluation_time_s"
+        )
+        if mine:
+            finest = max(mine, key=lambda row: row.n)
+            told.append((finest.y, f"{1e6 * finest.y:.2g} µs ({label_of(model)})", finest.n))
+    if not told:
+        return "What evaluations and simulations take"
+    least, most = min(told), max(told)
+    return f"With {most[2]} pieces an evaluation takes {least[1]} to {most[1]}"
+
+
+COLUMNS, SIZE = 2, (9.5, 11.5)
 
 #: What they show.
 SUBJECT = "what beam models cost"
@@ -96,7 +110,7 @@ PANELS = {
     "Tab. 2.2  spiral, computation times": partial(
         _draw_table, figure="tab2.2", names=_TIMES, label="computation time [s]"
     ),
-    "Tab. 2.3  spiral, steps (adaptive: smallest, largest)": partial(
+    "Tab. 2.3  spiral, steps (smallest, largest)": partial(
         _draw_table, figure="tab2.3", names=_STEPS, label="step [s]"
     ),
 }

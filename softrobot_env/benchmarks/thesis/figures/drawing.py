@@ -4,7 +4,7 @@ from typing import Any
 
 from softrobot_env.benchmarks import records
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row
-from softrobot_env.rendering.figures import Axes, label_of, style_of
+from softrobot_env.rendering.figures import Axes, Line2D, entry, label_lines, label_of, style_of
 
 #: Lines and texts beside the models.
 GREY = "0.35"
@@ -48,12 +48,25 @@ def set_pieces_axis(axes: Axes) -> None:
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
 
 
-def add_legend(axes: Axes, **options: Any) -> None:
-    """A legend in the panel."""
-    axes.legend(**({"fontsize": 7.5, "framealpha": 0.9} | options))
+def model_entries(**line: Any) -> list[Line2D]:
+    """Entries of the models in a legend."""
+    return [entry(label_of(m), **style_of(m).points | {"markersize": 4} | line) for m in MODELS]
 
 
-def leave_headroom(axes: Axes) -> None:
-    """Leave the upper fourth of a logarithmic axis to the legend."""
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high * (high / low) ** 0.33)
+def hollow_entry(text: str) -> Line2D:
+    """Entry of dotted lines with hollow markers, of any model."""
+    style = {"linestyle": ":", "marker": "o", "markersize": 4, "markerfacecolor": "white"}
+    return entry(text, color=GREY, **style)
+
+
+def name_ends(axes: Axes) -> None:
+    """Names of all lines that have one at their right ends, in place of a legend."""
+    lines = [line for line in axes.lines if not line.get_label().startswith("_")]
+    ends = [(line.get_label(), float(line.get_ydata()[-1]), line.get_color()) for line in lines]
+    label_lines(axes, ends)
+
+
+def note_at(axes: Axes, place: tuple[float, float], text: str, **options: Any) -> None:
+    """A grey text above a place in the axes' units."""
+    text_at = {"xytext": (0, 3), "textcoords": "offset points", "color": GREY, "fontsize": 8}
+    axes.annotate(text, place, **(text_at | options))

@@ -4,15 +4,15 @@ import numpy as np
 
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.figures.drawing import (
-    GREY,
-    add_legend,
     draw_level,
     draw_models,
+    name_ends,
+    note_at,
     select,
     set_pieces_axis,
 )
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row
-from softrobot_env.rendering.figures import Axes, label_of, style_of
+from softrobot_env.rendering.figures import Axes, Line2D, entry, label_of, style_of
 
 
 def _draw_distances(axes: Axes, rows: list[Row]) -> None:
@@ -22,16 +22,15 @@ def _draw_distances(axes: Axes, rows: list[Row]) -> None:
         (values.FINEST_BOUND, ":", "thesis' bound for the finest"),
     ):
         draw_level(axes, 1e3 * bound, linestyle=dashes)
-        axes.text(20, 1.03e3 * bound, text, color=GREY, fontsize=8, ha="right")
+        note_at(axes, (20, 1e3 * bound), text, ha="right")
     axes.set(yscale="log", ylabel="mean distance to the mean of the models [mm]")
     set_pieces_axis(axes)
-    add_legend(axes, loc="upper right")
+    name_ends(axes)
 
 
 def _draw_tip_over_time(axes: Axes, rows: list[Row]) -> None:
     _draw_tips(axes, rows, ("time", "x"))
-    axes.set(xlabel="time [s]", ylabel="tip, x [mm]", ylim=(-78, 78))
-    add_legend(axes, loc="lower left")
+    axes.set(xlabel="time [s]", ylabel="tip, x [mm]")
 
 
 def _draw_tip_path(axes: Axes, rows: list[Row]) -> None:
@@ -43,11 +42,34 @@ def _draw_tips(axes: Axes, rows: list[Row], names: tuple[str, str]) -> None:
     """Two of time, x and y for all models and their mean."""
     for model in ("mean of models", *MODELS):
         series, n = _series(rows, model)
-        line = {"color": "0.75", "linewidth": 3, "label": model}
-        if n is not None:
-            line = style_of(model).curve | {"linewidth": 1.2}
-            line |= {"label": f"{label_of(model)}, n = {n}"}
-        axes.plot(*(series[name] for name in names), **line)
+        axes.plot(*(series[name] for name in names), **_line(model, n))
+
+
+def _line(model: str, n: int | None) -> dict:
+    """Matplotlib's keywords of a model with n pieces, or of the mean of all."""
+    if n is None:
+        return {"color": "0.75", "linewidth": 3, "label": model}
+    label = f"{label_of(model)}, {n} pieces (Figs. 2.21, 2.22)"
+    return style_of(model).curve | {"linewidth": 1.2, "label": label}
+
+
+def legend(rows: list[Row]) -> list[Line2D]:
+    """Entries of the motions."""
+    shown = [(model, _series(rows, model)[1]) for model in ("mean of models", *MODELS)]
+    return [entry(**_line(model, n)) for model, n in shown]
+
+
+def message(rows: list[Row]) -> str:
+    """How far the tips of the finest models are from their mean."""
+    off = []
+    for model in MODELS:
+        mine = select(rows, figure="2.20", model=model, y_name="mean_distance_m")
+        if mine:
+            finest = max(mine, key=lambda row: row.n)
+            off.append((finest.y, f"{1e3 * finest.y:.2g} mm ({label_of(model)}, {finest.n} pieces)"))
+    if not off:
+        return "Tips on the spiral"
+    return f"The finest models' tips are {min(off)[1]} to {max(off)[1]} from the mean of all"
 
 
 def _series(rows: list[Row], model: str) -> tuple[dict[str, np.ndarray], int | None]:
