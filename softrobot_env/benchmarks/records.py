@@ -9,7 +9,8 @@ from typing import Any, TypeVar
 class Record:
     """A row of a report; subclasses are frozen dataclasses of numbers and texts.
 
-    Fields declared with `for_pictures()` hold what only the pictures need, and stand in a file beside it.
+    Fields declared with `for_pictures()` hold what only pictures need, and stand in a file beside
+    the report.
     """
 
     def row(self) -> dict[str, Any]:

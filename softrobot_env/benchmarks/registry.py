@@ -2,9 +2,9 @@
 
 A benchmark is a folder with the modules `run`, `tables` and `plots` or `figures`. `run` returns a
 list of records (`benchmarks.records`): frozen dataclasses derived from `Record`, whose `row()` is
-what report.json has of them, less the fields declared with `for_pictures()`, which `drawn.npz` has. Tables
-and pictures are made of the same records, pictures of those in the files (`benchmarks.stored`), so
-that they can be drawn again at any time.
+what report.json has of them, less the fields declared with `for_pictures()`, which `drawn.npz` has.
+Tables and pictures are made of the same records, pictures of those in the files
+(`benchmarks.stored`), so that they can be drawn again at any time.
 """
 
 import ast

@@ -3,6 +3,7 @@
 import ast
 from itertools import combinations
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,16 @@ import softrobot_env
 from softrobot_env.beams.registry import PLANTS
 from softrobot_env.control.registry import POLICIES, RIG_POLICIES
 from softrobot_env.rendering import figures
-from softrobot_env.rendering.figures import STYLES, add_legend, new_figure, save, style_of
+from softrobot_env.rendering.curves import Curve, end_errors
+from softrobot_env.rendering.figures import (
+    STYLES,
+    add_legend,
+    label_lines,
+    label_points,
+    new_figure,
+    save,
+    style_of,
+)
 from softrobot_env.scene.quadrature import RULES
 
 SOURCES = sorted(Path(softrobot_env.__file__).parent.rglob("*.py"))
@@ -69,3 +79,57 @@ def test_a_figure_has_its_panels_legend_and_size(tmp_path):
     add_legend(figure, axes[0, 0])
     assert [text.get_text() for text in figure.legends[0].get_texts()] == ["lqi"]
     assert imread(save(figure, tmp_path / "figure.png")).shape[:2] == (600, 900)
+
+
+def boxes(axis):
+    """(left, low, right, high) of all names on an axis, in pixels."""
+    axis.figure.draw_without_rendering()
+    return [text.get_window_extent().extents for text in axis.texts]
+
+
+def are_apart(found):
+    return not any(
+        (one[:2] < other[2:]).all() and (other[:2] < one[2:]).all()
+        for one, other in combinations(found, 2)
+    )
+
+
+@pytest.mark.parametrize("log", [False, True])
+def test_names_beside_points_cover_neither_each_other_nor_the_points(log):
+    """Six pairs of points, two of them close together, one at each side of the axis."""
+    _, ((axis,),) = new_figure(1, 1, (5, 4))
+    middle = np.array([[1, 1], [9, 9], [5, 5], [5.2, 5.1], [9, 1], [1, 9.0]])
+    names = [f"policy_{k}" for k in range(len(middle))]
+    pairs = [[(x, y), (x + 0.1, y + 0.1)] for x, y in middle]
+    for pair in pairs:
+        axis.plot(*zip(*pair, strict=True), "o")
+    if log:
+        axis.set(xscale="log", yscale="log")
+    label_points(axis, [(n, p, "black") for n, p in zip(names, pairs, strict=True)])
+    found, whole = boxes(axis), axis.get_window_extent().extents
+    assert [text.get_text() for text in axis.texts] == names and are_apart(found)
+    points = axis.transData.transform(np.concatenate(pairs))
+    for box in found:
+        assert (box[:2] >= whole[:2] - 1).all() and (box[2:] <= whole[2:] + 1).all()
+        assert not ((points > box[:2]) & (points < box[2:])).all(axis=1).any()
+
+
+def test_names_at_the_ends_of_lines_do_not_overlap():
+    _, ((axis,),) = new_figure(1, 1, (5, 4))
+    axis.set(xlim=(0, 1), ylim=(0, 1))
+    label_lines(axis, [(f"line {k}\nof two", 0.97 + 0.005 * k, "black") for k in range(4)])
+    assert are_apart(boxes(axis))
+
+
+def test_how_far_episodes_end_counts_those_that_failed():
+    """Ends 1 and 2 mm off, and one that failed, which is nearer than both."""
+
+    def curve(name, off, failure=None):
+        error = np.array([9.0, off])
+        return Curve(name, SimpleNamespace(error=1e-3 * error, failure=failure), {})
+
+    good, worse, bad = curve("a", 1.0), curve("b", 2.0), curve("c", 0.1, "diverged")
+    assert end_errors([good, worse]) == "all end within 2 mm of the reference"
+    assert end_errors([good, worse, bad]) == "2 of 3 end within 2 mm of the reference, 1 failed"
+    assert end_errors([good]) == "a ends within 1 mm of the reference"
+    assert end_errors([bad]) == end_errors([bad, bad]) == "all failed"

@@ -16,7 +16,6 @@ from softrobot_env.rendering.figures import (
     save,
 )
 
-
 #: [mm], at the lower end of the axes of errors.
 _LEAST_ERROR = 0.05
 

@@ -17,7 +17,6 @@ from softrobot_env.rendering.figures import (
     save,
 )
 
-
 #: Colours of a finger's sensors; the others are those of sizes.
 _SENSORS = COLOURS[:3]
 

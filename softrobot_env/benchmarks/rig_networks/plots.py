@@ -75,4 +75,9 @@ def _draw_samples(axis: Axes, cells: list[CellRow], direction: str) -> None:
     axis.fill_between(x, least, largest, color=BLUE, alpha=0.2, lw=0)
     axis.plot(x, middle, "o-", color=BLUE, markersize=4, lw=1.2, label="median and range")
     marks = ((TRAINING, THESIS[direction]), _TOLD[direction])
-    axis.plot(*zip(*((n, 1e3 * e) for n, e in marks), strict=True), "x", **_MARK, label="thesis, by samples")
+    axis.plot(
+        *zip(*((n, 1e3 * e) for n, e in marks), strict=True),
+        "x",
+        **_MARK,
+        label="thesis, by samples",
+    )

@@ -3,7 +3,6 @@
 from functools import partial
 
 from softrobot_env.benchmarks.thesis.figures.drawing import (
-    GREY,
     draw_level,
     draw_model,
     draw_models,
@@ -73,6 +72,7 @@ def _draw_table(
 
 _TIMES, _STEPS = ("computation_time_s",), ("step_s", "smallest_step_s", "largest_step_s")
 
+
 def legend(rows: list[Row]) -> list[Line2D]:
     """Entries of the models, and of hollow markers."""
     return [*model_entries(), hollow_entry("hollow: measured (Fig. 2.18), thesis (tables)")]
@@ -82,9 +82,7 @@ def message(rows: list[Row]) -> str:
     """What evaluations of the finest models take."""
     told = []
     for model in MODELS:
-        mine = select(
-            rows, figure="2.16", case="compiled", model=model, y_name="evaluation_time_s"
-        )
+        mine = select(rows, figure="2.16", case="compiled", model=model, y_name="evaluation_time_s")
         if mine:
             finest = max(mine, key=lambda row: row.n)
             told.append((finest.y, f"{1e6 * finest.y:.2g} µs ({label_of(model)})", finest.n))

@@ -66,7 +66,9 @@ def message(rows: list[Row]) -> str:
         mine = select(rows, figure="2.20", model=model, y_name="mean_distance_m")
         if mine:
             finest = max(mine, key=lambda row: row.n)
-            off.append((finest.y, f"{1e3 * finest.y:.2g} mm ({label_of(model)}, {finest.n} pieces)"))
+            off.append(
+                (finest.y, f"{1e3 * finest.y:.2g} mm ({label_of(model)}, {finest.n} pieces)")
+            )
     if not off:
         return "Tips on the spiral"
     return f"The finest models' tips are {min(off)[1]} to {max(off)[1]} from the mean of all"
