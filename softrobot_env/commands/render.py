@@ -29,7 +29,7 @@ from softrobot_env.evaluation.runner import Case
 _GIF_FPS, _GIF_FRAMES = 12, 180
 
 EXAMPLE = """softrobot render --task swing --policy feedforward_pi --out swing.mp4
-  softrobot render --task triangle --policy hybrid --option period=1 --out triangle.gif
+  softrobot render --task triangle --policy hybrid --option period=1 --begin 10 --out fast.gif
   softrobot render --robot my.toml --task circle --policy static --out circle.mp4"""
 
 
@@ -60,6 +60,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="default: 640 480, of a .gif 400 300",
     )
     parser.add_argument("--duration", type=positive, metavar="S", help="default: the task's")
+    parser.add_argument(
+        "--begin",
+        type=positive,
+        default=0.0,
+        metavar="S",
+        help="what is before is not shown, such as the way to where laps begin; default: 0",
+    )
     parser.add_argument(
         "--record", type=Path, metavar="FILE", help="also write a recording, .csv or .parquet"
     )
@@ -94,6 +101,7 @@ def run(args: argparse.Namespace) -> int:
             policy,
             fps=fps,
             title=case.label,
+            begin=args.begin,
             options=case.reset_options,
             progress=lambda share: progress.update(bar, completed=share),
         )
@@ -108,14 +116,15 @@ def _format(args: argparse.Namespace, case: Case) -> tuple[float, tuple[int, int
     if args.out.suffix.lower() != ".gif":
         return args.fps or 30, args.size or (640, 480)
     duration = args.duration or case.task.duration
-    return args.fps or min(_GIF_FPS, _GIF_FRAMES / duration), args.size or (400, 300)
+    most = _GIF_FRAMES / (duration - args.begin)
+    return args.fps or min(_GIF_FPS, most), args.size or (400, 300)
 
 
 def _case(args: argparse.Namespace, setup: Setup) -> Case:
     """The episode to show.
 
     Raises:
-        ValueError: A policy of another robot.
+        ValueError: A policy of another robot; nothing would be shown.
     """
     task = one_task(args, setup.robot)
     name = args.policy or setup.default_policy(task)
@@ -124,6 +133,11 @@ def _case(args: argparse.Namespace, setup: Setup) -> Case:
         raise ValueError(
             f"policy {name!r} is not for the task {task.name}: {reason}; choose from "
             f"{', '.join(fitting(task, setup))}"
+        )
+    if args.begin >= (args.duration or task.duration):
+        raise ValueError(
+            f"--begin {args.begin:g}: the episode is over after {args.duration or task.duration:g} "
+            "s, which --duration changes"
         )
     case = Case(task, name, twin=setup.twins(task.robot)[0])
     return replace(setup.complete(case), duration=args.duration)

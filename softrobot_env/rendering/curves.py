@@ -34,7 +34,7 @@ _SMALLEST_ERROR = 1e-3
 _LINES = ("-", "-.", ":")
 
 #: Beneath dashes that take turns, for where no other line continues them.
-_WHOLE = {"linestyle": "-", "linewidth": 0.7}
+_WHOLE = {"linestyle": "-", "linewidth": 0.7, "zorder": 1.5}
 
 
 @dataclass(frozen=True)

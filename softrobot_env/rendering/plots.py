@@ -212,7 +212,7 @@ def _driven(found: _Comparison) -> Figure:
 
 def _shapes(found: _Comparison, shapes: dict[str, np.ndarray]) -> Figure:
     """Final shapes, and thin paths of the tips beneath them."""
-    figure, ((axis,),) = new_figure(1, 1, (6.4, 5.4))
+    figure, ((axis,),) = new_figure(1, 1, (7.0, 5.4))
     draw_shapes(axis, found.curves, [shapes[curve.name] for curve in found.curves])
     entries = axis.get_legend_handles_labels()[0]
     thin = [replace(c, line={**c.line, "linewidth": 0.8, "alpha": 0.7}) for c in found.curves]

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
+from math import floor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -158,6 +159,7 @@ def record(
     fps: float = 30.0,
     *,
     title: str | None = None,
+    begin: float = 0.0,
     options: dict[str, Any] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Iterator[np.ndarray]:
@@ -168,11 +170,12 @@ def record(
         policy: A policy; it sees only the observables it `requires`, if it says so.
         fps: Frames per second of simulated time; the environment draws no others.
         title: First line of the caption; the task's label unless given.
+        begin: [s], time of the first frame; what is before is not drawn.
         options: Passed to `reset`.
         progress: Called after every step with the share of the episode done, in [0, 1].
 
     Yields:
-        Frames (height, width, 3) uint8: one at the start, then one every 1 / fps. Where the
+        Frames (height, width, 3) uint8: one at `begin`, then one every 1 / fps. Where the
         control period is longer than that, frames repeat. A failure adds a frame that names it.
 
     Raises:
@@ -191,7 +194,7 @@ def record(
         written = 0
         for moment in play(env, policy, options=options):
             info = moment.info
-            due = int(info["time"] * fps + 1e-6) + 1
+            due = floor((info["time"] - begin) * fps + 1e-6) + 1
             if due > written or moment.failed:
                 picture, scale = env.render(), env.unwrapped.metres_per_pixel
                 picture = picture if scale is None else explain(picture, scale, limit)

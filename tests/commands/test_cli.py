@@ -162,6 +162,7 @@ def test_bad_names_list_the_known_ones(arguments, allowed, capsys):
         (["evaluate", "--speeds", "0.1", "--tasks", "swing"], "circle, figure_eight, random"),
         (["evaluate", "--path-seeds", "1", "--tasks", "circle"], "random, reach"),
         (["render", "--step-width", "0.1", "--task", "swing"], "step only"),
+        (["render", "--task", "swing", "--begin", "15"], "the episode is over after 15 s"),
         (["evaluate", "--tasks", "circle", "--option", "colour=1"], "speed"),
     ],
 )

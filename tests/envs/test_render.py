@@ -450,6 +450,18 @@ def test_record_yields_frames_at_the_asked_rate(make_drawn, period, fps):
     assert shares[-1] == 1.0
 
 
+@pytest.mark.parametrize("begin", [0.2, 0.55])
+def test_record_begins_where_it_is_told(make_drawn, monkeypatch, begin):
+    env = make_drawn(STEP, control_period=0.01, observe="all")
+    times = []
+    monkeypatch.setattr(
+        "softrobot_env.rendering.video.caption", lambda f, lines: times.append(lines)
+    )
+    count = len(list(record(env, hold(env), 20, begin=begin, options={"duration": 1.0})))
+    assert count == round((1.0 - begin) * 20) + 1
+    assert times[0][1].startswith(f"t = {begin:.2f} s")
+
+
 def test_record_draws_only_what_it_yields(make_drawn, monkeypatch):
     env = make_drawn(STEP, observe="all")
     drawn = []
