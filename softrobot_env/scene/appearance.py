@@ -25,6 +25,9 @@ _LINE_SPREAD = 0.45  # rad around the body between the lines of two groups
 _DARK = (0.22, 0.24, 0.28, 1.0)
 _WHITE = (0.97, 0.97, 0.97, 1.0)
 _TAG_SHARE, _TAG_THICKNESS = 0.6, 0.0004  # of a side of the head, m
+_FLOOR = (0.97, 0.98, 1.0, 1.0)
+_UPRIGHT = 0.99  # of the direction that is up, where robots stand on a floor
+_BASE_DEPTH = 1.45  # of the radius, below the robot
 _WIDEST_BASE = 0.2  # of the reach, half of the clamp block
 _SIDES = 24
 _RING_DISTANCE = 0.0125  # m
@@ -60,14 +63,19 @@ def add_appearance(chain: Chain, robot: RobotParams, look: Appearance) -> None:
         )
     _add_base(chain.bodies[0], robot)
     if look.surroundings:
-        # A planar robot needs no room behind it; a spatial one can reach as far as it is long.
+        # A planar robot needs no room behind it; a spatial one can reach as far as it is long, and
+        # is seen from above, where a floor shows.
         room = 0.0 if chain.kinds == ("hinge",) else robot.reach
         base, wall = robot.base, 2 * robot.backbone.widest + room
         if base is None:
             add_surroundings(chain.spec, robot.length, wall)
         else:
             middle = base.position + robot.length / 2 * base.axes[:, 2]
-            add_surroundings(chain.spec, robot.length, base.position[1] + wall, tuple(middle))
+            wall += base.position[1]
+            add_surroundings(chain.spec, robot.length, wall, tuple(middle))
+        if room and (base is None or base.axes[2, 2] > _UPRIGHT):
+            bottom = -_BASE_DEPTH * _radius(robot, 0.0)
+            _add_floor(chain.spec, bottom + (0.0 if base is None else base.position[2]), wall)
 
 
 def _draw_tendon(chain: Chain, tendon: Tendon, robot: RobotParams, look: Appearance) -> None:
@@ -151,7 +159,7 @@ def _add_base(body: mujoco.MjsBody, robot: RobotParams) -> None:
     """Clamp block below the robot; of a short and thick one not much wider than itself."""
     radius = _radius(robot, 0.0)
     widest = max(1.3 * radius, _WIDEST_BASE * robot.reach)
-    for width, top, height in ((1.5, 0.25, 0.25), (2.6, -0.25, 0.6)):
+    for width, top, height in ((1.5, 0.25, 0.25), (2.6, -0.25, (_BASE_DEPTH - 0.25) / 2)):
         size = min(width * radius, widest)
         add_visual(
             body,
@@ -220,6 +228,13 @@ def _add_wall(spec: mujoco.MjSpec, behind: float) -> None:
         size=[1.5, 1.5, 0.1],
         material="grid",
     )
+
+
+def _add_floor(spec: mujoco.MjSpec, height: float, behind: float) -> None:
+    """Floor at z = `height` [m] up to the wall at y = `behind` [m]."""
+    half, thin = 1.5, 0.005
+    box = {"type": mujoco.mjtGeom.mjGEOM_BOX, "size": [half, half, thin]}
+    add_visual(spec.worldbody, pos=[0, behind - half, height - thin], rgba=_FLOOR, **box)
 
 
 def _add_skin(chain: Chain, robot: RobotParams, rgba: Rgba) -> None:
