@@ -180,7 +180,10 @@ def add_panels(
 
 
 def style_axes(axis: Axes) -> None:
-    """Light grid below the curves, no box."""
+    """Light grid below the curves, our colours, ticks without an offset, no box."""
+    axis.set_prop_cycle(color=COLOURS)
+    for numbers in (axis.xaxis, axis.yaxis):
+        numbers.get_major_formatter().set_useOffset(False)
     axis.grid(True, color="0.9", linewidth=0.8)
     axis.set_axisbelow(True)
     axis.spines[["top", "right"]].set_visible(False)

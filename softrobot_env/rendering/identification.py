@@ -14,6 +14,7 @@ from softrobot_env.rendering.figures import (
     VERMILLION,
     Figure,
     add_legend,
+    add_title,
     entry,
     new_figure,
     save,
@@ -65,7 +66,7 @@ def _errors(errors: Mapping[str, np.ndarray], title: str) -> Figure:
         axis.set_title(f"{name}: RMS {mean:.2f} mm", fontsize=9, loc="left")
         axis.set_ylim(bottom=0)
     axes[-1, 0].set_xlabel("row")
-    figure.suptitle(f"{title}: simulated less recorded marker", fontsize=11)
+    add_title(figure, f"{title}: simulated less recorded marker")
     return figure
 
 
@@ -85,7 +86,7 @@ def _workspace(points: np.ndarray, error: np.ndarray, title: str) -> Figure:
         )
         axis.set(xlabel=f"{'xyz'[i]} [mm]", ylabel=f"{'xyz'[j]} [mm]")
         axis.set_aspect("equal", adjustable="datalim")
-    figure.suptitle(f"{title}: errors over the workspace, ten times enlarged", fontsize=11)
+    add_title(figure, f"{title}: errors over the workspace, ten times enlarged")
     return figure
 
 
@@ -101,7 +102,7 @@ def _parameters(parameters: Sequence[Known], title: str) -> Figure:
     axis.set_yticks(places, [p.parameter for p in parameters], fontsize=6)
     axis.set_ylim(-0.7, len(parameters) - 0.3)
     axis.set_xlabel("change of the file's, over the spread believed before")
-    figure.suptitle(f"{title}: parameters with 95 % intervals", fontsize=11)
+    add_title(figure, f"{title}: parameters with 95 % intervals")
     add_legend(
         figure,
         [

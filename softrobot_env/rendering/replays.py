@@ -12,6 +12,7 @@ from softrobot_env.rendering.figures import (
     VERMILLION,
     Figure,
     add_legend,
+    add_title,
     entry,
     new_figure,
     save,
@@ -76,7 +77,7 @@ def _errors(compared: Compared) -> Figure:
         axis.plot(across, 1e3 * values, color=colour, linewidth=0.8)
     axis.set(xlabel="row" if compared.static else "time [s]", ylabel="error [mm]")
     axis.set_ylim(bottom=0)
-    figure.suptitle(f"{compared.title}: distance of simulated and recorded markers", fontsize=11)
+    add_title(figure, f"{compared.title}: distance of simulated and recorded markers")
     add_legend(
         figure, [entry("as it is", color=BLUE), entry("mean offset removed", color=VERMILLION)]
     )
@@ -98,7 +99,7 @@ def _markers(compared: Compared) -> Figure:
             axis.plot(1e3 * points[:, :, i], 1e3 * points[:, :, j], color=colour, **line)
         axis.set(xlabel=f"{_AXES[i]} [mm]", ylabel=f"{_AXES[j]} [mm]")
         axis.set_aspect("equal", adjustable="datalim")
-    figure.suptitle(f"{compared.title}: markers", fontsize=11)
+    add_title(figure, f"{compared.title}: markers")
     named = (("recorded", BLACK), ("simulated", VERMILLION))
     add_legend(figure, [entry(name, color=colour, marker=".") for name, colour in named])
     return figure
@@ -116,7 +117,7 @@ def _patterns(title: str, rows: Sequence[Errors]) -> Figure:
     axis.set_yticks(places, [row.pattern for row in worst], fontsize=6)
     axis.set_ylim(-0.7, len(worst) - 0.3)
     axis.set_xlabel("RMS error [mm]")
-    figure.suptitle(f"{title}: error by pattern", fontsize=11)
+    add_title(figure, f"{title}: error by pattern")
     add_legend(
         figure, [entry("as it is", color=BLUE), entry("mean offset removed", color=VERMILLION)]
     )

@@ -11,6 +11,7 @@ from softrobot_env.rendering.figures import (
     VERMILLION,
     Axes,
     add_legend,
+    add_title,
     new_figure,
     save,
 )
@@ -36,7 +37,7 @@ def draw_workspace(robot: RobotParams, folder: Path | str) -> Path:
     figure, axes = new_figure(1, len(views), (5.2 * len(views), 5.6))
     for axis, view in zip(axes[0], views, strict=True):
         _draw(axis, space, sample, view)
-    figure.suptitle(f"{robot.name}: tips at rest, {len(sample.tips)} of a sample", fontsize=11)
+    add_title(figure, f"{robot.name}: tips at rest, {len(sample.tips)} of a sample")
     add_legend(figure, axes[0, 0])
     Path(folder).mkdir(parents=True, exist_ok=True)
     return save(figure, picture_of(robot, folder))
