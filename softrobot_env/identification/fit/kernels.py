@@ -483,6 +483,69 @@ def _add_slopes(layout, body, many, touched, q, control, by_control, anchor, rub
 
 
 @kernel
+def _add_anchors(layout, body, real, rub, hold, held, by_anchor, rubs, right):
+    """Add to right (3 n, p) what friction changes by its anchors, which earlier rows moved.
+
+    Args:
+        layout, body, real: See `follow`.
+        rub: (n_tendons + 2 n,) share of friction.
+        hold: (n_tendons,) [N/m], friction of a tendon by its sliding.
+        held: (n, 2, 2) [1/rad], share of friction of a piece by its bend.
+        by_anchor: (n_tendons + 2 n, p) derivatives of the anchors.
+        rubs: Whether friction counts.
+        right: Added to.
+    """
+    tendons = len(hold)
+    for k in range(tendons):
+        if rubs and abs(rub[k]) < 1:
+            for i in range(3 * layout.last[k]):
+                right[i] += hold[k] * real.arm[k, i] * by_anchor[k]
+    for i in range(len(layout.sizes)):
+        m = tendons + 2 * i
+        right[3 * i : 3 * i + 2] += body.holding[i] * held[i] @ by_anchor[m : m + 2]
+
+
+@kernel
+def _move_anchors(layout, real, rub, held, by_q, by_length, rubs, by_anchor):
+    """Set by_anchor (n_tendons + 2 n, p) for the next row; arguments as in `_add_anchors`.
+
+    By derivatives by_q (3 n, p) of the turns and by_length (n_tendons, p) of lengths at rest.
+    """
+    tendons = len(by_length)
+    for k in range(tendons):
+        if not rubs or abs(rub[k]) >= 1:
+            by_anchor[k] = real.arm[k] @ by_q + by_length[k]
+    for i in range(len(layout.sizes)):
+        m, bends = tendons + 2 * i, by_q[3 * i : 3 * i + 2]
+        moved = held[i] @ (bends - by_anchor[m : m + 2])
+        by_anchor[m : m + 2] = bends - layout.give[i] * moved
+
+
+@kernel
+def _seen_slopes(layout, body, many, touched, q, by_q, real, work, out):
+    """Set out (n_markers, 3, p) to derivatives of the markers by p parameters.
+
+    By those of the turns, by_q (3 n, p), and of the markers' places on the robot.
+    """
+    n = len(q)
+    z = q.astype(np.complex128)
+    seen = np.zeros((len(layout.nodes), 3), np.complex128)
+    by_turn = np.zeros((len(layout.nodes), 3, n))
+    for i in range(n):
+        z[i] = complex(q[i], TINY)
+        posture(layout, z, work.place, work.axes)
+        _seen(layout, body.marker, work, seen)
+        by_turn[:, :, i] = seen.imag / TINY
+        z[i] = q[i]
+    for k in range(len(layout.nodes)):
+        out[k] = by_turn[k] @ by_q
+        axes = real.axes[layout.nodes[k]]
+        for j in range(by_q.shape[1]):
+            if touched[1][j, 2]:
+                out[k, :, j] += axes @ (many.marker[j, k].imag / TINY)
+
+
+@kernel
 def follow(
     layout, body, many, controls, begins, tolerance, real, work, turns, markers, slopes, rub
 ):
@@ -514,10 +577,8 @@ def follow(
     by_q, by_anchor = np.zeros((n, p)), np.zeros((rubbing, p))
     before, matrix = np.zeros(tendons), np.zeros((n, n))
     control, by_control = np.zeros(tendons), np.zeros((tendons, p))
-    z, by_length = np.zeros(n, np.complex128), np.zeros((tendons, p))
-    seen = np.zeros((len(layout.nodes), 3), np.complex128)
-    by_turn = np.zeros((len(layout.nodes), 3, n))
-    right, hold, held = np.zeros((n, p)), np.zeros(tendons), np.zeros((n // 3, 2, 2))
+    by_length, right = np.zeros((tendons, p)), np.zeros((n, p))
+    hold, held = np.zeros(tendons), np.zeros((n // 3, 2, 2))
     touched = _touched(many, tendons)
     for t in range(len(controls)):
         rubs = not begins[t]
@@ -558,15 +619,8 @@ def follow(
                 rub[t, m], rub[t, m + 1] = _held(layout, q, i, anchor[tendons:])
                 _held_slopes(layout, q, i, anchor[tendons:], held[i])
         if p > 0:
-            # Friction depends on its anchor, of which earlier rows have a derivative.
             right[:, :] = 0
-            for k in range(tendons):
-                if rubs and abs(rub[t, k]) < 1:
-                    for i in range(3 * layout.last[k]):
-                        right[i] += hold[k] * real.arm[k, i] * by_anchor[k]
-            for i in range(n // 3):
-                m = tendons + 2 * i
-                right[3 * i : 3 * i + 2] += body.holding[i] * held[i] @ by_anchor[m : m + 2]
+            _add_anchors(layout, body, real, rub[t], hold, held, by_anchor, rubs, right)
             _add_slopes(
                 layout,
                 body,
@@ -582,25 +636,8 @@ def follow(
                 by_length,
             )
             by_q = np.linalg.solve(matrix, right)
-            for i in range(n):
-                z[:] = q
-                z[i] = complex(q[i], TINY)
-                posture(layout, z, work.place, work.axes)
-                _seen(layout, body.marker, work, seen)
-                by_turn[:, :, i] = seen.imag / TINY
-            for k in range(len(layout.nodes)):
-                slopes[t, k] = by_turn[k] @ by_q
-                axes = real.axes[layout.nodes[k]]
-                for j in range(p):
-                    if touched[1][j, 2]:
-                        slopes[t, k, :, j] += axes @ (many.marker[j, k].imag / TINY)
-            for k in range(tendons):
-                if not rubs or abs(rub[t, k]) >= 1:
-                    by_anchor[k] = real.arm[k] @ by_q + by_length[k]
-            for i in range(n // 3):
-                m, bends = tendons + 2 * i, by_q[3 * i : 3 * i + 2]
-                moved = held[i] @ (bends - by_anchor[m : m + 2])
-                by_anchor[m : m + 2] = bends - layout.give[i] * moved
+            _seen_slopes(layout, body, many, touched, q, by_q, real, work, slopes[t])
+            _move_anchors(layout, real, rub[t], held, by_q, by_length, rubs, by_anchor)
         for k in range(tendons):
             anchor[k] = real.length[k] - layout.loose * rub[t, k]
         for m in range(2 * len(layout.sizes)):
