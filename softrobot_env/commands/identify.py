@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 EXAMPLE = """softrobot identify train.csv --header assets/recordings/ftdcr_v4.toml --robot ftdcr_v4
   softrobot identify pulls.csv --robot my.toml --stages frame,tendons,statics"""
 
-_STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual")
+_STAGES = ("frame", "tendons", "geometry", "statics", "dynamics", "residual", "network")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -3,7 +3,8 @@
 Every tendon in turn is what bends the robot: of a robot driven by length it is pulled in, and the
 others let out or in what a uniform bend towards it takes, so that they neither slacken nor tear; of
 one driven by tension each input is raised to both sides. How far is found by the statics of the
-nominal robot, which has to keep within the limits.
+nominal robot, which has to keep within the limits. A rig also visits points all over its workspace,
+to which its statics bring it, see `visits`.
 """
 
 from collections.abc import Callable
@@ -15,8 +16,10 @@ from typing import Annotated, Any, Literal
 import gymnasium
 import numpy as np
 
+from softrobot_env.control.rig.inverse import TOTAL
 from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.fields import Count, NotNegative, Positive, Range, Whole, check_fields
+from softrobot_env.identification.visits import RADIUS, VISIT, disk_points, nominal_lengths
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
@@ -25,8 +28,11 @@ from softrobot_env.scene.registry import model_scene
 from softrobot_env.tasks import LONGEST, Task
 from softrobot_env.tasks.rig_trajectories import SetPoints
 
-Kind = Literal["pulls", "steps", "random"]
-KINDS = ("pulls", "steps", "random")
+Kind = Literal["pulls", "steps", "random", "visits"]
+KINDS = ("pulls", "steps", "random", "visits")
+
+#: Points of a visit: 150 to train a network with, and 15 % each to watch and to test (sec. 5.1.1).
+POINTS = 215
 
 _PEAK = 1.875  # largest rate of the smooth step, over its mean
 _FASTEST = 0.8  # of the drive's speed
@@ -37,6 +43,10 @@ _ROOM = 1.25  # times the limits, where a run is stopped
 _SHOWN = 50  # steps between two reports of progress
 _MEASURED = 0.2  # s at the end of a rest, over which a static row is averaged
 
+_DITHER, _DITHER_TIME, _DITHER_FREQUENCY = 0.02, 0.96, 5.0  # of full scale, s, Hz
+
+_GOING, _STAYING = 1.2, 0.8  # s, of a visit; a rig sways at 1.6 Hz, a fifth of critically damped
+
 _Share = Annotated[float, Range("in (0, 1]", lambda x: 0 < x <= 1)]
 
 
@@ -46,16 +56,20 @@ class Excitation:
 
     Attributes:
         kinds: In this order: "pulls" of one tendon after the other, slowly up and down in levels
-            with a rest at each; "steps", released at once from a pull, which decay; and "random"
-            smooth motion in all directions at once.
+            with a rest at each; "steps", released at once from a pull, which decay; "random"
+            smooth motion in all directions at once; and, of a rig alone, "visits" of points all
+            over its workspace, in random order, with a constant sum of tensions: networks of such
+            data err by half as much as with the least tensions, whose kinks they round off.
         amplitude: Of full scale, at most; less where a limit is met.
-        speed: [1/s], of full scale, at most; and 0.8 of what the drives can do.
+        speed: [1/s], of full scale, at most, but for visits; and 0.8 of what the drives can do.
+            Friction and backlash are told best where a robot does not sway before it rests.
         levels: Of a pull.
         rest: [s] at each level, and at least between motions.
         decay: [s] after a release.
         duration: [s] of the random motion.
         bandwidth: [Hz] of the random motion, at most; less where it would be too fast.
-        seed: Of the random motion.
+        points: That are visited; the thesis has 926.
+        seed: Of the random motion and the order of visits.
         tension: Largest tension, over the tendons' limits.
         radius: [m], largest distance of the tip from where it rests; inf unless given.
     """
@@ -68,6 +82,7 @@ class Excitation:
     decay: NotNegative = 3.0
     duration: NotNegative = 30.0
     bandwidth: Positive = 0.5
+    points: Count = POINTS
     seed: Whole = 0
     tension: _Share = 0.5
     radius: Annotated[float, Range("positive, or inf", lambda x: x > 0)] = inf
@@ -117,7 +132,7 @@ def plan(robot: RobotParams, excitation: Excitation, period: float) -> Plan:
     inputs = robot_inputs(robot)
     ways = directions(robot)
     scales = safe_scales(robot, list(ways.values()), excitation)
-    moves = _Moves(inputs.input_scale, _speed(robot, excitation), period)
+    moves = _Moves(robot, excitation.speed, period)
     peaks = {n: s * way for (n, way), s in zip(ways.items(), scales, strict=True)}
     for kind in excitation.kinds:
         _KINDS[kind](moves, peaks, excitation)
@@ -226,25 +241,22 @@ def _largest(holds: Callable[[float], bool], most: float) -> float:
     return low
 
 
-def _speed(robot: RobotParams, excitation: Excitation) -> float:
-    """[1/s] of full scale."""
-    scale = robot_inputs(robot).input_scale
-    return min(excitation.speed, _FASTEST * robot.drive.speed / float(scale.max()))
-
-
 class _Moves:
-    """Inputs (n_inputs,) that go on from where they are."""
+    """Inputs (n_inputs,) that go on from where they are, at a speed [1/s] of full scale."""
 
-    def __init__(self, scale: np.ndarray, speed: float, period: float) -> None:
-        self.scale, self.speed, self.period = scale, speed, period
-        self.here = np.zeros_like(scale)
+    def __init__(self, robot: RobotParams, speed: float, period: float) -> None:
+        self.robot, self.scale, self.period = robot, robot_inputs(robot).input_scale, period
+        self._fastest = _FASTEST * robot.drive.speed / float(self.scale.max())
+        self.speed = min(speed, self._fastest)
+        self.here = np.zeros_like(self.scale)
         self._parts: list[tuple[np.ndarray, str, int]] = []
         self._rests = 0
 
-    def go(self, there: np.ndarray, label: str, at_once: bool = False) -> None:
-        """Move smoothly, or jump."""
-        way = float(np.max(np.abs(there - self.here) / self.scale))
-        steps = 1 if at_once else max(1, ceil(_PEAK * way / self.speed / self.period))
+    def go(self, there: np.ndarray, label: str, time: float | None = None) -> None:
+        """Move smoothly, in a time [s] if given and the drives can; or jump, in none."""
+        way = _PEAK * float(np.max(np.abs(there - self.here) / self.scale))
+        lasts = way / self.speed if time is None else max(time, way / self._fastest if time else 0)
+        steps = max(1, ceil(lasts / self.period - 1e-9))
         share = np.linspace(0, 1, steps + 1)[1:, None]
         rise = share**3 * (10 - 15 * share + 6 * share**2)
         self.follow(self.here + rise * (there - self.here), label)
@@ -253,6 +265,16 @@ class _Moves:
     def follow(self, rows: np.ndarray, label: str) -> None:
         """Follow inputs (k, n_inputs)."""
         self._parts.append((rows, label, -1))
+
+    def dither(self, label: str) -> None:
+        """Swing all drives at once, less and less.
+
+        It hardly bends the robot, but brings drives to the middle of their backlash and tendons to
+        that of their friction, from whichever side they came.
+        """
+        time = self.period * np.arange(round(_DITHER_TIME / self.period))
+        swing = (1 - time / _DITHER_TIME) * np.sin(2 * np.pi * _DITHER_FREQUENCY * time)
+        self.follow(self.here + _DITHER * np.outer(swing, self.scale), label)
 
     def rest(self, time: float, label: str, measured: bool = True) -> None:
         """Stay for some time [s]."""
@@ -285,8 +307,9 @@ def _steps(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) 
     for name, peak in peaks.items():
         label = f"step_{name}"
         moves.go(peak, label)
+        moves.dither(label)
         moves.rest(max(excitation.rest, excitation.decay), label)
-        moves.go(np.zeros_like(peak), label, at_once=True)
+        moves.go(np.zeros_like(peak), label, time=0)
         moves.rest(excitation.decay, label)
 
 
@@ -315,10 +338,22 @@ def _random(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation)
     moves.rest(excitation.rest, "random")
 
 
+def _visits(moves: _Moves, peaks: dict[str, np.ndarray], excitation: Excitation) -> None:
+    """As `visits.collect` says why, in random order."""
+    points = disk_points(excitation.points, min(RADIUS, excitation.radius))
+    order = np.random.default_rng(excitation.seed).permutation(points)
+    for lengths in nominal_lengths(moves.robot, order, TOTAL):
+        moves.go(lengths, VISIT, _GOING)
+        moves.dither(VISIT)
+        moves.rest(_STAYING, VISIT)
+    moves.go(np.zeros_like(moves.scale), VISIT, _GOING)
+
+
 _KINDS: dict[str, Callable[[_Moves, dict[str, np.ndarray], Excitation], None]] = {
     "pulls": _pulls,
     "steps": _steps,
     "random": _random,
+    "visits": _visits,
 }
 
 

@@ -1,8 +1,11 @@
 """Quasi-static networks of the spatial rig: s -> z (thesis sec. 3.2) and z -> s (sec. 5.1)."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
-from softrobot_env.identification.visits import RigData
+from softrobot_env.identification.visits import RigData, split
+from softrobot_env.learned.early_stopping import train
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.registries import Registry
 
@@ -14,6 +17,45 @@ TRAINING, VALIDATION = 150, 32
 
 #: Networks s -> z and z -> s.
 DIRECTIONS = ("forward", "inverse")
+
+_FEWEST = 200
+
+
+@dataclass(frozen=True)
+class Networks:
+    """Networks of one rig.
+
+    Attributes:
+        forward, inverse: s -> z and z -> s.
+        errors: rms on the test set by direction [m].
+    """
+
+    forward: Network
+    inverse: Network
+    errors: dict[str, float]
+
+
+def networks_of(data: RigData, seed: int = 0) -> Networks:
+    """Train both with 150 samples, as the thesis does; `seed` is of split and initial parameters.
+
+    Raises:
+        ValueError: Too few points.
+    """
+    count = len(data.lengths)
+    if count < _FEWEST:
+        raise ValueError(f"networks need {_FEWEST} points or more that were visited, got {count}")
+    rng = np.random.default_rng(seed)
+    parts = split(count, rng)
+    found, errors = {}, {}
+    for name in DIRECTIONS:
+        every = direction_of(data, name)
+        training, watched = (
+            every.take(rows[:most])
+            for rows, most in ((parts.training, TRAINING), (parts.validation, VALIDATION))
+        )
+        found[name] = train(training.new_network(HIDDEN, rng), training, watched).network
+        errors[name] = rms(found[name], every.take(parts.test))
+    return Networks(**found, errors=errors)
 
 
 def direction_of(data: RigData, name: str) -> Dataset:

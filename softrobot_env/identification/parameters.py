@@ -1,129 +1,87 @@
-"""From the recording of a twin to all parameters that controllers know of it."""
+"""Twins of the rig, recorded and identified for its controllers."""
 
-from dataclasses import dataclass
-from functools import partial
+from typing import Any
 
 import numpy as np
 
-from softrobot_env.control.rig.identified import IdentifiedParameters, turned
-from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.identification.backlash import backlash_of, visit_sides
-from softrobot_env.identification.decay import damping_of, visit_decays
-from softrobot_env.identification.networks import (
-    HIDDEN,
-    TRAINING,
-    VALIDATION,
-    direction_of,
-    rms,
-)
-from softrobot_env.identification.stiffness import calibrate
-from softrobot_env.identification.visits import (
-    RigData,
-    collect,
-    disk_points,
-    measure,
-    split,
-)
+from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.control.rig.inverse import PIECES_SOFTER
+from softrobot_env.envs.recording import RecordEpisodes
+from softrobot_env.envs.rig import RigEnv
+from softrobot_env.identification.excitation import Excitation, excite, plan, resting_task
+from softrobot_env.identification.fit.path import Identification, identify
 from softrobot_env.interfaces import Show
-from softrobot_env.learned.early_stopping import train
-from softrobot_env.learned.network import Network
+from softrobot_env.recordings import Recording
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 
-#: Points of a visit: those to train and to watch, and as many to test as to watch (sec. 5.1.1).
-NEEDED = 215
+#: What tells the robot, slowly, and what tells the network as well.
+PHYSICS = Excitation(kinds=("pulls", "steps"), speed=0.05)
+ALL = Excitation(kinds=("pulls", "steps", "visits"), speed=0.05)
 
-#: Points measured between two reports of the progress.
-_PORTION = 20
+#: The camera stands in the robot's frame, and nothing of the tip is out of place.
+STAGES = ("tendons", "geometry", "statics", "dynamics", "network")
 
-
-@dataclass(frozen=True)
-class Recording:
-    """What was measured of a rig.
-
-    Attributes:
-        data: Of the points all over the workspace.
-        sides: (3 k, 2, 2) [m], see `backlash.visit_sides`.
-        decays: (k, n, 2) [m], see `decay.visit_decays`.
-        twin: Seed of the twin, None if it has none.
-    """
-
-    data: RigData
-    sides: np.ndarray
-    decays: np.ndarray
-    twin: int | None = None
-
-
-@dataclass(frozen=True)
-class Identification:
-    """What a recording tells.
-
-    Attributes:
-        parameters: For the controllers.
-        forward: s -> z.
-        errors: rms on the test set by direction, "forward" and "inverse", [m].
-    """
-
-    parameters: IdentifiedParameters
-    forward: Network
-    errors: dict[str, float]
+#: [s], of the commands to the servos and of the pictures.
+PERIOD = 0.02
 
 
 def record(
-    twin: Twin | int | None, seed: int = 0, count: int = NEEDED, show: Show | None = None
+    twin: Twin | int | None, seed: int = 0, excitation: Excitation = ALL, show: Show | None = None
 ) -> Recording:
-    """Measure a twin all over its workspace, its backlash and its decay.
-
-    With a constant sum of tensions. Networks of these data err by half as much as with the least
-    tensions, whose kinks they round off: 0.14 instead of 0.25 mm in the lengths, without dither
-    (twin 0, 926 points, 5 trainings).
+    """Excite a twin as a real rig is, by its servos and its camera.
 
     Args:
         twin: See `RigEnv`.
-        seed: Of order and noise.
-        count: Number of points, 926 in the thesis.
+        seed: Of the camera's noise.
+        excitation: What to do.
         show: Told how far it is, or None.
-    """
-
-    def told(done: int) -> None:
-        if show is not None and done % _PORTION == 0:
-            show("visiting points", done, count)
-
-    points = disk_points(count)
-    measured = partial(measure, twin, seed=seed, progress=told)
-    data = collect(RIG, measured, np.random.default_rng(seed), points, TOTAL)
-    number = twin.seed if isinstance(twin, Twin) else twin
-    return Recording(data, visit_sides(twin, seed), visit_decays(twin, seed), number)
-
-
-def identify(recording: Recording, seed: int = 0) -> Identification:
-    """Train both networks with 150 samples, calibrate the model, tell damping and backlash.
-
-    Args:
-        recording: See `record`; 215 points or more.
-        seed: Of split and initial parameters.
 
     Raises:
-        ValueError: Too few points.
+        RuntimeError: It could not be recorded to the end.
     """
-    data = recording.data
-    if len(data.lengths) < NEEDED:
-        raise ValueError(f"need {NEEDED} points or more, got {len(data.lengths)}")
-    rng = np.random.default_rng(seed)
-    parts = split(len(data.lengths), rng)
-    known = parts.training[:TRAINING]  # as many as the thesis has, and as many to watch with
-    watched = parts.validation[:VALIDATION]
-    networks, errors = {}, {}
-    for name in ("forward", "inverse"):
-        every = direction_of(data, name)
-        training = every.take(known)
-        network = train(training.new_network(HIDDEN, rng), training, every.take(watched)).network
-        test = every.take(parts.test)
-        networks[name], errors[name] = network, rms(network, test)
-    stiffness, turn = calibrate(RIG, data.lengths[known], data.measured[known])
-    backlash = backlash_of(recording.sides, networks["inverse"])
-    damping, _ = damping_of(recording.decays, turned(RIG, stiffness, turn, 1.0))
-    found = IdentifiedParameters(
-        networks["inverse"], stiffness, turn, damping, backlash, recording.twin
+    planned = plan(RIG, excitation, PERIOD)
+    task = resting_task(RIG, planned.duration, "xy")
+    env = RecordEpisodes(RigEnv(task, twin=twin, control_period=PERIOD, observe="all"))
+    told = None if show is None else lambda step: show("recording", step, len(planned.actions))
+    stopped = excite(env, planned, excitation, seed, progress=told)
+    if stopped is not None:
+        raise RuntimeError(f"the recording of a twin ended {stopped}")
+    return env.recording
+
+
+def identified(recording: Recording, seed: int = 0, **options: Any) -> Identification:
+    """The rig that a recording tells; `seed` is of its networks, for more `options` see there."""
+    return identify(recording, RIG, STAGES, validate=False, seed=seed, **options)
+
+
+def parameters_of(found: Identification, twin: int | None = None) -> IdentifiedParameters:
+    """What controllers of the rig know of one that was identified with its networks.
+
+    Lengths that are commanded tell stiffness, damping and friction over the mass, which is taken
+    as that of the nominal rig.
+
+    Args:
+        found: Of the rig.
+        twin: Seed of the twin, None if it has none.
+
+    Raises:
+        ValueError: It was identified without visits, or is no rig.
+    """
+    if found.networks is None or found.robot.head is None:
+        raise ValueError("controllers of the rig need a rig that visited points: --kinds visits")
+    robot, nominal = found.robot, found.believed
+    beam = robot.youngs_modulus / nominal.youngs_modulus * nominal.head.mass / robot.head.mass
+    turns = [
+        np.angle(complex(*is_.offset) / complex(*was.offset))
+        for is_, was in zip(robot.tendons, nominal.tendons, strict=True)
+    ]
+    lag = robot.drive.backlash / 2 + np.mean([t.friction / t.stiffness for t in robot.tendons])
+    return IdentifiedParameters(
+        network=found.networks.inverse,
+        stiffness=PIECES_SOFTER * beam,
+        turn=float(np.mean(turns)),
+        damping=beam * robot.damping_time / nominal.damping_time,
+        backlash=float(lag),
+        twin=twin,
     )
-    return Identification(found, networks["forward"], errors)

@@ -290,16 +290,16 @@ def _rig_network(order: Order, show: Show) -> Figures:
     """Identified parameters of a twin, for the rig's controllers (thesis sec. 5.1)."""
     from math import degrees
 
-    from softrobot_env.identification.parameters import identify, record
+    from softrobot_env.identification.parameters import identified, parameters_of, record
 
     twin = order.settings.get("twin", 0)
-    found = identify(record(twin, order.seed, show=show), order.seed)
-    rig = found.parameters
+    found = identified(record(twin, order.seed, show=show), order.seed, show=show)
+    rig, errors = parameters_of(found, twin), found.networks.errors
     rig.save(order.path, RIG, {"seed": order.seed})
     return [
         ("twin", str(twin)),
-        ("rms error, lengths of outputs", _mm(found.errors["inverse"])),
-        ("rms error, outputs of lengths", _mm(found.errors["forward"])),
+        ("rms error, lengths of outputs", _mm(errors["inverse"])),
+        ("rms error, outputs of lengths", _mm(errors["forward"])),
         ("bending stiffness over nominal", Quantity(rig.stiffness, ".3f")),
         ("bending damping over nominal", Quantity(rig.damping, ".3f")),
         ("turn of the tendons", f"{degrees(rig.turn):.2f} deg"),

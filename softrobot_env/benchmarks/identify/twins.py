@@ -1,9 +1,9 @@
 """Twins of the rig that nobody told: identified from a recording, then driven.
 
-Each moves as `softrobot robot record --kinds pulls steps` tells it, and is identified from what its
-camera saw. Then the same law drives it three times round the triangle: by the robot that was
-found, by the twin itself, and by the rig as everybody believes it to be. Zeros of the servos are
-corrected by what each of them knows.
+Each moves as `softrobot robot record --kinds pulls steps --speed 0.05` tells it, and is identified
+from what its camera saw. Then the same law drives it three times round the triangle: by the robot
+that was found, by the twin itself, and by the rig as everybody believes it to be. Zeros of the
+servos are corrected by what each of them knows.
 """
 
 from dataclasses import dataclass, replace
@@ -15,14 +15,10 @@ import numpy as np
 from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.control.registry import find_policy, make_policy
-from softrobot_env.envs.recording import RecordEpisodes
-from softrobot_env.envs.rig import RigEnv
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_case
-from softrobot_env.identification.excitation import Excitation, excite, plan, resting_task
-from softrobot_env.identification.fit.path import Identification, identify
-from softrobot_env.identification.fit.unknowns import STAGES
+from softrobot_env.identification.parameters import PHYSICS, identified, record
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.twin import Twin, rig3d_twin
@@ -33,12 +29,6 @@ TWINS = (1, 2, 3, 4, 5)
 
 #: Laws that need nothing but a robot, and periods [s] of a lap.
 POLICIES, PERIODS = ("chain_dynamics_pi", "inverse_dynamics"), (5.0, 1.0)
-
-_EXCITATION = Excitation(kinds=("pulls", "steps"))
-_PERIOD = 0.02
-
-#: The camera stands in the robot's frame, and nothing of the tip is out of place.
-_STAGES = tuple(stage for stage in STAGES if stage not in ("frame", "residual"))
 
 
 @dataclass(frozen=True)
@@ -72,29 +62,10 @@ def twin_jobs() -> list[Job]:
     return [(f"twin {seed}", partial(driven, seed)) for seed in TWINS]
 
 
-def identified(twin: Twin, seed: int) -> Identification:
-    """What a recording of a twin tells.
-
-    Args:
-        twin: The twin.
-        seed: Of the camera's noise.
-
-    Raises:
-        RuntimeError: It could not be recorded to the end.
-    """
-    planned = plan(RIG, _EXCITATION, _PERIOD)
-    task = resting_task(RIG, planned.duration, "xy")
-    env = RecordEpisodes(RigEnv(task, twin=twin, control_period=_PERIOD, observe="all"))
-    stopped = excite(env, planned, _EXCITATION, seed)
-    if stopped is not None:
-        raise RuntimeError(f"the recording of a twin ended {stopped}")
-    return identify(env.recording, RIG, _STAGES, validate=False)
-
-
 def driven(seed: int) -> list[TwinRow]:
     """Rows of a twin."""
     twin, began = rig3d_twin(seed), perf_counter()
-    found = identified(twin, seed)
+    found = identified(record(twin, seed, PHYSICS))
     taken = perf_counter() - began
     zeros = found.header.commands.zeros or (0.0,) * len(RIG.tendons)
     known = _known(twin)

@@ -12,7 +12,7 @@ from softrobot_env.benchmarks.rig.forces import force_rows
 from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.identification.parameters import identify, record
+from softrobot_env.identification.parameters import identified, parameters_of, record
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import twin_or_ideal
 
@@ -52,20 +52,20 @@ def _jobs(twin: int | None, shipped: bool) -> list[Job]:
     """The visit of a rig, and its episodes."""
 
     @cache
-    def identified() -> IdentifiedParameters:
+    def known() -> IdentifiedParameters:
         if shipped:
             return IdentifiedParameters.load(RIG)
         # Another seed for each, so that what differs between twins includes the training.
-        return identify(record(twin_or_ideal(twin)), seed=twin or 0).parameters
+        return parameters_of(identified(record(twin_or_ideal(twin)), seed=twin or 0), twin)
 
     def visited() -> list[Row]:
-        identified()
+        known()
         return []
 
     visit_ = (f"visiting the points of the rig {rig_name(twin)}", visited)
-    return [visit_, *((case.label, _episode(case, identified)) for case in cases(twin))]
+    return [visit_, *((case.label, _episode(case, known)) for case in cases(twin))]
 
 
-def _episode(case: Case, identified: Callable[[], IdentifiedParameters]) -> Callable[[], list[Row]]:
+def _episode(case: Case, known: Callable[[], IdentifiedParameters]) -> Callable[[], list[Row]]:
     traced = case.twin == SHOWN
-    return lambda: [run_case(replace(case, identified=identified()), traced)]
+    return lambda: [run_case(replace(case, identified=known()), traced)]

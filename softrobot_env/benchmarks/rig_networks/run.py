@@ -22,17 +22,16 @@ from softrobot_env.benchmarks.rig_networks.cases import (
 )
 from softrobot_env.benchmarks.rig_networks.friction import friction_rows
 from softrobot_env.benchmarks.timing import best_of
-from softrobot_env.control.rig.inverse import TOTAL
+from softrobot_env.identification.excitation import Excitation
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, direction_of
+from softrobot_env.identification.parameters import record
 from softrobot_env.identification.visits import (
     POINTS,
-    Measure,
     RigData,
     Split,
-    collect,
     disk_points,
+    visits_of,
 )
-from softrobot_env.identification.visits import measure as measure_twin
 from softrobot_env.identification.visits import split as split_data
 from softrobot_env.learned.inference import CompiledInference
 from softrobot_env.learned.plain_inference import PlainInference
@@ -79,21 +78,24 @@ def run_on_twin(quick: bool = False, progress: Progress | None = None) -> list[R
         quick: Fewer points, sizes and trainings.
         progress: Called with (description, done, total), or None.
     """
-    rows = run(partial(measure_twin, _TWIN), quick, progress)
+    show, count = progress or quiet, len(_points(quick))
+    show("visiting the points", 0, 1)
+    visits = Excitation(kinds=("visits",), points=count, seed=_SEED)
+    rows = run(visits_of(record(_TWIN, excitation=visits), RIG), quick, progress)
     trainings = QUICK_TRAININGS if quick else TRAININGS
-    return rows + friction_rows(_points(quick), trainings, progress or quiet)
+    return rows + friction_rows(_points(quick), trainings, show)
 
 
 def run(
-    measure: Measure,
+    data: RigData,
     quick: bool = False,
     progress: Progress | None = None,
     processes: int | None = None,
 ) -> list[Row]:
-    """Measure a rig with a constant sum of tensions, train all networks and time them.
+    """Train all networks and time them.
 
     Args:
-        measure: Gives the data, see `rig_data.Measure`.
+        data: Of a rig, measured with a constant sum of tensions.
         quick: Fewer points, sizes and trainings.
         progress: Called with (description, done, total), or None.
         processes: Trainings at a time; one per core unless given.
@@ -101,11 +103,8 @@ def run(
     Returns:
         Rows of the trainings, then those of the times.
     """
-    show, points = progress or quiet, _points(quick)
-    show("visiting the points", 0, 1)
-    data = collect(RIG, measure, np.random.default_rng(_SEED), points, TOTAL)
-    parts = split_data(len(points), np.random.default_rng(_SEED))
-    rows = run_cases(list(cases(quick)), data, parts, show, processes)
+    parts = split_data(len(data.lengths), np.random.default_rng(_SEED))
+    rows = run_cases(list(cases(quick)), data, parts, progress or quiet, processes)
     return rows + inference_rows(data, parts, _QUICK_REPEATS if quick else _REPEATS)
 
 

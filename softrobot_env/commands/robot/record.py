@@ -40,7 +40,7 @@ EXAMPLE = """softrobot robot record --twin 3 --out out/rig.csv
 #: Settings of an excitation that are numbers, and what they are.
 _NUMBERS = {
     "amplitude": "largest share of full scale",
-    "speed": "full scales per second, at most",
+    "speed": "full scales per second, at most, but for visits",
     "rest": "s at each level of a pull",
     "decay": "s after a release",
     "duration": "s of the random motion",
@@ -83,7 +83,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
             f"--{name}", type=float, metavar="X", help=f"{text}; default: {usual[name]:g}"
         )
     parser.add_argument("--levels", type=int, help="of a pull; default: 4")
-    parser.add_argument("--seed", type=seed, help="of the random motion and of noise; default: 0")
+    parser.add_argument("--points", type=int, help=f"to be visited; default: {usual['points']}")
+    parser.add_argument("--seed", type=seed, help="of random motion and of noise; default: 0")
     parser.add_argument(
         "--static", action="store_true", help="keep one row for each rest, averaged over its end"
     )
@@ -141,7 +142,7 @@ def _recorded(
 
 
 def _excitation(args: argparse.Namespace) -> Excitation:
-    given = {name: getattr(args, name) for name in (*_NUMBERS, "levels", "seed")}
+    given = {name: getattr(args, name) for name in (*_NUMBERS, "levels", "points", "seed")}
     given = {name: value for name, value in given.items() if value is not None}
     return Excitation(kinds=tuple(args.kinds), **given)
 

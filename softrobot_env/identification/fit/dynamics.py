@@ -18,6 +18,7 @@ from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
 _LONGEST = 12.0  # s that are simulated
+_SLOW = 0.2  # of the largest speed; slower motion tells friction at rest, not damping
 _WINDOW, _BEFORE = 1.5, 3.0  # s after it begins to move, and at most before
 _STEPS = 6
 _PROBE = (0.05, 0.004, 0.01, 0.05)  # of log damping, delay [s], log modulus, log friction
@@ -214,8 +215,9 @@ def windows_of(recording: Recording) -> Recording:
     judged.sort(key=lambda one: -one[0])
     chosen: list[np.ndarray] = []
     lead = np.zeros(len(times), dtype=bool)
-    for _, moment, rows in judged:
-        if sum(np.ptp(times[other]) for other in chosen) >= _LONGEST:
+    for fastest, moment, rows in judged:
+        full = sum(np.ptp(times[other]) for other in chosen) >= _LONGEST
+        if full or fastest < _SLOW * judged[0][0]:
             break
         if all(not np.any(rows & other) for other in chosen):
             chosen.append(rows)

@@ -28,6 +28,8 @@ from softrobot_env.identification.fit.validation import (
     cross_validated,
     pattern_numbers,
 )
+from softrobot_env.identification.networks import Networks, networks_of
+from softrobot_env.identification.visits import VISIT, visits_of
 from softrobot_env.processes import chosen_processes
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
@@ -58,6 +60,7 @@ class Identification:
         residual: The correction; None without, or where none helps.
         dynamics: None of a recording at rest.
         experiments: What would tell more, best first.
+        networks: Of its statics; None without visits.
         times: [s] that each part took.
     """
 
@@ -74,6 +77,7 @@ class Identification:
     correction: np.ndarray | None
     dynamics: Dynamics | None
     experiments: tuple[Experiment, ...]
+    networks: Networks | None = None
     times: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -105,18 +109,22 @@ def identify(
     known: Sequence[str] = (),
     any_turn: bool = False,
     validate: bool = True,
+    seed: int = 0,
     show: Show | None = None,
 ) -> Identification:
     """Find a robot's parameters.
 
     Args:
-        recording: Of it; of a moving robot the statics use what is at rest.
+        recording: Of it; of a moving robot the statics use what is at rest. Visits are for the
+            networks alone, if there is anything else: dither takes out what the physics are to
+            tell.
         robot: As its file says.
         stages: Out of `STAGES`; what the others would find stays as the file says.
         known: Kinds of parameters that the file says exactly, such as "mass".
         any_turn: Whether the recording's frame may be turned by any angle about the robot's axis,
             as it is where columns' tendons are not known.
         validate: Whether to cross-validate.
+        seed: Of the networks.
         show: Told about the progress.
 
     Raises:
@@ -124,6 +132,9 @@ def identify(
     """
     stages, times = check_stages(stages), {}
     told = show or (lambda what, done, total: None)
+    visited = recording
+    if (recording.patterns != VISIT).any():
+        recording = recording.part(recording.patterns != VISIT)
     static, moving = at_rest(recording), None if recording.static else recording
     found = None
     began = perf_counter()
@@ -133,6 +144,7 @@ def identify(
             found = assigned(static, robot, lambda n: told("which column pulls what", n, 200))
             static = with_tendons(static, found)
             moving = None if moving is None else with_tendons(moving, found)
+            visited = with_tendons(visited, found)
             times["assignment"] = perf_counter() - began
     turned = any_turn or found is not None
     began = perf_counter()
@@ -179,6 +191,13 @@ def identify(
         residual = trained(*given, fit.simulated.error, pattern_numbers(static))
         correction = None if residual is None else residual.correction(*given)
         times["residual"] = perf_counter() - began
+    data = visits_of(visited, robot) if "network" in stages else None
+    networks = None
+    if data is not None:
+        told("networks", 0, 1)
+        began = perf_counter()
+        networks = networks_of(data, seed)
+        times["networks"] = perf_counter() - began
     told("what would tell more", 0, 1)
     began = perf_counter()
     experiments = best_experiments(model, fit)
@@ -197,6 +216,7 @@ def identify(
         correction=correction,
         dynamics=dynamics,
         experiments=tuple(experiments),
+        networks=networks,
         times=times,
     )
 

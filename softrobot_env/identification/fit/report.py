@@ -12,6 +12,7 @@ from softrobot_env.identification.fit.least_squares import NORMAL_95, size
 from softrobot_env.identification.fit.path import Identification
 from softrobot_env.identification.fit.residual import RESIDUAL_FILE
 from softrobot_env.identification.fit.validation import centred
+from softrobot_env.identification.parameters import parameters_of
 from softrobot_env.identification.replay.simulation import mean_known
 from softrobot_env.recordings.header import write_header
 from softrobot_env.rendering.tables import Column, make_table, named_values
@@ -20,6 +21,9 @@ from softrobot_env.writing import write_text
 
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"
+
+#: What `--learnt` takes.
+NETWORK_FILE = "rig_nn.npz"
 
 _UNITS = {"log": ("%", 100.0), "share": ("%", 100.0), "rad": ("deg", 180 / np.pi), "m": ("mm", 1e3)}
 
@@ -247,6 +251,9 @@ def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
         )
     if found.residual is None and "residual" in found.stages:
         facts["residual"] = "none: no correction helps on patterns that it has not seen"
+    if found.networks is not None:
+        errors = (f"{name} {1e3 * error:.2f} mm" for name, error in found.networks.errors.items())
+        facts["networks, rms of points to test"] = ", ".join(errors)
     parts: list[Any] = [
         named_values(found.believed.name, facts),
         make_table("Errors", _ERRORS, general, caption="centred: mean offset removed"),
@@ -318,6 +325,11 @@ def write_files(found: Identification, out: Path) -> list[str]:
         written.append(RESIDUAL_FILE)
     else:  # one of an earlier run would not fit the robot
         (out / RESIDUAL_FILE).unlink(missing_ok=True)
+    if found.networks is not None:
+        parameters_of(found).save(out / NETWORK_FILE, found.believed, {})
+        written.append(NETWORK_FILE)
+    else:
+        (out / NETWORK_FILE).unlink(missing_ok=True)
     if found.experiments:
         commands = found.recording.header.commands
         raw = (found.experiments[0].commands - commands.offset) / commands.scale

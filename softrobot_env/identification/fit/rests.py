@@ -18,14 +18,18 @@ _SAME = 1e-3  # change of a command, over its range
 FEWEST = 8
 
 
-def at_rest(recording: Recording) -> Recording:
+def at_rest(recording: Recording, dithered: bool = False) -> Recording:
     """One row for each rest: the command, and markers averaged over its end.
 
     A run that begins with a motion has its first row as well, without markers.
 
-    Where the robot was let go on the way to a rest another run begins, and the marker does not
-    count: as it sways, its tendons come to rest anywhere within their friction. A rest in which a
-    marker still moves by more than a hundredth of its range does not count.
+    Where the robot was let go on the way to a rest, or did not go straight, another run begins, and
+    the marker does not count: its tendons come to rest anywhere within their friction. A rest in
+    which a marker still moves by more than a hundredth of its range does not count.
+
+    Args:
+        recording: Of a robot that moves.
+        dithered: Whether dither took friction out before every rest, which all count then.
 
     Raises:
         ValueError: There are fewer than `FEWEST` of them.
@@ -35,8 +39,7 @@ def at_rest(recording: Recording) -> Recording:
     rows, markers, runs = [], [], []
     span = np.maximum(np.ptp(recording.commands, axis=0), 1e-12)
     reach = np.nanmax(np.ptp(_known(recording.markers), axis=0))
-    moved = np.abs(np.diff(recording.commands, axis=0)) > _SAME * span
-    new = np.flatnonzero(moved.any(axis=1) | (np.diff(recording.runs) != 0)) + 1
+    new = _new_commands(recording, span)
     for begin, end in zip([0, *new], [*new, len(recording.times)], strict=True):
         lasted = recording.times[end - 1] - recording.times[begin]
         first = begin == 0 or recording.runs[begin] != recording.runs[begin - 1]
@@ -61,7 +64,7 @@ def at_rest(recording: Recording) -> Recording:
             "record pulls with rests (`softrobot robot record --kinds pulls`), or say static = "
             "true in the header if it moved so slowly that every row is at rest"
         )
-    jumped = _jumps(recording, np.array(rows), span)
+    jumped = _jumps(recording, np.array(rows), span) & (not dithered)
     number = np.cumsum(np.append(False, (np.diff(runs) != 0) | jumped))
     seen = np.array(markers)
     seen[1:][jumped] = np.nan
@@ -76,13 +79,30 @@ def at_rest(recording: Recording) -> Recording:
     )
 
 
+def _new_commands(recording: Recording, span: np.ndarray) -> list[int]:
+    """Rows whose command is another than the last new one, however slowly it came to that."""
+    last, found = recording.commands[0], []
+    for row, command in enumerate(recording.commands):
+        other = row > 0 and recording.runs[row] != recording.runs[row - 1]
+        if other or (np.abs(command - last) > _SAME * span).any():
+            found.append(row)
+            last = command
+    return found
+
+
 def _jumps(recording: Recording, rows: np.ndarray, span: np.ndarray) -> np.ndarray:
-    """(t - 1,) bool, where the robot was let go between two rests: friction then ends anywhere."""
+    """(t - 1,) bool, where friction ends anywhere between two rests.
+
+    There the robot was let go, or did not go straight: its commands went beyond both.
+    """
     found = []
     for begin, end in pairwise(rows):
-        changes = np.abs(np.diff(recording.commands[begin : end + 1], axis=0)) / span
-        whole = np.abs(recording.commands[end] - recording.commands[begin]) / span
-        found.append(bool(changes.max() > _JUMP * whole.max() > _JUMP * _LITTLE))
+        way = recording.commands[begin : end + 1] / span
+        whole = np.abs(way[-1] - way[0])
+        jumped = np.abs(np.diff(way, axis=0)).max() > _JUMP * whole.max() > _JUMP * _LITTLE
+        ends = np.sort(way[[0, -1]], axis=0)
+        beyond = np.maximum(ends[0] - way.min(axis=0), way.max(axis=0) - ends[1])
+        found.append(bool(jumped or beyond.max() > _LITTLE))
     return np.array(found, dtype=bool)
 
 

@@ -38,6 +38,7 @@ STAGES: dict[str, str] = {
     "friction of the backbone where the data ask for it",
     "dynamics": "damping, delay and friction, of a robot that was recorded in motion",
     "residual": "what physics leaves, learned near the data",
+    "network": "networks of the statics of a rig that visited points (thesis sec. 3.2 and 5.1)",
 }
 
 
