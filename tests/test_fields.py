@@ -11,7 +11,6 @@ from softrobot_env.control.mpc.settings import PREVIEW as MPC_PREVIEW
 from softrobot_env.control.mpc.settings import THESIS as MPC_THESIS
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.fields import Range, check_fields
-from softrobot_env.identification.visits import Visit
 from softrobot_env.learned.quasi_static import Sampling
 from softrobot_env.robots import ARM, RIG, Load
 from softrobot_env.robots.twin import rig3d_twin
@@ -48,7 +47,6 @@ RECORDS = (
     LapCircle(),
     SetPoints(POINTS, 1.0),
     TrackingReward(),
-    Visit(),
     Sampling(),
     MPC_THESIS,
     MPC_PREVIEW,

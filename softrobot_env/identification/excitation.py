@@ -56,11 +56,13 @@ class Excitation:
 
     Attributes:
         kinds: In this order: "pulls" of one tendon after the other, slowly up and down in levels
-            with a rest at each; "steps", released at once from a pull, which decay; "random"
-            smooth motion in all directions at once; and, of a rig alone, "visits" of points all
-            over its workspace, in random order, with a constant sum of tensions: networks of such
-            data err by half as much as with the least tensions, whose kinks they round off.
-        amplitude: Of full scale, at most; less where a limit is met.
+            with a rest at each; "steps", dithered and released at once from a pull, which decay;
+            "random" smooth motion in all directions at once; and, of a rig alone, "visits" of
+            points all over its workspace, in random order, with a constant sum of tensions:
+            networks of such data err by half as much as with the least tensions, whose kinks they
+            round off.
+        amplitude: Of full scale, at most, but for visits; less where a limit is met. Before steps,
+            lengths are dithered by 0.02 more.
         speed: [1/s], of full scale, at most, but for visits; and 0.8 of what the drives can do.
             Friction and backlash are told best where a robot does not sway before it rests.
         levels: Of a pull.
@@ -267,14 +269,17 @@ class _Moves:
         self._parts.append((rows, label, -1))
 
     def dither(self, label: str) -> None:
-        """Swing all drives at once, less and less.
+        """Swing all drives that pull lengths in at once, less and less.
 
         It hardly bends the robot, but brings drives to the middle of their backlash and tendons to
         that of their friction, from whichever side they came.
         """
+        if self.robot.drive.kind != "length":
+            return
+        most = min(_DITHER, self._fastest / (2 * np.pi * _DITHER_FREQUENCY))
         time = self.period * np.arange(round(_DITHER_TIME / self.period))
         swing = (1 - time / _DITHER_TIME) * np.sin(2 * np.pi * _DITHER_FREQUENCY * time)
-        self.follow(self.here + _DITHER * np.outer(swing, self.scale), label)
+        self.follow(self.here + most * np.outer(swing, self.scale), label)
 
     def rest(self, time: float, label: str, measured: bool = True) -> None:
         """Stay for some time [s]."""

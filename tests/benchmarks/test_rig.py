@@ -186,14 +186,15 @@ def test_every_twin_has_what_was_learnt_of_it(monkeypatch):
     """Its own visit, and networks trained with its own seed."""
     ran, taught = [], []
 
-    def identify(visited, seed):
-        taught.append((visited, seed))
-        return SimpleNamespace(parameters=("learnt of", visited, seed))
+    def identified(recorded, seed):
+        taught.append((recorded, seed))
+        return seed
 
     shipped = SimpleNamespace(load=lambda robot: ("learnt of", 0, 0))
     monkeypatch.setattr(rig, "IdentifiedParameters", shipped)
     monkeypatch.setattr(rig, "record", lambda twin: twin.seed)
-    monkeypatch.setattr(rig, "identify", identify)
+    monkeypatch.setattr(rig, "identified", identified)
+    monkeypatch.setattr(rig, "parameters_of", lambda found, twin: ("learnt of", twin, found))
     monkeypatch.setattr(rig, "run_case", lambda case, traced: ran.append(case))
     for twin in (None, *rig.TWINS):
         for _, work in rig._jobs(twin, shipped=False):
@@ -207,8 +208,9 @@ def test_networks_are_studied_on_a_twin(monkeypatch):
     asked, seen = [], []
     monkeypatch.setattr(rig_networks, "run", lambda *args: asked.append(args) or ["of the twin"])
     monkeypatch.setattr(rig_networks, "friction_rows", lambda points, n, _: [len(points), n])
-    monkeypatch.setattr(rig_networks, "measure_twin", lambda twin, lengths: seen.append(twin))
+    monkeypatch.setattr(rig_networks, "record", lambda *args, **how: seen.append((args, how)))
+    monkeypatch.setattr(rig_networks, "visits_of", lambda recording, robot: "visits")
     assert rig_networks.run_on_twin(quick=True) == ["of the twin", 215, 3]
-    measure, quick, _ = asked[0]
-    measure(np.zeros((1, 3)))
-    assert quick is True and seen == [0]
+    assert asked[0][:2] == ("visits", True)
+    (((twin,), how),) = seen
+    assert twin == 0 and how["excitation"].points == 215

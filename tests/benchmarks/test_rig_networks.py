@@ -155,17 +155,12 @@ def test_errors_in_processes_are_raised(data, parts):
         rig_networks.run_cases([Case("size", "up", 1, 1, None, 1)], data, parts, print, 1)
 
 
-def test_a_run_measures_trains_and_times(monkeypatch):
-    seen = []
-
-    def measure(lengths):
-        seen.append(len(lengths))
-        return RigStatics(friction=0, noise=0)(lengths)
-
+def test_a_run_trains_and_times(monkeypatch):
+    rig = RigStatics(friction=0, noise=0)
+    visited = collect(RIG, rig, np.random.default_rng(0), disk_points(215), 26.0)
     small = [Case("size", "forward", 1, 3, None, 1), Case("samples", "inverse", 1, 3, 20, 1)]
     monkeypatch.setattr(rig_networks, "cases", lambda quick: small)
-    rows = rig_networks.run(measure, quick=True, processes=1)
-    assert seen == [215]
+    rows = rig_networks.run(visited, quick=True, processes=1)
     assert [row.study for row in rows] == ["size", "samples"] + 6 * ["inference"]
     assert rows[0].samples == 151
     times = {(row.direction, row.variant): row.time for row in rows[2:]}

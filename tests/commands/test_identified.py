@@ -118,11 +118,11 @@ def test_a_video_shows_what_the_file_says(learnt, tmp_path, monkeypatch):
 
 def test_the_trained_file_is_of_its_twin(tmp_path, monkeypatch, capsys):
     """What `train` writes is what `evaluate` takes."""
-    lesson = SimpleNamespace(
-        parameters=constant_learnt(3), errors={"inverse": 1e-4, "forward": 2e-4}, forward=None
-    )
+    errors = {"inverse": 1e-4, "forward": 2e-4}
+    lesson = SimpleNamespace(networks=SimpleNamespace(errors=errors))
     monkeypatch.setattr(parameters, "record", lambda twin, seed, **_: None)
-    monkeypatch.setattr(parameters, "identify", lambda visited, seed: lesson)
+    monkeypatch.setattr(parameters, "identified", lambda recorded, seed, **_: lesson)
+    monkeypatch.setattr(parameters, "parameters_of", lambda found, twin: constant_learnt(twin))
     assert main(["train", "rig_nn", "--twin", "3", "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "bending damping over nominal" in said and "1.000" in said

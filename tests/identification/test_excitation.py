@@ -42,9 +42,10 @@ def test_a_plan_starts_and_ends_at_rest_and_keeps_to_amplitude_and_speed(robot):
     rest = -robot_inputs(robot).input_centre / robot_inputs(robot).input_scale
     actions = found.actions
     assert actions[-1] == pytest.approx(rest, abs=1e-12)
-    assert np.abs(actions - rest).max() <= SHORT.amplitude + 1e-9
+    jumps = np.char.startswith(found.labels, "step")  # and dither
+    far = np.abs(actions - rest).max(axis=1)
+    assert far[~jumps].max() <= SHORT.amplitude + 1e-9 and far.max() < SHORT.amplitude + 0.02
     rates = np.abs(np.diff(actions, axis=0, prepend=rest[None])) / PERIOD
-    jumps = np.char.startswith(found.labels, "step")
     assert rates[~jumps].max() <= SHORT.speed * (1 + 1e-9) and rates[jumps].max() > SHORT.speed
     rests = [name for name in dict.fromkeys(found.labels) if name != "random"]
     assert len(rests) == 2 * len(directions(robot))

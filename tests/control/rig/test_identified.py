@@ -1,42 +1,60 @@
 """What is identified of a rig for its controllers: stiffness, backlash, recordings of a twin."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from softrobot_env.cli import main
 from softrobot_env.control.rig.identified import IdentifiedParameters, turned
-from softrobot_env.control.rig.inverse import TOTAL
+from softrobot_env.control.rig.inverse import PIECES, PIECES_SOFTER, TOTAL
+from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.envs.rig import RigEnv
-from softrobot_env.identification import visits
-from softrobot_env.identification.backlash import backlash_of, visit_sides
-from softrobot_env.identification.decay import damping_of, rates_of_decay, visit_decays
-from softrobot_env.identification.parameters import NEEDED, Recording, identify
-from softrobot_env.identification.slow_rig import RigStatics
-from softrobot_env.identification.stiffness import calibrate
-from softrobot_env.identification.visits import Visit, disk_points, measure, nominal_lengths
+from softrobot_env.identification import excitation
+from softrobot_env.identification.excitation import Excitation, plan
+from softrobot_env.identification.networks import networks_of
+from softrobot_env.identification.parameters import identified, parameters_of, record
+from softrobot_env.identification.visits import RigData, nominal_lengths, visits_of
 from softrobot_env.learned.network import Scaling, initial_network
-from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG
+from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG, ROBOTS
+from softrobot_env.robots.three_tendons import mean_curvature
 from softrobot_env.robots.twin import nominal_twin, rig3d_twin
 
-
-def test_calibration_finds_the_turn_and_the_stiffness():
-    """Of one piece, which stands as several pieces of 1.2 times its stiffness do."""
-    points = disk_points(60, 0.11)
-    rig = RigStatics(turned(RIG, 0.9, 0.12), friction=0.0, noise=0.0)
-    lengths = nominal_lengths(RIG, points, TOTAL)
-    stiffness, turn = calibrate(RIG, lengths, rig(lengths))
-    assert turn == pytest.approx(0.12, abs=1e-3)
-    assert stiffness == pytest.approx(0.9 * EQUIVALENT, rel=0.04)
+FEW = Excitation(kinds=("visits",), points=10)
 
 
-def test_too_little_data_are_refused():
-    with pytest.raises(ValueError, match="three lengths"):
-        calibrate(RIG, np.zeros((2, 3)), np.zeros((2, 2)))
-    with pytest.raises(ValueError, match=f"need {NEEDED} points"):
-        identify(Recording(SimpleNamespace(lengths=np.zeros((20, 3))), np.zeros((3, 2, 2)), None))
+def test_few_pieces_stand_as_the_chain_does():
+    """Least squares of what holds the same outputs, by the statics of the simulated rig."""
+    robot = turned(RIG, 1.08, 0.0)
+    points = 0.1 * np.sqrt(np.linspace(0.1, 1, 12))[:, None] * AROUND
+    lengths = nominal_lengths(turned(RIG, 0.9, 0.0), points, TOTAL)
+    env = RigEnv("triangle", twin=nominal_twin(robot))
+    outputs = [env.reset(options={"start_length": s})[0]["tip_position"] for s in lengths]
+
+    def off(stiffness):
+        model = FlexibleServoConstraints(turned(robot, stiffness, 0.0), PIECES)
+        pulled = [pulled_in(model, point) - s for point, s in zip(outputs, lengths, strict=True)]
+        return np.std(pulled, axis=0).max()
+
+    stiffness = np.linspace(0.96, 1.0, 5)
+    quadratic = np.polyfit(stiffness, [off(x) ** 2 for x in stiffness], 2)
+    assert -quadratic[1] / (2 * quadratic[0]) == pytest.approx(PIECES_SOFTER, abs=0.005)
+
+
+AROUND = np.stack([f(2.4 * np.arange(12)) for f in (np.cos, np.sin)], axis=1)
+
+
+def pulled_in(model, point):
+    """Lengths (3,) [m] that hold an output."""
+    q, reduced = model.statics(point)
+    tension = model.tendons.with_total(reduced, TOTAL)
+    return model.tendons.pulled(tension, mean_curvature(q))
+
+
+def test_too_few_visits_are_refused():
+    with pytest.raises(ValueError, match="need 200 points"):
+        networks_of(RigData(np.zeros((20, 3)), np.zeros((20, 2))))
 
 
 def some_learnt():
@@ -77,21 +95,22 @@ def test_what_is_learnt_of_a_rig_with_other_statics_is_refused(tmp_path, changed
         IdentifiedParameters.load(replace(RIG, **changed), tmp_path / "rig.npz")
 
 
-def test_the_backlash_of_servos_and_friction_is_measured():
-    """Half of 0.2 mm, and 0.05 N over 980 N/m."""
-    robot = replace(EQUIVALENT_RIG, tendons=tuple(replace(t, friction=0.05) for t in RIG.tendons))
-    loose = replace(nominal_twin(robot), backlash=(0.2e-3,) * 3)
+def decay(robot):
+    """Rate [1/s] at which a rig without errors calms down, of c + exp(-rate t) (a cos + b sin)."""
+    steps = Excitation(kinds=("steps",), amplitude=0.2)
+    record_ = record(nominal_twin(robot), 0, steps)
+    commands = np.abs(record_.commands).max(axis=1)
+    begin = int(np.flatnonzero((commands[1:] == 0) & (commands[:-1] > 0))[0]) + 1
+    rows = slice(begin + 8, begin + 80)
+    time, tip = record_.times[rows, None] - record_.times[begin], record_.markers[rows, 0, :2]
 
-    def statics(outputs):
-        return nominal_lengths(RIG, outputs, TOTAL)
+    def missing(parameters):
+        rate, frequency = parameters
+        wave = np.exp((1j * frequency - rate) * time)
+        parts = np.hstack([np.ones_like(time), wave.real, wave.imag])
+        return (tip - parts @ np.linalg.lstsq(parts, tip)[0]).ravel()
 
-    assert backlash_of(visit_sides(loose, count=1), statics) == pytest.approx(0.151e-3, rel=0.05)
-    assert abs(backlash_of(visit_sides(nominal_twin(robot), count=1), statics) - 0.051e-3) < 5e-6
-
-
-def test_play_needs_the_outputs_of_a_visit():
-    with pytest.raises(ValueError, match=r"need outputs \(3 k, 2, 2\)"):
-        backlash_of(np.zeros((4, 2, 2)), lambda z: z)
+    return least_squares(missing, (2.2, 10.0), x_scale=(2.2, 10.0)).x[0]
 
 
 def test_the_rig_calms_down_as_one_piece_of_its_inertia_and_damping():
@@ -100,78 +119,60 @@ def test_the_rig_calms_down_as_one_piece_of_its_inertia_and_damping():
     A beam needs `EQUIVALENT` times its damping for that, as it needs of its stiffness.
     """
     rate = 3.77e-3 / (2 * 8.41e-4)
-    np.testing.assert_allclose(rates_of_decay(visit_decays(None)), rate, rtol=0.1)
-    printed = nominal_twin(turned(RIG, EQUIVALENT, 0.0, 1.0))
-    assert np.all(rates_of_decay(visit_decays(printed)) < 0.85 * rate)
+    assert decay(EQUIVALENT_RIG) == pytest.approx(rate, rel=0.1)
+    assert decay(turned(RIG, EQUIVALENT, 0.0, 1.0)) < 0.85 * rate
 
 
 @pytest.mark.slow
-def test_damping_is_measured_in_spite_of_friction():
-    """Of a twin with play, noise and a delay, and three times the friction of others."""
-    twin = rig3d_twin(3)
-    tendons = tuple(replace(t, friction=3 * t.friction) for t in twin.robot.tendons)
+@pytest.mark.parametrize(("seed", "rubs"), [(3, 3.0), (17, 1.0)])
+def test_a_rig_is_identified_for_its_controllers(seed, rubs):
+    """Of a twin with play, noise and a delay, also with three times the friction of others."""
+    twin = rig3d_twin(seed)
+    tendons = tuple(replace(t, friction=rubs * t.friction) for t in twin.robot.tendons)
     twin = replace(twin, robot=replace(twin.robot, tendons=tendons))
+    found = parameters_of(identified(record(twin)), seed)
     stiffness = twin.robot.youngs_modulus / RIG.youngs_modulus
-    truth = stiffness * twin.robot.damping_time / RIG.damping_time
-    damping, friction = damping_of(visit_decays(twin), turned(RIG, stiffness, 0.12, 1.0))
-    assert damping == pytest.approx(truth, rel=0.03)
-    assert friction == pytest.approx(np.mean([t.friction for t in twin.robot.tendons]), abs=0.01)
-    assert truth / EQUIVALENT > 1.15
+    lag = np.mean(twin.backlash) / 2 + np.mean([t.friction / t.stiffness for t in tendons])
+    turns = [
+        np.angle(complex(*a.offset) / complex(*b.offset))
+        for a, b in zip(tendons, RIG.tendons, strict=True)
+    ]
+    assert found.twin == seed
+    assert found.stiffness == pytest.approx(PIECES_SOFTER * stiffness, rel=0.03)
+    assert found.turn == pytest.approx(np.mean(turns), abs=0.003)
+    assert found.damping == pytest.approx(
+        stiffness * twin.robot.damping_time / RIG.damping_time, rel=0.03
+    )
+    assert found.backlash == pytest.approx(lag, rel=0.1)
 
 
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:robot 'rig'")  # it also tries rigs that hardly calm down
-def test_an_implausible_decay_is_refused():
-    time = 0.02 * np.arange(1, 81)[:, None]
-    wave = 0.06 * np.exp(0.5 * time) * np.cos(10 * time)
-    with pytest.raises(ValueError, match="no damping up to"):
-        damping_of(np.tile(wave, (1, 1, 2)), turned(RIG, 1.0, 0.0))
-
-
-def test_measured_outputs_are_the_equilibria():
+def test_visits_find_the_equilibria():
     """Those that the environment's own statics find, but for the end of the swaying."""
     twin = nominal_twin(EQUIVALENT_RIG)
-    lengths = nominal_lengths(RIG, np.array([[0.05, 0.02], [-0.03, 0.07], [0.0, -0.1]]), TOTAL)
-    found = measure(twin, lengths)
+    found = visits_of(record(twin, 0, FEW), RIG)
+    assert len(found.lengths) == FEW.points
     env = RigEnv("triangle", twin=twin)
-    for point, length in zip(found, lengths, strict=True):
+    for point, length in zip(found.measured, found.lengths, strict=True):
         at_rest, _ = env.reset(options={"start_length": length})
         assert np.linalg.norm(point - at_rest["tip_position"]) < 0.4e-3
 
 
-def test_dither_takes_out_the_backlash_of_the_servos():
+def test_dither_takes_out_the_backlash_of_the_servos(monkeypatch):
     ideal = nominal_twin(EQUIVALENT_RIG)
     loose = replace(ideal, backlash=(0.3e-3,) * 3)
-    points = np.array([[0.0, 0.0], [0.07, 0.0], [0.11, 0.03], [0.07, 0.0]])
-    lengths = nominal_lengths(RIG, points, TOTAL)
-    truth = measure(ideal, lengths)[1:]
-    off = {}
-    for dither in (0.0, 0.6e-3):
-        found = measure(loose, lengths, visit=Visit(dither=dither))[1:]
+    truth, off = visits_of(record(ideal, 0, FEW), RIG).measured, {}
+    for dither in (0.02, 0.0):
+        monkeypatch.setattr(excitation, "_DITHER", dither)
+        found = visits_of(record(loose, 0, FEW), RIG).measured
         off[dither] = np.linalg.norm(found - truth, axis=1).max()
-    assert off[0.6e-3] < 0.2e-3 < 0.6e-3 < off[0.0]
+    assert off[0.02] < 0.2e-3 < 0.6e-3 < off[0.0]
 
 
-def test_long_visits_are_cut_into_runs(monkeypatch):
-    """Each from the straight pose, with nothing left of the run before."""
-    lengths = nominal_lengths(RIG, disk_points(4, 0.05), TOTAL)
-    quick = Visit(move=0.2, rest=0.1, pictures=2)
-    apart = [measure(None, part, visit=quick) for part in np.split(lengths, 2)]
-    monkeypatch.setattr(visits, "LONGEST", 2.5 * visits.visit_duration(quick, 1))
-    np.testing.assert_array_equal(measure(None, lengths, visit=quick), np.concatenate(apart))
-
-
-@pytest.mark.parametrize(
-    ("lengths", "message"),
-    [
-        (np.zeros((2, 2)), "shape"),
-        (np.full((2, 3), 0.031), "0.03 m"),
-        (np.full((2, 3), np.nan), "0.03 m"),
-    ],
-)
-def test_measurements_that_cannot_be_made_are_refused(lengths, message):
-    with pytest.raises(ValueError, match=message):
-        measure(None, lengths)
+def test_visits_keep_within_a_radius_and_are_of_rigs_alone():
+    near = visits_of(record(None, 0, replace(FEW, radius=0.05)), RIG)
+    assert 0.04 < np.hypot(*near.measured.T).max() < 0.055
+    with pytest.raises(ValueError, match="three"):
+        plan(ROBOTS["ftdcr_v4"], FEW, 0.02)
 
 
 def test_twins_are_trained_for_one_artifact_only(tmp_path, capsys):
