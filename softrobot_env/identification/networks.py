@@ -43,7 +43,10 @@ def networks_of(data: RigData, seed: int = 0) -> Networks:
     """
     count = len(data.lengths)
     if count < _FEWEST:
-        raise ValueError(f"networks need {_FEWEST} points or more that were visited, got {count}")
+        raise ValueError(
+            f"networks need {_FEWEST} points or more that were visited, got {count}: record more, "
+            "or leave out the stage network"
+        )
     rng = np.random.default_rng(seed)
     parts = split(count, rng)
     found, errors = {}, {}

@@ -66,15 +66,15 @@ def parameters_of(found: Identification, twin: int | None = None) -> IdentifiedP
         twin: Seed of the twin, None if it has none.
 
     Raises:
-        ValueError: It was identified without visits, or is no rig.
+        ValueError: It was identified without visits.
     """
-    if found.networks is None or found.robot.head is None:
+    if found.networks is None:
         raise ValueError("controllers of the rig need a rig that visited points: --kinds visits")
     robot, nominal = found.robot, found.believed
     beam = robot.youngs_modulus / nominal.youngs_modulus * nominal.head.mass / robot.head.mass
     turns = [
-        np.angle(complex(*is_.offset) / complex(*was.offset))
-        for is_, was in zip(robot.tendons, nominal.tendons, strict=True)
+        np.angle(complex(*tendon.offset) / complex(*was.offset))
+        for tendon, was in zip(robot.tendons, nominal.tendons, strict=True)
     ]
     lag = robot.drive.backlash / 2 + np.mean([t.friction / t.stiffness for t in robot.tendons])
     return IdentifiedParameters(

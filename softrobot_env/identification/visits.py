@@ -152,8 +152,8 @@ def split(count: int, rng: np.random.Generator) -> Split:
     return Split(*np.split(rng.permutation(count), [training, training + validation]))
 
 
-def visits_of(recording: Recording, robot: RobotParams) -> RigData | None:
-    """What the visits of a recording found, see `excitation`; None without any.
+def visits_of(recording: Recording, robot: RobotParams) -> RigData:
+    """What the visits of a recording found, see `excitation`.
 
     Args:
         recording: Of a rig.
@@ -162,10 +162,7 @@ def visits_of(recording: Recording, robot: RobotParams) -> RigData | None:
     Raises:
         ValueError: There are few, or the commands do not fit the robot.
     """
-    rows = recording.patterns == VISIT
-    if not rows.any():
-        return None
-    found = at_rest(recording.part(rows), dithered=True)
+    found = at_rest(recording.part(recording.patterns == VISIT), dithered=True)
     outputs = found.markers[:, -1, :2]
     seen = np.isfinite(outputs).all(axis=1)
     return RigData(found.controls(robot)[seen], outputs[seen])

@@ -6,6 +6,7 @@ from time import perf_counter
 
 import numpy as np
 
+from softrobot_env.control.feedforward.policies import is_rig
 from softrobot_env.identification.fit.assignment import Assignment, assigned, with_tendons
 from softrobot_env.identification.fit.dynamics import Dynamics, dynamics_of
 from softrobot_env.identification.fit.experiment import Experiment, best_experiments
@@ -116,8 +117,7 @@ def identify(
 
     Args:
         recording: Of it; of a moving robot the statics use what is at rest. Visits are for the
-            networks alone, if there is anything else: dither takes out what the physics are to
-            tell.
+            networks alone.
         robot: As its file says.
         stages: Out of `STAGES`; what the others would find stays as the file says.
         known: Kinds of parameters that the file says exactly, such as "mass".
@@ -132,9 +132,14 @@ def identify(
     """
     stages, times = check_stages(stages), {}
     told = show or (lambda what, done, total: None)
-    visited = recording
-    if (recording.patterns != VISIT).any():
-        recording = recording.part(recording.patterns != VISIT)
+    visited, visits = recording, (recording.patterns == VISIT) & is_rig(robot)
+    if visits.all():
+        raise ValueError(
+            "there is nothing but visits, and dither takes out what the physics are to tell: "
+            "record pulls and steps as well (`softrobot robot record --kinds pulls steps visits`)"
+        )
+    if visits.any():
+        recording = recording.part(~visits)
     static, moving = at_rest(recording), None if recording.static else recording
     found = None
     began = perf_counter()
@@ -146,6 +151,11 @@ def identify(
             moving = None if moving is None else with_tendons(moving, found)
             visited = with_tendons(visited, found)
             times["assignment"] = perf_counter() - began
+    networks, began = None, perf_counter()
+    if "network" in stages and visits.any():
+        told("networks", 0, 1)
+        networks = networks_of(visits_of(visited, robot), seed)
+        times["networks"] = perf_counter() - began
     turned = any_turn or found is not None
     began = perf_counter()
     model, fit, filed = _statics(
@@ -191,13 +201,6 @@ def identify(
         residual = trained(*given, fit.simulated.error, pattern_numbers(static))
         correction = None if residual is None else residual.correction(*given)
         times["residual"] = perf_counter() - began
-    data = visits_of(visited, robot) if "network" in stages else None
-    networks = None
-    if data is not None:
-        told("networks", 0, 1)
-        began = perf_counter()
-        networks = networks_of(data, seed)
-        times["networks"] = perf_counter() - began
     told("what would tell more", 0, 1)
     began = perf_counter()
     experiments = best_experiments(model, fit)

@@ -13,9 +13,8 @@ from softrobot_env.control.rig.servo_flexible import FlexibleServoConstraints
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.identification import excitation
 from softrobot_env.identification.excitation import Excitation, plan
-from softrobot_env.identification.networks import networks_of
 from softrobot_env.identification.parameters import identified, parameters_of, record
-from softrobot_env.identification.visits import RigData, nominal_lengths, visits_of
+from softrobot_env.identification.visits import nominal_lengths, visits_of
 from softrobot_env.learned.network import Scaling, initial_network
 from softrobot_env.robots import ARM, EQUIVALENT, EQUIVALENT_RIG, RIG, ROBOTS
 from softrobot_env.robots.three_tendons import mean_curvature
@@ -53,8 +52,11 @@ def pulled_in(model, point):
 
 
 def test_too_few_visits_are_refused():
-    with pytest.raises(ValueError, match="need 200 points"):
-        networks_of(RigData(np.zeros((20, 3)), np.zeros((20, 2))))
+    pulls_too = replace(FEW, kinds=("pulls", "visits"), levels=2, rest=0.8)
+    with pytest.raises(ValueError, match="need 200 points or more that were visited, got 10"):
+        identified(record(None, 0, pulls_too))
+    with pytest.raises(ValueError, match="nothing but visits"):
+        identified(record(None, 0, FEW))
 
 
 def some_learnt():
