@@ -15,9 +15,8 @@ from softrobot_env.recordings import Recording
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 
-#: What tells the robot, slowly, and what tells the network as well.
-PHYSICS = Excitation(kinds=("pulls", "steps"), speed=0.05)
-ALL = Excitation(kinds=("pulls", "steps", "visits"), speed=0.05)
+#: What tells all of a rig, slowly.
+EXCITATION = Excitation(kinds=("pulls", "steps", "visits"), speed=0.05)
 
 #: The camera stands in the robot's frame, and nothing of the tip is out of place.
 STAGES = ("tendons", "geometry", "statics", "dynamics", "network")
@@ -27,7 +26,10 @@ PERIOD = 0.02
 
 
 def record(
-    twin: Twin | int | None, seed: int = 0, excitation: Excitation = ALL, show: Show | None = None
+    twin: Twin | int | None,
+    seed: int = 0,
+    excitation: Excitation = EXCITATION,
+    show: Show | None = None,
 ) -> Recording:
     """Excite a twin as a real rig is, by its servos and its camera.
 

@@ -162,7 +162,8 @@ def visits_of(recording: Recording, robot: RobotParams) -> RigData:
     Raises:
         ValueError: There are few, or the commands do not fit the robot.
     """
-    found = at_rest(recording.part(recording.patterns == VISIT), dithered=True)
+    visits = recording.patterns == VISIT
+    found = at_rest(recording.part(visits), visits[visits])
     outputs = found.markers[:, -1, :2]
     seen = np.isfinite(outputs).all(axis=1)
     return RigData(found.controls(robot)[seen], outputs[seen])

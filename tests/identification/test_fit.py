@@ -21,7 +21,7 @@ from softrobot_env.identification.fit.residual import corrected, read_residual, 
 from softrobot_env.identification.fit.rests import at_rest
 from softrobot_env.identification.fit.unknowns import HOLDS, RUBS, Fact, Group, Unknowns
 from softrobot_env.identification.fit.validation import blocks_of
-from softrobot_env.identification.parameters import PHYSICS, identified, record
+from softrobot_env.identification.parameters import identified, record
 from softrobot_env.identification.replay import replay
 from softrobot_env.processes import Workers, using
 from softrobot_env.recordings import (
@@ -195,7 +195,7 @@ def test_facts_are_weighed_against_the_file_as_bayes_says():
 def test_a_twin_that_nobody_told_is_identified_and_driven():
     """The camera sees no height; servos have play and zeros, tendons rub, are turned and unlike."""
     twin = rig3d_twin(11)
-    found = identified(record(twin, 3, PHYSICS))
+    found = identified(record(twin, 3))
     tendons = zip(twin.robot.tendons, found.robot.tendons, strict=True)
     turns = [np.angle(complex(*b.offset) / complex(*a.offset)) for a, b in tendons]
     assert np.abs(np.degrees(turns)).max() < 1.5  # of 7 degrees

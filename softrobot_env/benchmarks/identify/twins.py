@@ -1,9 +1,9 @@
 """Twins of the rig that nobody told: identified from a recording, then driven.
 
-Each moves as `softrobot robot record --kinds pulls steps --speed 0.05` tells it, and is identified
-from what its camera saw. Then the same law drives it three times round the triangle: by the robot
-that was found, by the twin itself, and by the rig as everybody believes it to be. Zeros of the
-servos are corrected by what each of them knows.
+Each moves as `softrobot robot record --kinds pulls steps visits --speed 0.05` tells it, and is
+identified from what its camera saw. Then the same law drives it three times round the triangle: by
+the robot that was found, by the twin itself, and by the rig as everybody believes it to be. Zeros
+of the servos are corrected by what each of them knows.
 """
 
 from dataclasses import dataclass, replace
@@ -18,7 +18,7 @@ from softrobot_env.control.registry import find_policy, make_policy
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_case
-from softrobot_env.identification.parameters import PHYSICS, identified, record
+from softrobot_env.identification.parameters import identified, record
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import with_balance
 from softrobot_env.robots.twin import Twin, rig3d_twin
@@ -65,7 +65,7 @@ def twin_jobs() -> list[Job]:
 def driven(seed: int) -> list[TwinRow]:
     """Rows of a twin."""
     twin, began = rig3d_twin(seed), perf_counter()
-    found = identified(record(twin, seed, PHYSICS))
+    found = identified(record(twin, seed))
     taken = perf_counter() - began
     zeros = found.header.commands.zeros or (0.0,) * len(RIG.tendons)
     known = _known(twin)

@@ -116,8 +116,8 @@ def identify(
     """Find a robot's parameters.
 
     Args:
-        recording: Of it; of a moving robot the statics use what is at rest. Visits are for the
-            networks alone.
+        recording: Of it; of a moving robot the statics use what is at rest. Where a rig visits
+            points, dither went before.
         robot: As its file says.
         stages: Out of `STAGES`; what the others would find stays as the file says.
         known: Kinds of parameters that the file says exactly, such as "mass".
@@ -132,15 +132,10 @@ def identify(
     """
     stages, times = check_stages(stages), {}
     told = show or (lambda what, done, total: None)
-    visited, visits = recording, (recording.patterns == VISIT) & is_rig(robot)
-    if visits.all():
-        raise ValueError(
-            "there is nothing but visits, and dither takes out what the physics are to tell: "
-            "record pulls and steps as well (`softrobot robot record --kinds pulls steps visits`)"
-        )
-    if visits.any():
-        recording = recording.part(~visits)
-    static, moving = at_rest(recording), None if recording.static else recording
+    visits = (recording.patterns == VISIT) & is_rig(robot)
+    static, moving = at_rest(recording, visits), None if recording.static else recording
+    if moving is not None and not visits.all():
+        moving = moving.part(~visits)
     found = None
     began = perf_counter()
     if static.tendons is None and static.kind != "action" and "tendons" in stages:
@@ -149,12 +144,11 @@ def identify(
             found = assigned(static, robot, lambda n: told("which column pulls what", n, 200))
             static = with_tendons(static, found)
             moving = None if moving is None else with_tendons(moving, found)
-            visited = with_tendons(visited, found)
             times["assignment"] = perf_counter() - began
     networks, began = None, perf_counter()
     if "network" in stages and visits.any():
         told("networks", 0, 1)
-        networks = networks_of(visits_of(visited, robot), seed)
+        networks = networks_of(visits_of(static, robot), seed)
         times["networks"] = perf_counter() - began
     turned = any_turn or found is not None
     began = perf_counter()

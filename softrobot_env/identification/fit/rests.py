@@ -18,7 +18,7 @@ _SAME = 1e-3  # change of a command, over its range
 FEWEST = 8
 
 
-def at_rest(recording: Recording, dithered: bool = False) -> Recording:
+def at_rest(recording: Recording, dithered: np.ndarray | None = None) -> Recording:
     """One row for each rest: the command, and markers averaged over its end.
 
     A run that begins with a motion has its first row as well, without markers.
@@ -28,14 +28,17 @@ def at_rest(recording: Recording, dithered: bool = False) -> Recording:
     which a marker still moves by more than a hundredth of its range does not count.
 
     Args:
-        recording: Of a robot that moves.
-        dithered: Whether dither took friction out before every rest, which all count then.
+        recording: Of a robot that moves, or in whose rows it rests.
+        dithered: (t,) bool, rows whose rests dither went before; none unless given. There the robot
+            is as if nothing rubbed, and each is a run of its own.
 
     Raises:
         ValueError: There are fewer than `FEWEST` of them.
     """
+    loose = np.zeros(len(recording.times), dtype=bool) if dithered is None else dithered
     if recording.static:
-        return recording
+        number = np.cumsum(np.append(False, (np.diff(recording.runs) != 0) | loose[1:]))
+        return replace(recording, runs=number, times=_since(recording.times, number))
     rows, markers, runs = [], [], []
     span = np.maximum(np.ptp(recording.commands, axis=0), 1e-12)
     reach = np.nanmax(np.ptp(_known(recording.markers), axis=0))
@@ -54,7 +57,7 @@ def at_rest(recording: Recording, dithered: bool = False) -> Recording:
         seen = _known(recording.markers[last])
         if np.nanmax(np.ptp(seen, axis=0)) > _STILL * reach + 4 * _noise(seen):
             continue
-        rows.append(last[-1])
+        rows.append(last[0])  # the last ones may begin to go on
         runs.append(recording.runs[begin])
         markers.append(recording.markers[last].mean(axis=0))
     known = sum(np.isfinite(seen).any() for seen in markers)
@@ -64,10 +67,10 @@ def at_rest(recording: Recording, dithered: bool = False) -> Recording:
             "record pulls with rests (`softrobot robot record --kinds pulls`), or say static = "
             "true in the header if it moved so slowly that every row is at rest"
         )
-    jumped = _jumps(recording, np.array(rows), span) & (not dithered)
-    number = np.cumsum(np.append(False, (np.diff(runs) != 0) | jumped))
+    jumped, apart = _jumps(recording, np.array(rows), span), loose[rows][1:]
+    number = np.cumsum(np.append(False, (np.diff(runs) != 0) | jumped | apart))
     seen = np.array(markers)
-    seen[1:][jumped] = np.nan
+    seen[1:][jumped & ~apart] = np.nan
     lost = tuple(replace(marker, may_be_lost=True) for marker in recording.header.marker)
     return Recording(
         header=replace(recording.header, static=True, marker=lost),

@@ -55,8 +55,6 @@ def test_too_few_visits_are_refused():
     pulls_too = replace(FEW, kinds=("pulls", "visits"), levels=2, rest=0.8)
     with pytest.raises(ValueError, match="need 200 points or more that were visited, got 10"):
         identified(record(None, 0, pulls_too))
-    with pytest.raises(ValueError, match="nothing but visits"):
-        identified(record(None, 0, FEW))
 
 
 def some_learnt():
