@@ -85,7 +85,7 @@ def recording_of(columns: Columns, header: Header) -> Recording:
     for k, marker in enumerate(header.marker):
         for axis, name in enumerate(marker.columns):
             if name is not None:
-                values = _numbers(columns, name, marker.may_be_lost)
+                values = _numbers(columns, name, marker.may_be_lost, _HOW_LOST)
                 marked[:, k, axis] = UNITS["length"][marker.unit] * values
     commands = np.stack([_numbers(columns, name) for name in header.commands.columns], axis=1)
     labels = columns[header.label].astype(str) if header.label else np.full(rows, "")
@@ -117,19 +117,32 @@ def _times(columns: Columns, header: Header, runs: np.ndarray) -> np.ndarray:
     return elapsed * (1.0 if header.time is None else UNITS["time"][header.time.unit])
 
 
-def _numbers(columns: Columns, name: str, may_be_lost: bool = False) -> np.ndarray:
-    """A column (t,) as finite numbers, or NaN where that may be."""
+#: Cells without a number, beside "nan", and what a header must say for them.
+_EMPTY = ("", "na", "n/a", "none", "null")
+_HOW_LOST = "; where it may be lost, its marker needs may_be_lost = true"
+
+
+def _numbers(columns: Columns, name: str, may_be_lost: bool = False, hint: str = "") -> np.ndarray:
+    """A column (t,) as finite numbers, or NaN where that may be; the hint is for empty cells."""
     values = columns[name]
     if values.dtype.kind in "US":
-        empty = {"": "nan"} if may_be_lost else {}
-        texts = [empty.get(text.strip(), text) for text in values.tolist()]
+        texts = values.tolist()
+        for row, text in enumerate(texts):
+            if text.strip().lower() in _EMPTY:
+                if not may_be_lost:
+                    raise ValueError(
+                        f"row {row + 1}: column {name!r} must be a number, got {text!r}{hint}"
+                    )
+                texts[row] = "nan"
         values = np.array([_number(text, name, row) for row, text in enumerate(texts, 1)])
     if values.dtype.kind not in "iufb":
         raise ValueError(f"column {name!r} holds no numbers")
     values = values.astype(float)
     bad = np.flatnonzero(np.isinf(values) | (np.isnan(values) & (not may_be_lost)))
     if len(bad):
-        raise ValueError(f"row {bad[0] + 1}: column {name!r} must be finite, got {values[bad[0]]}")
+        value = values[bad[0]]
+        told = hint if np.isnan(value) else ""
+        raise ValueError(f"row {bad[0] + 1}: column {name!r} must be finite, got {value}{told}")
     return values
 
 

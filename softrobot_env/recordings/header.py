@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
 from functools import cached_property
+from math import pi
 from pathlib import Path
 from typing import Any, Literal
 
@@ -22,6 +23,7 @@ UNITS: dict[str, dict[str, float]] = {
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
     "tension": {"N": 1.0, "mN": 1e-3},
     "action": {"1": 1.0},
+    "angle": {"rad": 1.0, "deg": pi / 180, "turn": 2 * pi},
 }
 
 _AXES = ("x", "y", "z")
@@ -51,15 +53,18 @@ class Commands:
         kind: "length" pulled in from the straight pose on, "tension", or "action" of an
             environment in [-1, 1].
         columns: Names.
-        unit: Of their numbers: m, cm or mm; N or mN; 1.
+        unit: Of their numbers: m, cm or mm; N or mN; 1. Of lengths also rad, deg or turn, angles
+            of servos with spools.
         tendons: The robot's tendon that each column drives; not known unless given. Actions have
             the order of the environment and no tendons.
-        factors: What each column is multiplied by: -1 where it counts what is let out, the radius
-            of a spool [m] where it holds angles [rad]; 1 unless given.
+        factors: What each column is multiplied by: -1 where it counts what is let out, one over
+            the counts of a unit where it counts; 1 unless given.
         zeros: What is added after that [m, N or 1]: what a servo pulls in, or lets out, where its
             column says zero; none unless given.
         in_force: Whether a row's command acts "from" its time to that of the next, or from the
             row before "until" its own.
+        spool_radius_m: Radius of the spools, which turns angles into lengths; with a unit of
+            angles only.
     """
 
     kind: CommandKind
@@ -69,10 +74,17 @@ class Commands:
     factors: tuple[float, ...] | None = None
     zeros: tuple[float, ...] | None = None
     in_force: Literal["from", "until"] = "from"
+    spool_radius_m: Positive | None = None
 
     def __post_init__(self) -> None:
         check_fields(self, "commands")
         check_unit("commands", self.kind, self.unit)
+        if self._by_angle != (self.spool_radius_m is not None):
+            angles = ", ".join(UNITS["angle"])
+            raise ValueError(
+                f"commands: angles ({angles}) and spool_radius_m go together, got unit "
+                f"{self.unit!r} and {'none' if self._by_angle else 'one'}"
+            )
         check_unique(list(self.columns), "commands: columns")
         if not self.columns:
             raise ValueError("commands: columns must name one column or more")
@@ -88,10 +100,15 @@ class Commands:
                 )
 
     @property
+    def _by_angle(self) -> bool:
+        return self.kind == "length" and self.unit in UNITS["angle"]
+
+    @property
     def scale(self) -> np.ndarray:
         """(n,) what columns are multiplied by to have SI units."""
         factors = self.factors or (1.0,) * len(self.columns)
-        return UNITS[self.kind][self.unit] * np.array(factors, dtype=float)
+        unit = UNITS["angle" if self._by_angle else self.kind][self.unit]
+        return unit * (self.spool_radius_m or 1.0) * np.array(factors, dtype=float)
 
     @property
     def offset(self) -> np.ndarray:
@@ -246,8 +263,9 @@ _TABLES = {"commands": Commands, "time": Time, "frame": Frame}
 
 def check_unit(what: str, kind: str, unit: str) -> None:
     """Raise ValueError unless a quantity may have a unit."""
-    if unit not in UNITS[kind]:
-        known = ", ".join(UNITS[kind])
+    known = [*UNITS[kind], *(UNITS["angle"] if kind == "length" else ())]
+    if unit not in known:
+        known = ", ".join(known)
         raise ValueError(f"{what}: unit of a {kind} must be one of {known}, got {unit!r}")
 
 

@@ -118,7 +118,8 @@ class Recording:
         if unknown and self.tendons is None:
             raise ValueError(
                 "which tendons the commands drive is not known: say it by the header's "
-                f"commands.tendons, one of {', '.join(names)} for each of {', '.join(known)}"
+                f"commands.tendons, one of {', '.join(names)} for each of {', '.join(known)}; "
+                "`softrobot identify` finds it where there are as many columns as tendons"
             )
         if unknown:
             raise ValueError(

@@ -76,6 +76,15 @@ def test_units_factors_and_frame_are_applied(tmp_path):
     assert recording.tendons == ("b", "a") and recording.static
 
 
+def test_angles_of_servos_are_lengths_by_their_spools(tmp_path):
+    header = HEADER.replace('unit = "mm"', 'unit = "deg"\nspool_radius_m = 0.02')
+    recording = read_recording(write_pair(tmp_path, header=header))
+    turned = np.radians([[-1, 10], [-2, 20], [-3, 30]])
+    assert recording.commands == pytest.approx(0.02 * turned)
+    write_recording(recording, tmp_path / "b.csv")
+    assert read_recording(tmp_path / "b.csv").commands == pytest.approx(recording.commands)
+
+
 def test_a_table_may_be_parted_by_semicolons_or_tabs_and_have_decimal_commas(tmp_path):
     usual = read_recording(write_pair(tmp_path))
     comma = TABLE.replace(",", ";").replace("100;20", "1,00e2;20,0")
@@ -117,14 +126,36 @@ def test_commands_are_put_in_the_order_of_the_robots_tendons(tmp_path):
     ("where", "old", "new", "said"),
     [
         ("table", "right,up", "left,up", "column 'right' is missing; there are stamp, what"),
-        ("table", ",110,", ",,", "row 2: column 'right' must be a number, got ''"),
+        (
+            "table",
+            ",110,",
+            ",,",
+            "row 2: column 'right' must be a number, got ''.*needs may_be_lost",
+        ),
         ("table", ",110,", ",nan,", "row 2: column 'right' must be finite, got nan"),
         ("table", ",3,120", ",inf,120", "row 3: column 's2' must be finite"),
         ("table", "0750", "0400", "row 3: times must rise, got 0.4 s after 0.5 s"),
         ("table", ",120,22", ",120", "row 3 has 5 columns instead of 6"),
         ("table", TABLE[TABLE.index("17") :], "", "no rows below the names"),
         ("table", TABLE, "", "the file is empty"),
-        ("header", 'unit = "mm"', 'unit = "inch"', "unit of a length must be one of m, cm, mm"),
+        (
+            "header",
+            'unit = "mm"',
+            'unit = "inch"',
+            "unit of a length must be one of m, cm, mm, rad",
+        ),
+        (
+            "header",
+            'unit = "mm"',
+            'unit = "deg"',
+            "spool_radius_m go together, got unit 'deg' and none",
+        ),
+        (
+            "header",
+            "factors",
+            "spool_radius_m = 0.01\nfactors",
+            "go together, got unit 'mm' and one",
+        ),
         ("header", 'unit = "cm"', 'unit = "inch"', "marker: unit must be one of 'm', 'cm', 'mm'"),
         ("header", '"ms"', '"h"', "time: unit must be one of 's', 'ms', 'us', 'ns', got 'h'"),
         ("header", '"length"', '"angle"', "kind must be one of 'length', 'tension', 'action'"),

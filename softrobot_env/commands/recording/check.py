@@ -77,7 +77,7 @@ def _ranges(recording: Recording, summary: Summary) -> PlainTable:
     head = recording.header
     table = new_table("Ranges", ("column", "drives"), ("from", "to", "unit"))
     drives = head.commands.tendons or ("",) * len(head.commands.columns)
-    unit = head.commands.unit
+    unit = "mm" if head.commands.unit in UNITS["angle"] else head.commands.unit
     size = UNITS[recording.kind][unit]
     rows = zip(head.commands.columns, drives, summary.command_range, strict=True)
     for name, tendon, (low, high) in rows:
