@@ -57,8 +57,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--any-turn",
         action="store_true",
-        help="the recording's frame may be turned by any angle about the robot's axis, as it may "
-        "anyway where the columns' tendons are not known",
+        help="the recording's frame may be anywhere and turned in any way; about the robot's axis "
+        "it may be turned anyway where the columns' tendons are not known",
     )
     parser.add_argument(
         "--no-validation", action="store_true", help="skip the cross-validation, half of the time"

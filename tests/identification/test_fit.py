@@ -179,6 +179,34 @@ def test_backlash_is_found_where_tendons_do_not_rub():
     assert np.abs((there - back) / 2e-5 - slope).max() < 1e-5 * np.abs(slope).max() + 1e-9
 
 
+def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
+    robot = ROBOTS["silicone_rod"]
+    names = tuple(t.name for t in robot.tendons)
+    rows = np.concatenate([np.outer((0.3, 0.7, 1.0, 0.5), unit) for unit in np.eye(3)]) * 8e-3
+    header = Header(Commands("length", names, "m", names), (Marker("x", "y", "z"),), rate_Hz=1.0)
+    times, labels = np.arange(len(rows)) * 1.0, np.full(len(rows), "")
+    nowhere, one = np.zeros((len(rows), 1, 3)), np.zeros(len(rows), dtype=int)
+    blank = Recording(replace(header, static=True), times, rows, nowhere, labels, one)
+    seen = replay(blank, robot).simulated
+    frame = Frame(turn_deg=(40, -100, 70), shift_m=(1.2, -0.4, 0.7))
+    signs = np.array([1, -1, 1])
+    recording = replace(blank, markers=frame.to_recorded(seen), commands=rows * signs)
+    found = identify(recording, robot, ("frame", "tendons"), any_turn=True, validate=False)
+    assert found.header.commands.factors == (1, -1, 1)
+    assert found.header.frame.rotation == pytest.approx(frame.rotation, abs=0.02)
+    assert size(found.fit.simulated.error) < 3e-4
+    assert f"column {names[1]} counts what is let out" in found.doubts[0]
+    with pytest.raises(ValueError, match=r"marker 1 is usually .* mm from the clamp.*--any-turn"):
+        identify(recording, robot, validate=False)
+    # A header that says factors is believed, and doubted.
+    commands = replace(header.commands, factors=(1.0, 1.0, 1.0))
+    said = replace(blank, header=replace(blank.header, commands=commands), markers=seen)
+    said = replace(said, commands=rows * signs)
+    wrong = identify(said, robot, ("geometry",), validate=False)
+    told = f"column {names[1]} seems to count the other way (commands.factors)"
+    assert any(told in doubt for doubt in wrong.doubts)
+
+
 def test_facts_are_weighed_against_the_file_as_bayes_says():
     unknowns = Unknowns((Group("a", "statics", ("1", "2"), 0.3, "log", 0.4),))
     weights = unknowns.common("a")
@@ -229,7 +257,7 @@ def test_columns_in_another_order_and_a_turned_frame_are_told_apart():
     assert [(a - b) % 3 for a, b in zip(places, order, strict=True)] == [(places[0] - 2) % 3] * 3
     third = 2 * np.pi / 3 * ((places[0] - 2) % 3)
     assert np.cos(found.turn - turn - third) == pytest.approx(1, abs=1e-4)
-    assert found.sign == 1 and found.rms < 2e-3 < found.second
+    assert found.signs == (1, 1, 1) and found.rms < 2e-3 < found.second
     with using(Workers(2)):
         assert assigned(unknown, robot) == found
 

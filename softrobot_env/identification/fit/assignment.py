@@ -6,7 +6,7 @@ Begun at every turn with the assignment that fits how the markers move when colu
 best of them columns change places until nothing helps.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from functools import partial
@@ -15,7 +15,7 @@ from itertools import combinations, permutations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
-from softrobot_env.identification.fit.model import StaticModel
+from softrobot_env.identification.fit.model import StaticModel, rotation, turn_vector
 from softrobot_env.processes import chosen_processes
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
@@ -25,9 +25,11 @@ _KEPT = 3  # assignments that are improved
 _ROWS = 160
 _SWEEPS = 4
 _PIECES = 3
+_CLEARLY = 0.8  # of the error that a change of what the header says has to leave at most
+_OUTLIERS = 0.1  # share of the markers that do not count for a frame
 
-#: An assignment: the tendon of each column, and the sign of all.
-_Case = tuple[tuple[int, ...], float]
+#: An assignment: the tendon of each column, and the sign of each.
+_Case = tuple[tuple[int, ...], tuple[float, ...]]
 
 _TOGETHER = 4  # simulated in one job
 
@@ -41,7 +43,7 @@ class Assignment:
 
     Attributes:
         tendons: The robot's tendon of each column.
-        sign: Of all columns: -1 where they count what is let out.
+        signs: Of each column: -1 where it counts what is let out.
         turn: [rad] of the recording about the robot's axis.
         rms: [m] of what is left, the turn and a shift apart, for the robot as its file says.
         second: [m], of the best other assignment that was tried.
@@ -49,20 +51,27 @@ class Assignment:
     """
 
     tendons: tuple[str, ...]
-    sign: float
+    signs: tuple[float, ...]
     turn: float
     rms: float
     second: float
     tried: int
 
 
-def assigned(recording: Recording, robot: RobotParams, show: Show | None = None) -> Assignment:
+def assigned(
+    recording: Recording,
+    robot: RobotParams,
+    show: Show | None = None,
+    *,
+    any_way: bool = False,
+) -> Assignment:
     """Find the assignment; in processes if they were chosen by `processes.using`.
 
     Args:
         recording: With as many columns of lengths or tensions as the robot has tendons.
         robot: As its file says.
         show: Told from time to time.
+        any_way: Whether the recording may be turned in any way, not about the axis alone.
 
     Raises:
         ValueError: Columns and tendons are not equally many, or a marker's x, y or z was not
@@ -81,16 +90,61 @@ def assigned(recording: Recording, robot: RobotParams, show: Show | None = None)
             "it by the header's commands.tendons"
         )
     with chosen_processes() as pool:
-        return _Search(recording, robot, show, pool).best()
+        return _Search(recording, robot, show, pool, any_way).best()
+
+
+def sided(recording: Recording, robot: RobotParams, *, any_way: bool = False) -> tuple[float, ...]:
+    """Signs of the columns whose tendons are known: -1 where one counts what is let out.
+
+    A column has another sign than the rest where that leaves far less, for the robot as its file
+    says. Arguments as of `assigned`.
+    """
+    names = [t.name for t in robot.tendons]
+    known = recording.tendons or recording.header.commands.columns
+    order = tuple(names.index(name) for name in known)
+    return _Search(recording, robot, None, None, any_way).sides(order)
+
+
+def doubted(recording: Recording, robot: RobotParams) -> str | None:
+    """What leaves far less than what the header says of a column, in a line; None if nothing does.
+
+    Tried are another sign or tendon of a column, and one that pulls nothing.
+
+    Args:
+        recording: Of known tendons, in the frame that was found.
+        robot: That was found.
+    """
+    names, columns = [t.name for t in robot.tendons], recording.header.commands.columns
+    order = tuple(names.index(name) for name in recording.tendons or columns)
+    (other, signs), share = _Search(recording, robot, None, None, False).other(order)
+    if share > _CLEARLY:
+        return None
+    told = []
+    for column, was, k, sign in zip(columns, order, other, signs, strict=True):
+        if sign == 0:
+            told.append(f"column {column} seems to pull nothing")
+        elif sign < 0:
+            told.append(f"column {column} seems to count the other way (commands.factors)")
+        elif k != was:
+            told.append(f"column {column} seems to pull {names[k]} (commands.tendons)")
+    return f"{', '.join(told)}: friction apart, that would leave {share:.0%} of the error"
 
 
 def with_tendons(recording: Recording, found: Assignment) -> Recording:
     """The recording with what was found in its header; its numbers are those of the columns."""
-    commands = recording.header.commands
-    factors = np.array(commands.factors or (1.0,) * len(commands.columns)) * found.sign
-    commands = replace(commands, tendons=found.tendons, factors=tuple(factors.tolist()))
+    commands = replace(recording.header.commands, tendons=found.tendons)
+    return with_signs(
+        replace(recording, header=replace(recording.header, commands=commands)), found.signs
+    )
+
+
+def with_signs(recording: Recording, signs: Sequence[float]) -> Recording:
+    """The recording with columns (n,) times signs, in its header and its numbers."""
+    commands, signs = recording.header.commands, np.array(signs)
+    factors = np.array(commands.factors or (1.0,) * len(commands.columns)) * signs
+    commands = replace(commands, factors=tuple(factors.tolist()))
     header = replace(recording.header, commands=commands)
-    return replace(recording, header=header, commands=recording.commands * found.sign)
+    return replace(recording, header=header, commands=recording.commands * signs)
 
 
 class _Search:
@@ -100,8 +154,9 @@ class _Search:
         robot: RobotParams,
         show: Show | None,
         pool: Executor | None,
+        any_way: bool,
     ) -> None:
-        self._pool = pool
+        self._pool, self._any_way = pool, any_way
         rows = np.unique(np.linspace(0, len(recording.times) - 1, _ROWS).astype(int))
         self._whole, self._robot, self._show = recording, robot, show
         self._part = recording.part(rows)
@@ -109,18 +164,69 @@ class _Search:
         self._seen: dict[_Case, tuple[float, float]] = {}
 
     def best(self) -> Assignment:
-        starts = {(order, sign) for sign in self._signs() for order in self._first(sign)}
+        count = len(self._names)
+        starts = {(order, (sign,) * count) for sign in self._signs() for order in self._first(sign)}
         self._look_at(starts)
         ranked = sorted(starts, key=lambda start: self._rms(*start)[0])
         for start in ranked[:_KEPT]:
             self._improve(*start)
-        order = sorted(self._seen, key=lambda key: self._seen[key][0])
-        columns, sign = order[0]
-        rms, turn = self._seen[columns, sign]
+        columns, signs = self._best()
+        if len(self._signs()) > 1:
+            for _ in range(len(columns)):
+                around = self._flipped(columns, signs)
+                self._look_at(around)
+                other = min(around, key=lambda case: self._rms(*case)[0])
+                if self._rms(*other)[0] > _CLEARLY * self._rms(columns, signs)[0]:
+                    break
+                self._improve(*other)
+                columns, signs = self._best()
+        rms, turn = self._seen[columns, signs]
         # Tendons of all sections turned on by their distance are the same in another frame.
         others = [found[0] for found in self._seen.values() if found[0] > rms * (1 + 1e-6)]
         names = tuple(self._names[k] for k in columns)
-        return Assignment(names, sign, turn, rms, min(others, default=rms), len(self._seen))
+        return Assignment(names, signs, turn, rms, min(others, default=rms), len(self._seen))
+
+    def sides(self, order: tuple[int, ...]) -> tuple[float, ...]:
+        """The signs of an order: all alike, but for those that leave a share less by themselves."""
+        tried = [(order, (sign,) * len(order)) for sign in self._signs()]
+        best = tried[0]
+        while len(tried) > 1:
+            around = [*tried[1:], *((order, flip) for flip in _flips(best[1]))]
+            self._look_at(around)
+            other = min(around, key=lambda case: self._rms(*case)[0])
+            if self._rms(*other)[0] > _CLEARLY * self._rms(*best)[0]:
+                break
+            best = other
+        return best[1]
+
+    def other(self, order: tuple[int, ...]) -> tuple[_Case, float]:
+        """The best case beside an order: a sign or tendon changed, or a column that does nothing.
+
+        And the error that it leaves, over what the order leaves.
+        """
+        here = (1.0,) * len(order)
+        none = [tuple(0.0 if i == k else 1.0 for i in range(len(order))) for k in range(len(order))]
+        flips = [] if self._whole.kind == "tension" else _flips(here)
+        around: list[_Case] = [(order, signs) for signs in [*flips, *none]]
+        around += [(other, here) for other in self._neighbours(order)]
+        self._look_at(around)
+        best = min(around, key=lambda case: self._rms(*case)[0])
+        return best, self._rms(*best)[0] / max(self._rms(order, here)[0], 1e-12)
+
+    def _best(self) -> _Case:
+        return min(self._seen, key=lambda case: self._seen[case][0])
+
+    def _flipped(self, order: tuple[int, ...], signs: tuple[float, ...]) -> list[_Case]:
+        """One column of another sign, also with its tendon changed for any other."""
+        found = [(order, flip) for flip in _flips(signs)]
+        for i in range(len(order)):
+            for j in range(len(order)):
+                if i != j:
+                    other, flip = list(order), list(signs)
+                    other[i], other[j] = other[j], other[i]
+                    flip[i] *= -1
+                    found.append((tuple(other), tuple(flip)))
+        return found
 
     def _signs(self) -> tuple[float, ...]:
         given = self._whole.header.commands.factors is not None
@@ -159,13 +265,13 @@ class _Search:
             square + 1e-2 * np.trace(square) / len(square) * np.eye(len(square)), change.T @ moved
         )
 
-    def _improve(self, order: tuple[int, ...], sign: float) -> None:
+    def _improve(self, order: tuple[int, ...], signs: tuple[float, ...]) -> None:
         for _ in range(_SWEEPS):
-            before = self._rms(order, sign)[0]
+            before = self._rms(order, signs)[0]
             around = self._neighbours(order)
-            self._look_at((other, sign) for other in around)
-            best = min(around, key=lambda other: self._rms(other, sign)[0])
-            if self._rms(best, sign)[0] >= before:
+            self._look_at((other, signs) for other in around)
+            best = min(around, key=lambda other: self._rms(other, signs)[0])
+            if self._rms(best, signs)[0] >= before:
                 return
             order = best
 
@@ -192,46 +298,82 @@ class _Search:
                 found.append(tuple(swap[k] for k in order))
         return [one for one in dict.fromkeys(found) if one != order]
 
-    def _rms(self, order: tuple[int, ...], sign: float) -> tuple[float, float]:
-        self._look_at([(order, sign)])
-        return self._seen[order, sign]
+    def _rms(self, order: tuple[int, ...], signs: tuple[float, ...]) -> tuple[float, float]:
+        self._look_at([(order, signs)])
+        return self._seen[order, signs]
 
     def _look_at(self, cases: Iterable[_Case]) -> None:
         """Simulate what has not been, several at a time if there are processes."""
         new = [case for case in cases if case not in self._seen]
         each, size = (map, 1) if self._pool is None else (self._pool.map, _TOGETHER)
         parts = [new[k : k + size] for k in range(0, len(new), size)]
-        simulated = partial(_simulated, self._robot, self._part, self._names)
+        simulated = partial(_simulated, self._robot, self._part, self._names, self._any_way)
         for part, found in zip(parts, each(simulated, parts), strict=True):
             self._seen.update(zip(part, found, strict=True))
             if self._show is not None:
                 self._show(len(self._seen))
 
 
+def _flips(signs: tuple[float, ...]) -> list[tuple[float, ...]]:
+    """Signs of which one is another."""
+    return [tuple(-s if i == k else s for i, s in enumerate(signs)) for k in range(len(signs))]
+
+
 def _simulated(
-    robot: RobotParams, recording: Recording, names: list[str], cases: list[_Case]
+    robot: RobotParams,
+    recording: Recording,
+    names: list[str],
+    any_way: bool,
+    cases: list[_Case],
 ) -> list[tuple[float, float]]:
-    """RMS [m] and turn [rad] of assignments, for the robot as its file says."""
+    """RMS [m] and turn about z [rad] of assignments, for the robot as its file says."""
     found = []
-    for order, sign in cases:
+    for order, signs in cases:
         commands = replace(recording.header.commands, tendons=tuple(names[k] for k in order))
         header = replace(recording.header, commands=commands)
-        part = replace(recording, header=header, commands=sign * recording.commands)
+        part = replace(recording, header=header, commands=np.array(signs) * recording.commands)
         model = StaticModel(robot, part, pieces=_PIECES)
         moved = model.simulate(np.zeros(len(model.unknowns.spread)), rubs=False)
-        found.append(_aligned(moved.markers, model.points))
+        rms, turn, _ = aligned(moved.markers, model.points, any_way)
+        found.append((rms, float(turn[2])))
     return found
 
 
-def _aligned(simulated: np.ndarray, recorded: np.ndarray) -> tuple[float, float]:
-    """RMS [m] after the best turn about z and shift, and that turn [rad] of what was recorded."""
-    known = np.isfinite(recorded).all(axis=-1)
-    a, b = simulated[known], recorded[known]
-    a, b = a - a.mean(axis=0), b - b.mean(axis=0)
-    dot = np.sum(a[:, :2] * b[:, :2])
-    cross = np.sum(b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0])
-    turn = float(np.arctan2(cross, dot))
-    c, s = np.cos(turn), np.sin(turn)
-    turned = b.copy()
-    turned[:, :2] = b[:, :2] @ np.array([[c, s], [-s, c]])
-    return float(np.sqrt(np.mean(np.sum((a - turned) ** 2, axis=-1)))), turn
+def aligned(
+    simulated: np.ndarray, recorded: np.ndarray, any_way: bool
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """How well recorded markers (t, k, 3) [m] fit simulated ones in the frame that fits best.
+
+    A tenth of them that is farthest off does not count for the frame.
+
+    Args:
+        simulated, recorded: Markers along the robot's axes.
+        any_way: Whether they may be turned in any way, not about z alone.
+
+    Returns:
+        RMS [m], and rotation vector (3,) [rad] and shift (3,) [m] of what was recorded. Where a
+        coordinate was never measured nothing is turned.
+    """
+    measured = ~np.isnan(recorded).all(axis=(0, 1))
+    known = np.isfinite(recorded[..., measured]).all(axis=-1)
+    a, b = simulated[known], np.where(measured, recorded[known], simulated[known])
+    used = np.ones(len(a), bool)
+    for _ in range(3):
+        here, there = a[used].mean(axis=0), b[used].mean(axis=0)
+        turn = np.eye(3)
+        if measured.all():
+            turn = _best_turn(a[used] - here, b[used] - there, any_way)
+        left = np.linalg.norm(a - here - (b - there) @ turn.T, axis=1)
+        used = left <= np.quantile(left, 1 - _OUTLIERS)
+    return float(np.sqrt(np.mean(left**2))), turn_vector(turn), here - turn @ there
+
+
+def _best_turn(a: np.ndarray, b: np.ndarray, any_way: bool) -> np.ndarray:
+    """(3, 3) rotation of b (n, 3) that comes nearest to a (Kabsch), or the best one about z."""
+    if not any_way:
+        dot = np.sum(a[:, :2] * b[:, :2])
+        cross = np.sum(b[:, 0] * a[:, 1] - b[:, 1] * a[:, 0])
+        return rotation(np.array([0.0, 0.0, np.arctan2(cross, dot)]))
+    left, _, right = np.linalg.svd(a.T @ b)
+    side = np.sign(np.linalg.det(left @ right))
+    return left @ np.diag([1.0, 1.0, side]) @ right

@@ -21,6 +21,7 @@ from softrobot_env.identification.fit.kernels import (
     scratch,
 )
 from softrobot_env.identification.fit.unknowns import (
+    Turned,
     Unknowns,
     groups,
     start_bending_friction,
@@ -80,7 +81,7 @@ class StaticModel:
         self,
         robot: RobotParams,
         recording: Recording,
-        turned: bool = False,
+        turned: Turned = "as said",
         pieces: int | None = None,
         known: Sequence[str] = (),
     ) -> None:
@@ -89,7 +90,7 @@ class StaticModel:
         Args:
             robot: As its file says.
             recording: Of rows at rest, with known tendons.
-            turned: Whether the recording's axes may be turned about the robot's by any angle.
+            turned: How the recording's axes may be turned against the robot's.
             pieces: At least, in all; six, and two between ends of sections or tendons, unless
                 given.
             known: Kinds of parameters that the file says exactly. Friction and backlash are
@@ -352,6 +353,12 @@ class StaticModel:
     def _moves_frame(self, index: int) -> bool:
         places = [self.unknowns.place(name) for name in ("frame_turn", "frame_shift")]
         return any(p is not None and p.start <= index < p.stop for p in places)
+
+    def place_frame(self, x: np.ndarray, vector: np.ndarray, shift: np.ndarray) -> None:
+        """Set parameters x (p,) of the frame: rotation vector (3,) [rad] and shift (3,) [m]."""
+        axes = [0, 1, 2] if self.spatial else [0, 2]
+        x[self.unknowns.place("frame_turn")] = vector if self.spatial else vector[1:2]
+        x[self.unknowns.place("frame_shift")] = shift[axes]
 
     def _placed(self, x: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Recorded points (t, k, 3) along the robot's axes."""

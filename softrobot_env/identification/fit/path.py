@@ -1,13 +1,21 @@
 """The path from a recording to a robot: stages, one after the other, and what they leave open."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from time import perf_counter
 
 import numpy as np
 
 from softrobot_env.control.feedforward.policies import is_rig
-from softrobot_env.identification.fit.assignment import Assignment, assigned, with_tendons
+from softrobot_env.identification.fit.assignment import (
+    Assignment,
+    aligned,
+    assigned,
+    doubted,
+    sided,
+    with_signs,
+    with_tendons,
+)
 from softrobot_env.identification.fit.dynamics import Dynamics, dynamics_of
 from softrobot_env.identification.fit.experiment import Experiment, best_experiments
 from softrobot_env.identification.fit.least_squares import (
@@ -23,13 +31,22 @@ from softrobot_env.identification.fit.least_squares import (
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import Residual, bends_of, trained
 from softrobot_env.identification.fit.rests import at_rest
-from softrobot_env.identification.fit.unknowns import HOLDS, LAGS, RUBS, STAGES, Fact, Unknowns
+from softrobot_env.identification.fit.unknowns import (
+    HOLDS,
+    LAGS,
+    RUBS,
+    STAGES,
+    Fact,
+    Turned,
+    Unknowns,
+)
 from softrobot_env.identification.fit.validation import (
     Validation,
     cross_validated,
     pattern_numbers,
 )
 from softrobot_env.identification.networks import Networks, networks_of
+from softrobot_env.identification.replay.simulation import mean_known
 from softrobot_env.identification.visits import VISIT, visits_of
 from softrobot_env.processes import chosen_processes
 from softrobot_env.recordings import Header, Recording
@@ -41,6 +58,12 @@ Show = Callable[[str, int, int], None]
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
 _FITS = 25  # steps shown as all
 _LEAST_KEPT = 0.02  # rad, of a bend that friction of a backbone keeps
+_POOR = 0.3  # of the markers' motion, of which errors say that the robot explains little
+_SMALL = 0.03  # of it, below which nothing is doubted
+_BETTER = 0.8  # of the error, that another frame has to leave at most
+_TURNED = 15.0  # degrees, of a frame that is another one
+_UNLIKELY = 3.0  # standard deviations of the prior, beyond which a change is told
+_FAR = 1.3  # times the robot's reach, beyond which no marker can usually be
 _STARTS = (-0.7, 0.7)  # further ones, of the logarithm of the stiffness
 
 
@@ -62,6 +85,7 @@ class Identification:
         dynamics: None of a recording at rest.
         experiments: What would tell more, best first.
         networks: Of its statics; None without visits.
+        doubts: Why the result may be wrong, a line each.
         times: [s] that each part took.
     """
 
@@ -79,6 +103,7 @@ class Identification:
     dynamics: Dynamics | None
     experiments: tuple[Experiment, ...]
     networks: Networks | None = None
+    doubts: tuple[str, ...] = ()
     times: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -121,8 +146,8 @@ def identify(
         robot: As its file says.
         stages: Out of `STAGES`; what the others would find stays as the file says.
         known: Kinds of parameters that the file says exactly, such as "mass".
-        any_turn: Whether the recording's frame may be turned by any angle about the robot's axis,
-            as it is where columns' tendons are not known.
+        any_turn: Whether the recording's frame may be anywhere, turned in any way. About the
+            robot's axis it may be turned anyway where columns' tendons are not known.
         validate: Whether to cross-validate.
         seed: Of the networks.
         show: Told about the progress.
@@ -136,21 +161,35 @@ def identify(
     static, moving = at_rest(recording, visits), None if recording.static else recording
     if moving is not None and not visits.all():
         moving = moving.part(~visits)
+    if not any_turn:
+        _check_place(static, robot)
     found = None
     began = perf_counter()
     if static.tendons is None and static.kind != "action" and "tendons" in stages:
         names = {t.name for t in robot.tendons}
         if not set(static.header.commands.columns) <= names:
-            found = assigned(static, robot, lambda n: told("which column pulls what", n, 200))
+            found = assigned(
+                static,
+                robot,
+                lambda n: told("which column pulls what", n, 200),
+                any_way=any_turn,
+            )
             static = with_tendons(static, found)
             moving = None if moving is None else with_tendons(moving, found)
             times["assignment"] = perf_counter() - began
+    if found is None and static.kind == "length" and "tendons" in stages:
+        signs = sided(static, robot, any_way=any_turn)
+        if min(signs) < 0:
+            static = with_signs(static, signs)
+            moving = None if moving is None else with_signs(moving, signs)
     networks, began = None, perf_counter()
     if "network" in stages and visits.any():
         told("networks", 0, 1)
         networks = networks_of(visits_of(static, robot), seed)
         times["networks"] = perf_counter() - began
-    turned = any_turn or found is not None
+    turned: Turned = "as said" if found is None else "about the axis"
+    if any_turn:
+        turned = "any way"
     began = perf_counter()
     model, fit, filed = _statics(
         robot, static, stages, known, turned, 0.0 if found is None else found.turn, told
@@ -199,6 +238,9 @@ def identify(
     began = perf_counter()
     experiments = best_experiments(model, fit)
     times["experiments"] = perf_counter() - began
+    began = perf_counter()
+    doubts = tuple(_doubts(model, fit, recording))
+    times["doubts"] = perf_counter() - began
     return Identification(
         robot=_named(model, fit) if dynamics is None else dynamics.robot,
         header=header,
@@ -214,8 +256,44 @@ def identify(
         dynamics=dynamics,
         experiments=tuple(experiments),
         networks=networks,
+        doubts=doubts,
         times=times,
     )
+
+
+def _doubts(model: StaticModel, fit: Fit, recording: Recording) -> Iterator[str]:
+    """Why what was found may be wrong, a line each."""
+    static, error = model.recording, fit.simulated.error
+    left, moved = size(error), size(model.points - mean_known(model.points))
+    if left > _POOR * moved:
+        yield (
+            f"errors of {1e3 * left:.3g} mm are {left / moved:.0%} of what the markers move: the "
+            "robot found explains little of the recording"
+        )
+    lost = int(np.sum(~fit.simulated.found))
+    if lost:
+        yield f"{lost} of {len(error)} rows have no equilibrium that was found"
+    given, signed = recording.header.commands.factors, static.header.commands.factors
+    for k, column in enumerate(static.header.commands.columns):
+        if given is None and signed is not None and signed[k] < 0:
+            yield f"column {column} counts what is let out (found; the header says no factors)"
+    if static.kind != "action" and left > _SMALL * moved:
+        placed_here = placed(static, model.header_of(fit.x, static.header))
+        other = doubted(placed_here, model.robot_of(fit.x))
+        if other is not None:
+            yield other
+    if left > _SMALL * moved:
+        rms, vector, _ = aligned(fit.simulated.markers, fit.simulated.markers - error, any_way=True)
+        turn = np.degrees(np.linalg.norm(vector))
+        if rms < _BETTER * left and turn > _TURNED:
+            yield (
+                f"turned by {turn:.0f} degrees the recording would leave {rms / left:.0%} of the "
+                "error: look at the header's frame, or let --any-turn find it"
+            )
+    free, spread = fit.free, model.unknowns.spread
+    for label, change, own, is_free in zip(model.unknowns.labels, fit.x, spread, free, strict=True):
+        if is_free and abs(change) > _UNLIKELY * own and not label.startswith("frame_"):
+            yield f"{label} is {abs(change) / own:.1f} times as far from the file as is usual"
 
 
 def _named(model: StaticModel, fit: Fit) -> RobotParams:
@@ -310,6 +388,20 @@ def _common(unknowns: Unknowns, fit: Fit, name: str) -> float:
     return float(np.sqrt(part.mean()))
 
 
+def _check_place(recording: Recording, robot: RobotParams) -> None:
+    """Raise ValueError if a marker is mostly where the robot cannot have it."""
+    clamp = np.zeros(3) if robot.base is None else np.array(robot.base.position)
+    for k, places in enumerate(recording.markers.swapaxes(0, 1), 1):
+        away = np.sqrt(np.nansum((places - clamp) ** 2, axis=1))
+        far = float(np.median(away[~np.isnan(places).all(axis=1)])) if places.size else 0.0
+        if far > _FAR * robot.reach:
+            raise ValueError(
+                f"marker {k} is usually {1e3 * far:.4g} mm from the clamp, the robot reaches "
+                f"{1e3 * robot.reach:.4g} mm: look at the header's units and frame, or let "
+                "--any-turn find the frame"
+            )
+
+
 def _free(model: StaticModel, stages: Sequence[str], known: Sequence[str]) -> np.ndarray:
     """(p,) bool: parameters of the stages, but turns of points that were not wholly measured.
 
@@ -335,7 +427,7 @@ def _statics(
     static: Recording,
     stages: Sequence[str],
     known: Sequence[str],
-    turned: bool,
+    turned: Turned,
     turn: float,
     show: Show,
 ) -> tuple[StaticModel, Fit, list[str]]:
@@ -351,7 +443,11 @@ def _statics(
         model = StaticModel(robot, static, turned, known=held)
         free, x = _free(model, stages, known), np.zeros(len(model.unknowns.spread))
         free[model.unknowns.place(HOLDS)] &= HOLDS not in held
-        if turn:
+        if turned == "any way":
+            seen = model.simulate(x, rubs=False).markers
+            _, vector, shift = aligned(seen, model.points, any_way=True)
+            model.place_frame(x, vector, shift)
+        elif turn:
             x[model.unknowns.place("frame_turn").stop - 1] = turn
         return model, _fitted(model, x, free, lambda n, _: show(what, min(n, _FITS), _FITS))
 

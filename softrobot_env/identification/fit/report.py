@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from rich.console import Group
+from rich.text import Text
 
 from softrobot_env.identification.fit.least_squares import NORMAL_95, size
 from softrobot_env.identification.fit.path import Identification
@@ -107,6 +108,13 @@ class ExperimentRow:
     after: float
 
 
+@dataclass(frozen=True)
+class DoubtRow:
+    """Why the result may be wrong."""
+
+    doubt: str
+
+
 def parameter_rows(found: Identification) -> list[ParameterRow]:
     """All parameters."""
     rows, unknowns, dynamics = [], found.unknowns, found.dynamics
@@ -202,6 +210,7 @@ def report_rows(found: Identification, chain: ErrorRow | None) -> list[dict[str,
         ("parameter", parameter_rows(found)),
         ("not told", [UnknownRow(str(c), c.information) for c in found.combinations]),
         ("experiment", _experiments(found)),
+        ("doubt", [DoubtRow(text) for text in found.doubts]),
     ]
     return [{"kind": kind} | asdict(row) for kind, rows in kinds for row in rows]
 
@@ -256,6 +265,7 @@ def tables(found: Identification, chain: ErrorRow | None, whole: bool) -> Group:
         facts["networks, rms of points to test"] = ", ".join(errors)
     parts: list[Any] = [
         named_values(found.believed.name, facts),
+        *(Text(f"Look at: {doubt}", style="bold") for doubt in found.doubts),
         make_table("Errors", _ERRORS, general, caption="centred: mean offset removed"),
         make_table("Parameters, as changes of the file's", _PARAMETERS, _shown(found, whole)),
     ]

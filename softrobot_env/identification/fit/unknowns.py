@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import radians
+from typing import Literal
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -25,6 +26,10 @@ HOLDS = "bending_friction"
 #: All kinds that a model has some of unless they are known to be as the file says.
 RUBS = (*LAGS, HOLDS)
 
+#: How the recording's frame may be turned, beyond what a careful hand leaves open.
+Turned = Literal["as said", "about the axis", "any way"]
+
+_ANY = 3.0  # rad, of a turn that may be any
 _BEND = 0.1  # rad, by which the zero of a servo may bend a robot
 _HOLD = 0.06  # rad, by which friction of the backbone may keep a robot bent
 _PLAY = 0.003  # half of a backlash that is usual, over the recorded range of commands
@@ -71,14 +76,14 @@ class Group:
 
 
 def groups(
-    robot: RobotParams, recording: Recording, *, turned: bool, spatial: bool, by_length: bool
+    robot: RobotParams, recording: Recording, *, turned: Turned, spatial: bool, by_length: bool
 ) -> list[Group]:
     """The unknowns of a robot and a recording of it.
 
     Args:
         robot: As its file says.
         recording: Of it.
-        turned: Whether the recording's axes may be turned about the robot's.
+        turned: How the recording's axes may be turned; in any way, they may be anywhere as well.
         spatial: Whether the robot leaves its plane.
         by_length: Whether the recording's commands are lengths.
     """
@@ -86,12 +91,14 @@ def groups(
     sections = tuple(f"section {k + 1}" for k in range(len(robot.backbone.sections)))
     markers = [f"marker {k + 1}" for k in range(len(recording.header.marker))]
     axes, turns = ("x", "y", "z") if spatial else ("x", "z"), ("x", "y", "z") if spatial else ("y",)
-    loose = 3.0 if turned else radians(2)
-    about = [loose if axis == "z" else radians(3) for axis in turns]
+    loose, tilt = (radians(2) if turned == "as said" else _ANY), radians(3)
+    about = [loose if axis == "z" else _ANY if turned == "any way" else tilt for axis in turns]
     size = robot.length
+    away = float(np.nanmax(np.abs(recording.markers), initial=size))
+    shift = away if turned == "any way" else 0.03 * size
     found = [
         Group("frame_turn", "frame", turns, tuple(about), "rad"),
-        Group("frame_shift", "frame", axes, 0.03 * size, "m"),
+        Group("frame_shift", "frame", axes, shift, "m"),
         Group(
             "marker_offset",
             "frame",

@@ -13,6 +13,7 @@ import numpy as np
 from softrobot_env.identification.fit.least_squares import Weights, search, size
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.residual import bends_of, trained
+from softrobot_env.identification.fit.unknowns import Turned
 from softrobot_env.identification.replay.simulation import mean_known
 from softrobot_env.processes import worker_processes
 from softrobot_env.recordings import Recording
@@ -67,7 +68,7 @@ def blocks_of(patterns: np.ndarray, scheme: Scheme) -> np.ndarray:
 def cross_validated(
     robot: RobotParams,
     recording: Recording,
-    turned: bool,
+    turned: Turned,
     known: Sequence[str],
     x: np.ndarray,
     free: np.ndarray,
@@ -112,7 +113,7 @@ def cross_validated(
 def _without(
     robot: RobotParams,
     recording: Recording,
-    turned: bool,
+    turned: Turned,
     known: Sequence[str],
     x: np.ndarray,
     free: np.ndarray,
