@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from math import pi
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,7 +14,12 @@ from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.identification.fit import path
 from softrobot_env.identification.fit.assignment import assigned
 from softrobot_env.identification.fit.dynamics import windows_of
-from softrobot_env.identification.fit.least_squares import NORMAL_95, clustered, size
+from softrobot_env.identification.fit.least_squares import (
+    NORMAL_95,
+    clustered,
+    size,
+    weights_of,
+)
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.path import identify, placed
 from softrobot_env.identification.fit.report import write_files
@@ -205,6 +211,22 @@ def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
     wrong = identify(said, robot, ("geometry",), validate=False)
     told = f"column {names[1]} seems to count the other way (commands.factors)"
     assert any(told in doubt for doubt in wrong.doubts)
+
+
+def test_outliers_do_not_hide_how_long_residuals_last():
+    rng = np.random.default_rng(0)
+    slow = np.convolve(rng.standard_normal(1200), np.ones(12) / np.sqrt(12))[:1000]
+    error = 1e-3 * np.tile(slow[:, None, None], (1, 1, 3))
+    spoiled = error.copy()
+    spoiled[::50] += 0.08 * rng.standard_normal((20, 1, 3))
+    model = SimpleNamespace(recording=SimpleNamespace(runs=np.zeros(1000, dtype=int)))
+    clean, other = (
+        weights_of(SimpleNamespace(simulated=SimpleNamespace(error=e)), model)
+        for e in (error, spoiled)
+    )
+    assert 8 < clean.correlation < 16
+    assert other.correlation > 0.75 * clean.correlation
+    assert other.scale < 1.3 * clean.scale
 
 
 def test_facts_are_weighed_against_the_file_as_bayes_says():

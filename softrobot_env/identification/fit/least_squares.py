@@ -18,6 +18,7 @@ _STEPS = 25
 _LEAST = 1e-4  # relative decrease of the cost at which a search ends
 _ROUGH = 3e-3  # of searches whose weights change afterwards
 _DAMPING = 1e-3
+_OUTLYING = 5.0  # standard deviations, beyond which a residual does not tell of the rest
 _ROUNDS = 2  # of weights from residuals
 
 #: 95 % of a normal distribution lie within so many standard deviations.
@@ -238,8 +239,11 @@ def weights_of(fit: Fit, model: StaticModel) -> Weights:
     error = fit.simulated.error
     known = error[~np.isnan(error)]
     spread = 1.4826 * float(np.median(np.abs(known - np.median(known))))
-    spread = max(spread, 0.5 * float(np.sqrt(np.mean(known**2))), 1e-9)
-    time = correlation_time(error, model.recording.runs)
+    near = np.clip(known, -_OUTLYING * spread, _OUTLYING * spread)
+    spread = max(spread, 0.5 * float(np.sqrt(np.mean(near**2))), 1e-9)
+    # As the cost sees them: outliers depend on nothing and would hide that the rest does.
+    far = np.nansum(error**2, axis=-1, keepdims=True) / (2 * spread) ** 2
+    time = correlation_time(error / np.sqrt(1 + far), model.recording.runs)
     shared = min(time, len(error) / 2)
     return Weights(2 * spread, spread * float(np.sqrt(shared)), time)
 
