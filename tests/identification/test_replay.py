@@ -11,7 +11,7 @@ from softrobot_env.identification.replay import error_rows, replay
 from softrobot_env.identification.replay.simulation import control_period
 from softrobot_env.recordings import Commands, Frame, Header, Marker, Recording, Time
 from softrobot_env.recordings.files import recording_of
-from softrobot_env.robots import RobotParams, Tendon
+from softrobot_env.robots import Base, RobotParams, Tendon
 from softrobot_env.robots.twin import nominal_twin
 
 RADIUS, TENDON, LENGTH, MODULUS = 0.005, 0.003, 0.2, 1e6
@@ -38,6 +38,31 @@ def on_the_arc(tension: float, azimuth: float, station: float, offset: np.ndarra
     axis = np.array([-towards[1], towards[0], 0.0])
     along = np.array([0.0, 0.0, np.sin(turn)]) + (1 - np.cos(turn)) * towards
     return along / curvature + Rotation.from_rotvec(turn * axis).apply(offset)
+
+
+@pytest.mark.slow
+def test_a_level_robot_twists_under_its_weight_as_a_rod_does():
+    """Bent to the side, its weight has an arm about its own axis."""
+    level = rod(gravity=(0.0, 0.0, -9.81), base=Base(direction=(1.0, 0.0, 0.0)))
+    level = replace(
+        level.vary(youngs_modulus=3.0), tendons=tuple(t.turned(0.0, 3.0) for t in level.tendons)
+    )
+    names = tuple(t.name for t in level.tendons)
+    header = Header(Commands("tension", names, "N", names), (Marker("x", "y", "z"),), static=True)
+    pulls = np.array([[0.0, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.6, 0.0]])
+    recording = Recording(
+        header,
+        np.arange(3.0),
+        pulls,
+        np.zeros((3, 1, 3)),
+        np.full(3, ""),
+        np.zeros(3, dtype=int),
+    )
+    chain, beam = (
+        replay(recording, level, plant).simulated[:, 0] for plant in ("mujoco", "cosserat")
+    )
+    assert np.abs(beam[-1] - beam[0]).max() > 0.2 * LENGTH
+    assert np.linalg.norm(chain - beam, axis=1).max() < 0.005 * LENGTH
 
 
 def test_arcs_in_a_turned_frame_with_commands_in_another_order_and_markers_beside_the_fibre():

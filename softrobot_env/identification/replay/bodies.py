@@ -34,7 +34,13 @@ class Body:
     """
 
     def __init__(
-        self, robot: RobotParams, twin: Twin, plant: str, drive: str, period: float
+        self,
+        robot: RobotParams,
+        twin: Twin,
+        plant: str,
+        drive: str,
+        period: float,
+        torsion: bool = False,
     ) -> None:
         """Build the model.
 
@@ -44,8 +50,11 @@ class Body:
             plant: One of `beams.registry.PLANTS`.
             drive: What controls are, "tension" or "length".
             period: [s].
+            torsion: Whether a spatial chain of MuJoCo twists, also where no tendon winds.
         """
         options: dict[str, Any] = {"actuation": drive}
+        if torsion and plant == MUJOCO and not robot.is_planar:
+            options["torsion"] = True
         if robot == RIG and plant == MUJOCO:
             options["pieces"] = RIG_PIECES
         robot, self.period = twin.robot, period
