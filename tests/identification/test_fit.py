@@ -213,6 +213,13 @@ def test_a_column_that_counts_the_other_way_and_a_frame_anywhere_are_found():
     assert any(told in doubt for doubt in wrong.doubts)
 
 
+def test_an_assignment_that_another_one_equals_is_doubted():
+    sure = path.Assignment(("a", "b"), (1.0, 1.0), 0.0, 7e-3, 9e-3, 40)
+    assert path._unsure(sure) == () == path._unsure(None)
+    (told,) = path._unsure(replace(sure, second=7.5e-3))
+    assert "not sure" in told and "7.5 mm, this one 7.0 mm" in told
+
+
 def test_outliers_do_not_hide_how_long_residuals_last():
     rng = np.random.default_rng(0)
     slow = np.convolve(rng.standard_normal(1200), np.ones(12) / np.sqrt(12))[:1000]

@@ -58,6 +58,7 @@ Show = Callable[[str, int, int], None]
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
 _FITS = 25  # steps shown as all
 _LEAST_KEPT = 0.02  # rad, of a bend that friction of a backbone keeps
+_ALIKE = 1.1  # times the error of an assignment, up to which another one is as good
 _POOR = 0.3  # of the markers' motion, of which errors say that the robot explains little
 _SMALL = 0.03  # of it, below which nothing is doubted
 _BETTER = 0.8  # of the error, that another frame has to leave at most
@@ -239,7 +240,7 @@ def identify(
     experiments = best_experiments(model, fit)
     times["experiments"] = perf_counter() - began
     began = perf_counter()
-    doubts = tuple(_doubts(model, fit, recording))
+    doubts = (*_unsure(found), *_doubts(model, fit, recording))
     times["doubts"] = perf_counter() - began
     return Identification(
         robot=_named(model, fit) if dynamics is None else dynamics.robot,
@@ -258,6 +259,17 @@ def identify(
         networks=networks,
         doubts=doubts,
         times=times,
+    )
+
+
+def _unsure(found: Assignment | None) -> tuple[str, ...]:
+    """Whether another assignment of columns leaves hardly more."""
+    if found is None or found.second > _ALIKE * found.rms:
+        return ()
+    return (
+        "which column pulls which tendon is not sure: another assignment leaves "
+        f"{1e3 * found.second:.1f} mm, this one {1e3 * found.rms:.1f} mm, and more may have been "
+        "missed; say it by commands.tendons if you can",
     )
 
 
