@@ -15,8 +15,8 @@ from softrobot_env.recordings import Recording
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
 
-#: What tells all of a rig, slowly.
-EXCITATION = Excitation(kinds=("pulls", "steps", "visits"), speed=0.05)
+#: What tells all of a rig, slowly; tendons that rub creep in long rests.
+EXCITATION = Excitation(kinds=("pulls", "steps", "visits"), speed=0.05, rest=0.4)
 
 #: The camera stands in the robot's frame, and nothing of the tip is out of place.
 STAGES = ("tendons", "geometry", "statics", "dynamics", "network")

@@ -1,7 +1,7 @@
 """Twins of the rig that nobody told: identified from a recording, then driven.
 
-Each moves as `softrobot robot record --kinds pulls steps visits --speed 0.05` tells it, and is
-identified from what its camera saw. Then the same law drives it three times round the triangle: by
+Each is recorded as `identification.parameters.record` tells it, slowly, and is identified from what
+its camera saw. Then the same law drives it three times round the triangle: by
 the robot that was found, by the twin itself, and by the rig as everybody believes it to be. Zeros
 of the servos are corrected by what each of them knows.
 """
