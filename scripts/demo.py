@@ -32,7 +32,7 @@ from softrobot_env.writing import write_text
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "demo"
 PERIOD = 0.01  # s, between points of a reference
 SETTLE = 8.0  # s, in which a robot comes to rest where its reference begins
-COMPARED = 6.0  # s
+COMPARED = 20.0  # s, in which both robots go once along all of their references
 
 #: Feedback of the rig's network, proportional [1] and integral [1/s], and the limit [m] of both.
 FEEDBACK = {"proportional": 0.2, "integral": 1.5, "limit": 0.04}
@@ -46,9 +46,9 @@ def layers(network: Network) -> dict[str, Any]:
     return {"weights": weights, "biases": [b.tolist() for b in network.biases], **ends}
 
 
-def sampled(task: Task, begin: float, end: float, axes: str) -> np.ndarray:
-    """The reference (n, 2) [m] from a time to another [s]."""
-    times = np.arange(begin, end - PERIOD / 2, PERIOD)
+def sampled(task: Task, begin: float, end: float, axes: str, haste: float = 1.0) -> np.ndarray:
+    """The reference (n, 2) [m] from a time to another [s], gone through `haste` times as fast."""
+    times = np.arange(begin, end - haste * PERIOD / 2, haste * PERIOD)
     points = np.array([task.trajectory.position(t) for t in times]).reshape(len(times), 3)
     return points[:, ["xyz".index(axis) for axis in axes]].round(6)
 
@@ -85,6 +85,7 @@ def rig() -> dict[str, Any]:
     """The rig as it was identified, on the triangle."""
     task, learnt = make_task("triangle"), IdentifiedParameters.load(RIG)
     lead, period = task.trajectory.approach, task.trajectory.period
+    laps = lead + 2 * period  # at full speed; the tip sets out at rest after the approach
     robot = learnt.believed(SCENES["rig"].robot)
     return {
         "name": "rig",
@@ -94,8 +95,10 @@ def rig() -> dict[str, Any]:
         "radius": robot.backbone.widest,
         "tendons": tendons(robot),
         "reference": {
-            "approach": sampled(task, 0.0, lead, "xy").tolist(),
-            "lap": sampled(task, lead, lead + period, "xy").tolist(),
+            "approach": np.vstack(
+                [sampled(task, 0.0, lead, "xy", haste=4.0), sampled(task, lead, laps, "xy")]
+            ).tolist(),
+            "lap": sampled(task, laps, laps + period, "xy").tolist(),
         },
         "start": learnt.network(np.zeros((1, 2)))[0].tolist(),
         "unit": "m",

@@ -31,10 +31,12 @@ export class Scene {
   begin(robot) {
     this.view = { ...VIEWS[robot.told.name] };
     this.trail = [];
-    const height = robot.tip, [first, second] = robot.told.axes;
+    const [first, second] = robot.told.axes, upright = robot.tip;
     this.lap = robot.told.reference.lap.map((place) => {
-      const point = [...height];
+      const point = [...upright];
       [point[first], point[second]] = place;
+      // A beam bent like an arc is lower by two thirds of this, to the second order.
+      if (second === 1) point[2] -= (2 / 3) * Math.hypot(...place) ** 2 / upright[2];
       return point;
     });
   }
@@ -82,9 +84,15 @@ export class Scene {
 
   line(points, { colour, width = 1, dash = [], cap = "round", closed = false }) {
     if (points.length < 2) return;
-    const { context } = this;
+    const { context } = this, places = points.map((point) => this.place(point));
     context.beginPath();
-    points.forEach((point, k) => context[k ? "lineTo" : "moveTo"](...this.place(point)));
+    context.moveTo(...places[0]);
+    // Rounded at each point, between the middles to the points before and after it.
+    places.slice(1, -1).forEach(([x, y], k) => {
+      const [nextX, nextY] = places[k + 2];
+      context.quadraticCurveTo(x, y, (x + nextX) / 2, (y + nextY) / 2);
+    });
+    context.lineTo(...places[places.length - 1]);
     if (closed) context.closePath();
     Object.assign(context, { strokeStyle: colour, lineWidth: width, lineJoin: "round", lineCap: cap });
     context.setLineDash(dash);

@@ -40,5 +40,13 @@ def test_networks_and_references_are_those_of_the_package(demo):
 @pytest.mark.slow
 def test_both_robots_follow(demo):
     arm, rig = demo.motions([demo.arm(), demo.rig()])
-    # The thesis' network errs by some 15 mm on the swing, the rig's with feedback by some 5 mm.
-    assert arm["largest"] < 0.015 and rig["largest"] < 0.005
+    # Where the arm's path turns back at once its network, five decisions a second, is late by some
+    # 25 mm; the rig's, by which it is at rest where it shall be, lags by some 12 mm at 100 mm/s.
+    assert arm["largest"] < 0.030 and rig["largest"] < 0.015
+
+
+def test_a_lap_goes_on_where_it_ended(demo):
+    for told in (demo.arm(), demo.rig()):
+        approach, lap = told["reference"].values()
+        steps = np.linalg.norm(np.diff([*approach, *lap, lap[0]], axis=0), axis=1)
+        assert steps.max() < 0.3 * demo.PERIOD  # m, slower than 0.3 m/s at any time
