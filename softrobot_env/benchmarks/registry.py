@@ -68,6 +68,7 @@ BENCHMARKS: Registry[Callable[[], Benchmark]] = Registry(
         "identify": _in_folder("identify"),
         "laws": _in_folder("laws"),
         "learning": _in_folder("learning"),
+        "peers": _in_folder("peers", plot=None, alone=True),
         "ppo_defaults": _in_folder("ppo_defaults"),
         "reduction": _in_folder("reduction"),
         "rig": _in_folder("rig", alone=True),

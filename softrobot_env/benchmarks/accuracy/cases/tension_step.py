@@ -28,12 +28,16 @@ def tensions(robot: RobotParams, a: float) -> np.ndarray:
 
 
 def chain_motion(
-    rule: str, n: int, timestep: float, integrator: str = "implicitfast"
+    rule: str,
+    n: int,
+    timestep: float,
+    integrator: str = "implicitfast",
+    robot: RobotParams = ARM,
 ) -> ChainMotion:
     """The step of the MuJoCo chain with n joints, with tips (300, 2) in (x, z)."""
     steps = {"control_period": PERIOD, "timestep": timestep, "integrator": integrator}
-    scene = chain_scene(ARM, rule, n, sensors=(TipSensors(),), **steps)
-    posture, pulled = equilibrium(scene.model, tensions(ARM, START)), tensions(ARM, END)
+    scene = chain_scene(robot, rule, n, sensors=(TipSensors(),), **steps)
+    posture, pulled = equilibrium(scene.model, tensions(robot, START)), tensions(robot, END)
     return ChainMotion(scene, lambda times: np.tile(pulled, (len(times), 1)), posture, _compared)
 
 

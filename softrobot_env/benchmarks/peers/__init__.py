@@ -1,0 +1,1 @@
+"""Error and computing time beside SoRoMoX, and environment steps beside gym-softrobot."""
