@@ -1,0 +1,43 @@
+"""What is compared with other packages, also where these are not installed."""
+
+import pytest
+
+from softrobot_env.benchmarks.peers import run, soromox_arm, spatial_arm
+from softrobot_env.benchmarks.peers.rows import OURS, Row
+from softrobot_env.benchmarks.peers.tables import tables
+
+
+def motion(package, model, error, seconds):
+    told = {"e_mean": error, "e_max": error, "core_seconds": seconds, "text": "limit"}
+    return Row("motion", package, "1", model, 3, "any", None, 1e-2, **told)
+
+
+def test_a_ratio_is_to_the_fastest_of_ours_that_errs_no_more():
+    rows = [
+        motion(OURS, "mujoco_chain/gauss2", 2e-3, 0.001),
+        motion(OURS, "mujoco_chain/gauss2", 9e-4, 0.002),
+        motion(OURS, "mujoco_chain/gauss2", 1e-4, 0.010),
+        motion("soromox", "PlanarPCS", 1e-3, 0.020),
+        motion("soromox", "PlanarPCS", 5e-3, 0.030),  # a faster one of it errs less
+    ]
+    (ratio,) = run.ratios(rows)
+    assert ratio.value == pytest.approx(10) and ratio.model == "mujoco_chain"
+    assert tables([*rows, ratio]).renderables
+
+
+def test_absent_peers_are_said(monkeypatch):
+    monkeypatch.setattr(run, "find_spec", lambda name: None)
+    monkeypatch.setattr(soromox_arm, "truth", lambda quick: None)
+    monkeypatch.setattr(soromox_arm, "our_rows", lambda limit, quick: [])
+    monkeypatch.setattr(spatial_arm, "our_row", lambda quick: Row("environment", OURS))
+    notes = [row.text for row in run.run(quick=True) if row.kind == "note"]
+    assert len(notes) == 2 and all("pip install" in text for text in notes)
+
+
+def test_our_chain_moves_like_the_limit():
+    """The chain made of another robot than the arm: what SoRoMoX is compared with."""
+    limit = soromox_arm.truth(quick=True)
+    rows = list(soromox_arm.our_rows(limit, quick=True))
+    assert limit.uncertainty < 2e-5
+    assert min(r.e_mean for r in rows if r.model.startswith("pcc")) < 5e-4
+    assert min(r.e_mean for r in rows if r.model.startswith("mujoco_chain")) < 5e-4
