@@ -131,6 +131,13 @@ class StaticModel:
         if "bending_friction" not in known:
             self._holding = start_bending_friction(robot)
         self._lay(pieces)
+        self._usual = len(self.layout.sizes)
+
+    def finer(self) -> "StaticModel":
+        """The same model in pieces half as long; a chain of what is found stays as it would be."""
+        other = copy(self)
+        other._lay(2 * len(self.layout.sizes))
+        return other
 
     def on(self, recording: Recording, gravity: np.ndarray | None = None) -> "StaticModel":
         """The same model of another recording, with gravity (3,) [m/s2] along the robot's axes."""
@@ -405,8 +412,8 @@ class StaticModel:
         more = take("precurvature", 2 if self.spatial else 1)
         bend = np.array(robot.precurvature) + np.append(more, 0.0)[:2]
         unlike = complex(*self._unlike(x))
-        # The chain is to bend as finely as this model does.
-        finer = max(1, ceil(len(self.layout.sizes) / robot.pieces))
+        # The chain is to bend as finely as this model usually does.
+        finer = max(1, ceil(self._usual / robot.pieces))
         sections = [replace(section, pieces=finer * section.pieces) for section in sections]
         found = replace(
             robot.with_sections(*sections),
