@@ -97,6 +97,21 @@ def test_a_tendon_bends_the_model_to_an_arc_and_its_slopes_are_exact():
 
 
 @pytest.mark.slow
+def test_finer_pieces_come_nearer_by_the_square_and_leave_the_chain_alone():
+    """Of a heavy rod: its weight bends each piece unlike an arc."""
+    robot = replace(rod(), gravity=(0.0, 0.0, -9.81)).vary(density=2.0)
+    models = [StaticModel(robot, pulled(robot, np.linspace(0.1, 0.6, 3)), known=RUBS)]
+    for _ in range(3):
+        models.append(models[-1].finer())
+    x = np.zeros(len(models[0].unknowns.spread))
+    tips = np.array([model.simulate(x).markers for model in models])
+    off = np.abs(tips[:-1] - tips[-1]).max(axis=(1, 2, 3))  # the last is off by a third at most
+    assert off[0] > 1e-5
+    assert np.all(off[:-1] > 3 * off[1:])
+    assert models[-1].robot_of(x).pieces == models[0].robot_of(x).pieces
+
+
+@pytest.mark.slow
 def test_friction_weight_and_modulus_are_found_in_what_the_chain_does():
     """Of a heavy rod whose tendons rub; where friction was is carried from row to row."""
     believed = rod(gravity=(0.0, 0.0, -9.81))
@@ -150,7 +165,7 @@ def test_what_is_written_is_what_was_found(tmp_path):
     text = (tmp_path / "robot.toml").read_text()
     assert "# " in text and "youngs_modulus: section 1" in text
     again = placed(recording, read)
-    model = StaticModel(robot, again, known=RUBS)
+    model = StaticModel(robot, again, known=RUBS).finer()  # as it was fitted
     same = model.simulate(np.zeros(len(model.unknowns.spread)))
     assert np.abs(same.markers - found.fit.simulated.markers).max() < 1e-7
     assert size(replay(again, robot).error) < size(found.fit.simulated.error) + 2e-4 < 1e-3
