@@ -1,10 +1,6 @@
-"""The rows of the comparison with other packages, and how their time is taken."""
+"""The rows of the comparison with other packages."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from importlib.metadata import version
-from time import process_time
-from typing import Any
 
 from softrobot_env.benchmarks.records import Record
 
@@ -50,21 +46,3 @@ class Row(Record):
     steps_per_second: float | None = None
     value: float | None = None
     text: str | None = None
-
-
-def core_time(action: Callable[[], Any], repeats: int) -> tuple[float, Any]:
-    """Least computing time [s] of all threads of this process, and the last result.
-
-    Unlike the clock's time it does not grow with what else runs on the machine.
-    """
-    best, result = float("inf"), None
-    for _ in range(repeats):
-        begin = process_time()
-        result = action()
-        best = min(best, process_time() - begin)
-    return best, result
-
-
-def own(package: str) -> str:
-    """Version of an installed package."""
-    return version(package)

@@ -10,6 +10,8 @@ implicit ones of diffrax, which are far faster here than Tsit5, which its rollou
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from importlib.metadata import version
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -19,7 +21,8 @@ from softrobot_env.benchmarks.accuracy.cases import tension_step as case
 from softrobot_env.benchmarks.accuracy.cases.beam_models import DISTRIBUTED
 from softrobot_env.benchmarks.accuracy.cases.motions import TimedMotion, beam_limit
 from softrobot_env.benchmarks.accuracy.rows import DURATION, Limit
-from softrobot_env.benchmarks.peers.rows import OURS, Row, core_time, own
+from softrobot_env.benchmarks.peers.rows import OURS, Row
+from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.robots import ARM
 
 PEER = "soromox"
@@ -49,12 +52,12 @@ def our_rows(limit: Limit, quick: bool) -> Iterator[Row]:
 
 def _our_row(limit: Limit, motion: TimedMotion) -> Row:
     motion()  # compiles
-    seconds, tips = core_time(motion, 5)
+    seconds, tips = best_of(motion, 5, process_time)
     set_by = motion.settings
     return Row(
         "motion",
         OURS,
-        own(OURS),
+        version(OURS),
         set_by.model,
         set_by.n,
         set_by.integrator,
@@ -76,13 +79,13 @@ def peer_rows(limit: Limit, quick: bool) -> Iterator[Row]:
         for integrator in ("Kvaerno5",) if quick or n > 6 else ("Kvaerno5", "Kvaerno3", "Tsit5"):
             simulate, compiled = _motion(n, integrator), None
             for tolerance in _TOLERANCES[:2] if integrator == "Tsit5" else _TOLERANCES:
-                first, _ = core_time(lambda t=tolerance, f=simulate: f(t), 1)
-                seconds, tips = core_time(lambda t=tolerance, f=simulate: f(t), 3)
+                first, _ = best_of(lambda t=tolerance, f=simulate: f(t), 1, process_time)
+                seconds, tips = best_of(lambda t=tolerance, f=simulate: f(t), 3, process_time)
                 compiled = first - seconds if compiled is None else compiled
                 yield Row(
                     "motion",
                     PEER,
-                    own(PEER),
+                    version(PEER),
                     "PlanarPCS",
                     n,
                     integrator,
