@@ -19,6 +19,7 @@ from softrobot_env.rendering.figures import (
     new_figure,
     save,
 )
+from softrobot_env.rendering.replays import measured_views
 
 
 class Known(Protocol):
@@ -41,7 +42,8 @@ def plot_identification(
 
     Args:
         points: (t, 3) [m], the last marker as it was recorded.
-        errors: Name -> (t, 3) [m] of that marker, simulated less recorded, the fitted one first.
+        errors: Name -> (t, 3) [m] of that marker, simulated less recorded, the fitted one first;
+            NaN where it was not measured.
         parameters: That were found.
         title: For people.
         out: Folder to write to.
@@ -58,22 +60,24 @@ def _errors(errors: Mapping[str, np.ndarray], title: str) -> Figure:
     """Distances over the rows."""
     figure, axes = new_figure(len(errors), 1, (9.0, 1.0 + 1.7 * len(errors)), share=True)
     for (name, error), axis in zip(errors.items(), axes[:, 0], strict=True):
-        distance = 1e3 * np.linalg.norm(error, axis=1)
+        seen = ~np.isnan(error).all(axis=1)
+        distance = 1e3 * np.where(seen, np.sqrt(np.nansum(error**2, axis=1)), np.nan)
         axis.plot(np.arange(1, len(error) + 1), distance, color=BLUE, linewidth=0.7)
         mean = np.sqrt(np.nanmean(distance**2))
         axis.axhline(mean, color=VERMILLION, linewidth=0.9)
         axis.set_ylabel("error [mm]")
         axis.set_title(f"{name}: RMS {mean:.2f} mm", fontsize=9, loc="left")
-        axis.set_ylim(bottom=0)
+    axes[0, 0].set_ylim(bottom=0)  # of all, once the largest error is known
     axes[-1, 0].set_xlabel("row")
     add_title(figure, f"{title}: simulated less recorded marker")
     return figure
 
 
 def _workspace(points: np.ndarray, error: np.ndarray, title: str) -> Figure:
-    """Errors as arrows, ten times as long, where the marker was."""
-    figure, axes = new_figure(1, 2, (10.0, 4.8))
-    for axis, (i, j) in zip(axes[0], ((0, 1), (0, 2)), strict=True):
+    """Errors as arrows, ten times as long, where the marker was, of planes that were measured."""
+    views = measured_views(points)
+    figure, axes = new_figure(1, len(views), (1.0 + 4.5 * len(views), 4.8))
+    for axis, (i, j) in zip(axes[0], views, strict=True):
         axis.scatter(1e3 * points[:, i], 1e3 * points[:, j], s=2, color=GREY, linewidths=0)
         axis.quiver(
             *(1e3 * points[:, [i, j]].T),

@@ -84,10 +84,15 @@ def _errors(compared: Compared) -> Figure:
     return figure
 
 
+def measured_views(points: np.ndarray) -> list[tuple[int, int]]:
+    """Pairs of axes along which points (..., 3) were measured, NaN where not; one at least."""
+    measured = ~np.isnan(points).all(axis=tuple(range(points.ndim - 1)))
+    return [view for view in _VIEWS if measured[list(view)].all()] or [_VIEWS[1]]
+
+
 def _markers(compared: Compared) -> Figure:
     """Markers from the sides that were measured; the way of each where the robot moves."""
-    measured = ~np.isnan(compared.recorded).all(axis=(0, 1))
-    views = [view for view in _VIEWS if measured[list(view)].all()] or [_VIEWS[1]]
+    views = measured_views(compared.recorded)
     figure, axes = new_figure(1, len(views), (1.0 + 3.4 * len(views), 4.2))
     line = (
         {"linestyle": "none", "marker": ".", "markersize": 2.5}
