@@ -45,8 +45,8 @@ from typing import Any
 
 import numpy as np
 
+from softrobot_env.core.writing import write_text
 from softrobot_env.rendering.tables import FACTORS, NONE, number
-from softrobot_env.writing import write_text
 
 ROOT = Path(__file__).resolve().parents[1]
 BLOCK = re.compile(r"(<!-- figures\s(.*?)-->)(.*?)(<!-- end -->)", re.S)

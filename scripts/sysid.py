@@ -26,6 +26,7 @@ from mujoco.sysid._src.trajectory import ModelSequences, create_initial_state
 from softrobot_env.benchmarks.identify.truth import BELIEVED, Truth, drawn, recorded
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.commands.output import new_results
+from softrobot_env.core.writing import write_text
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.identification.fit import path
@@ -34,7 +35,6 @@ from softrobot_env.recordings import Recording
 from softrobot_env.rendering.tables import Column, make_table, text_page
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, scene_xml
-from softrobot_env.writing import write_text
 
 SEEDS = (1000, 1001, 1002)
 _STAGES = ("frame", "statics", "dynamics")

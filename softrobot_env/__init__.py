@@ -1,15 +1,15 @@
 """MuJoCo environments for tendon-driven soft robots (see README.md)."""
 
-from softrobot_env.paths import give_caches_a_place
-from softrobot_env.processes import prepare_the_command_line
+from softrobot_env.core.paths import give_caches_a_place
+from softrobot_env.core.processes import prepare_the_command_line
 
 prepare_the_command_line()
 give_caches_a_place()
 
 from typing import Any  # noqa: E402
 
+from softrobot_env.core.registry import load  # noqa: E402
 from softrobot_env.registration import register_envs  # noqa: E402  (loads NumPy)
-from softrobot_env.registries import load  # noqa: E402
 
 __version__ = "0.2.0"
 

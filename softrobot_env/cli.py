@@ -13,7 +13,7 @@ from types import FrameType
 from typing import Any
 
 from softrobot_env import __version__
-from softrobot_env.processes import STOPPED, ended_by_ctrl_c
+from softrobot_env.core.processes import STOPPED, ended_by_ctrl_c
 
 #: Exit status of a command that was refused, and of one that SIGTERM ended.
 _REFUSED, _TERMINATED = 2, 143

@@ -6,12 +6,12 @@ import zipfile
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import Arrays, read_arrays, read_facts
 from softrobot_env.control.learned.neural import NeuralPolicy
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.core.artifacts import Arrays, read_arrays, read_facts
+from softrobot_env.core.paths import models_dir
 from softrobot_env.learned.network import Network
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM, RIG
 
 #: File -> option of its policy.

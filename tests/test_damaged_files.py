@@ -11,11 +11,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import read_arrays, read_facts
 from softrobot_env.control.arm.operating_points import load_gains
 from softrobot_env.control.registry import make_policy
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.control.sensed import load_reconstruction
+from softrobot_env.core.artifacts import read_arrays, read_facts
+from softrobot_env.core.paths import assets_dir, models_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.rollout import _UNMEASURED, Rollout
 from softrobot_env.evaluation.run import run_episode
@@ -26,7 +27,6 @@ from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_
 from softrobot_env.identification.fit.residual import Residual, read_residual
 from softrobot_env.learned.network import Network
 from softrobot_env.learned.reduction import ReducedModel
-from softrobot_env.paths import assets_dir, models_dir
 from softrobot_env.recordings import (
     Commands,
     Header,

@@ -9,7 +9,7 @@ at (3 - sqrt(5)) / 2.
 import numpy as np
 import pytest
 
-from softrobot_env.equilibrium import (
+from softrobot_env.core.equilibrium import (
     EquilibriumError,
     checked_load_steps,
     require_stable,

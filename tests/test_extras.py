@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from softrobot_env import extras
-from softrobot_env.extras import install_command
+from softrobot_env.core import extras
+from softrobot_env.core.extras import install_command
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]

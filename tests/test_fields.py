@@ -9,8 +9,8 @@ import pytest
 
 from softrobot_env.control.mpc.settings import PREVIEW as MPC_PREVIEW
 from softrobot_env.control.mpc.settings import THESIS as MPC_THESIS
+from softrobot_env.core.records import Range, check_fields
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.fields import Range, check_fields
 from softrobot_env.learned.quasi_static import Sampling
 from softrobot_env.robots import ARM, RIG, Load
 from softrobot_env.robots.twin import rig3d_twin

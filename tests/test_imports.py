@@ -18,35 +18,13 @@ PACKAGE = "softrobot_env"
 
 #: Robots, tasks and what everybody needs. `loads` and `twin` are public names of modules of
 #: `robots`.
-FOUNDATION = {
-    "arrays",
-    "robots",
-    "tasks",
-    "interfaces",
-    "equilibrium",
-    "continuation",
-    "motion",
-    "registries",
-    "paths",
-    "writing",
-    "machine_code",
-    "processes",
-    "fields",
-    "toml_text",
-    "artifacts",
-    "cluster",
-    "extras",
-    "vector_reading",
-    "registration",
-    "loads",
-    "twin",
-}
+FOUNDATION = {"core", "robots", "tasks", "machine_code", "registration", "loads", "twin"}
 MIDDLE = ("beams", "scene", "sensing", "learned", "hardware", "recordings")
 EVERYTHING = None  # imports what it likes
 
 #: Part of the package -> parts it may import, besides itself.
 ALLOWED = {
-    "__init__": {"registration", "registries", "processes", "paths"},
+    "__init__": {"registration", "core"},
     **dict.fromkeys(FOUNDATION, FOUNDATION),
     **dict.fromkeys(MIDDLE, FOUNDATION),
     # Tasks for any robot look up its workspace when one is made.

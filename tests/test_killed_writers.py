@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import read_facts
+from softrobot_env.core.artifacts import read_facts
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.hardware.robot_file.model import virtual_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file, write_robot_file

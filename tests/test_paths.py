@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from softrobot_env import paths
+from softrobot_env.core import paths
 
 _READ_ONLY = """
 mount --bind {package} {package} && mount -o remount,ro,bind {package} &&
@@ -67,7 +67,7 @@ def test_a_package_and_a_home_that_cannot_be_written_to_are_enough(tmp_path):
     package, home = tmp_path / "package", tmp_path / "home"
     home.mkdir()
     for part in ("softrobot_env", "assets", "models", "firmware"):
-        source = Path(paths.__file__).parents[1] / part
+        source = Path(paths.__file__).parents[2] / part
         shutil.copytree(source, package / part, ignore=shutil.ignore_patterns("__pycache__"))
     names = {"package": package, "home": home, "python": sys.executable, "program": _PROGRAM}
     script = _READ_ONLY.format(**names)

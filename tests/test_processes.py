@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from threadpoolctl import ThreadpoolController
 
-from softrobot_env import processes
 from softrobot_env.beams.pcc import PCC
-from softrobot_env.processes import THREADS, one_blas_thread, worker_processes
+from softrobot_env.core import processes
+from softrobot_env.core.processes import THREADS, one_blas_thread, worker_processes
 from softrobot_env.robots import ARM
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig

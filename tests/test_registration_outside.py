@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 import softrobot_env
-from softrobot_env import registries
 from softrobot_env.control.registry import (
     EVERY_POLICY,
     fitting_policies,
     make_policy,
     policy_environment,
 )
+from softrobot_env.core import registry as registries
+from softrobot_env.core.paths import assets_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
-from softrobot_env.paths import assets_dir
 from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot
 from softrobot_env.tasks import EVERY_TASK, SetPoints, Task, make_task, remake_task, tasks_of
 from softrobot_env.tasks.generic import GENERIC_TASKS

@@ -24,7 +24,7 @@ from softrobot_env.control.registry import (
     make_policy,
     policy_environment,
 )
-from softrobot_env.registries import load
+from softrobot_env.core.registry import load
 from softrobot_env.robots import ARM, RIG, ROBOTS, RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.registry import SCENES
@@ -35,7 +35,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 #: Modules that may import by a name made at run time, and why.
 LOADERS = {
-    "softrobot_env/registries.py": "what registries name",
+    "softrobot_env/core/registry.py": "what registries name",
     "softrobot_env/envs/rendering/opengl.py": "MuJoCo's own modules for OpenGL",
 }
 

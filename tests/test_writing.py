@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from softrobot_env.writing import whole, write_text
+from softrobot_env.core.writing import whole, write_text
 
 PACKAGE = Path(__file__).resolve().parents[1] / "softrobot_env"
 

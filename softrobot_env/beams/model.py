@@ -20,15 +20,15 @@ from softrobot_env.beams.numerics.linearization import (
 from softrobot_env.beams.numerics.methods import find_method
 from softrobot_env.beams.signals import Signal
 from softrobot_env.beams.statics import LoadedModel
-from softrobot_env.continuation import find_equilibrium
-from softrobot_env.equilibrium import (
+from softrobot_env.core.continuation import find_equilibrium
+from softrobot_env.core.equilibrium import (
     checked_load_steps,
     positive_definite,
     require_stable,
     stability_asked,
 )
-from softrobot_env.motion import IntegrationError, Motion, State, sample_times
-from softrobot_env.processes import one_blas_thread
+from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
+from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 

@@ -27,8 +27,8 @@ from softrobot_env.beams.numerics.quaternions import (
     weighting,
 )
 from softrobot_env.beams.signals import Signal
-from softrobot_env.equilibrium import EquilibriumError
-from softrobot_env.interfaces import Measurement
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.interfaces import Measurement
 from softrobot_env.robots import Base, Disc, RobotParams, Section
 from softrobot_env.robots.loads import Load
 

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from softrobot_env.interfaces import PlantModel
-from softrobot_env.registries import Registry, load
+from softrobot_env.core.interfaces import PlantModel
+from softrobot_env.core.registry import Registry, load
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 

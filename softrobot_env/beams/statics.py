@@ -1,4 +1,4 @@
-"""Static equilibrium of any beam model, found along `softrobot_env.continuation`."""
+"""Static equilibrium of any beam model, found along `softrobot_env.core.continuation`."""
 
 from typing import TYPE_CHECKING
 
@@ -7,7 +7,7 @@ import numpy as np
 from softrobot_env.beams.mechanics import bandwidth, residual
 from softrobot_env.beams.numerics import band
 from softrobot_env.beams.numerics.linearization import stiffness_band
-from softrobot_env.continuation import Newton
+from softrobot_env.core.continuation import Newton
 
 if TYPE_CHECKING:
     from softrobot_env.beams.model import BeamModel

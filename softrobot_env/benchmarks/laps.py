@@ -6,13 +6,13 @@ from typing import Any, TypeVar
 
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.records import Record
+from softrobot_env.core.jobs import Progress, run_in_processes
+from softrobot_env.core.paths import models_dir
 from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG
 from softrobot_env.robots.registry import EXAMPLES
 from softrobot_env.tasks import Task

@@ -15,7 +15,7 @@ from pathlib import Path
 from rich.console import Group
 
 from softrobot_env.benchmarks.records import Record
-from softrobot_env.registries import Registry, load
+from softrobot_env.core.registry import Registry, load
 
 Records = Sequence[Record]
 

@@ -13,8 +13,8 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from softrobot_env.artifacts import read_tree, write_tree
 from softrobot_env.benchmarks.records import Record
+from softrobot_env.core.artifacts import read_tree, write_tree
 from softrobot_env.evaluation.report import write_json
 from softrobot_env.evaluation.rollout import Rollout
 

@@ -6,15 +6,15 @@ from pathlib import Path
 from rich.console import Console
 
 from softrobot_env.benchmarks import stored
-from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark, measured
 from softrobot_env.commands.arguments import add_workers, seed
 from softrobot_env.commands.output import add_out, changed_results, drawn, new_results
 from softrobot_env.commands.progress import progress_on
-from softrobot_env.processes import using
+from softrobot_env.core.journal import kept_in
+from softrobot_env.core.processes import using
+from softrobot_env.core.writing import write_text
 from softrobot_env.rendering.tables import text_page
-from softrobot_env.writing import write_text
 
 EXAMPLE = """softrobot benchmark speed --quick
   softrobot benchmark laws --redraw"""

@@ -9,8 +9,6 @@ from typing import Any
 
 from rich.console import Console
 
-from softrobot_env.benchmarks.jobs import run_in_processes
-from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.commands.arguments import (
     add_feedback,
     add_learnt,
@@ -36,6 +34,11 @@ from softrobot_env.commands.output import (
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.setups import ENVIRONMENTS, SIMULATED, Setup
 from softrobot_env.commands.task_options import option, task_name
+from softrobot_env.core.extras import install_command
+from softrobot_env.core.jobs import run_in_processes
+from softrobot_env.core.journal import kept_in
+from softrobot_env.core.processes import using
+from softrobot_env.core.writing import write_text
 from softrobot_env.envs.disturbances import NEUTRAL
 from softrobot_env.evaluation import report, runner
 from softrobot_env.evaluation.labels import (
@@ -45,12 +48,9 @@ from softrobot_env.evaluation.labels import (
 )
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.rows import EvaluatedRow
-from softrobot_env.extras import install_command
 from softrobot_env.hardware.errors import RobotError
-from softrobot_env.processes import using
 from softrobot_env.recordings import write_recording
 from softrobot_env.tasks import TASKS, UNSEEN_TASKS, WITH_OPTION
-from softrobot_env.writing import write_text
 
 #: Arguments that no episode depends on.
 _ELSEWHERE = (

@@ -6,11 +6,11 @@ from rich.console import Console
 
 from softrobot_env.commands.arguments import add_robot
 from softrobot_env.commands.output import add_out, check_free
+from softrobot_env.core.writing import write_text
 from softrobot_env.robots import find_robot
 from softrobot_env.scene.build import scene_xml
 from softrobot_env.scene.config import visible
 from softrobot_env.scene.registry import SCENES, scene_of
-from softrobot_env.writing import write_text
 
 EXAMPLE = """softrobot export --out assets --overwrite
   softrobot export --robot my.toml --out out"""

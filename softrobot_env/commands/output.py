@@ -12,8 +12,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from softrobot_env.paths import private_dir
-from softrobot_env.writing import write_text
+from softrobot_env.core.paths import private_dir
+from softrobot_env.core.writing import write_text
 
 #: What makes a folder one of results, and the list of what was written to it.
 _REPORT, _LIST = "report.json", ".written"

@@ -18,7 +18,7 @@ from softrobot_env.commands import (
 from softrobot_env.commands.recording import command as recording
 from softrobot_env.commands.robot import command as robot
 from softrobot_env.commands.subcommands import Command
-from softrobot_env.registries import Registry
+from softrobot_env.core.registry import Registry
 
 #: Name -> command.
 COMMANDS: Registry[Command] = Registry(

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from math import isfinite
 
 from softrobot_env.commands.arguments import named_values, number, positive
-from softrobot_env.registries import is_path
+from softrobot_env.core.registry import is_path
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import (
     ALL_TASKS,

@@ -8,15 +8,15 @@ from typing import Any
 
 from rich.console import Console
 
-from softrobot_env.artifacts import artifact_folder, looked_up, training_folder
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_robot, add_workers, policy, seed, seeds
 from softrobot_env.commands.output import add_out, check_folder, claimed, inside, new_file
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.train_several import SEVERAL, train_several
+from softrobot_env.core.artifacts import artifact_folder, looked_up, training_folder
 from softrobot_env.rendering.tables import named_values
 from softrobot_env.robots import ARM, RobotParams, find_robot
-from softrobot_env.training.registry import TRAININGS, Order, Training, file_of
+from softrobot_env.training.registry import TRAININGS, Training, TrainingRequest, file_of
 from softrobot_env.training.rl_config import checkpoint_of
 
 EXAMPLE = """softrobot train lq_preview --robot my.toml
@@ -103,7 +103,7 @@ def run(args: argparse.Namespace) -> int:
     values = train_rl.values_of(args)
     if args.seeds or args.workers or any(len(own) > 1 for own in values.values()):
         return train_several(args, name, robot, settings, values)
-    order = Order(robot, _path(args, name, robot), args.seed, settings)
+    order = TrainingRequest(robot, _path(args, name, robot), args.seed, settings)
     console, began = Console(), perf_counter()
     with ExitStack() as held:
         held.enter_context(new_file(order.path, args.overwrite or bool(settings.get("resume"))))

@@ -8,24 +8,24 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from softrobot_env.artifacts import artifact_name
-from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.commands.arguments import files_among
 from softrobot_env.commands.output import drawn, inside, new_results
 from softrobot_env.commands.progress import progress_on
+from softrobot_env.core.artifacts import artifact_name
+from softrobot_env.core.journal import kept_in
+from softrobot_env.core.processes import using
+from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation.report import write_json
-from softrobot_env.processes import using
 from softrobot_env.rendering.tables import text_page
 from softrobot_env.robots import RobotParams
 from softrobot_env.training.registry import (
     LEARNERS,
     TRAININGS,
-    Order,
+    TrainingRequest,
     check_reinforcement,
     file_of,
 )
 from softrobot_env.training.rl_config import IMITATION
-from softrobot_env.writing import write_text
 
 if TYPE_CHECKING:
     from softrobot_env.training.several.runs import Run
@@ -90,7 +90,7 @@ def train_several(
 
 def order_in(
     out: Path, name: str, robot: RobotParams, settings: Mapping[str, Any], file: str | None
-) -> Order:
+) -> TrainingRequest:
     """What runs have in common, whose folders are in `out`, as is what they build on."""
     path = file_of(robot, inside(out, file or name), out.resolve())
     settings = dict(settings)
@@ -101,7 +101,7 @@ def order_in(
         settings["start"] = str(Path(settings["start"]).resolve())
     elif name in LEARNERS and "start" not in settings and beside.is_file():
         settings["start"] = str(beside)
-    return replace(Order(robot, path, 0, settings), near=path.parent)
+    return replace(TrainingRequest(robot, path, 0, settings), near=path.parent)
 
 
 def study_in_words(command: str, args: argparse.Namespace) -> str:

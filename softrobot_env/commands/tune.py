@@ -9,14 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from softrobot_env.benchmarks.journal import kept_in
 from softrobot_env.commands import train_rl
 from softrobot_env.commands.arguments import add_robot, add_workers, number, seed
 from softrobot_env.commands.output import add_out, check_free, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.train_several import files_in, order_in, study_in_words, write
+from softrobot_env.core.journal import kept_in
 from softrobot_env.robots import ARM, find_robot
-from softrobot_env.training.registry import LEARNERS, TRAININGS, Order, check_reinforcement
+from softrobot_env.training.registry import (
+    LEARNERS,
+    TRAININGS,
+    TrainingRequest,
+    check_reinforcement,
+)
 from softrobot_env.training.several.space import Range, Space, corners, parsed, read_space
 
 if TYPE_CHECKING:
@@ -109,11 +114,13 @@ def _check_space(args: argparse.Namespace, space: Space) -> None:
         raise ValueError(f"--search {both[0]}: it is the budget of a trial, or set by --set")
 
 
-def _with(order: Order, changes: dict[str, Any]) -> Order:
+def _with(order: TrainingRequest, changes: dict[str, Any]) -> TrainingRequest:
     return replace(order, settings={**order.settings, **changes})
 
 
-def _search(args: argparse.Namespace, name: str, order: Order, space: Space, out: Path) -> int:
+def _search(
+    args: argparse.Namespace, name: str, order: TrainingRequest, space: Space, out: Path
+) -> int:
     """Search, print and write."""
     from softrobot_env.training.several import report
     from softrobot_env.training.several.runs import check_unclaimed, study_of
@@ -149,7 +156,7 @@ def _shown(progress: Any, bar: Any, name: str) -> Callable[[str, int, int], None
     return show
 
 
-def _sized(name: str, order: Order) -> tuple[Order, int]:
+def _sized(name: str, order: TrainingRequest) -> tuple[TrainingRequest, int]:
     """The order with checks as often as trials may end, and the steps of a trial."""
     from softrobot_env.training.rl import config_of
 

@@ -15,7 +15,7 @@ from softrobot_env.control.registry import (
     RIG_POLICIES,
     installed_policies,
 )
-from softrobot_env.processes import usable_cores, worker_processes
+from softrobot_env.core.processes import usable_cores, worker_processes
 
 EXAMPLE = """softrobot warm-up
   softrobot warm-up lq_adaptive pcc"""

@@ -9,8 +9,8 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 
 from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS
-from softrobot_env.fields import Positive, check_argument
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 
@@ -88,7 +88,7 @@ class Controller(ABC):
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """See `softrobot_env.interfaces.Policy`.
+        """See `softrobot_env.core.interfaces.Policy`.
 
         Raises:
             ValueError: The observation lacks an observable in `requires`, one has a size the

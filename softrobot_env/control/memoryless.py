@@ -8,7 +8,7 @@ import numpy as np
 
 from softrobot_env.control.base import Controller, Held
 from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, Said
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
 from softrobot_env.learned.plain_inference import numba_is_loaded
 
 #: Writes actions and codes for observations, all of them arrays in one row: (k * size,), float32

@@ -17,8 +17,8 @@ from softrobot_env.control.arm.operating_points import linear_model
 from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.limits import finite
 from softrobot_env.control.linear_quadratic import discretized
-from softrobot_env.fields import Positive, Range, check_argument
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.records import Positive, Range, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.linearised import Linearizer, LinearModel

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.interfaces import Observation, Policy
+from softrobot_env.core.interfaces import Observation, Policy
 
 
 class Acting:
@@ -28,7 +28,7 @@ class Acting:
         episode_start: np.ndarray | None = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
-        """See `softrobot_env.interfaces.Policy`."""
+        """See `softrobot_env.core.interfaces.Policy`."""
         return np.asarray(self._act(observation)), state
 
 
@@ -37,7 +37,7 @@ class Model:
 
     Attributes:
         requires: These observables.
-        predict: Of the model, see `softrobot_env.interfaces.Policy`.
+        predict: Of the model, see `softrobot_env.core.interfaces.Policy`.
     """
 
     def __init__(self, model: Any) -> None:

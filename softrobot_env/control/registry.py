@@ -12,9 +12,9 @@ import gymnasium
 
 from softrobot_env.control.outside import as_policy, is_policy, no_policy
 from softrobot_env.control.reduced.environment import is_reduced_model, ssm_environment
-from softrobot_env.fields import Positive, check_argument
-from softrobot_env.interfaces import Policy
-from softrobot_env.registries import Registry, is_path, load, load_given
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.core.records import Positive, check_argument
+from softrobot_env.core.registry import Registry, is_path, load, load_given
 from softrobot_env.robots import ARM, RIG, RobotParams, find_robot
 
 #: Ending of the files of trained networks.

@@ -5,13 +5,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.artifacts import check_robot, find_artifact, read_arrays
 from softrobot_env.control.base import Controller
 from softrobot_env.control.registry import MEASURED
-from softrobot_env.fields import Positive, check_argument
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.artifacts import check_robot, find_artifact, read_arrays
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
-from softrobot_env.sensing.reconstruction import TIP, Felt, Reconstruction
+from softrobot_env.sensing.reconstruction import TIP, Reconstruction, SensedShape
 
 _SENSORS = "sensors"
 
@@ -30,7 +30,7 @@ class SensedState(NamedTuple):
     """
 
     inner: Any
-    felt: Felt
+    felt: SensedShape
     rates: dict[str, np.ndarray]
     passed: float = 0.0
 

@@ -7,6 +7,7 @@ import gymnasium
 import numpy as np
 from numpy import float64
 
+from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.observations.table import Measured, Sources, copied
 from softrobot_env.envs.options import ResetOptions, check_rendering, one_action
 from softrobot_env.envs.reference import ReferenceTable
@@ -15,7 +16,6 @@ from softrobot_env.envs.rewards import NO_REWARD
 from softrobot_env.envs.setting import SimulatedSetting, Start
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
 from softrobot_env.envs.spec import EpisodeSpec
-from softrobot_env.interfaces import Seen
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.tasks import Task

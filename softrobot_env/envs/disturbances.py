@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from softrobot_env import robots
-from softrobot_env.arrays import HOST, HostArrays, namespace
+from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.envs.observations.table import SENSOR_NOISE
 
 #: What can be varied, with the values that change nothing.

@@ -9,6 +9,8 @@ from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 from numpy import float64
 
+from softrobot_env.core.interfaces import Seen
+from softrobot_env.core.records import Count, Positive, Whole, check_argument, check_fields
 from softrobot_env.envs.observations.fingers import GripperView, observes
 from softrobot_env.envs.observations.table import arrays, speed_limit
 from softrobot_env.envs.options import (
@@ -23,11 +25,9 @@ from softrobot_env.envs.options import (
 from softrobot_env.envs.rendering.gripper import GripperRenderer
 from softrobot_env.envs.simulation.grippers import GripperBatch
 from softrobot_env.envs.spec import EpisodeSpec
-from softrobot_env.fields import Count, Positive, Whole, check_argument, check_fields
-from softrobot_env.interfaces import Seen
 from softrobot_env.robots import Gripper, RobotParams, as_number, find_gripper
 from softrobot_env.robots.parameters import Pieces
-from softrobot_env.scene.gripper import FINENESS, Fineness
+from softrobot_env.scene.gripper import FINENESS, Resolution
 from softrobot_env.tasks.gripper import DRAWN, GRIP_TASKS, POSITIVE, GripTask
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         observe: tuple[str, ...] | str = ("curvature", "tendon_tension"),
         observe_as: str = "dict",
         reward: GripReward | None = None,
-        fineness: str | Fineness = "quick",
+        fineness: str | Resolution = "quick",
         pieces: int | None = None,
         timestep: float | None = None,
         threads: int = 0,
@@ -153,7 +153,7 @@ class VectorGripperEnv(gymnasium.vector.VectorEnv[Seen, np.ndarray, np.ndarray])
         self.metadata = {**self.metadata, "autoreset_mode": self._mode}
         self._reward = reward or GripReward()
         fineness = FINENESS.find(fineness) if isinstance(fineness, str) else fineness
-        check_argument("fineness", fineness, Fineness)
+        check_argument("fineness", fineness, Resolution)
         self.simulation = GripperBatch(
             self.gripper,
             self.task,

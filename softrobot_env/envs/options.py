@@ -10,9 +10,9 @@ from gymnasium.utils import seeding
 from gymnasium.vector import AutoresetMode
 from numpy import float64
 
-from softrobot_env.arrays import HOST, HostArrays, namespace
+from softrobot_env.core.arrays import HOST, HostArrays, namespace
+from softrobot_env.core.records import check_argument, shown
 from softrobot_env.envs.disturbances import NEUTRAL, check_value, periods
-from softrobot_env.fields import check_argument, shown
 from softrobot_env.robots import as_number
 from softrobot_env.tasks import LONGEST, Task, remake_task
 

@@ -7,8 +7,8 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
 
+from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.reference import AXES
-from softrobot_env.interfaces import Seen
 from softrobot_env.recordings import Recording, write_recording
 from softrobot_env.recordings.columns import check_writable
 from softrobot_env.recordings.episodes import at_their_time, episode_recording

@@ -8,9 +8,9 @@ from typing import Any, Literal
 import numpy as np
 from numpy import float64
 
-from softrobot_env.arrays import namespace
+from softrobot_env.core.arrays import namespace
+from softrobot_env.core.records import Positive, check_argument, check_fields
 from softrobot_env.envs.observations.vector import NEAR
-from softrobot_env.fields import Positive, check_argument, check_fields
 from softrobot_env.robots import RobotParams
 
 #: Names of the terms, as `info` has them.

@@ -5,9 +5,9 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
+from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.envs.vector import VectorTrackingEnv
-from softrobot_env.interfaces import Seen
 from softrobot_env.robots import LENGTH_SCALE, RIG, RobotParams
 from softrobot_env.scene.registry import RIG_PIECES
 from softrobot_env.tasks import Task

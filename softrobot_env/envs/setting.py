@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from softrobot_env.arrays import HOST, HostArrays
+from softrobot_env.core.arrays import HOST, HostArrays
+from softrobot_env.core.interfaces import PlantFactory, Seen
+from softrobot_env.core.records import check_argument
+from softrobot_env.core.vector_reading import Reading
 from softrobot_env.envs.disturbances import NOISE_ROOM
 from softrobot_env.envs.observations.camera import FARTHEST
 from softrobot_env.envs.observations.table import (
@@ -36,8 +39,6 @@ from softrobot_env.envs.reference import AXES, ReferenceTable, sample_reference
 from softrobot_env.envs.rewards import TrackingReward, reward_of
 from softrobot_env.envs.simulation.beam_plant import BeamPlant
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
-from softrobot_env.fields import check_argument
-from softrobot_env.interfaces import PlantFactory, Seen
 from softrobot_env.robots import CAMERA_PERIOD, RIG, RobotParams, Sensor
 from softrobot_env.robots.actuation import Inputs, check_inputs, robot_inputs
 from softrobot_env.robots.twin import (
@@ -52,10 +53,9 @@ from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.servos import Servos
 from softrobot_env.tasks import OPTIONS, Task, make_task, options_of
-from softrobot_env.vector_reading import Reading
 
 if TYPE_CHECKING:
-    from softrobot_env.sensing.bank import Bank
+    from softrobot_env.sensing.bank import SensorArray
 
 DEFAULT_ACCURACY = DEFAULT_SHARE
 
@@ -251,13 +251,13 @@ class SimulatedSetting(Setting):
             return None
         return Servos(twin.servo_speed, twin.servo_offset, twin.backlash, count)
 
-    def bank(self, count: int = 1) -> "Bank | None":
+    def bank(self, count: int = 1) -> "SensorArray | None":
         """Curvature sensors of `count` robots, if they are observed."""
         if "sensors" not in self.observed.spaces:
             return None
-        from softrobot_env.sensing.bank import Bank  # compiled code takes time to load
+        from softrobot_env.sensing.bank import SensorArray  # compiled code takes time to load
 
-        return Bank(self._sensors, self.plant.cells, self.control_period, count)
+        return SensorArray(self._sensors, self.plant.cells, self.control_period, count)
 
     def built_sensors(self, errors: float, seed: int) -> tuple[Sensor, ...]:
         """Sensors of a robot whose specimen is drawn, with a scale of errors [1]."""

@@ -6,6 +6,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from softrobot_env.core.interfaces import PlantFactory, Seen
+from softrobot_env.core.records import check_argument
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.envs.disturbances import (
     NEUTRAL,
@@ -29,8 +31,6 @@ from softrobot_env.envs.setting import (
     check_task_options,
 )
 from softrobot_env.envs.simulation.beam_plant import BeamSimulation
-from softrobot_env.fields import check_argument
-from softrobot_env.interfaces import PlantFactory, Seen
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.scene.simulation import Simulation

@@ -10,7 +10,9 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from softrobot_env.arrays import HostArrays, namespace
+from softrobot_env.core.arrays import HostArrays, namespace
+from softrobot_env.core.interfaces import Seen
+from softrobot_env.core.records import Count, Whole, check_argument
 from softrobot_env.envs.disturbances import (
     NEUTRAL,
     Drives,
@@ -44,8 +46,6 @@ from softrobot_env.envs.simulation import warp_limits
 from softrobot_env.envs.simulation.batch import BatchSimulation
 from softrobot_env.envs.spec import EpisodeSpec
 from softrobot_env.envs.tracking import DEFAULT_PERIOD
-from softrobot_env.fields import Count, Whole, check_argument
-from softrobot_env.interfaces import Seen
 from softrobot_env.robots import VARIABLE, RobotParams
 from softrobot_env.robots.twin import Twin
 from softrobot_env.tasks import Task, remake_task

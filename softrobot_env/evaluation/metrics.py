@@ -73,7 +73,7 @@ def approached_metrics(rollout: Rollout, trajectory: Trajectory) -> ApproachedMe
 
 
 def step_metrics(time: np.ndarray, tip: np.ndarray, target: np.ndarray) -> StepMetrics:
-    """Metrics of the tip's projection onto the direction of the step.
+    """Figures of the tip's projection onto the direction of the step.
 
     Args:
         time: (T,) [s], the step happens at time 0.

@@ -10,9 +10,9 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
+from softrobot_env.core.writing import write_text
 from softrobot_env.evaluation.labels import learnt_elsewhere, robot_heading, robot_label, task_label
 from softrobot_env.evaluation.thesis import thesis_rows
-from softrobot_env.writing import write_text
 
 #: A row as report.json has it, see `EvaluatedRow.columns`.
 Row = dict[str, Any]

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.artifacts import read_arrays, write_arrays
+from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.envs.reference import AXES
 from softrobot_env.recordings import Recording
 from softrobot_env.recordings.episodes import episode_recording

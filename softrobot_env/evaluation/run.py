@@ -8,8 +8,8 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from softrobot_env.core.interfaces import Observation, Policy
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.interfaces import Observation, Policy
 from softrobot_env.recordings.episodes import at_their_time
 
 #: Coordinates x and z, those of positions where an environment does not name its `axes`.

@@ -20,6 +20,7 @@ from softrobot_env.control.registry import (
     policy_name,
     sensors_delay,
 )
+from softrobot_env.core.interfaces import Policy
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.labels import own_robot, rig_label, variation_label
@@ -32,7 +33,6 @@ from softrobot_env.evaluation.metrics import (
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.rows import EpisodeRow
 from softrobot_env.evaluation.run import run_episode, warm_up
-from softrobot_env.interfaces import Policy
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin, twin_or_ideal
 from softrobot_env.tasks import Task

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from softrobot_env.core.registry import Registry
 from softrobot_env.hardware.robot_file.keys import check_whole
-from softrobot_env.registries import Registry
 
 #: Most bytes of a tracker's datagram.
 _DATAGRAM = 512
@@ -26,7 +26,7 @@ _FARTHEST = 10.0  # m, a place beyond it as well
 _POLL = 0.1  # s, in which a closed source's thread ends
 
 
-class Sight(NamedTuple):
+class TipMeasurement(NamedTuple):
     """A measurement of the tip: when it was taken [s], on the host's clock, and (2,) [m]."""
 
     time: float
@@ -39,7 +39,7 @@ class TipSource(Protocol):
     A source may count in `refused` what came and told nothing; `info["tip_refused"]` shows it.
     """
 
-    def latest(self, adc: tuple[int, ...] | None, time: float) -> Sight | None:
+    def latest(self, adc: tuple[int, ...] | None, time: float) -> TipMeasurement | None:
         """The newest measurement, None before the first.
 
         Args:
@@ -86,7 +86,7 @@ class UdpTip:
             raise
         self._socket.settimeout(_POLL)
         self.refused = 0
-        self._sight: Sight | None = None
+        self._sight: TipMeasurement | None = None
         self._closed = False
         self._thread = Thread(target=self._listen, name="tip", daemon=True)
         self._thread.start()
@@ -96,7 +96,7 @@ class UdpTip:
         """The UDP port."""
         return self._socket.getsockname()[1]
 
-    def latest(self, adc: tuple[int, ...] | None, time: float) -> Sight | None:
+    def latest(self, adc: tuple[int, ...] | None, time: float) -> TipMeasurement | None:
         """See `TipSource`."""
         return self._sight
 
@@ -120,7 +120,7 @@ class UdpTip:
             if self._sight is None or sight.time > self._sight.time:
                 self._sight = sight
 
-    def _read(self, data: bytes, now: float) -> Sight:
+    def _read(self, data: bytes, now: float) -> TipMeasurement:
         """What a datagram says; it fails with one that is none of a tracker."""
         if self._key is not None:
             data = _signed(data, self._key)
@@ -129,7 +129,7 @@ class UdpTip:
         age = _number(message.get("age", 0.0), 0.0, _OLDEST)
         if self._key is not None:
             self._count = int(_number(message["count"], self._count + 1, inf))
-        return Sight(now - age, np.array(place))
+        return TipMeasurement(now - age, np.array(place))
 
 
 def sign(message: Mapping[str, float], key: str) -> bytes:
@@ -175,12 +175,12 @@ class SensorTip:
                 f"{self._offset.shape} and {self._matrix.shape}"
             )
 
-    def latest(self, adc: tuple[int, ...] | None, time: float) -> Sight | None:
+    def latest(self, adc: tuple[int, ...] | None, time: float) -> TipMeasurement | None:
         """See `TipSource`."""
         if adc is None:
             return None
         values = np.array(adc[: self._matrix.shape[1]], float)
-        return Sight(time, self._offset + self._matrix @ values)
+        return TipMeasurement(time, self._offset + self._matrix @ values)
 
     def close(self) -> None:
         """Nothing to free."""

@@ -9,7 +9,7 @@ from time import monotonic
 from types import ModuleType
 from typing import Protocol
 
-from softrobot_env.extras import install_command
+from softrobot_env.core.extras import install_command
 from softrobot_env.hardware.errors import LinkError
 
 #: [s] after which a write that nobody reads is given up.

@@ -17,8 +17,8 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.control.rig.inverse import TOTAL
-from softrobot_env.equilibrium import EquilibriumError
-from softrobot_env.fields import Count, NotNegative, Positive, Range, Whole, check_fields
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.records import Count, NotNegative, Positive, Range, Whole, check_fields
 from softrobot_env.identification.visits import RADIUS, VISIT, disk_points, nominal_lengths
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams

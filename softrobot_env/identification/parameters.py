@@ -6,11 +6,11 @@ import numpy as np
 
 from softrobot_env.control.rig.identified import IdentifiedParameters
 from softrobot_env.control.rig.inverse import PIECES_SOFTER
+from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.recording import RecordEpisodes
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.identification.excitation import Excitation, excite, plan, resting_task
 from softrobot_env.identification.fit.path import Identification, identify
-from softrobot_env.interfaces import Show
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RIG
 from softrobot_env.robots.twin import Twin
@@ -29,7 +29,7 @@ def record(
     twin: Twin | int | None,
     seed: int = 0,
     excitation: Excitation = EXCITATION,
-    show: Show | None = None,
+    show: ProgressCallback | None = None,
 ) -> Recording:
     """Excite a twin as a real rig is, by its servos and its camera.
 

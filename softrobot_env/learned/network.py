@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.artifacts import (
+from softrobot_env.core.artifacts import (
     Arrays,
     fingerprint,
     read_arrays,

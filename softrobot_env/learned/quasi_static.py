@@ -9,7 +9,7 @@ from math import pi
 
 import numpy as np
 
-from softrobot_env.fields import Count, NotNegative, Positive, check_fields
+from softrobot_env.core.records import Count, NotNegative, Positive, check_fields
 from softrobot_env.learned.network import Dataset, Network
 
 #: Neurons of the hidden layer.

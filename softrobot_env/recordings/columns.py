@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.extras import install_command
-from softrobot_env.writing import whole
+from softrobot_env.core.extras import install_command
+from softrobot_env.core.writing import whole
 
 #: Columns (t,) by name.
 Columns = dict[str, np.ndarray]

@@ -9,9 +9,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from softrobot_env.fields import NotNegative, Positive, check_fields, check_unique
-from softrobot_env.toml_text import lines, read_table
-from softrobot_env.writing import write_text
+from softrobot_env.core.records import NotNegative, Positive, check_fields, check_unique
+from softrobot_env.core.toml_text import lines, read_table
+from softrobot_env.core.writing import write_text
 
 CommandKind = Literal["length", "tension", "action"]
 TimeUnit = Literal["s", "ms", "us", "ns"]

@@ -10,8 +10,8 @@ from zlib import crc32
 
 import numpy as np
 
-from softrobot_env.extras import install_command
-from softrobot_env.writing import whole
+from softrobot_env.core.extras import install_command
+from softrobot_env.core.writing import whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.artifacts import read_tree, write_tree
+from softrobot_env.core.artifacts import read_tree, write_tree
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.curves import (
     Curve,

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 import numpy as np
 
+from softrobot_env.core.extras import install_command
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.core.writing import whole
 from softrobot_env.evaluation.run import play
-from softrobot_env.extras import install_command
-from softrobot_env.interfaces import Policy
 from softrobot_env.scene.appearance import tension_colours
-from softrobot_env.writing import whole
 
 if TYPE_CHECKING:
     from types import ModuleType

@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from softrobot_env.arrays import HOST, HostArrays, namespace
+from softrobot_env.core.arrays import HOST, HostArrays, namespace
 from softrobot_env.robots.parameters import RobotParams, Tendon
 
 _ROUNDING = 1e-9

@@ -12,14 +12,14 @@ from math import ceil, inf, radians
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from softrobot_env.fields import NotNegative, Positive, check_argument
+from softrobot_env.core.records import NotNegative, Positive, check_argument
+from softrobot_env.core.toml_text import lines, read_table
+from softrobot_env.core.writing import write_text
 from softrobot_env.robots.gripper import Finger, Gripper
 from softrobot_env.robots.parameters import Base, Disc, Drive, DriveKind, Head, RobotParams
 from softrobot_env.robots.sections import Section
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.robots.tendons import Tendon
-from softrobot_env.toml_text import lines, read_table
-from softrobot_env.writing import write_text
 
 #: Fewest pieces of a section whose table does not say it, and of one through which a tendon runs
 #: that is not straight: shapes at rest are then within 0.5 % of the length of the exact ones

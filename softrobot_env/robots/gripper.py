@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.fields import Positive, check_fields, check_unique
+from softrobot_env.core.records import Positive, check_fields, check_unique
 from softrobot_env.robots.parameters import Base, RobotParams
 
 

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from softrobot_env.fields import NotNegative, check_fields
+from softrobot_env.core.records import NotNegative, check_fields
 from softrobot_env.robots.parameters import RobotParams
 from softrobot_env.robots.tendons import Tendon
 

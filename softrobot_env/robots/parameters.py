@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from softrobot_env.fields import (
+from softrobot_env.core.records import (
     NotNegative,
     Positive,
     Range,

@@ -10,8 +10,8 @@ from math import cos, pi, sin
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.paths import assets_dir
-from softrobot_env.registries import Registry
+from softrobot_env.core.paths import assets_dir
+from softrobot_env.core.registry import Registry
 from softrobot_env.robots.file import read_gripper, read_robot
 from softrobot_env.robots.gripper import Gripper
 from softrobot_env.robots.parameters import Drive, Head, RobotParams, Tendon

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from softrobot_env.fields import NotNegative, Positive, Range, check_fields
+from softrobot_env.core.records import NotNegative, Positive, Range, check_fields
 
 #: Number of pieces of a section, robot or scene; the most are far more than memory serves.
 Pieces = Annotated[int, Range("a whole number from 1 to 10000", lambda n: 1 <= n <= 10_000)]

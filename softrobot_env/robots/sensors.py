@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from math import radians
 from typing import Annotated, Literal
 
-from softrobot_env.fields import Count, NotNegative, Positive, Range, Whole, check_fields
+from softrobot_env.core.records import Count, NotNegative, Positive, Range, Whole, check_fields
 
 SensorKind = Literal["planar", "spatial", "tags"]
 

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import numpy as np
 
-from softrobot_env.fields import NotNegative, Positive, Range, check_fields
+from softrobot_env.core.records import NotNegative, Positive, Range, check_fields
 
 #: Gauss points and weights [1] of a span between two via-points.
 _NODES, _SHARES = (x / 2 for x in np.polynomial.legendre.leggauss(8))

@@ -25,7 +25,7 @@ from typing import Annotated
 
 import numpy as np
 
-from softrobot_env.fields import NotNegative, Range, check_fields
+from softrobot_env.core.records import NotNegative, Range, check_fields
 from softrobot_env.robots.parameters import RobotParams, Tendon
 from softrobot_env.robots.registry import CAMERA_PERIOD, EQUIVALENT, EQUIVALENT_RIG, RIG
 

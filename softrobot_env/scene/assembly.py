@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from softrobot_env.fields import check_fields, check_unique
-from softrobot_env.motion import State
+from softrobot_env.core.motion import State
+from softrobot_env.core.records import check_fields, check_unique
 from softrobot_env.robots import Base
 from softrobot_env.scene import contacts, extras, kinematics
 from softrobot_env.scene.appearance import add_surroundings

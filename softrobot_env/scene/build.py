@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from softrobot_env.motion import State
+from softrobot_env.core.motion import State
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import refuse_out_of_plane, refuse_torsion, seen_from_base
 from softrobot_env.scene import contacts, extras, kinematics

@@ -6,7 +6,7 @@ from math import ceil, cos, inf, nan, sin
 
 import numpy as np
 
-from softrobot_env.fields import Positive, check_fields, check_unique
+from softrobot_env.core.records import Positive, check_fields, check_unique
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.robots.parameters import Pieces

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import lcm
 
-from softrobot_env.registries import Registry
+from softrobot_env.core.registry import Registry
 from softrobot_env.robots.gripper import Gripper
 from softrobot_env.robots.parameters import Pieces
 from softrobot_env.scene.assembly import Assembly, Member
@@ -19,7 +19,7 @@ CONTACTS = Contacts(friction=0.8, between_robots=False)
 
 
 @dataclass(frozen=True)
-class Fineness:
+class Resolution:
     """How finely a gripper is simulated.
 
     Attributes:
@@ -45,8 +45,8 @@ class Fineness:
 FINENESS = Registry(
     "fineness",
     {
-        "rule": Fineness("rule", None, 1.0, CONTACTS),
-        "quick": Fineness("quick", 2, 16.0, replace(CONTACTS, stopping=5.0, sideways=30.0)),
+        "rule": Resolution("rule", None, 1.0, CONTACTS),
+        "quick": Resolution("quick", 2, 16.0, replace(CONTACTS, stopping=5.0, sideways=30.0)),
     },
 )
 

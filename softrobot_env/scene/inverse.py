@@ -23,8 +23,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from softrobot_env.equilibrium import EquilibriumError
-from softrobot_env.processes import one_blas_thread
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import Drive, RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.scene.build import Scene, build_scene

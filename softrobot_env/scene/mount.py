@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import mujoco
 import numpy as np
 
-from softrobot_env.fields import check_fields
+from softrobot_env.core.records import check_fields
 from softrobot_env.robots import RobotParams
 
 if TYPE_CHECKING:

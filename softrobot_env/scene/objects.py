@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from softrobot_env.fields import NotNegative, Positive, Share, check_fields
+from softrobot_env.core.records import NotNegative, Positive, Share, check_fields
 
 #: [m/s2], by which the weight of an object is judged.
 G = 9.81

@@ -24,7 +24,7 @@ from math import sqrt
 
 import numpy as np
 
-from softrobot_env.registries import Registry
+from softrobot_env.core.registry import Registry
 
 #: Hinge offsets from the middle of a piece, in piece lengths, by rule.
 RULES = Registry(

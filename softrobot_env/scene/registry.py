@@ -1,6 +1,6 @@
 """Scenes by name, as they are exported to assets/, and the scene of any robot."""
 
-from softrobot_env.registries import Registry
+from softrobot_env.core.registry import Registry
 from softrobot_env.robots import (
     ARM,
     CANTILEVER_STIFF,

@@ -4,7 +4,7 @@ from types import EllipsisType
 
 import numpy as np
 
-from softrobot_env.arrays import HOST, HostArrays
+from softrobot_env.core.arrays import HOST, HostArrays
 from softrobot_env.scene.integration.layout import (
     COMMAND,
     HALF,

@@ -5,7 +5,7 @@ from math import pi
 import mujoco
 import numpy as np
 
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
 
 #: A scene rests if nothing moves by this share of the robot's length in a relaxation time, and no

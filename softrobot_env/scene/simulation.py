@@ -9,7 +9,7 @@ from math import inf
 import mujoco
 import numpy as np
 
-from softrobot_env.motion import IntegrationError, Motion, State, sample_times
+from softrobot_env.core.motion import IntegrationError, Motion, State, sample_times
 from softrobot_env.scene.build import Inputs, Scene
 from softrobot_env.scene.contacts import Touch, touches
 from softrobot_env.scene.servos import Servos

@@ -5,14 +5,14 @@ from copy import copy
 import mujoco
 import numpy as np
 
-from softrobot_env.continuation import Newton, find_equilibrium
-from softrobot_env.equilibrium import (
+from softrobot_env.core.continuation import Newton, find_equilibrium
+from softrobot_env.core.equilibrium import (
     EquilibriumError,
     checked_load_steps,
     require_stable,
     stability_asked,
 )
-from softrobot_env.processes import one_blas_thread
+from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.scene.tangent import RubbingForces, StaticForces
 
 __all__ = ["EquilibriumError", "checked_controls", "equilibrium", "finite"]
@@ -34,7 +34,7 @@ def equilibrium(
     """Posture (nq,) in equilibrium under constant controls (nu,): the hinge angles [rad].
 
     Of a chain on ball joints it holds their quaternions; `scene.chain.joint_angles` reads both.
-    Newton's method with the exact derivative of `scene.tangent`, see `softrobot_env.continuation`.
+    Newton's method with the exact derivative of `scene.tangent`, see `core.continuation`.
 
     Args:
         model: A compiled scene; it stays as it is.

@@ -41,7 +41,7 @@ from math import ceil, inf, pi, sqrt
 import mujoco
 import numpy as np
 
-from softrobot_env.processes import one_blas_thread
+from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 
 ACCURACY = 1 / 500

@@ -22,7 +22,7 @@ FARTHEST = 6.0
 _BLOCK = 64  # instants whose noise is drawn at once
 
 
-class Bank:
+class SensorArray:
     """The sensors of n robots of one kind, each its own specimen.
 
     Attributes:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.artifacts import Arrays
+from softrobot_env.core.artifacts import Arrays
 from softrobot_env.robots import RobotParams, Sensor
 from softrobot_env.sensing.estimation import BendFilter, LightModel, calibrate
 
@@ -30,7 +30,7 @@ _RIDGE = 1e-6
 _WORTH = 0.95
 
 
-class Felt(NamedTuple):
+class SensedShape(NamedTuple):
     """What is known from one reading to the next.
 
     Attributes:
@@ -250,17 +250,17 @@ class Reconstruction:
         """Number of readings."""
         return sum(sensor.size for sensor in self.sensors)
 
-    def begin(self, reading: np.ndarray) -> Felt:
+    def begin(self, reading: np.ndarray) -> SensedShape:
         """Of a robot that was straight, and then rests where sensors read this (size,)."""
         filters = tuple(None if light is None else BendFilter(light) for light in self.lights)
-        start = Felt(filters, np.full(self.size, np.nan), {})
+        start = SensedShape(filters, np.full(self.size, np.nan), {})
         if not np.isfinite(reading).all():
             return start._replace(
                 told={name: np.full(m.weights.shape[1], np.nan) for name, m in self.maps.items()}
             )
         return self.update(start, reading, 0.0)
 
-    def update(self, before: Felt, reading: np.ndarray, passed: float) -> Felt:
+    def update(self, before: SensedShape, reading: np.ndarray, passed: float) -> SensedShape:
         """Take in a reading (size,) of `passed` seconds after the last.
 
         One that is not finite, or that is the last one still, changes nothing.
@@ -272,7 +272,7 @@ class Reconstruction:
         values = {name: found(features) for name, found in self.maps.items()}
         if self.arcs is not None:
             values[TIP] = values[TIP] + self.arcs.tip(features[None])[0, list(self.coordinates)]
-        return Felt(filters, np.array(reading), values)
+        return SensedShape(filters, np.array(reading), values)
 
     def arrays(self) -> dict[str, np.ndarray]:
         """What a file holds of it."""

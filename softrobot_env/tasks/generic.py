@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from softrobot_env.equilibrium import EquilibriumError
-from softrobot_env.registries import Registry
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.registry import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.tasks.rig_trajectories import SetPoints
 from softrobot_env.tasks.smooth_paths import FourierPath, SmoothRun, figure_eight, random_path
@@ -52,7 +52,7 @@ _FELT = 1e-8
 _RINGS, _SPOKES, _DEGREE, _SMOOTH = 6, 20, 8, 1e-4
 
 
-class Site(NamedTuple):
+class ReachableRegion(NamedTuple):
     """Where a robot's tasks take place.
 
     Attributes:
@@ -94,7 +94,7 @@ class Site(NamedTuple):
 
 
 @lru_cache(maxsize=32)
-def site_of(robot: RobotParams) -> Site:
+def site_of(robot: RobotParams) -> ReachableRegion:
     """The site of a robot's tasks, in its workspace; errors as `scene.workspace.workspace_of`."""
     from softrobot_env.scene.linearised import linearised
     from softrobot_env.scene.workspace import workspace_of
@@ -107,7 +107,7 @@ def site_of(robot: RobotParams) -> Site:
             f"out: {error}"
         ) from None
     first = float(linearised(space.inverse, space.ground.inputs).frequencies[0])
-    return Site(space.inverse, space.ground, space.scene.timestep.first_period, first)
+    return ReachableRegion(space.inverse, space.ground, space.scene.timestep.first_period, first)
 
 
 def _circle(
@@ -169,7 +169,7 @@ def _reach(
 
 
 def _set_points(
-    site: Site, rng: np.random.Generator, radius: float | None
+    site: ReachableRegion, rng: np.random.Generator, radius: float | None
 ) -> tuple[np.ndarray, float]:
     """Points (n, 3) [m], and the radius [m] of what they lie in."""
     if site.ground.radius == 0 and site.inverse.inputs.n_inputs > 1:
@@ -186,7 +186,7 @@ def _set_points(
 
 
 def _on_line(
-    site: Site, rng: np.random.Generator, radius: float | None
+    site: ReachableRegion, rng: np.random.Generator, radius: float | None
 ) -> tuple[np.ndarray, float]:
     """Tips (n, 3) [m] under random equal actions, up to `radius` [m] from that of the action 0."""
     middle = site.ground.middle
@@ -199,7 +199,7 @@ def _on_line(
     return site.inverse.line(rng.uniform(near[0], near[-1], _POINTS))[0], radius
 
 
-def _no_room(site: Site) -> str:
+def _no_room(site: ReachableRegion) -> str:
     """Why a robot has no ground."""
     inputs, name = site.inverse.inputs.n_inputs, site.inverse.scene.config.robot.name
     if inputs == 1:
@@ -245,7 +245,7 @@ def laps(
             follows from its statics.
         speed: [m/s], largest of the reference; slow for the robot unless given.
         frequency: Laps per second in place of the speed, over the frequency of the robot's first
-            mode (`Site.frequency`) [1]. The ramps at both ends then are a lap long.
+            mode (`ReachableRegion.frequency`) [1]. The ramps at both ends then are a lap long.
         sheet: Where the tip rests over this plane, if that is known already.
         **options: What the path was made with, for labels and reports.
 
@@ -265,7 +265,11 @@ def laps(
 
 
 def _paced(
-    site: Site, curve: FourierPath, speed: float | None, frequency: float | None, what: str
+    site: ReachableRegion,
+    curve: FourierPath,
+    speed: float | None,
+    frequency: float | None,
+    what: str,
 ) -> tuple[SmoothRun, tuple[str, float]]:
     """A run along a curve, and the option that says how fast it is; arguments as of `laps`."""
     if speed is not None and frequency is not None:
@@ -289,7 +293,7 @@ def _phases(flat: FourierPath) -> np.ndarray:
     return 2 * np.pi * np.arange(count) / count
 
 
-def _raised(site: Site, flat: FourierPath, tips: np.ndarray) -> FourierPath:
+def _raised(site: ReachableRegion, flat: FourierPath, tips: np.ndarray) -> FourierPath:
     """The path of the tip over a flat path, through tips (n, 3) [m] at its `_phases`.
 
     In the x-z plane it is the flat one. A spatial robot's height is a Fourier series through the
@@ -320,7 +324,7 @@ class _Sheet(NamedTuple):
         height: (terms,) [m], coefficients of `_powers`, of the height over the ground's middle.
     """
 
-    site: Site
+    site: ReachableRegion
     size: np.ndarray
     height: np.ndarray
 

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from softrobot_env.fields import Positive, check_fields
-from softrobot_env.registries import Registry
+from softrobot_env.core.records import Positive, check_fields
+from softrobot_env.core.registry import Registry
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from dataclasses import replace as with_fields
 from functools import lru_cache, partial
 from inspect import signature
 
-from softrobot_env.registries import Registry, check_name, is_path, load_given
+from softrobot_env.core.registry import Registry, check_name, is_path, load_given
 from softrobot_env.robots import ARM, RIG, RobotParams, as_number, find_robot
 from softrobot_env.tasks.arm import ALL_TASKS
 from softrobot_env.tasks.generic import GENERIC_TASKS, generic_tasks

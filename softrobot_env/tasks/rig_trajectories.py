@@ -9,7 +9,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from softrobot_env.fields import Count, NotNegative, Positive, Whole, check_fields
+from softrobot_env.core.records import Count, NotNegative, Positive, Whole, check_fields
 from softrobot_env.tasks.trajectories import Derivatives, Jumping, cubic_step, quintic_step, ramped
 
 

@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from softrobot_env.fields import Count, Positive, check_fields
+from softrobot_env.core.records import Count, Positive, check_fields
 from softrobot_env.tasks.trajectories import Derivatives, quintic_step, ramped
 
 Point = tuple[float, float, float]

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from softrobot_env.fields import Positive, check_fields
+from softrobot_env.core.records import Positive, check_fields
 from softrobot_env.robots import RobotParams, as_number
 from softrobot_env.robots.actuation import check_inputs, robot_inputs
 from softrobot_env.tasks.trajectories import Trajectory

@@ -13,7 +13,7 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from softrobot_env.fields import Positive, check_fields
+from softrobot_env.core.records import Positive, check_fields
 
 
 @runtime_checkable

@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 import torch
 
-from softrobot_env.artifacts import artifact_name, find_artifact, fingerprint
 from softrobot_env.control.learned.neural import View, arm_view, view_in
+from softrobot_env.core.artifacts import artifact_name, find_artifact, fingerprint
+from softrobot_env.core.vector_reading import reading_in
 from softrobot_env.learned.network import Network, Scaling, check_ends, load_for
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.training.closed_loop_check import check
-from softrobot_env.training.registry import Figures, Quantity
-from softrobot_env.vector_reading import reading_in
+from softrobot_env.training.registry import Metrics, Quantity
 
 _START = "imitation"
 
@@ -134,9 +134,9 @@ def figures(
     variations: tuple[dict[str, float], ...] = ({},),
     robot: RobotParams = ARM,
     view: View | None = None,
-) -> Figures:
+) -> Metrics:
     """Closed-loop figures for people, with robots and disturbances as `check` takes them."""
-    out: Figures = [("parameters", str(len(network.parameters)))]
+    out: Metrics = [("parameters", str(len(network.parameters)))]
     for name, row in check(network, variations, robot=robot, view=view).items():
         if row.failure:
             out.append((name, row.failure))

@@ -10,9 +10,9 @@ import torch
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.buffers import ReplayBuffer
 
-from softrobot_env.interfaces import Show
+from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.writing import whole
 from softrobot_env.learned.network import Network, Scaling
-from softrobot_env.writing import whole
 
 #: The newest state of a training, and the one before.
 _NEWEST, _BEFORE = "checkpoint.pt", "checkpoint_before.pt"
@@ -60,7 +60,7 @@ def forget(folder: Path) -> None:
         (folder / name).unlink(missing_ok=True)
 
 
-def read(folder: Path | None, show: Show | None = None) -> Checkpoint | None:
+def read(folder: Path | None, show: ProgressCallback | None = None) -> Checkpoint | None:
     """The newest state in a folder that is whole, None if there is none at all.
 
     Args:

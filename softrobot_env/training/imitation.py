@@ -13,18 +13,18 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from softrobot_env.artifacts import artifact_name
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
 from softrobot_env.control.learned import neural
 from softrobot_env.control.mpc.settings import PREVIEW, MPCSettings
 from softrobot_env.control.registry import find_policy, make_policy, policy_environment
 from softrobot_env.control.scheduled.timing import timing_of
+from softrobot_env.core.artifacts import artifact_name
+from softrobot_env.core.interfaces import Observation, Policy, ProgressCallback
+from softrobot_env.core.processes import worker_processes
+from softrobot_env.core.records import Count, NotNegative, Positive, Share, Whole, check_fields
 from softrobot_env.envs.randomization import Randomization
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.fields import Count, NotNegative, Positive, Share, Whole, check_fields
-from softrobot_env.interfaces import Observation, Policy, Show
 from softrobot_env.learned.network import Dataset, Network
-from softrobot_env.processes import worker_processes
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import Task
@@ -99,7 +99,7 @@ class ImitationConfig:
 
 
 @dataclass(frozen=True)
-class Lesson:
+class ImitationSetup:
     """Who learns from whom.
 
     Attributes:
@@ -115,7 +115,7 @@ class Lesson:
     @classmethod
     def of(
         cls, robot: RobotParams, teacher: str | None = None, folder: Path | None = None
-    ) -> "Lesson":
+    ) -> "ImitationSetup":
         """With the robot's usual teacher unless one is given, and its file if a folder has it."""
         teacher = teacher or usual_teacher(robot)
         file = None if folder is None else folder / artifact_name(robot, teacher)
@@ -146,11 +146,11 @@ class Lesson:
         return view_for(self.robot, own["control_period"])
 
 
-_THESIS = Lesson()
+_THESIS = ImitationSetup()
 
 
 @lru_cache(maxsize=2)
-def _teacher(lesson: Lesson) -> Policy:
+def _teacher(lesson: ImitationSetup) -> Policy:
     """The teacher, made once in a process."""
     if lesson.is_thesis:
         from softrobot_env.control.mpc.controller import MPC
@@ -161,7 +161,7 @@ def _teacher(lesson: Lesson) -> Policy:
     return make_policy(lesson.teacher, lesson.robot, lesson.environment()["control_period"], **own)
 
 
-def settings_of(lesson: Lesson, quick: bool = False) -> ImitationConfig:
+def settings_of(lesson: ImitationSetup, quick: bool = False) -> ImitationConfig:
     """Size of an imitation: that of what is shipped for the arm, else minutes; or a tiny one."""
     config = ImitationConfig()
     if not lesson.is_thesis:
@@ -189,7 +189,9 @@ def settings_of(lesson: Lesson, quick: bool = False) -> ImitationConfig:
     return config
 
 
-def imitate(config: ImitationConfig, seed: int, show: Show, lesson: Lesson = _THESIS) -> Network:
+def imitate(
+    config: ImitationConfig, seed: int, show: ProgressCallback, lesson: ImitationSetup = _THESIS
+) -> Network:
     """Train a network to act as the teacher does, in the states it gets into itself.
 
     Args:
@@ -250,7 +252,7 @@ def fit(
 
 
 def _collect(
-    job: tuple[ImitationConfig, Lesson, Network | None, np.random.SeedSequence],
+    job: tuple[ImitationConfig, ImitationSetup, Network | None, np.random.SeedSequence],
 ) -> Dataset:
     """A share of a round: the teacher's decisions where it or the network acts.
 
@@ -271,7 +273,10 @@ def _collect(
 
 
 def _episode(
-    config: ImitationConfig, lesson: Lesson, network: Network | None, rng: np.random.Generator
+    config: ImitationConfig,
+    lesson: ImitationSetup,
+    network: Network | None,
+    rng: np.random.Generator,
 ) -> Iterator[tuple[Observation, np.ndarray]]:
     """Observations of the network where it decides, and the teacher's actions."""
     robot, view, teacher = lesson.robot, lesson.view(), _teacher(lesson)
@@ -295,7 +300,7 @@ def _episode(
         over, step = terminated or truncated, step + 1
 
 
-def _environment(config: ImitationConfig, lesson: Lesson, task: Task) -> TrackingEnv:
+def _environment(config: ImitationConfig, lesson: ImitationSetup, task: Task) -> TrackingEnv:
     """With all that network and teacher see, the network's preview first."""
     needs, plant = lesson.environment(), None
     if config.plant != MUJOCO:

@@ -15,9 +15,9 @@ import gymnasium
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
+from softrobot_env.core.records import NotNegative, Positive, Range, Whole, check_fields
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.fields import NotNegative, Positive, Range, Whole, check_fields
 from softrobot_env.identification.excitation import resting_task
 from softrobot_env.learned.reduction import Record
 from softrobot_env.robots import RIG, RobotParams

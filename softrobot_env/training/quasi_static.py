@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from softrobot_env.artifacts import fingerprint
-from softrobot_env.fields import Count, check_fields
-from softrobot_env.interfaces import Show
+from softrobot_env.core.artifacts import fingerprint
+from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.records import Count, check_fields
 from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.robots import RobotParams
@@ -62,7 +62,10 @@ class Trained:
 
 
 def train(
-    robot: RobotParams, seed: int = 0, show: Show | None = None, how: Learning | None = None
+    robot: RobotParams,
+    seed: int = 0,
+    show: ProgressCallback | None = None,
+    how: Learning | None = None,
 ) -> Trained:
     """Train the network of a robot.
 
@@ -109,7 +112,7 @@ def inverse_of(robot: RobotParams) -> InverseStatics:
 
 
 def hold_sample(
-    inverse: InverseStatics, count: int, show: Show | None = None
+    inverse: InverseStatics, count: int, show: ProgressCallback | None = None
 ) -> tuple[np.ndarray, Held]:
     """Places (n, k) [m] all over the workspace, and the inputs of least norm that hold them.
 

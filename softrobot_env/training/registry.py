@@ -13,11 +13,11 @@ from statistics import median
 from types import MappingProxyType
 from typing import Any
 
-from softrobot_env.artifacts import artifact_folder, artifact_name
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.extras import install_command
-from softrobot_env.interfaces import Show
-from softrobot_env.registries import Registry, load
+from softrobot_env.core.artifacts import artifact_folder, artifact_name
+from softrobot_env.core.extras import install_command
+from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.registry import Registry, load
 from softrobot_env.rendering.tables import number
 from softrobot_env.robots import ARM, RIG, RobotParams
 
@@ -47,11 +47,11 @@ class Quantity:
 
 
 #: What a training found, as pairs of a name and its value, measured or a text for people.
-Figures = list[tuple[str, "str | Quantity"]]
+Metrics = list[tuple[str, "str | Quantity"]]
 
 
 @dataclass(frozen=True)
-class Order:
+class TrainingRequest:
     """What is asked of a training.
 
     Attributes:
@@ -89,7 +89,7 @@ class Training:
         drawn: Whether anything in it is drawn at random, so that seeds differ.
     """
 
-    run: Callable[[Order, Show], Figures]
+    run: Callable[[TrainingRequest, ProgressCallback], Metrics]
     options: tuple[str, ...] = ()
     packages: tuple[str, ...] = ()
     robot: RobotParams | None = None
@@ -130,7 +130,7 @@ def curve_file(path: Path) -> Path:
     return path.with_name(f"{path.stem}_curve.json")
 
 
-def _network(order: Order, show: Show) -> Figures:
+def _network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network of the statics: the thesis' of the arm (sec. 6.3), of other robots one of places."""
     if order.robot == ARM:
         return _thesis_network(order, show)
@@ -147,7 +147,7 @@ def _network(order: Order, show: Show) -> Figures:
     ]
 
 
-def _thesis_network(order: Order, show: Show) -> Figures:
+def _thesis_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network of the quasi-static controller for the arm (thesis sec. 6.3)."""
     import numpy as np
 
@@ -181,7 +181,7 @@ def _thesis_network(order: Order, show: Show) -> Figures:
     ]
 
 
-def _gains(closed: str, design: str, order: Order, show: Show) -> Figures:
+def _gains(closed: str, design: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gain table of a law, by its design; nothing in it is random.
 
     That of the arm is of the closed form (thesis sec. 6.4), those of other robots of their chain.
@@ -194,7 +194,7 @@ def _gains(closed: str, design: str, order: Order, show: Show) -> Figures:
     return _table(design, order, show)
 
 
-def _plan(design: str, order: Order, show: Show) -> Figures:
+def _plan(design: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Table of a model predictive controller of any robot but planar arms, which need none."""
     from softrobot_env.control.scheduled.policies import is_planar_arm
 
@@ -206,7 +206,7 @@ def _plan(design: str, order: Order, show: Show) -> Figures:
     return _table(design, order, show)
 
 
-def _table(design: str, order: Order, show: Show) -> Figures:
+def _table(design: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gains at operating points all over the workspace of a robot, by their design."""
     from softrobot_env.control.scheduled.law import build_table
     from softrobot_env.control.scheduled.policies import save_table
@@ -224,7 +224,7 @@ def _table(design: str, order: Order, show: Show) -> Figures:
     ]
 
 
-def _points(robot: RobotParams, plant: str, quick: bool, show: Show) -> Any:
+def _points(robot: RobotParams, plant: str, quick: bool, show: ProgressCallback) -> Any:
     """Operating points of a robot; those that were found last are kept for its other tables."""
     from softrobot_env.control.scheduled.operating_points import find_points
 
@@ -237,7 +237,7 @@ def _points(robot: RobotParams, plant: str, quick: bool, show: Show) -> Any:
     return _FOUND[asked]
 
 
-def _closed_gains(design: str, order: Order, show: Show) -> Figures:
+def _closed_gains(design: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Gain table of a law for the arm, by its design."""
     from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
     from softrobot_env.control.arm.operating_points import build_gains, save_gains
@@ -274,19 +274,19 @@ def _teachers_package(robot: RobotParams, settings: Mapping[str, Any]) -> tuple[
     return () if package is None else (package,)
 
 
-def _imitation(order: Order, show: Show) -> Figures:
+def _imitation(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Network that imitates a policy; of the arm the model predictive one with preview."""
     from softrobot_env.training.artifacts import figures, save
-    from softrobot_env.training.imitation import Lesson, imitate, settings_of
+    from softrobot_env.training.imitation import ImitationSetup, imitate, settings_of
 
-    lesson = Lesson.of(order.robot, order.settings.get("teacher"), order.folder)
+    lesson = ImitationSetup.of(order.robot, order.settings.get("teacher"), order.folder)
     config = settings_of(lesson, "quick" in order.settings)
     network, view = imitate(config, order.seed, show, lesson), lesson.view()
     save(network, order.path, order.seed, order.robot, view)
     return [("teacher", lesson.teacher), *figures(network, robot=order.robot, view=view)]
 
 
-def _rig_network(order: Order, show: Show) -> Figures:
+def _rig_network(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Identified parameters of a twin, for the rig's controllers (thesis sec. 5.1)."""
     from math import degrees
 
@@ -307,28 +307,30 @@ def _rig_network(order: Order, show: Show) -> Figures:
     ]
 
 
-def _sensors(order: Order, show: Show) -> Figures:
+def _sensors(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Calibration of a robot's curvature sensors."""
     from softrobot_env.training.sensors import run
 
     return run(order, show)
 
 
-def _reduced(order: Order, show: Show) -> Figures:
+def _reduced(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Reduced model of a robot as built, learned from its motion (thesis sec. 3.3)."""
     from softrobot_env.training.ssm import run
 
     return run(order, show)
 
 
-def _reinforcement(algorithm: str, randomize: bool, order: Order, show: Show) -> Figures:
+def _reinforcement(
+    algorithm: str, randomize: bool, order: TrainingRequest, show: ProgressCallback
+) -> Metrics:
     """Network that learns by reward; its learning curve is written beside it."""
     from softrobot_env.training.rl import run
 
     return run(algorithm, _randomized(order, randomize), show)
 
 
-def check_reinforcement(name: str, order: Order) -> None:
+def check_reinforcement(name: str, order: TrainingRequest) -> None:
     """Refuse what a training of `LEARNERS` would refuse, before any work is done.
 
     Raises:
@@ -340,7 +342,7 @@ def check_reinforcement(name: str, order: Order) -> None:
     check_order(algorithm, _randomized(order, randomize))
 
 
-def _randomized(order: Order, randomize: bool) -> Order:
+def _randomized(order: TrainingRequest, randomize: bool) -> TrainingRequest:
     return replace(order, settings={"randomize": True, **order.settings}) if randomize else order
 
 

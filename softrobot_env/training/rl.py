@@ -13,11 +13,12 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.utils import set_random_seed
 
-from softrobot_env.artifacts import fingerprint
 from softrobot_env.control.learned.neural import View
+from softrobot_env.core.artifacts import fingerprint
+from softrobot_env.core.interfaces import ProgressCallback
+from softrobot_env.core.writing import write_text
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.vector import VectorTrackingEnv
-from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.tasks import Task, make_task
@@ -32,7 +33,7 @@ from softrobot_env.training.checkpoint import (
 )
 from softrobot_env.training.learners import freeze_actor, make_model, put_actor
 from softrobot_env.training.references import draw_reference, generic_task
-from softrobot_env.training.registry import Figures, Order, curve_file
+from softrobot_env.training.registry import Metrics, TrainingRequest, curve_file
 from softrobot_env.training.rl_config import (
     IMITATION,
     NO_START,
@@ -48,7 +49,6 @@ from softrobot_env.training.rl_config import (
 from softrobot_env.training.vec_env import NetworkVecEnv
 from softrobot_env.training.views import view_for
 from softrobot_env.training.watch import Point, Watch
-from softrobot_env.writing import write_text
 
 #: Widths [m] and duration [s] of the steps.
 _STEP_WIDTHS = (0.03, 0.05, 0.1, 0.2)
@@ -64,7 +64,7 @@ _PACES, _HOLD = (0.1, 0.2, 0.4), 4.0
 def train(
     config: RLConfig,
     seed: int,
-    show: Show,
+    show: ProgressCallback,
     start: Network | None = None,
     *,
     checkpoint: Path | None = None,
@@ -124,7 +124,7 @@ def train(
     return watch.best, watch.curve
 
 
-def run(algorithm: str, order: Order, show: Show) -> Figures:
+def run(algorithm: str, order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Train as ordered, and write the network and beside it its learning curve.
 
     Raises:
@@ -178,7 +178,7 @@ def config_of(algorithm: str, settings: Mapping[str, Any], robot: RobotParams) -
     return replace(config, **wanted)
 
 
-def save_kept(order: Order, folder: Path) -> None:
+def save_kept(order: TrainingRequest, folder: Path) -> None:
     """Write the best network of a checkpoint as `run` writes it, and its learning curve.
 
     Raises:
@@ -191,13 +191,13 @@ def save_kept(order: Order, folder: Path) -> None:
     write_text(curve_file(order.path), json.dumps(found.curve, indent=1) + "\n")
 
 
-def check_order(algorithm: str, order: Order) -> None:
+def check_order(algorithm: str, order: TrainingRequest) -> None:
     """Refuse what `run` would refuse of settings and network; ValueError as there."""
     config_of(algorithm, order.settings, order.robot)
     _start(order)
 
 
-def _start(order: Order) -> tuple[Network | None, View]:
+def _start(order: TrainingRequest) -> tuple[Network | None, View]:
     """The network to start from, if any, and the view of all networks: its own, else the robot's.
 
     A training that goes on has its network, but still the view of the one that it started from.
@@ -326,7 +326,9 @@ def _check_free(folder: Path | None) -> None:
         )
 
 
-def _to_go_on_with(folder: Path | None, about: dict[str, Any], show: Show) -> Checkpoint:
+def _to_go_on_with(
+    folder: Path | None, about: dict[str, Any], show: ProgressCallback
+) -> Checkpoint:
     """The training in a folder, unless there is none or another one."""
     found = read(folder, show)
     if found is None:

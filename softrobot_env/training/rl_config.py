@@ -5,8 +5,8 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
+from softrobot_env.core.records import Count, Positive, check_fields
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.fields import Count, Positive, check_fields
 from softrobot_env.robots import RobotParams
 
 #: What an agent can be trained on: the thesis' tasks, and references drawn by

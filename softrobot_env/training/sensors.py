@@ -8,10 +8,10 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from softrobot_env.artifacts import fingerprint, write_arrays
+from softrobot_env.core.artifacts import fingerprint, write_arrays
+from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.rig import RigEnv
 from softrobot_env.envs.tracking import TrackingEnv
-from softrobot_env.interfaces import Show
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.robots.twin import Twin, rig3d_twin
@@ -22,7 +22,7 @@ from softrobot_env.sensing.bank import felt_bends
 from softrobot_env.sensing.estimation import BEND_PER_PLACE
 from softrobot_env.sensing.reconstruction import TIP, Reconstruction, reconstruct, told
 from softrobot_env.training.references import generic_task
-from softrobot_env.training.registry import Figures, Order, Quantity
+from softrobot_env.training.registry import Metrics, Quantity, TrainingRequest
 
 #: Postures for each quantity that sensors tell, and of a quick run.
 _POSTURES, _FEW = 60, 20
@@ -47,7 +47,7 @@ def calibrated(
     seed: int,
     twin: Twin | int | None = None,
     postures: int | None = None,
-    show: Show | None = None,
+    show: ProgressCallback | None = None,
 ) -> Reconstruction:
     """Calibrate the sensors of a robot as built, whose tip, and curvatures if any, are measured.
 
@@ -170,7 +170,7 @@ def _places(
     return [own.mean(axis=1) / BEND_PER_PLACE if own.size else own for own in bends]
 
 
-def run(order: Order, show: Show) -> Figures:
+def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Calibrate as ordered and write the file."""
     settings: dict[str, Any] = dict(order.settings)
     postures = (_FEW if "quick" in settings else _POSTURES) * told(order.robot.sensors)
@@ -181,7 +181,7 @@ def run(order: Order, show: Show) -> Figures:
         order.path, {**known.arrays(), **fingerprint(order.robot), **about, "seed": order.seed}
     )
     units = {"tip_position": "mm", "curvature": "1/m"}
-    found: Figures = [("postures", str(postures))]
+    found: Metrics = [("postures", str(postures))]
     for name, own in known.maps.items():
         error = Quantity(float(own.error), ".3g", units[name])
         found.append((f"{name}: RMS of postures left out", error))

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from scipy.signal import savgol_filter
 
-from softrobot_env.artifacts import fingerprint, write_arrays
 from softrobot_env.control.reduced.policy import Learned
-from softrobot_env.interfaces import Show
+from softrobot_env.core.artifacts import fingerprint, write_arrays
+from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.learned.reduction import (
     FitError,
     Record,
@@ -27,7 +27,7 @@ from softrobot_env.recordings import Recording, read_recording
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
 from softrobot_env.training.motions import Plan, collect
-from softrobot_env.training.registry import Figures, Order, Quantity
+from softrobot_env.training.registry import Metrics, Quantity, TrainingRequest
 
 #: What a robot does: half an hour, decays aside.
 PLAN = Plan(minutes=30, amplitude=0.6, laps_amplitude=1.0)
@@ -59,7 +59,7 @@ def learn(
     forced: Sequence[Record],
     settings: Settings | None = None,
     refinement: Refinement | None = None,
-    show: Show | None = None,
+    show: ProgressCallback | None = None,
     lower: bool = True,
 ) -> ReducedModel:
     """A model of measured motion: a regression on smoothed outputs, refined on stretches.
@@ -227,13 +227,13 @@ def judged(model: ReducedModel, records: Sequence[Record]) -> float:
     return float(np.mean(np.concatenate(errors))) if errors else float("nan")
 
 
-def run(order: Order, show: Show) -> Figures:
+def run(order: TrainingRequest, show: ProgressCallback) -> Metrics:
     """Learn as ordered and write the file."""
     given: dict[str, Any] = dict(order.settings)
     quick, robot = "quick" in given, order.robot
     settings = Settings(order=2, input_order=2) if quick else Settings()
     short = Refinement(lengths=(0.5,), iterations=2, stretches=50) if quick else None
-    figures: Figures = []
+    figures: Metrics = []
     if "recording" in given:
         recording = read_recording(Path(given["recording"]))
         axes = "xy" if robot == RIG else "xz" if robot.moves_in_xz else "xyz"
@@ -272,7 +272,7 @@ def _simulated(
     twin: int | None,
     settings: Settings,
     refinement: Refinement | None,
-    show: Show,
+    show: ProgressCallback,
 ) -> tuple[_Found, Plan]:
     """A model of simulated motion; of smaller motion where larger one is not predicted."""
     for _ in range(_TRIALS - 1):
@@ -289,7 +289,7 @@ def _judged(
     forced: list[Record],
     settings: Settings,
     refinement: Refinement | None,
-    show: Show,
+    show: ProgressCallback,
 ) -> _Found:
     """Learn from most of the motion, and judge by the rest of it.
 

@@ -10,10 +10,10 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvStepReturn
 
-from softrobot_env.arrays import on_host
 from softrobot_env.control.learned import neural
+from softrobot_env.core.arrays import on_host
+from softrobot_env.core.interfaces import Observation, Seen
 from softrobot_env.envs.vector import VectorTrackingEnv
-from softrobot_env.interfaces import Observation, Seen
 
 
 def make_vec_env(

@@ -8,8 +8,8 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.callbacks import BaseCallback
 
 from softrobot_env.control.learned.neural import View
+from softrobot_env.core.interfaces import ProgressCallback
 from softrobot_env.envs.rewards import TrackingReward
-from softrobot_env.interfaces import Show
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.training.closed_loop_check import check
@@ -48,7 +48,7 @@ class Watch(BaseCallback):
     def __init__(
         self,
         config: RLConfig,
-        show: Show,
+        show: ProgressCallback,
         save: Callable[[BaseAlgorithm, Network, list[Point]], None],
         robot: RobotParams = ARM,
         view: View | None = None,

@@ -13,7 +13,7 @@ from softrobot_env.benchmarks.accuracy.rows import BENDING, SHEAR
 from softrobot_env.benchmarks.accuracy.space import statics
 from softrobot_env.benchmarks.accuracy.space.cases import HEADINGS, STEEL, TPU, cases_of
 from softrobot_env.benchmarks.accuracy.space.statics import beam_tip, chain_tip, name_of
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
 
 
 def off(found, case):

@@ -32,7 +32,7 @@ from softrobot_env.rendering.quantities import number, span, with_unit
 
 pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
 
-#: Metrics of a made-up episode, all goals met.
+#: Figures of a made-up episode, all goals met.
 GOOD = {
     "e_mean": 1e-4,
     "e_max": 1e-4,

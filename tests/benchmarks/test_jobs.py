@@ -11,9 +11,9 @@ from pathlib import Path
 
 import pytest
 
-from softrobot_env.benchmarks import journal
-from softrobot_env.benchmarks.jobs import run_in_processes
-from softrobot_env.processes import Workers, parsed_workers, using
+from softrobot_env.core import journal
+from softrobot_env.core.jobs import run_in_processes
+from softrobot_env.core.processes import Workers, parsed_workers, using
 
 
 def mark_and_square(folder, number):
@@ -71,7 +71,7 @@ def test_processes_that_always_end_are_told_of():
 ORPHANS = """
 import os, sys, time
 from pathlib import Path
-from softrobot_env.processes import worker_processes
+from softrobot_env.core.processes import worker_processes
 
 if __name__ == "__main__":
     with worker_processes(1) as pool:

@@ -20,8 +20,8 @@ from softrobot_env.benchmarks.laws.goals import LIMITS, ROOM, goal_rows, ranked_
 from softrobot_env.benchmarks.laws.plots import plot
 from softrobot_env.benchmarks.laws.rows import TASKS, prepare
 from softrobot_env.benchmarks.laws.tables import tables
+from softrobot_env.core.paths import models_dir
 from softrobot_env.evaluation.runner import Case, run
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import RIG, find_robot
 from softrobot_env.tasks.generic import generic_tasks
 

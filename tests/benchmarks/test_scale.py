@@ -5,7 +5,7 @@ import pytest
 from softrobot_env.benchmarks.scale import jobs
 from softrobot_env.benchmarks.scale.rows import CORES, PRICE, Row, cost_of
 from softrobot_env.benchmarks.scale.tables import tables
-from softrobot_env.processes import Workers
+from softrobot_env.core.processes import Workers
 
 
 def test_costs_are_those_of_a_million_robot_seconds():

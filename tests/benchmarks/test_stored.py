@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import read_tree, write_tree
 from softrobot_env.benchmarks import stored
 from softrobot_env.benchmarks.records import Record, for_pictures
 from softrobot_env.benchmarks.registry import BENCHMARKS, Benchmark
 from softrobot_env.cli import main
+from softrobot_env.core.artifacts import read_tree, write_tree
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.rendering.tables import make_table
 

@@ -11,9 +11,9 @@ import pytest
 from support.example_robots import SOME
 
 from softrobot_env.cli import main
+from softrobot_env.core.paths import assets_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.rollout import Rollout
-from softrobot_env.paths import assets_dir
 from softrobot_env.robots import find_robot
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -4,9 +4,9 @@ import json
 
 import pytest
 
-from softrobot_env.benchmarks import jobs
-from softrobot_env.benchmarks.journal import FOLDER
 from softrobot_env.cli import main
+from softrobot_env.core import jobs
+from softrobot_env.core.journal import FOLDER
 
 #: What depends on the machine.
 TIMES = {"policy_time_median", "policy_time_p99", "realtime_factor"}

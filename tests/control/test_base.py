@@ -14,10 +14,10 @@ from softrobot_env.control.registry import (
     make_policy,
     policy_environment,
 )
+from softrobot_env.core.paths import models_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.learned.network import Network
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RIG
 
 PERIOD = 0.01

@@ -19,8 +19,8 @@ from softrobot_env.control.registry import (
     installed_policies,
     make_policy,
 )
+from softrobot_env.core.paths import models_dir
 from softrobot_env.learned.network import Network, Scaling, initial_network
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM
 from softrobot_env.robots.actuation import TendonMap
 

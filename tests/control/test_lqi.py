@@ -22,10 +22,10 @@ from softrobot_env.control.arm.operating_points import (
 )
 from softrobot_env.control.arm.statics import follow, least_norm
 from softrobot_env.control.scheduled.policies import make_lqi
+from softrobot_env.core.paths import models_dir
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.metrics import step_metrics, tracking_metrics
 from softrobot_env.evaluation.run import run_episode
-from softrobot_env.paths import models_dir
 from softrobot_env.robots import ARM
 from softrobot_env.tasks import make_task
 

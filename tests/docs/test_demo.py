@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from softrobot_env.core.paths import models_dir
 from softrobot_env.learned.network import Network
-from softrobot_env.paths import models_dir
 from softrobot_env.tasks import make_task
 
 ROOT = Path(__file__).resolve().parents[2]

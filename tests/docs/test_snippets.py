@@ -10,7 +10,7 @@ import pytest
 
 from softrobot_env.benchmarks.registry import BENCHMARKS
 from softrobot_env.cli import build_parser, main
-from softrobot_env.paths import assets_dir
+from softrobot_env.core.paths import assets_dir
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = [

@@ -10,6 +10,7 @@ import pytest
 
 from softrobot_env.cli import main
 from softrobot_env.control.registry import make_policy
+from softrobot_env.core.processes import Workers, using
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.identification.fit import path
 from softrobot_env.identification.fit.assignment import assigned
@@ -29,7 +30,6 @@ from softrobot_env.identification.fit.unknowns import HOLDS, RUBS, Fact, Group, 
 from softrobot_env.identification.fit.validation import blocks_of
 from softrobot_env.identification.parameters import identified, record
 from softrobot_env.identification.replay import replay
-from softrobot_env.processes import Workers, using
 from softrobot_env.recordings import (
     Commands,
     Frame,
@@ -456,7 +456,7 @@ def test_the_real_robot_is_identified(tmp_path):
     path = recordings_dir() / "ftdcr_v4" / "train.csv"
     if not path.is_file():
         pytest.skip(f"no {path}: set SOFTROBOT_RECORDINGS to the folder of real recordings")
-    from softrobot_env.paths import assets_dir
+    from softrobot_env.core.paths import assets_dir
     from softrobot_env.recordings import read_recording
 
     whole = read_recording(path, assets_dir() / "recordings" / "ftdcr_v4.toml")

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from softrobot_env.artifacts import fingerprint
+from softrobot_env.core.artifacts import fingerprint
 from softrobot_env.robots import (
     ARM,
     CANTILEVER_STIFF,

@@ -2,7 +2,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.paths import assets_dir
+from softrobot_env.core.paths import assets_dir
 from softrobot_env.scene.build import build_scene, scene_xml
 from softrobot_env.scene.registry import SCENES
 

@@ -15,8 +15,8 @@ from softrobot_env.beams.exact.touching_rod import (
     rod_round_cylinder,
 )
 from softrobot_env.benchmarks.contacts.exact import CHECKS, check
-from softrobot_env.equilibrium import EquilibriumError
-from softrobot_env.motion import State
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.motion import State
 from softrobot_env.robots import ARM, ROBOTS, Base, RobotParams, Section
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene import settling

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.exact.wrapped_finger import wrapped_finger
-from softrobot_env.motion import State
+from softrobot_env.core.motion import State
 from softrobot_env.robots import GRIPPERS, find_robot
 from softrobot_env.scene.assembly import build_assembly
 from softrobot_env.scene.build import build_scene

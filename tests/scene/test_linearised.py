@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from softrobot_env.motion import State
+from softrobot_env.core.motion import State
 from softrobot_env.robots import ARM, find_robot
 from softrobot_env.scene.linearised import linearised
 from softrobot_env.scene.workspace import workspace_of

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.motion import State
+from softrobot_env.core.motion import State
 from softrobot_env.robots import CANTILEVER_WEAK, Base
 from softrobot_env.scene.assembly import Assembly, Member, build_assembly
 from softrobot_env.scene.config import SceneConfig

@@ -9,7 +9,7 @@ from support.chain_turns import station_turns
 from support.postures import posed
 
 from softrobot_env.beams.exact.analytic import rayleigh_frequency
-from softrobot_env.motion import IntegrationError, State
+from softrobot_env.core.motion import IntegrationError, State
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene

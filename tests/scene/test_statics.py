@@ -175,7 +175,7 @@ def test_simulation_settles_in_the_equilibrium():
 
 def test_no_equilibrium_is_reported(monkeypatch):
     """No load so bad is known; what remains is to forbid the path's steps."""
-    monkeypatch.setattr("softrobot_env.continuation._STEPS", 1)
+    monkeypatch.setattr("softrobot_env.core.continuation._STEPS", 1)
     with pytest.raises(EquilibriumError, match=r"no equilibrium beyond .* of the loads"):
         solve(CANTILEVER_WEAK, 12, "balanced2")
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from softrobot_env.robots import Sensor
 from softrobot_env.robots.sensors import USUAL
-from softrobot_env.sensing.bank import Bank
+from softrobot_env.sensing.bank import SensorArray
 from softrobot_env.sensing.optics import DARK, POLYNOMIAL, transmission
 
 PLANAR = Sensor("planar", "planar", 0.0, 0.09, noise=0.0)
@@ -24,7 +24,7 @@ def shape(beta, gamma=0.0, count=1, cells=6):
 
 
 def bank(*sensors, length=0.12, count=1, start=None, period=PERIOD, seeds=None):
-    made = Bank(sensors, np.linspace(0, length, 7), period, count)
+    made = SensorArray(sensors, np.linspace(0, length, 7), period, count)
     start = shape(0.0, count=count) if start is None else start
     made.start(np.arange(count), [sensors] * count, seeds or list(range(count)), start)
     return made

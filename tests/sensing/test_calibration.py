@@ -7,7 +7,7 @@ import pytest
 
 from softrobot_env.benchmarks.sensing.planar import read
 from softrobot_env.robots import RIG, Sensor
-from softrobot_env.sensing.bank import Bank
+from softrobot_env.sensing.bank import SensorArray
 from softrobot_env.sensing.calibration import (
     AngleErrors,
     Calibration,
@@ -70,7 +70,7 @@ def session():
     tips[200] = 0.0
     bend = tips * (3.1 + 20 * radius[:, None] ** 2) + [0.01, -0.02]
     sensor = replace(RIG.sensors[0].erring(1.0, 9), drift=0.03)
-    bank, shape = Bank([sensor], np.array([0.0, 0.12]), 5.0), np.zeros((1, 1, 3))
+    bank, shape = SensorArray([sensor], np.array([0.0, 0.12]), 5.0), np.zeros((1, 1, 3))
     bank.start(np.array([0]), [[sensor]], [1], shape)
     readings = np.empty((count, 4))
     for row, pair in zip(readings, bend, strict=True):

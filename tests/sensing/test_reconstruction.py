@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import Arrays, read_arrays, write_arrays
+from softrobot_env.core.artifacts import Arrays, read_arrays, write_arrays
 from softrobot_env.robots import ARM, RIG, ROBOTS, Sensor
 from softrobot_env.sensing.bank import felt_bends
 from softrobot_env.sensing.reconstruction import (

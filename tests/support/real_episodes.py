@@ -10,7 +10,7 @@ import pytest
 from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import RobotFaultError
 from softrobot_env.hardware.robot_file.model import rig_file
-from softrobot_env.hardware.tip import Sight
+from softrobot_env.hardware.tip import TipMeasurement
 
 PERIOD = 0.01  # s
 
@@ -22,7 +22,7 @@ class Still:
     """A tip that stands still; see `tip.TipSource`."""
 
     def latest(self, adc, time):
-        return Sight(monotonic(), np.zeros(2))
+        return TipMeasurement(monotonic(), np.zeros(2))
 
     def close(self):
         pass

@@ -7,18 +7,18 @@ import gymnasium
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import artifact_name, find_artifact, fingerprint, train_command
 from softrobot_env.cli import main
 from softrobot_env.control.learned import neural
 from softrobot_env.control.registry import make_policy, misfit, policy_environment
+from softrobot_env.core.artifacts import artifact_name, find_artifact, fingerprint, train_command
+from softrobot_env.core.registry import is_path, load
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned.network import Scaling, initial_network
-from softrobot_env.registries import is_path, load
 from softrobot_env.robots import ARM, RIG, ROBOTS, find_robot, read_robot, write_robot
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.tasks import make_task
 from softrobot_env.training.references import generic_task
-from softrobot_env.training.registry import TRAININGS, Order, file_of
+from softrobot_env.training.registry import TRAININGS, TrainingRequest, file_of
 from softrobot_env.training.views import view_for
 
 FINGER = ROBOTS["planar_finger"]
@@ -184,10 +184,10 @@ def test_an_imitation_tracks_about_as_its_teacher_does(name):
     """On a path, a pace and a robot that it was not trained on, unlike holding still."""
     pytest.importorskip("torch")
     from softrobot_env.evaluation.runner import Case, run
-    from softrobot_env.training.imitation import Lesson, imitate, settings_of
+    from softrobot_env.training.imitation import ImitationSetup, imitate, settings_of
 
     robot = find_robot(name)
-    lesson = Lesson.of(robot, "static")
+    lesson = ImitationSetup.of(robot, "static")
     config = replace(settings_of(lesson), rounds=3, samples=6000, shares=2, processes=0)
     network, view = imitate(config, 0, lambda *_: None, lesson), lesson.view()
     task = make_task("figure_eight", robot=robot, frequency=0.07)
@@ -237,11 +237,11 @@ def test_packages_are_asked_for_by_the_teacher(monkeypatch, capsys, mine):
 
 def test_a_network_decides_as_often_as_its_teacher_and_moves_as_far_as_servos_can():
     pytest.importorskip("torch")
-    from softrobot_env.training.imitation import Lesson
+    from softrobot_env.training.imitation import ImitationSetup
 
     for name in ("planar_finger", "silicone_rod", "hanging_trunk"):
         robot = find_robot(name)
-        view = Lesson.of(robot).view()
+        view = ImitationSetup.of(robot).view()
         assert view.period == policy_environment("lq_preview", robot)["control_period"]
         np.testing.assert_allclose(view.increment(np.ones(1)), view.most)
         np.testing.assert_allclose(view.output_of(view.increment(np.array([-0.3]))), -0.3)
@@ -262,13 +262,13 @@ def test_files_from_before_changes_had_a_scale_are_read(mine):
 
 def test_the_teachers_table_is_found_where_the_network_is_written(tmp_path):
     pytest.importorskip("torch")
-    from softrobot_env.training.imitation import Lesson
+    from softrobot_env.training.imitation import ImitationSetup
 
-    assert Lesson.of(FINGER, None, tmp_path).file is None
+    assert ImitationSetup.of(FINGER, None, tmp_path).file is None
     table = tmp_path / artifact_name(FINGER, "lq_preview")
     table.write_bytes(b"")
-    assert Lesson.of(FINGER, None, tmp_path).file == table
-    assert Lesson.of(FINGER, "static", tmp_path).file is None
+    assert ImitationSetup.of(FINGER, None, tmp_path).file == table
+    assert ImitationSetup.of(FINGER, "static", tmp_path).file is None
 
 
 def test_tables_of_a_robot_share_their_operating_points(monkeypatch, tmp_path):
@@ -286,7 +286,7 @@ def test_tables_of_a_robot_share_their_operating_points(monkeypatch, tmp_path):
     monkeypatch.setattr(registry, "_FOUND", {})
     for plant in ("mujoco", "pcc"):
         for policy in ("lqi", "lq_preview"):
-            order = Order(FINGER, tmp_path / f"{policy}_{plant}.npz", 0, {"plant": plant})
+            order = TrainingRequest(FINGER, tmp_path / f"{policy}_{plant}.npz", 0, {"plant": plant})
             TRAININGS[policy].run(order, lambda *_: None)
     assert found == ["mujoco", "pcc"]
     rows = [np.load(tmp_path / f"lqi_{plant}.npz")["rows"] for plant in ("mujoco", "pcc")]

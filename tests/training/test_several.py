@@ -8,10 +8,10 @@ from time import monotonic, sleep
 
 import pytest
 
-from softrobot_env.benchmarks.journal import FOLDER, Journal, kept_in
 from softrobot_env.cli import main
+from softrobot_env.core.journal import FOLDER, Journal, kept_in
 from softrobot_env.robots import ARM
-from softrobot_env.training.registry import Order, Quantity, Training, curve_file
+from softrobot_env.training.registry import Quantity, Training, TrainingRequest, curve_file
 from softrobot_env.training.several import runs
 from softrobot_env.training.several.report import best_of, plot, tables
 from softrobot_env.training.several.runs import orders_of, run_all, study_of
@@ -41,7 +41,7 @@ def orders(tmp_path, monkeypatch):
     known = {"fake": Training(fake, ("checkpoint", "set"))}
     monkeypatch.setattr(runs, "TRAININGS", known)
     monkeypatch.setattr(runs, "run_in_processes", lambda jobs, show: [job() for _, job in jobs])
-    order = Order(ARM, tmp_path / "fake.npz", near=tmp_path)
+    order = TrainingRequest(ARM, tmp_path / "fake.npz", near=tmp_path)
     return partial(orders_of, order)
 
 
@@ -170,7 +170,7 @@ def test_a_sweep_that_was_stopped_goes_on_and_ends_as_one_that_was_not(
     call += "--set envs_per_task=1 --set drawn_tasks=1 --workers 1 --out"
     assert main([*call.split(), str(tmp_path / "whole")]) == 0
 
-    from softrobot_env.benchmarks import jobs
+    from softrobot_env.core import jobs
 
     arriving = jobs._arriving
 

@@ -9,7 +9,7 @@ from softrobot_env.learned.reduction import FitError, Record
 from softrobot_env.recordings.episodes import episode_recording
 from softrobot_env.robots import RIG, ROBOTS, find_robot
 from softrobot_env.training.motions import Plan, _taut, collect, drives_of
-from softrobot_env.training.registry import TRAININGS, Order
+from softrobot_env.training.registry import TRAININGS, TrainingRequest
 from softrobot_env.training.ssm import records_of, split_decays
 
 FINGER = find_robot("planar_finger")
@@ -71,7 +71,9 @@ def test_recordings_that_tell_no_motion_are_refused():
 @pytest.mark.slow
 def test_a_model_of_a_finger(tmp_path):
     path = tmp_path / "ssm.npz"
-    figures = dict(TRAININGS["ssm"].run(Order(FINGER, path, 0, {"quick": True}), lambda *_: None))
+    figures = dict(
+        TRAININGS["ssm"].run(TrainingRequest(FINGER, path, 0, {"quick": True}), lambda *_: None)
+    )
     assert figures["mean error over 2 s, motion left out"].value < 10e-3
     assert isinstance(Record(np.zeros((3, 1)), np.zeros((3, 1)), 1.0), Record) and path.exists()
 

@@ -14,11 +14,11 @@ from softrobot_env.cli import main  # noqa: E402
 from softrobot_env.commands import train_rl  # noqa: E402
 from softrobot_env.control.learned import neural  # noqa: E402
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment  # noqa: E402
+from softrobot_env.core.paths import models_dir  # noqa: E402
 from softrobot_env.envs.randomization import Randomization  # noqa: E402
 from softrobot_env.envs.tracking import TrackingEnv  # noqa: E402
 from softrobot_env.envs.vector import VectorTrackingEnv  # noqa: E402
 from softrobot_env.learned.network import Network  # noqa: E402
-from softrobot_env.paths import models_dir  # noqa: E402
 from softrobot_env.robots import ARM  # noqa: E402
 from softrobot_env.tasks import make_task  # noqa: E402
 from softrobot_env.training import artifacts, checkpoint, references, registry  # noqa: E402

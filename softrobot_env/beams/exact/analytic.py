@@ -13,7 +13,7 @@ import numpy as np
 from scipy.integrate import solve_bvp
 from scipy.optimize import brentq
 
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
 
 _NODES = 101
 _TOLERANCE = 1e-9

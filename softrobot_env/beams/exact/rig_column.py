@@ -18,7 +18,7 @@ from scipy.optimize import root
 
 from softrobot_env.beams.exact.analytic import Section, section_slope
 from softrobot_env.beams.exact.shearable_rod import section
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
 
 _RTOL, _ATOL = 1e-11, 1e-13

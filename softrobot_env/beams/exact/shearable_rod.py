@@ -17,7 +17,7 @@ from softrobot_env.beams.exact.analytic import (
     euler_bernoulli_frequency,
     section_slope,
 )
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
 
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.numerics.compilation import structure
-from softrobot_env.registries import Registry
+from softrobot_env.core.registry import Registry
 
 
 @structure

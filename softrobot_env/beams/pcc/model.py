@@ -11,7 +11,7 @@ from softrobot_env.beams.actuation import Actuation, channel_samples, channels_o
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.beams.numerics.compilation import reference, structure
 from softrobot_env.beams.pcc import actuation, dynamics
-from softrobot_env.registries import Registry
+from softrobot_env.core.registry import Registry
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load, refuse_out_of_plane, refuse_torsion, seen_from_base
 

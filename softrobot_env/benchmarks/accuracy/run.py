@@ -38,9 +38,9 @@ from softrobot_env.benchmarks.accuracy.rows import (
 )
 from softrobot_env.benchmarks.accuracy.space import statics as space_statics
 from softrobot_env.benchmarks.beams import chain_scene
-from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.records import groups
 from softrobot_env.benchmarks.timing import best_of, step_cost
+from softrobot_env.core.jobs import Job, Progress, run_jobs
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.quadrature import RULES
 

@@ -13,7 +13,7 @@ from softrobot_env.beams.exact.touching_rod import (
 )
 from softrobot_env.benchmarks.contacts.rows import Check
 from softrobot_env.benchmarks.timing import best_of
-from softrobot_env.motion import State
+from softrobot_env.core.motion import State
 from softrobot_env.robots import Base, RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene

@@ -11,7 +11,7 @@ from softrobot_env.benchmarks.contacts.cases import CASES
 from softrobot_env.benchmarks.contacts.exact import CHECKS, check
 from softrobot_env.benchmarks.contacts.judge import judged
 from softrobot_env.benchmarks.contacts.rows import Cell, Check
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.core.jobs import Progress, run_in_processes
 
 #: Stiffnesses over that of the robot's material [1], friction coefficients [1], and timesteps over
 #: the rule's [1].

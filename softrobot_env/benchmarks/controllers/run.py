@@ -15,7 +15,7 @@ from softrobot_env.benchmarks.controllers.cases import (
     with_ratios,
 )
 from softrobot_env.benchmarks.episodes import policies
-from softrobot_env.benchmarks.jobs import Progress, run_jobs
+from softrobot_env.core.jobs import Progress, run_jobs
 from softrobot_env.evaluation.runner import Case
 
 #: The thesis' plant; MuJoCo's chain; the same without measured rates; other parameters.

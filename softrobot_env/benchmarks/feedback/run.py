@@ -9,8 +9,8 @@ import numpy as np
 from softrobot_env.benchmarks.feedback.gains import GainRow, gain_rows
 from softrobot_env.benchmarks.feedback.rigs import DISTURBANCES, disturbed
 from softrobot_env.benchmarks.feedback.sensed import rig_with_sensor, sensed
-from softrobot_env.benchmarks.jobs import Job, Progress, run_in_processes
 from softrobot_env.benchmarks.records import Record, for_pictures
+from softrobot_env.core.jobs import Job, Progress, run_in_processes
 from softrobot_env.evaluation.rollout import Rollout
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_episode

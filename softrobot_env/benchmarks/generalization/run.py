@@ -6,8 +6,8 @@ from functools import partial
 
 from softrobot_env.benchmarks.episodes import EpisodeRecord, record_of
 from softrobot_env.benchmarks.episodes import policies as known_policies
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.control.registry import installed_policies
+from softrobot_env.core.jobs import Progress, run_in_processes
 from softrobot_env.evaluation import runner
 from softrobot_env.evaluation.labels import variation_label
 from softrobot_env.evaluation.runner import Case

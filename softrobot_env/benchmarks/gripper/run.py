@@ -6,7 +6,7 @@ from importlib.util import find_spec
 from softrobot_env.benchmarks.gripper.episodes import outcomes, sizes, speeds
 from softrobot_env.benchmarks.gripper.grips import grips, things
 from softrobot_env.benchmarks.gripper.rows import Grip, Outcome, Shape, Size, Speed
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
+from softrobot_env.core.jobs import Progress, run_in_processes
 
 Row = Grip | Size | Shape | Outcome | Speed
 

@@ -7,8 +7,8 @@ from time import perf_counter
 
 from softrobot_env.benchmarks.identify.truth import BELIEVED, drawn, recorded
 from softrobot_env.benchmarks.identify.twins import TwinRow, twin_jobs
-from softrobot_env.benchmarks.jobs import Job, Progress, run_in_processes
 from softrobot_env.benchmarks.records import Record
+from softrobot_env.core.jobs import Job, Progress, run_in_processes
 from softrobot_env.identification.fit.least_squares import size
 from softrobot_env.identification.fit.path import identify
 from softrobot_env.identification.fit.report import parameter_rows

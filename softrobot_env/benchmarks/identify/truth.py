@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.motion import State
+from softrobot_env.core.motion import State
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.recordings.header import Commands, Marker, Time
 from softrobot_env.robots import RobotParams, Tendon

@@ -12,9 +12,9 @@ from time import perf_counter
 
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.control.registry import find_policy, make_policy
+from softrobot_env.core.jobs import Job
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_case

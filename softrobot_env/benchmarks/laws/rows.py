@@ -11,7 +11,7 @@ from softrobot_env.robots import ARM, EQUIVALENT_RIG, RIG, RobotParams, find_rob
 from softrobot_env.robots.file import read_robot, write_robot
 from softrobot_env.tasks import Task
 from softrobot_env.tasks.generic import site_of
-from softrobot_env.training.registry import TRAININGS, Order, file_of
+from softrobot_env.training.registry import TRAININGS, TrainingRequest, file_of
 
 #: Generic tasks, and laps per second over the first frequency.
 TASKS = ("circle", "figure_eight", "random")
@@ -67,7 +67,7 @@ def trained_robot(name: str, folder: Path, seed: int = 0) -> RobotParams:
     write_robot(robot, file)
     robot = read_robot(file)
     for policy in TRAINED:
-        order = Order(robot, file_of(robot, policy), seed)
+        order = TrainingRequest(robot, file_of(robot, policy), seed)
         TRAININGS[policy].run(order, lambda description, done, total: None)
     return robot
 

@@ -7,11 +7,11 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.laps import OBSERVER, ROBOTS, LapsRow, RefusedRow, laps_case, run_all
 from softrobot_env.benchmarks.laws.goals import GoalRow, goal_rows, ranked_laws
 from softrobot_env.benchmarks.laws.rows import FREQUENCIES, TASKS, PathRow, Prepared, prepare
 from softrobot_env.benchmarks.records import of_kind, select
+from softrobot_env.core.jobs import Progress, run_in_processes
 from softrobot_env.evaluation.runner import Case
 
 #: Factors on Young's modulus that the best laws of a robot meet, and how many laws they are.

@@ -7,15 +7,15 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from softrobot_env.artifacts import read_facts
-from softrobot_env.benchmarks.jobs import quiet
+from softrobot_env.core.artifacts import read_facts
+from softrobot_env.core.jobs import quiet
+from softrobot_env.core.writing import write_text
 from softrobot_env.learned.network import Network
 from softrobot_env.training.artifacts import save
 from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.rl import train
 from softrobot_env.training.rl_config import RLConfig, preset
 from softrobot_env.training.watch import Point
-from softrobot_env.writing import write_text
 
 IMITATION = "imitation"
 

@@ -5,9 +5,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.benchmarks.jobs import Progress, quiet, run_in_processes
 from softrobot_env.benchmarks.learning.cases import CASES, CHAINS, IMITATION, load_run, run_chain
 from softrobot_env.benchmarks.records import Record
+from softrobot_env.core.jobs import Progress, quiet, run_in_processes
 from softrobot_env.training.closed_loop_check import check
 from softrobot_env.training.rl_config import DISTURBED
 

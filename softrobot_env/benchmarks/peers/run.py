@@ -7,10 +7,10 @@ process, with one thread, so that they hold on a busy machine as well; compilati
 import os
 from importlib.util import find_spec
 
-from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.peers import soromox_arm, spatial_arm
 from softrobot_env.benchmarks.peers.rows import OURS, Row
 from softrobot_env.benchmarks.records import select
+from softrobot_env.core.jobs import Job, Progress, run_jobs
 
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.control.registry import make_policy, policy_environment
-from softrobot_env.interfaces import Policy
+from softrobot_env.core.interfaces import Policy
 from softrobot_env.training.default_ppo import train
 from softrobot_env.training.vec_env import make_vec_env
 

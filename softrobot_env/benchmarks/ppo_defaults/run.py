@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.ppo_defaults.cases import CASES, Case, goal_of, train_case
 from softrobot_env.benchmarks.records import Record
+from softrobot_env.core.jobs import Progress, run_in_processes
 
 SEEDS = (0, 1, 2)
 

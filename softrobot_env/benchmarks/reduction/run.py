@@ -11,8 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.artifacts import fingerprint, write_arrays
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.reduction.data import Followed, RigData
 from softrobot_env.benchmarks.reduction.models import (
     MODELS,
@@ -31,10 +29,12 @@ from softrobot_env.benchmarks.reduction.rows import (
     SpectrumRow,
 )
 from softrobot_env.control.reduced.environment import preview_times
+from softrobot_env.core.artifacts import fingerprint, write_arrays
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.core.jobs import Progress, run_in_processes
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.evaluation.runner import run as run_episode
-from softrobot_env.interfaces import Policy
 from softrobot_env.learned.reduction import (
     THESIS,
     FitError,

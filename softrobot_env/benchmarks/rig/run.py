@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.records import of_kind
 from softrobot_env.benchmarks.rig import goals
 from softrobot_env.benchmarks.rig.cases import LapsRow, cases, rig_name, run_case
 from softrobot_env.benchmarks.rig.forces import force_rows
 from softrobot_env.benchmarks.thesis.rows import Row as ForceRow
 from softrobot_env.control.rig.identified import IdentifiedParameters
+from softrobot_env.core.jobs import Job, Progress, run_jobs
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.identification.parameters import identified, parameters_of, record
 from softrobot_env.robots import RIG

@@ -10,9 +10,9 @@ from itertools import product
 
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.rig_networks.cases import Case, CellRow, run_case
 from softrobot_env.control.rig.inverse import TOTAL
+from softrobot_env.core.jobs import Progress, run_in_processes
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING
 from softrobot_env.identification.slow_rig import RigStatics
 from softrobot_env.identification.visits import collect, split

@@ -9,7 +9,6 @@ from functools import partial
 
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress, quiet, run_in_processes
 from softrobot_env.benchmarks.records import Record
 from softrobot_env.benchmarks.rig_networks.cases import (
     QUICK_TRAININGS,
@@ -22,6 +21,7 @@ from softrobot_env.benchmarks.rig_networks.cases import (
 )
 from softrobot_env.benchmarks.rig_networks.friction import friction_rows
 from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.core.jobs import Progress, quiet, run_in_processes
 from softrobot_env.identification.excitation import Excitation
 from softrobot_env.identification.networks import DIRECTIONS, HIDDEN, TRAINING, direction_of
 from softrobot_env.identification.parameters import record

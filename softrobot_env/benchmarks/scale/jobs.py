@@ -6,10 +6,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from time import process_time
 
-from softrobot_env.benchmarks import journal
-from softrobot_env.benchmarks.jobs import run_in_processes
 from softrobot_env.benchmarks.scale.rows import CORES, PRICE, Row
-from softrobot_env.processes import Workers, chosen_processes, using
+from softrobot_env.core import journal
+from softrobot_env.core.jobs import run_in_processes
+from softrobot_env.core.processes import Workers, chosen_processes, using
 
 #: Numbers of jobs whose costs are compared, so that starts do not count.
 _FEW, _MANY, _QUICK = 20, 1020, 120

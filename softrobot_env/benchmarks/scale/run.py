@@ -12,11 +12,11 @@ from time import process_time
 import gymnasium
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress, quiet
 from softrobot_env.benchmarks.scale import jobs, shares
 from softrobot_env.benchmarks.scale.rows import Row, cost_of
 from softrobot_env.benchmarks.speed import scaling
-from softrobot_env.processes import Workers, usable_cores
+from softrobot_env.core.jobs import Progress, quiet
+from softrobot_env.core.processes import Workers, usable_cores
 from softrobot_env.robots import find_robot
 
 #: Robots that are timed: what `gymnasium.make_vec` takes.

@@ -6,10 +6,10 @@ see `benchmarks.scenes.judge`.
 
 from functools import partial
 
-from softrobot_env.benchmarks.jobs import Progress, run_in_processes
 from softrobot_env.benchmarks.scenes.draw import draw_scene
 from softrobot_env.benchmarks.scenes.judge import judge
 from softrobot_env.benchmarks.scenes.rows import Row
+from softrobot_env.core.jobs import Progress, run_in_processes
 
 #: Number of scenes, and of a quick run.
 COUNT, QUICK_COUNT = 200, 20

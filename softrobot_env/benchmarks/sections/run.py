@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from softrobot_env.beams.cosserat import CosseratRod
 from softrobot_env.beams.exact.spatial_rod import SpatialShape
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.benchmarks.jobs import Progress
 from softrobot_env.benchmarks.sections.cases import CASES, Case
 from softrobot_env.benchmarks.sections.rows import Row
 from softrobot_env.benchmarks.timing import best_of
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.jobs import Progress
 from softrobot_env.robots import Base, RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig

@@ -20,7 +20,7 @@ from softrobot_env.scene.contacts import links_of
 from softrobot_env.scene.gripper import FINENESS, gripper_scene
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning
-from softrobot_env.sensing.bank import Bank
+from softrobot_env.sensing.bank import SensorArray
 from softrobot_env.sensing.calibration import AngleErrors, Calibration
 
 _ROBOT = GRIPPER.fingers[1].robot
@@ -102,14 +102,14 @@ def _gripped(name: str, tension: float) -> _Grip:
 class _Finger:
     """Sensors and tags of a specimen."""
 
-    bank: Bank
+    bank: SensorArray
     sensors: tuple[Sensor, ...]
     seed: int
 
     @classmethod
     def built(cls, specimen: int, edges: np.ndarray) -> "_Finger":
         sensors = tuple(sensor.erring(1.0, specimen) for sensor in _ROBOT.sensors)
-        return cls(Bank(sensors, edges, 1 / _RATE), sensors, specimen)
+        return cls(SensorArray(sensors, edges, 1 / _RATE), sensors, specimen)
 
     def read(self, grip: _Grip) -> tuple[np.ndarray, np.ndarray]:
         """Light (n, 3) and turns seen by tags (n, 3) [rad] in a grip."""

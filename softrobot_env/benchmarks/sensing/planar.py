@@ -11,7 +11,7 @@ import numpy as np
 from softrobot_env.benchmarks.sensing.rows import Kind, Row
 from softrobot_env.robots import Sensor
 from softrobot_env.robots.sensors import USUAL
-from softrobot_env.sensing.bank import Bank
+from softrobot_env.sensing.bank import SensorArray
 from softrobot_env.sensing.calibration import AngleErrors, Range, fit
 from softrobot_env.sensing.optics import POLYNOMIAL, SPAN, STRAIGHT
 
@@ -52,7 +52,7 @@ def rows(quick: bool = False) -> list[Row]:
 def read(sensor: Sensor, angles: np.ndarray, rate: float, seed: int = 0) -> np.ndarray:
     """Readings (n,) of three fibres at angles (n, 2) [rad], from straight on, at a rate [Hz]."""
     third = sensor.end / 3
-    bank = Bank([replace(sensor, rate=rate)], np.arange(4) * third, 1 / rate)
+    bank = SensorArray([replace(sensor, rate=rate)], np.arange(4) * third, 1 / rate)
     strain = np.zeros((len(angles), 1, 3, 3))
     strain[:, 0, 0, 0], strain[:, 0, 2, 0] = (2 * angles / third).T
     bank.start(np.array([0]), [[sensor]], [seed], np.zeros((1, 3, 3)))

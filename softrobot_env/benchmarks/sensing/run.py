@@ -1,8 +1,8 @@
 """All of chapter 4: the planar sensor, three of them in a finger, the spatial one in the rig."""
 
-from softrobot_env.benchmarks.jobs import Progress
 from softrobot_env.benchmarks.sensing import finger, planar, spatial
 from softrobot_env.benchmarks.sensing.rows import Row
+from softrobot_env.core.jobs import Progress
 
 
 def run(quick: bool = False, progress: Progress | None = None) -> list[Row]:

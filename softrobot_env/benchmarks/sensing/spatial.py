@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.interpolate import LinearNDInterpolator
 
-from softrobot_env.benchmarks.jobs import Progress
 from softrobot_env.benchmarks.sensing.rows import Row
+from softrobot_env.core.jobs import Progress
 from softrobot_env.learned import bayesian
 from softrobot_env.learned.network import Dataset, Network
 from softrobot_env.robots import RIG, WORKSPACE, Sensor
@@ -23,7 +23,7 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import station_strain
 from softrobot_env.scene.registry import RIG_PIECES, scene_of
 from softrobot_env.scene.statics import equilibrium
-from softrobot_env.sensing.bank import Bank
+from softrobot_env.sensing.bank import SensorArray
 from softrobot_env.sensing.estimation import BendFilter, calibrate
 
 SPECIMENS, QUICK_SPECIMENS = (1, 2, 3, 4, 5), (1, 2)
@@ -93,7 +93,7 @@ def _lengths(most: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
 
 def _readings(visit: _Visit, sensor: Sensor, bent: float = 0.0) -> np.ndarray:
     """Readings (n, 4) at all postures; `bent` is how much a phototransistor is not linear [1]."""
-    bank = Bank([sensor], visit.edges, _PAUSE)
+    bank = SensorArray([sensor], visit.edges, _PAUSE)
     still = np.zeros_like(visit.shapes[:1])
     bank.start(np.array([0]), [[sensor]], [sensor.specimen], still)
     out = np.empty((len(visit.shapes), sensor.size))

@@ -9,7 +9,6 @@ from time import perf_counter, thread_time
 import gymnasium
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress
 from softrobot_env.benchmarks.speed.rows import Row
 from softrobot_env.control.registry import (
     REDUCED_POLICIES,
@@ -19,7 +18,8 @@ from softrobot_env.control.registry import (
     make_policy,
     policy_environment,
 )
-from softrobot_env.interfaces import Policy
+from softrobot_env.core.interfaces import Policy
+from softrobot_env.core.jobs import Progress
 from softrobot_env.robots import ARM
 
 WHAT = "decision"

@@ -13,10 +13,10 @@ import gymnasium
 import mujoco
 import numpy as np
 
-from softrobot_env.benchmarks.jobs import Progress, quiet
 from softrobot_env.benchmarks.speed import decisions, moving, robots, scaling, vector, warp
 from softrobot_env.benchmarks.speed.rows import Row, step_row
 from softrobot_env.benchmarks.speed.startup import frame_time, startup_times
+from softrobot_env.core.jobs import Progress, quiet
 from softrobot_env.envs.base import EpisodeEnv
 from softrobot_env.registration import ENVIRONMENTS
 from softrobot_env.scene.simulation import Simulation

@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 
 from softrobot_env.benchmarks.speed.rows import Row
-from softrobot_env.processes import Workers, usable_cores, using, worker_processes
+from softrobot_env.core.processes import Workers, usable_cores, using, worker_processes
 
 WHAT = "scaling"
 

@@ -19,7 +19,6 @@ from softrobot_env.beams.exact.shearable_rod import section, tendon_tip
 from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.rows import SHEAR, distance
 from softrobot_env.benchmarks.beams import make_beam, weightless
-from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.stability.map import damped
 from softrobot_env.benchmarks.stability.runs import (
     ADAPTIVE,
@@ -36,6 +35,7 @@ from softrobot_env.benchmarks.stability.runs import (
     steps_for,
 )
 from softrobot_env.benchmarks.stability.verdicts import WRONG, Row, Verdict, judge, judge_errors
+from softrobot_env.core.jobs import Job
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from rich.table import Table
 
-from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.records import Record, select
+from softrobot_env.core.jobs import Job
 from softrobot_env.rendering.figures import COLOURS, add_legend, add_title, new_figure
 from softrobot_env.rendering.tables import Column, make_table
 from softrobot_env.robots import ARM, RIG, RobotParams, Tendon

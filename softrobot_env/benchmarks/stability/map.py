@@ -16,7 +16,6 @@ import numpy as np
 from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.cases.tension_step import END, START, tensions
 from softrobot_env.benchmarks.beams import make_beam
-from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.stability.runs import (
     BEAM_METHODS,
     CHAIN,
@@ -33,6 +32,7 @@ from softrobot_env.benchmarks.stability.runs import (
     steps_for,
 )
 from softrobot_env.benchmarks.stability.verdicts import Row, judge
+from softrobot_env.core.jobs import Job
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.statics import equilibrium

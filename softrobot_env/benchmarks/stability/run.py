@@ -7,13 +7,13 @@ of the same model (or of an independent truth). Everything else is a failure wit
 from collections.abc import Iterator
 from itertools import product
 
-from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.stability import extremes, front
 from softrobot_env.benchmarks.stability.map import ALL_DAMPINGS, NOMINAL, SOME_DAMPINGS, Family
 from softrobot_env.benchmarks.stability.map import jobs as map_jobs
 from softrobot_env.benchmarks.stability.rig import runs as rig
 from softrobot_env.benchmarks.stability.runs import CHAIN
 from softrobot_env.benchmarks.stability.verdicts import Row
+from softrobot_env.core.jobs import Job, Progress, run_jobs
 
 #: Beam models, see `benchmarks.beams.make_beam`.
 BEAMS = ("pcc", "cosserat", "ancf2d")

@@ -1,1 +1,1 @@
-"""Figures and tables of the thesis' chapter 2 anew."""
+"""Metrics and tables of the thesis' chapter 2 anew."""

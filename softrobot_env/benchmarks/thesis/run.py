@@ -1,6 +1,5 @@
-"""Figures and tables of chapter 2 of the thesis as data, with the audit's corrections."""
+"""Metrics and tables of chapter 2 of the thesis as data, with the audit's corrections."""
 
-from softrobot_env.benchmarks.jobs import Job, Progress, run_jobs
 from softrobot_env.benchmarks.thesis.cosserat import drift_rows, influence_rows, weighting_rows
 from softrobot_env.benchmarks.thesis.cost import evaluation_rows, self_weight_rows, total_rows
 from softrobot_env.benchmarks.thesis.modes import bending_rows, torsional_rows
@@ -8,6 +7,7 @@ from softrobot_env.benchmarks.thesis.quadrature import HIGHEST, quadrature_rows
 from softrobot_env.benchmarks.thesis.rows import MODELS, Row
 from softrobot_env.benchmarks.thesis.spiral import Curve, curve, curve_rows, table_rows, time_rows
 from softrobot_env.benchmarks.thesis.statics import centreline_rows, deflection_rows, torsion_rows
+from softrobot_env.core.jobs import Job, Progress, run_jobs
 
 #: Numbers of pieces, and orders of integration of an ANCF element.
 PIECES, QUICK_PIECES = tuple(range(1, 21)), (1, 2, 3, 4, 5, 8, 14)

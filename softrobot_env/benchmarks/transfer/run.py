@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.benchmarks.jobs import Job, Progress, run_in_processes
 from softrobot_env.benchmarks.laps import (
     HOLD,
     LapsRow,
@@ -28,6 +27,7 @@ from softrobot_env.benchmarks.transfer.trainings import (
     tune_tables,
 )
 from softrobot_env.benchmarks.transfer.worlds import PLANT, World, worlds
+from softrobot_env.core.jobs import Job, Progress, run_in_processes
 from softrobot_env.evaluation.runner import Case
 from softrobot_env.robots import ARM, RIG, find_robot
 from softrobot_env.tasks import Task

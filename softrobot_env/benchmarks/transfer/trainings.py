@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
-from softrobot_env.benchmarks.jobs import quiet
 from softrobot_env.benchmarks.laps import RefusedRow, refusal
+from softrobot_env.core.jobs import quiet
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.learned import bayesian, quasi_static
 from softrobot_env.learned.network import describe
@@ -25,7 +25,7 @@ from softrobot_env.scene.registry import scene_of
 from softrobot_env.training.artifacts import save, save_vector_policy
 from softrobot_env.training.imitation import ImitationConfig, imitate
 from softrobot_env.training.references import generic_task
-from softrobot_env.training.registry import TRAININGS, Order
+from softrobot_env.training.registry import TRAININGS, TrainingRequest
 
 #: Of their random numbers.
 _SEED = 0
@@ -120,7 +120,7 @@ def tune_tables(name: str, folder: Path) -> list[Trained | RefusedRow]:
         why = _untunable(robot)
         try:
             if why is None:
-                TRAININGS[policy].run(Order(robot, path, _SEED, {"plant": OTHER}), quiet)
+                TRAININGS[policy].run(TrainingRequest(robot, path, _SEED, {"plant": OTHER}), quiet)
         except ValueError as error:
             why = str(error)
         if why is not None:

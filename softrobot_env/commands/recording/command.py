@@ -4,7 +4,7 @@ import argparse
 
 from softrobot_env.commands.recording import check, replay
 from softrobot_env.commands.subcommands import Command, add_commands
-from softrobot_env.registries import Registry
+from softrobot_env.core.registry import Registry
 
 EXAMPLE = "softrobot recording check train.csv --header assets/recordings/ftdcr_v4.toml"
 

@@ -12,10 +12,10 @@ from softrobot_env.commands.arguments import twin
 from softrobot_env.commands.output import add_out, drawn, new_results
 from softrobot_env.commands.progress import progress_on
 from softrobot_env.commands.recording.check import add_file
+from softrobot_env.core.writing import write_text
 from softrobot_env.recordings import read_recording
 from softrobot_env.rendering.tables import Column, make_table, text_page
 from softrobot_env.robots import ROBOTS, RobotParams, find_robot
-from softrobot_env.writing import write_text
 
 if TYPE_CHECKING:
     from softrobot_env.identification.replay import ErrorRow, Replay

@@ -5,7 +5,7 @@ import argparse
 from softrobot_env.commands.robot import calibrate, orders, record, replay, soak, virtual
 from softrobot_env.commands.robot import list as list_ports
 from softrobot_env.commands.subcommands import Command, add_commands
-from softrobot_env.registries import Registry
+from softrobot_env.core.registry import Registry
 
 EXAMPLE = "softrobot robot hold --port /dev/ttyUSB0 --seconds 10"
 

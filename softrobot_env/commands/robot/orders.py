@@ -27,7 +27,7 @@ _LONGEST_MOVE = 30.0  # s
 
 
 @dataclass(frozen=True)
-class Order:
+class RobotCommand:
     """A command to the robot that the arguments of `add_robot` mean, see `Command.module`.
 
     Attributes:
@@ -117,9 +117,9 @@ def _shown(driver: Driver) -> Table:
     return named_values(f"Robot {driver.robot.name}, Ctrl-C stops it", rows)
 
 
-INFO = Order("softrobot robot info --robot-file rig.toml", _info)
+INFO = RobotCommand("softrobot robot info --robot-file rig.toml", _info)
 
-HOLD = Order(
+HOLD = RobotCommand(
     "softrobot robot hold --robot-file rig.toml --seconds 10",
     _hold,
     {
@@ -132,7 +132,7 @@ HOLD = Order(
     },
 )
 
-STOP = Order(
+STOP = RobotCommand(
     "softrobot robot stop --port /dev/ttyUSB0",
     _stop,
     {
@@ -141,7 +141,7 @@ STOP = Order(
     },
 )
 
-ESTOP = Order(
+ESTOP = RobotCommand(
     "softrobot robot estop --port /dev/ttyUSB0",
     _estop,
     {"--clear": {"action": "store_true", "help": "clear the emergency stop afterwards"}},

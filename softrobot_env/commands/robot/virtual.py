@@ -19,9 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from rich.console import Console
 
-from softrobot_env.artifacts import write_arrays
 from softrobot_env.commands.arguments import port, positive, seed
 from softrobot_env.commands.output import check_free
+from softrobot_env.core.artifacts import write_arrays
 from softrobot_env.hardware.protocol.messages import LENGTH_UNIT
 from softrobot_env.hardware.robot_file.model import TRACKER_PORT, RobotFile, virtual_file
 from softrobot_env.hardware.tip import UdpTip

@@ -15,23 +15,28 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.artifacts import (
-    find_artifact,
-    read_arrays,
-    refuse_artifact,
-    train_command,
-    write_arrays,
-)
 from softrobot_env.beams.closed_forms import planar_arm
 from softrobot_env.beams.closed_forms.planar_arm import PlanarArm, make_planar_arm
 from softrobot_env.beams.numerics.compilation import implementation, kernel, reference, structure
 from softrobot_env.control.arm.estimation import stiffness_factor, update_estimate
 from softrobot_env.control.arm.statics import REACH, follow
 from softrobot_env.control.arm.timing import PERIOD, identity
-from softrobot_env.control.scheduled.aiming import Aim, aimed, references_of, split_memory
+from softrobot_env.control.scheduled.aiming import (
+    TrackingTarget,
+    aimed,
+    references_of,
+    split_memory,
+)
 from softrobot_env.control.scheduled.law import Law
 from softrobot_env.control.scheduled.lqi import Resting, resting
 from softrobot_env.control.status import FINE, OUTSIDE, UNREACHABLE
+from softrobot_env.core.artifacts import (
+    find_artifact,
+    read_arrays,
+    refuse_artifact,
+    train_command,
+    write_arrays,
+)
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.linearised import LinearModel
@@ -285,7 +290,7 @@ def _aimed(
     target: np.ndarray,
     preview: np.ndarray,
     previous: np.ndarray,
-) -> Aim:
+) -> TrackingTarget:
     arm, limit, n, m = grid.arm, grid.limit, grid.n, grid.m
     _, _, force, held, offset, _, _, smoothing = split_memory(memory, n, m)
     scale = _estimate(grid, adaptive, memory, curvature, rate, tip, previous)
@@ -311,4 +316,4 @@ def _aimed(
         for i in range(2):
             way = points[k, 2 * i] - points[0, 2 * i] - times[k] * velocity[2 * i]
             ways[2 * k - 2 + i] = way
-    return Aim(action, rising, away, ways, velocity, np.empty((0, 3)), doubt, gains)
+    return TrackingTarget(action, rising, away, ways, velocity, np.empty((0, 3)), doubt, gains)

@@ -23,8 +23,8 @@ from softrobot_env.control.feedforward.motion import Motion, ahead_of
 from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, NetworkStatics, Rest
 from softrobot_env.control.status import REASONS, SATURATED
-from softrobot_env.fields import Positive, check_argument
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.inverse import Linear, least_step
 

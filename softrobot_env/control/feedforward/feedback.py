@@ -8,7 +8,7 @@ from softrobot_env.control.feedforward.differences import DifferenceFilter, Diff
 from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.control.feedforward.nearby import Nearby, Neighbourhood
 from softrobot_env.control.feedforward.statics import Rest, Statics
-from softrobot_env.fields import NotNegative, Positive, check_argument
+from softrobot_env.core.records import NotNegative, Positive, check_argument
 
 #: Shares of the limits of K_P and K_I; the largest K_P, and the largest K_P e as a share of the
 #: reach: what holds near a rest says little of what is far away. Ways over it that no robot moves
@@ -29,7 +29,7 @@ class Sent(NamedTuple):
     moved: np.ndarray
 
 
-class Felt(NamedTuple):
+class FeedbackState(NamedTuple):
     """What feedback remembers.
 
     Attributes:
@@ -48,7 +48,7 @@ class Felt(NamedTuple):
     near: Nearby | None
     sent: tuple[Sent, ...]
 
-    def unlearnt(self, before: "Felt") -> "Felt":
+    def unlearnt(self, before: "FeedbackState") -> "FeedbackState":
         """The same without what was learned since `before`."""
         return self._replace(integral=before.integral, differs=before.differs)
 
@@ -114,7 +114,7 @@ class Feedback:
                 n_inputs, learning.n_built, learning.reach, frequency, control_period
             )
 
-    def start(self, reference: np.ndarray) -> Felt:
+    def start(self, reference: np.ndarray) -> FeedbackState:
         """Begin with a reference (k,) [m] that was there before."""
         k = len(reference)
         differs = None if self._filter is None else self._filter.begin()
@@ -122,11 +122,16 @@ class Feedback:
         moved = np.zeros((n, k))
         mode = np.zeros((0 if differs is None else 2 * self._near.modes.shape[1], n))
         before = self._late * (Sent(reference.copy(), moved),)
-        return Felt(np.zeros(k), differs, mode, moved, None, before)
+        return FeedbackState(np.zeros(k), differs, mode, moved, None, before)
 
     def added(
-        self, rest: Rest, motion: Motion, reference: np.ndarray, tip: np.ndarray, felt: Felt
-    ) -> tuple[np.ndarray, Felt, bool]:
+        self,
+        rest: Rest,
+        motion: Motion,
+        reference: np.ndarray,
+        tip: np.ndarray,
+        felt: FeedbackState,
+    ) -> tuple[np.ndarray, FeedbackState, bool]:
         """Inputs (n_inputs,) to add where the statics are at rest, and whether one is limited.
 
         Args:
@@ -154,8 +159,8 @@ class Feedback:
         return shifted - rest.inputs, now.unlearnt(felt) if limited else now, limited
 
     def _made_up(
-        self, rest: Rest, motion: Motion, change: np.ndarray, felt: Felt
-    ) -> tuple[np.ndarray, Felt, bool]:
+        self, rest: Rest, motion: Motion, change: np.ndarray, felt: FeedbackState
+    ) -> tuple[np.ndarray, FeedbackState, bool]:
         """Inputs (n_inputs,) of a robot that differs, what is felt, and whether one is limited."""
         differs, inputs = felt.differs, self._statics.inputs
         near = self._near.about(rest, motion, differs, felt.near)

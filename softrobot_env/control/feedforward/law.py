@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.control.base import Controller, usable
-from softrobot_env.control.feedforward.feedback import Feedback, Felt
+from softrobot_env.control.feedforward.feedback import Feedback, FeedbackState
 from softrobot_env.control.feedforward.motion import Motion
 from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import Rest, statics_of
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED
-from softrobot_env.fields import Positive, check_argument
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.records import Positive, check_argument
 from softrobot_env.robots import RobotParams
 
 
@@ -32,7 +32,7 @@ class FeedforwardState:
     target: np.ndarray
     rest: Rest
     memory: Any
-    felt: Felt | None
+    felt: FeedbackState | None
     status: str | None
 
 
@@ -138,8 +138,8 @@ class Feedforward(Controller):
         motion: Motion,
         rest: Rest,
         inputs: np.ndarray,
-        felt: Felt | None,
-    ) -> tuple[np.ndarray, Felt | None, bool]:
+        felt: FeedbackState | None,
+    ) -> tuple[np.ndarray, FeedbackState | None, bool]:
         """Inputs (n_inputs,) after feedback, what it remembers, and if one is limited."""
         if self._feedback is None:
             return inputs, None, False

@@ -5,10 +5,10 @@ Laws are loaded where they are made: those of networks do without compiled code.
 
 from pathlib import Path
 
-from softrobot_env.artifacts import find_artifact
 from softrobot_env.control.learned.qs_nn import QuasiStaticNetwork
 from softrobot_env.control.rig.identified import IdentifiedParameters
-from softrobot_env.interfaces import Policy
+from softrobot_env.core.artifacts import find_artifact
+from softrobot_env.core.interfaces import Policy
 from softrobot_env.learned.network import Network
 from softrobot_env.robots import CAMERA_PERIOD, RobotParams
 from softrobot_env.robots.three_tendons import elastic_tendons

@@ -6,8 +6,8 @@ import numpy as np
 
 from softrobot_env.control.base import Controller, usable
 from softrobot_env.control.status import NOT_FINITE, REASONS
-from softrobot_env.fields import NotNegative, Positive, check_argument
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.records import NotNegative, Positive, check_argument
 
 _TIP, _NOT_FINITE = "tip_position", REASONS[NOT_FINITE]
 

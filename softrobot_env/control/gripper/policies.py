@@ -7,7 +7,7 @@ import numpy as np
 
 from softrobot_env.control.gripper.calibration import FingerCalibration
 from softrobot_env.control.gripper.size import SizeEstimator
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots.gripper import Gripper
 
 #: [s], in which the tension rises, and after which the fingers have calmed down.

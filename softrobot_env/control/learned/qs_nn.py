@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.artifacts import find_artifact
 from softrobot_env.control.base import hold_for
 from softrobot_env.control.memoryless import Decide, Memoryless
 from softrobot_env.control.status import REASONS, SATURATED, Said
+from softrobot_env.core.artifacts import find_artifact
 from softrobot_env.learned.network import Network, Scaling, load_for
 from softrobot_env.learned.plain_inference import PlainInference, absorbed
 from softrobot_env.robots import RobotParams

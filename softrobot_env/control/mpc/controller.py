@@ -12,7 +12,7 @@ from softrobot_env.control.base import Controller, hold_for, state_sizes, usable
 from softrobot_env.control.mpc.optimisation import Iterate, Optimiser, Problem
 from softrobot_env.control.mpc.settings import PREVIEW, THESIS, MPCSettings
 from softrobot_env.control.status import NOT_FINITE, REASONS, SATURATED, UNREACHABLE
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import ARM, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from softrobot_env.control.mpc.prediction import evaluate
 from softrobot_env.control.mpc.settings import MPCSettings
-from softrobot_env.extras import install_command
+from softrobot_env.core.extras import install_command
 
 #: Share of the decrease that the model promises which a step must bring, and halvings for it.
 _ARMIJO = 1e-4

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from softrobot_env.fields import NotNegative, Whole, check_fields
-from softrobot_env.registries import Registry
+from softrobot_env.core.records import NotNegative, Whole, check_fields
+from softrobot_env.core.registry import Registry
 
 if TYPE_CHECKING:
     from softrobot_env.control.mpc.prediction import Horizon

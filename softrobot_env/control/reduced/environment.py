@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.artifacts import check_robot, find_artifact, read_arrays
+from softrobot_env.core.artifacts import check_robot, find_artifact, read_arrays
 from softrobot_env.robots import RobotParams
 
 #: Name of the file of a learned model.

@@ -6,15 +6,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from softrobot_env.artifacts import Arrays, check_robot, find_artifact, read_arrays
 from softrobot_env.control.base import Controller
 from softrobot_env.control.limits import kept
 from softrobot_env.control.mpc.optimisation import BoundedSolver
 from softrobot_env.control.reduced.environment import ARTIFACT, SAMPLES, preview_times
 from softrobot_env.control.reduced.planning import Shape, ahead, estimate, program
 from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, REASONS, SATURATED, UNREACHABLE
-from softrobot_env.fields import Count, Positive, check_fields
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.artifacts import Arrays, check_robot, find_artifact, read_arrays
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.records import Count, Positive, check_fields
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.robots import RobotParams

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from softrobot_env.control.base import Controller
-from softrobot_env.control.feedforward.feedback import Feedback, Felt
+from softrobot_env.control.feedforward.feedback import Feedback, FeedbackState
 from softrobot_env.control.feedforward.motion import Motion, ahead_of
 from softrobot_env.control.feedforward.nearby import Neighbourhood
 from softrobot_env.control.feedforward.statics import ChainStatics, Rest
@@ -25,9 +25,9 @@ from softrobot_env.control.rig.inverse import OnePiece, SeveralPieces
 from softrobot_env.control.rig.servo_constraints import OutOfReachError
 from softrobot_env.control.rig.servo_flexible import InversionError
 from softrobot_env.control.status import NOT_FINITE, REASONS, UNREACHABLE
-from softrobot_env.fields import Positive, check_argument
-from softrobot_env.interfaces import Observation
-from softrobot_env.registries import Registry
+from softrobot_env.core.interfaces import Observation
+from softrobot_env.core.records import Positive, check_argument
+from softrobot_env.core.registry import Registry
 from softrobot_env.robots import (
     CAMERA_PERIOD,
     EQUIVALENT,
@@ -52,7 +52,7 @@ class Correction(NamedTuple):
     """Memory of the feedback: where the statics it goes by are at rest, and what it felt."""
 
     rest: Rest
-    felt: Felt
+    felt: FeedbackState
 
 
 class RigState(NamedTuple):

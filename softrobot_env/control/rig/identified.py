@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.artifacts import find_artifact, train_command
-from softrobot_env.fields import NotNegative, Positive, check_fields
+from softrobot_env.core.artifacts import find_artifact, train_command
+from softrobot_env.core.records import NotNegative, Positive, check_fields
 from softrobot_env.learned.network import Network, describe, load_for
 from softrobot_env.learned.plain_inference import Inference, inference
 from softrobot_env.robots import RobotParams

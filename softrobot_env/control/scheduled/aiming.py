@@ -15,7 +15,7 @@ from softrobot_env.control.reference_smoothing import begin_smoothing, memory_si
 from softrobot_env.control.scheduled.law import Law, ScheduledLaw, in_space, is_planar
 from softrobot_env.control.scheduled.table import Row, Table, inverse_of, look_up, look_up_action
 from softrobot_env.control.status import FINE, SATURATED, UNREACHABLE, Memory
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
 
 #: Damping of the inverse of the tip's derivative by actions.
 _DAMPING = 1e-2
@@ -31,7 +31,7 @@ _JUMP, _ACCELERATION = 1e-2, 29.0
 _FAR = 0.02
 
 
-class Aim(NamedTuple):
+class TrackingTarget(NamedTuple):
     """Where a law wants to be, and how far from it the robot is.
 
     Attributes:
@@ -197,7 +197,7 @@ def aimed(
     preview: Any,
     previous: Any,
 ) -> Any:
-    """Find and correct the equilibrium at the reference, as `Aim`; the memory is updated.
+    """Find and correct the equilibrium at the reference, as `TrackingTarget`; memory is updated.
 
     Args:
         table: The operating points.
@@ -223,7 +223,7 @@ def _looked_up(
     target: np.ndarray,
     preview: np.ndarray,
     previous: np.ndarray,
-) -> Aim:
+) -> TrackingTarget:
     n, m, knots = table.n, table.m, len(law.times) - 1
     _, _, _, held, offset, _, _, smoothing = split_memory(memory, n, m)
     tip = np.empty(3)
@@ -255,7 +255,7 @@ def _looked_up(
             way = points[i + 1] - points[0]
         ways[3 * i : 3 * i + 3] = way - law.times[i + 1] * velocity
     bending, doubt = now.by_action @ to_action, doubt_of(law, gap)
-    return Aim(action, rising, away, ways, velocity, bending, doubt, now.gains)
+    return TrackingTarget(action, rising, away, ways, velocity, bending, doubt, now.gains)
 
 
 @kernel
@@ -265,7 +265,7 @@ def doubt_of(law: Law, gap: np.ndarray) -> int:
 
 
 @kernel
-def planned(law: Law, aim: Aim) -> np.ndarray:
+def planned(law: Law, aim: TrackingTarget) -> np.ndarray:
     """(c, m) [1]: actions at the nodes, as `plan_gains` plans them."""
     table, count = law.table, len(law.nodes)
     n, m = table.n, table.m

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from softrobot_env.beams.registry import BeamPlant
-from softrobot_env.motion import State
+from softrobot_env.core.motion import State
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import robot_inputs
 from softrobot_env.scene.linearised import LinearModel

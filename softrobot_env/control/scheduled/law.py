@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.optimize import nnls
 
-from softrobot_env.artifacts import Arrays
 from softrobot_env.beams.numerics.compilation import kernel, reference, structure
 from softrobot_env.control.base import Controller, hold_for, usable
 from softrobot_env.control.scheduled.operating_points import (
@@ -17,7 +16,8 @@ from softrobot_env.control.scheduled.operating_points import (
 )
 from softrobot_env.control.scheduled.table import Table, row_size
 from softrobot_env.control.scheduled.timing import Timing, timing_of
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.artifacts import Arrays
+from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.actuation import TendonMap, robot_inputs
 
@@ -35,7 +35,7 @@ Design = Callable[[Equilibrium, np.ndarray, Timing], np.ndarray]
 
 
 @structure
-class Taut(NamedTuple):
+class TensionKeeping(NamedTuple):
     """What keeps tendons that are driven by length taut: groups of them pull against each other.
 
     Attributes:
@@ -76,7 +76,7 @@ class Law(NamedTuple):
     force: float
     offset: float
     speed: np.ndarray
-    taut: Taut
+    taut: TensionKeeping
     reach: float
     curved: float
 
@@ -180,10 +180,10 @@ class ScheduledLaw(Controller):
         return usable(self._applied(observation))
 
 
-def _taut(robot: RobotParams) -> Taut:
+def _taut(robot: RobotParams) -> TensionKeeping:
     m = robot_inputs(robot).n_inputs
     if robot.drive.kind == "tension":
-        return Taut(np.zeros(m), *np.zeros((2, 0, m)))
+        return TensionKeeping(np.zeros(m), *np.zeros((2, 0, m)))
     stiffness = np.array([t.stiffness for t in robot.tendons]) * robot_inputs(robot).input_scale
     moments, shares = TendonMap(robot).phi, []
     for group in sorted({t.group for t in robot.tendons}):
@@ -192,7 +192,7 @@ def _taut(robot: RobotParams) -> Taut:
         if left < _OPPOSED and np.all(share[own > 0] > 0):
             shares.append(share)
     shares = np.reshape(shares, (len(shares), m))
-    return Taut(stiffness, shares / stiffness, shares)
+    return TensionKeeping(stiffness, shares / stiffness, shares)
 
 
 @kernel

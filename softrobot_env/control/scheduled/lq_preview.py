@@ -28,7 +28,7 @@ from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.plan_gains import RegulatorCost, plan_gains
 from softrobot_env.control.scheduled.timing import Timing, timing_of
 from softrobot_env.control.status import NOT_FINITE, Memory
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
 

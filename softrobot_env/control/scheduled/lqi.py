@@ -13,7 +13,7 @@ from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.table import Table, inverse_of, look_up
 from softrobot_env.control.scheduled.timing import Timing
 from softrobot_env.control.status import FINE, NOT_FINITE, Memory
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
 #: Weights of the cost int (|e|^2 + i (T g)^2 |a|^2) dt, with e the integral of the tip's error

@@ -15,8 +15,8 @@ from softrobot_env.beams.numerics.compilation import kernel
 from softrobot_env.control.limits import kept
 from softrobot_env.control.mpc.optimisation import BoundedSolver
 from softrobot_env.control.scheduled.aiming import (
-    Aim,
     AimingLaw,
+    TrackingTarget,
     aimed,
     conclude,
     forget_balance,
@@ -28,7 +28,7 @@ from softrobot_env.control.scheduled.operating_points import Equilibrium
 from softrobot_env.control.scheduled.plan_gains import RegulatorCost, deviation_cost, plan_gains
 from softrobot_env.control.scheduled.timing import Timing, knots_until, timing_of
 from softrobot_env.control.status import NOT_COMPUTED, NOT_FINITE, SATURATED, Memory
-from softrobot_env.interfaces import Observation
+from softrobot_env.core.interfaces import Observation
 from softrobot_env.robots import RobotParams
 
 #: Share of the first mode's period, ahead of which actions at rest are looked up.
@@ -102,7 +102,7 @@ class Program(NamedTuple):
         hessian: H (c m, c m).
         lower, upper: (c m,) [1].
         fine: Whether the plan keeps all limits.
-        doubt: See `Aim`.
+        doubt: See `TrackingTarget`.
     """
 
     wanted: np.ndarray
@@ -247,7 +247,7 @@ def _bound_first(
 
 
 @kernel
-def _bent_by(law: Law, aim: Aim, time: float) -> np.ndarray:
+def _bent_by(law: Law, aim: TrackingTarget, time: float) -> np.ndarray:
     """(n,) [1/m], how much the curvatures change with the reference until a time [s]."""
     way = time * aim.velocity
     for k in range(1, len(law.times)):

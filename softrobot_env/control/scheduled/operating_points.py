@@ -13,8 +13,8 @@ import numpy as np
 from softrobot_env.beams.numerics.compilation import kernel, reference
 from softrobot_env.beams.registry import MUJOCO
 from softrobot_env.control.scheduled.table import Table, look_up
-from softrobot_env.equilibrium import EquilibriumError
-from softrobot_env.processes import one_blas_thread
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.inverse import Ground, Held, InverseStatics

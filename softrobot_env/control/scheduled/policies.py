@@ -3,13 +3,6 @@
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.artifacts import (
-    check_robot,
-    find_artifact,
-    fingerprint,
-    read_arrays,
-    write_arrays,
-)
 from softrobot_env.beams.closed_forms.planar_arm import make_planar_arm
 from softrobot_env.control.arm.operating_points import read_grid
 from softrobot_env.control.arm.timing import TIMING, is_arm
@@ -19,7 +12,14 @@ from softrobot_env.control.scheduled.law import ScheduledLaw, read_table, table_
 from softrobot_env.control.scheduled.lq_preview import LQPreview, Preview
 from softrobot_env.control.scheduled.lqi import LQI, Integral
 from softrobot_env.control.scheduled.mpc import PREVIEW, THESIS, Constrained, ScheduledMPC
-from softrobot_env.interfaces import Policy
+from softrobot_env.core.artifacts import (
+    check_robot,
+    find_artifact,
+    fingerprint,
+    read_arrays,
+    write_arrays,
+)
+from softrobot_env.core.interfaces import Policy
 from softrobot_env.robots import RobotParams
 
 

@@ -5,7 +5,7 @@ from math import ceil
 
 import numpy as np
 
-from softrobot_env.arrays import like, on_host
+from softrobot_env.core.arrays import like, on_host
 from softrobot_env.envs.observations.readouts import BatchReadout, ChainReadout, SensedReadout
 from softrobot_env.robots import CAMERA_PERIOD
 

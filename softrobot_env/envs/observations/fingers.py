@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from gymnasium import spaces
 
+from softrobot_env.core.interfaces import Seen
 from softrobot_env.envs.observations.table import (
     OBSERVABLES,
     Sizes,
@@ -16,7 +17,6 @@ from softrobot_env.envs.observations.table import (
     symmetric,
 )
 from softrobot_env.envs.simulation.grippers import GripperBatch
-from softrobot_env.interfaces import Seen
 from softrobot_env.scene.assembly import Part
 
 if TYPE_CHECKING:  # compiled code takes time to load

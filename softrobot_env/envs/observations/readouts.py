@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from softrobot_env.arrays import HOST, HostArrays, like, namespace
+from softrobot_env.core.arrays import HOST, HostArrays, like, namespace
+from softrobot_env.core.interfaces import Measurement
 from softrobot_env.envs.disturbances import SensorNoise
 from softrobot_env.envs.observations.table import (
     SENSOR_NOISE,
@@ -26,7 +27,6 @@ from softrobot_env.envs.observations.table import (
     curvature_rate_limit,
 )
 from softrobot_env.envs.simulation.batch import BatchSimulation
-from softrobot_env.interfaces import Measurement
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.chain import mean_curvature, station_strain
@@ -34,7 +34,7 @@ from softrobot_env.scene.servos import Servos
 from softrobot_env.scene.simulation import Simulation
 
 if TYPE_CHECKING:  # compiled code takes time to load
-    from softrobot_env.sensing.bank import Bank
+    from softrobot_env.sensing.bank import SensorArray
 
 
 def left_workspace(what: str, time: float) -> str:
@@ -367,7 +367,7 @@ class SensedReadout:
         return outside
 
 
-def fitted(readout: Any, bank: "Bank", robots: int | slice) -> SensedReadout:
+def fitted(readout: Any, bank: "SensorArray", robots: int | slice) -> SensedReadout:
     """An exact readout with the curvature sensors of `robots`, see `noisy`."""
     return SensedReadout(
         readout,

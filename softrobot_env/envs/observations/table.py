@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from gymnasium import spaces
 
-from softrobot_env.interfaces import Observation, Seen
+from softrobot_env.core.interfaces import Observation, Seen
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.quadrature import HingeLayout
 from softrobot_env.scene.timestep import slowest

@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from softrobot_env.arrays import HostArrays, namespace
+from softrobot_env.core.arrays import HostArrays, namespace
+from softrobot_env.core.vector_reading import Reading
 from softrobot_env.envs.observations.table import OBSERVABLES, Sizes
-from softrobot_env.vector_reading import Reading
 
 #: Scales of the tracking error in a vector, over the robot's reach: of far away, and of near by.
 FAR, NEAR = 0.1, 0.002

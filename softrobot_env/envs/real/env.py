@@ -9,6 +9,8 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 
+from softrobot_env.core.interfaces import Seen
+from softrobot_env.core.records import Whole, check_argument, shown
 from softrobot_env.envs.observations.table import Sources, copied
 from softrobot_env.envs.options import one_action, positive
 from softrobot_env.envs.real.session import RealSession, TooLateError
@@ -19,14 +21,12 @@ from softrobot_env.envs.reference import TOP, ReferenceTable
 from softrobot_env.envs.rewards import NO_REWARD, TrackingReward
 from softrobot_env.envs.setting import check_task_options
 from softrobot_env.envs.spec import EpisodeSpec
-from softrobot_env.fields import Whole, check_argument, shown
 from softrobot_env.hardware.errors import RobotError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Capability, Fault
 from softrobot_env.hardware.protocol.unit_conversion import FaultInfo
 from softrobot_env.hardware.robot_file.model import RobotFile
 from softrobot_env.hardware.tip import TipSource
 from softrobot_env.hardware.transport import SerialTransport, Transport
-from softrobot_env.interfaces import Seen
 from softrobot_env.robots import LENGTH_SCALE
 from softrobot_env.tasks import Task
 

@@ -19,7 +19,7 @@ from softrobot_env.hardware.errors import (
     UnansweredError,
 )
 from softrobot_env.hardware.robot_file.model import RobotFile
-from softrobot_env.hardware.tip import Sight, TipSource, make_tip_source
+from softrobot_env.hardware.tip import TipMeasurement, TipSource, make_tip_source
 from softrobot_env.hardware.transport import Transport
 
 _ESTOP_ECHO = 0.3  # s
@@ -172,7 +172,7 @@ class RealSession:
         limited = bool(np.any(allowed != length))
         return limited, None if answer is None else answer.round_trip
 
-    def sight(self) -> Sight | None:
+    def sight(self) -> TipMeasurement | None:
         """The newest measurement of the tip."""
         reading = self.driver.reading
         if reading is None:

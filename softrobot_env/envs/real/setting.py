@@ -4,11 +4,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from softrobot_env.core.records import check_argument
 from softrobot_env.envs.observations.table import OBSERVABLES, speed_limit
 from softrobot_env.envs.options import REAL_OPTIONS, ResetOptions, parse_options
 from softrobot_env.envs.rewards import TrackingReward
 from softrobot_env.envs.setting import Setting, make_env_task, sizes_of
-from softrobot_env.fields import check_argument
 from softrobot_env.hardware.robot_file.model import RobotFile, rig_file
 from softrobot_env.hardware.robot_file.toml import read_robot_file
 from softrobot_env.scene.config import DEFAULT_RULE

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium import spaces
 
 from softrobot_env.hardware.errors import LinkError, RobotError
-from softrobot_env.hardware.tip import Sight
+from softrobot_env.hardware.tip import TipMeasurement
 
 #: The tip stands still where it moves by less than this [m] in this time [s].
 STILL, STILL_TIME = 1.5e-3, 0.4
@@ -35,7 +35,7 @@ class TipFilter:
         time: [s], when the newest was taken.
     """
 
-    def __init__(self, first: Sight, reach: spaces.Box, speed: float = inf) -> None:
+    def __init__(self, first: TipMeasurement, reach: spaces.Box, speed: float = inf) -> None:
         """Begin with a tip at rest.
 
         Args:
@@ -51,7 +51,7 @@ class TipFilter:
         self.position, self.time = first.position, first.time
         self.velocity = np.zeros(2)
 
-    def add(self, sight: Sight) -> None:
+    def add(self, sight: TipMeasurement) -> None:
         """The newest measurement at the next instant; the same one again changes nothing.
 
         Raises:
@@ -70,7 +70,7 @@ class TipFilter:
             self.velocity = velocity
             self.position, self.time = sight.position, sight.time
 
-    def _check(self, sight: Sight) -> None:
+    def _check(self, sight: TipMeasurement) -> None:
         if not self._reach.contains(sight.position):
             x, y = 1e3 * sight.position
             raise StaleError(f"the tip source says ({x:.0f}, {y:.0f}) mm, which is out of reach")
@@ -82,7 +82,7 @@ def reference_at(points: np.ndarray, step: float) -> np.ndarray:
     return np.array([np.interp(step, steps, column) for column in points.T])
 
 
-def wait_for_rest(look: Callable[[], Sight | None], source: str) -> None:
+def wait_for_rest(look: Callable[[], TipMeasurement | None], source: str) -> None:
     """Wait until the tip stands still.
 
     Args:
@@ -107,7 +107,7 @@ def wait_for_rest(look: Callable[[], Sight | None], source: str) -> None:
             since, place = monotonic(), sight.position
 
 
-def _first_sight(look: Callable[[], Sight | None], source: str) -> Sight:
+def _first_sight(look: Callable[[], TipMeasurement | None], source: str) -> TipMeasurement:
     end = monotonic() + _FIRST_SIGHT
     while monotonic() < end:
         sight = look()

@@ -7,9 +7,9 @@ from time import perf_counter
 import mujoco
 import numpy as np
 
-from softrobot_env.arrays import HOST
+from softrobot_env.core.arrays import HOST
+from softrobot_env.core.processes import usable_cores
 from softrobot_env.envs.simulation.pool import Pool
-from softrobot_env.processes import usable_cores
 from softrobot_env.robots import NEUTRAL, VARIABLE
 from softrobot_env.scene.build import CompiledModel, Scene, rates_of, vary_scene
 from softrobot_env.scene.servos import Servos

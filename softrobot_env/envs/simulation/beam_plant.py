@@ -8,10 +8,10 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from softrobot_env.core.interfaces import Measurement, PlantFactory, PlantModel
 from softrobot_env.envs.observations.readouts import BeamReadout
 from softrobot_env.envs.observations.table import Sizes, observation_space, speed_limit
 from softrobot_env.envs.reference import own_axes
-from softrobot_env.interfaces import Measurement, PlantFactory, PlantModel
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import posture

@@ -8,7 +8,7 @@ import numpy as np
 from softrobot_env.envs.simulation.grippers import GripperBatch
 from softrobot_env.robots.sensors import Sensor
 from softrobot_env.scene.chain import station_strain
-from softrobot_env.sensing.bank import Bank
+from softrobot_env.sensing.bank import SensorArray
 
 #: Noise and specimens of a gripper's fingers have seeds this far apart.
 _APART = 1_000_003
@@ -23,7 +23,7 @@ class _Kind:
         fingers: Their numbers.
     """
 
-    bank: Bank
+    bank: SensorArray
     fingers: tuple[int, ...]
 
 
@@ -57,7 +57,7 @@ class FingerSensors:
         self._kinds = []
         for (sensors, weights), fingers in alike.items():
             edges = np.concatenate([[0.0], np.cumsum(weights)])
-            bank = Bank(sensors, edges, control_period, batch.count * len(fingers))
+            bank = SensorArray(sensors, edges, control_period, batch.count * len(fingers))
             self._kinds.append(_Kind(bank, tuple(fingers)))
 
     def reading(self, finger: int) -> np.ndarray:

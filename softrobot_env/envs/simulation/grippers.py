@@ -12,7 +12,7 @@ from softrobot_env.robots.parameters import Pieces
 from softrobot_env.scene.assembly import FELT, build_assembly, felt_by
 from softrobot_env.scene.chain import mean_curvature
 from softrobot_env.scene.contacts import links_of
-from softrobot_env.scene.gripper import FINENESS, Fineness, gripper_scene
+from softrobot_env.scene.gripper import FINENESS, Resolution, gripper_scene
 from softrobot_env.scene.objects import Capsule
 from softrobot_env.scene.timestep import TimestepWarning
 from softrobot_env.tasks.gripper import GripTask
@@ -59,7 +59,7 @@ class GripperBatch(Batch):
         threads: int = 0,
         pieces: Pieces | None = None,
         timestep: float | None = None,
-        fineness: Fineness | None = None,
+        fineness: Resolution | None = None,
         felt_along: bool = False,
     ) -> None:
         """Build the simulations; arguments as those of `gripper_scene` and of `Batch`.

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 import warp
 
-from softrobot_env.arrays import TorchArrays
+from softrobot_env.core.arrays import TorchArrays
 from softrobot_env.envs.simulation.batch import (
     PROPORTIONAL,
     check_timesteps,

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+from softrobot_env.core.extras import install_command
 from softrobot_env.envs.randomization import Randomization
-from softrobot_env.extras import install_command
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.config import DEFAULT_SHARE
 from softrobot_env.scene.timestep import EXTRAPOLATION

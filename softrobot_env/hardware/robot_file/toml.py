@@ -6,10 +6,10 @@ from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
 
+from softrobot_env.core.toml_text import lines, read_table
+from softrobot_env.core.writing import write_text
 from softrobot_env.hardware.robot_file.keys import Key, RobotFileError, keys
 from softrobot_env.hardware.robot_file.model import RobotFile, Servo, Supervision, Tip
-from softrobot_env.toml_text import lines, read_table
-from softrobot_env.writing import write_text
 
 _TENDONS, _SUPERVISION, _TIP = "tendons", "supervision", "tip"
 

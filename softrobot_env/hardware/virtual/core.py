@@ -16,6 +16,8 @@ from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
+from softrobot_env.core.paths import cache_dir, firmware_dir
+from softrobot_env.core.writing import whole
 from softrobot_env.hardware.protocol.messages import (
     ADC_CHANNELS,
     MOST_TENDONS,
@@ -23,8 +25,6 @@ from softrobot_env.hardware.protocol.messages import (
     DeviceState,
     Reset,
 )
-from softrobot_env.paths import cache_dir, firmware_dir
-from softrobot_env.writing import whole
 
 _CLOCK = 2**32  # where the device's clock wraps
 

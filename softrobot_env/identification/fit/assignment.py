@@ -15,8 +15,8 @@ from itertools import combinations, permutations
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from softrobot_env.core.processes import chosen_processes
 from softrobot_env.identification.fit.model import StaticModel, rotation, turn_vector
-from softrobot_env.processes import chosen_processes
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RobotParams
 
@@ -34,7 +34,7 @@ _Case = tuple[tuple[int, ...], tuple[float, ...]]
 _TOGETHER = 4  # simulated in one job
 
 #: Told how many assignments have been simulated.
-Show = Callable[[int], None]
+ProgressCallback = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Assignment:
 def assigned(
     recording: Recording,
     robot: RobotParams,
-    show: Show | None = None,
+    show: ProgressCallback | None = None,
     *,
     any_way: bool = False,
 ) -> Assignment:
@@ -152,7 +152,7 @@ class _Search:
         self,
         recording: Recording,
         robot: RobotParams,
-        show: Show | None,
+        show: ProgressCallback | None,
         pool: Executor | None,
         any_way: bool,
     ) -> None:

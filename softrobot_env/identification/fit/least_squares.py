@@ -25,7 +25,7 @@ _ROUNDS = 2  # of weights from residuals
 NORMAL_95 = 1.959964
 
 #: Told about each step: number, RMS [m].
-Show = Callable[[int, float], None]
+ProgressCallback = Callable[[int, float], None]
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ def search(
     rubs: bool = True,
     steps: int = _STEPS,
     least: float = _LEAST,
-    show: Show | None = None,
+    show: ProgressCallback | None = None,
 ) -> Fit:
     """Levenberg's and Marquardt's method on the robust cost and the prior.
 
@@ -204,7 +204,7 @@ def fitted(
     x: np.ndarray,
     free: np.ndarray,
     start: Weights,
-    show: Show | None = None,
+    show: ProgressCallback | None = None,
 ) -> Fit:
     """`search`, with weights from the residuals of a first one."""
     weights, fit = start, None

@@ -13,6 +13,7 @@ from math import atan2, ceil, degrees
 
 import numpy as np
 
+from softrobot_env.core.processes import one_blas_thread
 from softrobot_env.identification.fit.kernels import (
     TINY,
     Body,
@@ -28,7 +29,6 @@ from softrobot_env.identification.fit.unknowns import (
     start_friction,
     start_play,
 )
-from softrobot_env.processes import one_blas_thread
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.recordings.header import Commands
 from softrobot_env.robots import RobotParams

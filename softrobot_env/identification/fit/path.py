@@ -7,6 +7,7 @@ from time import perf_counter
 import numpy as np
 
 from softrobot_env.control.feedforward.policies import is_rig
+from softrobot_env.core.processes import chosen_processes
 from softrobot_env.identification.fit.assignment import (
     Assignment,
     aligned,
@@ -48,12 +49,11 @@ from softrobot_env.identification.fit.validation import (
 from softrobot_env.identification.networks import Networks, networks_of
 from softrobot_env.identification.replay.simulation import mean_known
 from softrobot_env.identification.visits import VISIT, visits_of
-from softrobot_env.processes import chosen_processes
 from softrobot_env.recordings import Header, Recording
 from softrobot_env.robots import RobotParams
 
 #: Told what is done, how much of it, and of how much.
-Show = Callable[[str, int, int], None]
+ProgressCallback = Callable[[str, int, int], None]
 
 _PHYSICS = ("frame", "tendons", "geometry", "statics")
 _FITS = 25  # steps shown as all
@@ -139,7 +139,7 @@ def identify(
     any_turn: bool = False,
     validate: bool = True,
     seed: int = 0,
-    show: Show | None = None,
+    show: ProgressCallback | None = None,
 ) -> Identification:
     """Find a robot's parameters.
 
@@ -447,7 +447,7 @@ def _statics(
     known: Sequence[str],
     turned: Turned,
     turn: float,
-    show: Show,
+    show: ProgressCallback,
 ) -> tuple[StaticModel, Fit, list[str]]:
     """Model and fit of the rows at rest, and the kinds of friction that are as the file says.
 

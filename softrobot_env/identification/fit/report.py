@@ -9,6 +9,7 @@ import numpy as np
 from rich.console import Group
 from rich.text import Text
 
+from softrobot_env.core.writing import write_text
 from softrobot_env.identification.fit.least_squares import NORMAL_95, size
 from softrobot_env.identification.fit.path import Identification
 from softrobot_env.identification.fit.residual import RESIDUAL_FILE
@@ -18,7 +19,6 @@ from softrobot_env.identification.replay.simulation import mean_known
 from softrobot_env.recordings.header import write_header
 from softrobot_env.rendering.tables import Column, make_table, named_values
 from softrobot_env.robots import write_robot
-from softrobot_env.writing import write_text
 
 #: Names of the files, as a replay looks for them.
 ROBOT_FILE, HEADER_FILE, COMMANDS_FILE = "robot.toml", "recording.toml", "next_experiment.csv"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from softrobot_env.artifacts import read_arrays, write_arrays
+from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.identification.fit.model import StaticModel
 from softrobot_env.identification.fit.unknowns import RUBS
 from softrobot_env.recordings import Recording

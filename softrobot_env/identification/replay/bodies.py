@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from softrobot_env.beams.registry import MUJOCO, BeamPlant
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.envs.reference import own_axes
 from softrobot_env.envs.simulation.beam_plant import BeamPlant as BeamSimulations
 from softrobot_env.envs.simulation.mujoco_plant import MujocoPlant
-from softrobot_env.equilibrium import EquilibriumError
 from softrobot_env.recordings import Marker
 from softrobot_env.robots import RIG, RobotParams
 from softrobot_env.robots.twin import Twin

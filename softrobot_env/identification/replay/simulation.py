@@ -16,7 +16,7 @@ from time import process_time
 import numpy as np
 
 from softrobot_env.beams.registry import MUJOCO
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.identification.replay.bodies import Body
 from softrobot_env.recordings import Recording
 from softrobot_env.robots import RIG, RobotParams

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import lstsq
 from scipy.signal import savgol_filter
 
-from softrobot_env.fields import Count, Positive, Range, Whole, check_fields
+from softrobot_env.core.records import Count, Positive, Range, Whole, check_fields
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials
 from softrobot_env.learned.reduction.records import Record, check_alike, delay_vectors

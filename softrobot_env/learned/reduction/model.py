@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.artifacts import Arrays
+from softrobot_env.core.artifacts import Arrays
 from softrobot_env.learned.reduction.polynomials import Monomials, Motion, roll
 from softrobot_env.learned.reduction.records import Record, delay_vectors
 

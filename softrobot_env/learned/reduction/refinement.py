@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from softrobot_env.fields import Count, Positive, Whole, check_fields
+from softrobot_env.core.records import Count, Positive, Whole, check_fields
 from softrobot_env.learned.reduction.model import ReducedModel
 from softrobot_env.learned.reduction.polynomials import Monomials, roll, sensitivities
 from softrobot_env.learned.reduction.records import Record, check_alike, delay_vectors

@@ -12,7 +12,7 @@ from time import process_time
 import mujoco
 import numpy as np
 
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.scene.build import Scene
 from softrobot_env.scene.integration.integrator import Integration
 from softrobot_env.scene.statics import equilibrium

@@ -11,13 +11,19 @@ from threading import Event, Thread
 from time import perf_counter
 from uuid import uuid4
 
-from softrobot_env.artifacts import read_facts
-from softrobot_env.benchmarks.jobs import Progress, quiet, run_in_processes
-from softrobot_env.benchmarks.journal import Journal
 from softrobot_env.benchmarks.records import Record, for_pictures
-from softrobot_env.processes import Workers, using
-from softrobot_env.training.registry import TRAININGS, Figures, Order, Quantity, curve_file
-from softrobot_env.writing import whole, write_text
+from softrobot_env.core.artifacts import read_facts
+from softrobot_env.core.jobs import Progress, quiet, run_in_processes
+from softrobot_env.core.journal import Journal
+from softrobot_env.core.processes import Workers, using
+from softrobot_env.core.writing import whole, write_text
+from softrobot_env.training.registry import (
+    TRAININGS,
+    Metrics,
+    Quantity,
+    TrainingRequest,
+    curve_file,
+)
 
 #: In a run's folder: the study that it is of, and the share of it that is done.
 _STUDY, _SHARE = "study.txt", "share.txt"
@@ -67,8 +73,8 @@ class Run(Record):
 
 
 def orders_of(
-    order: Order, seeds: Sequence[int], values: Mapping[str, Sequence[float]]
-) -> dict[str, Order]:
+    order: TrainingRequest, seeds: Sequence[int], values: Mapping[str, Sequence[float]]
+) -> dict[str, TrainingRequest]:
     """Orders of all pairs of settings and seeds, by the names of their folders.
 
     Args:
@@ -93,7 +99,7 @@ def orders_of(
 
 def run_all(
     name: str,
-    orders: Mapping[str, Order],
+    orders: Mapping[str, TrainingRequest],
     journal: Journal,
     progress: Progress = quiet,
     overwrite: bool = False,
@@ -136,7 +142,7 @@ def study_of(journal: Journal) -> str:
     return known.decode()
 
 
-def described(name: str, order: Order) -> Run:
+def described(name: str, order: TrainingRequest) -> Run:
     """What is known of a run before it is begun."""
     settings, folder = dict(order.settings.get("set", ())), order.path.parent.name
     return Run(name, order.robot.name, order.seed, settings, folder)
@@ -158,7 +164,7 @@ def with_curve(run: Run, curve: list[dict[str, float]]) -> Run:
     )
 
 
-def _trained(name: str, order: Order, study: str) -> tuple[Run, dict[str, bytes]]:
+def _trained(name: str, order: TrainingRequest, study: str) -> tuple[Run, dict[str, bytes]]:
     """A run, and the files that it wrote; a training that cannot go on is a failure of its own."""
     training, folder, began = TRAININGS[name], order.path.parent, perf_counter()
     settings, run = dict(order.settings), described(name, order)
@@ -167,7 +173,7 @@ def _trained(name: str, order: Order, study: str) -> tuple[Run, dict[str, bytes]
         settings |= {"checkpoint": folder, "resume": goes_on(folder, study)}
     else:
         write_text(folder / _STUDY, study)
-    figures: Figures = []
+    figures: Metrics = []
     try:
         with using(Workers(1)):
             figures = training.run(replace(order, settings=settings), _noting(folder))
@@ -196,7 +202,9 @@ def _noting(folder: Path) -> Callable[[str, int, int], None]:
 
 
 @contextmanager
-def _watched(orders: Mapping[str, Order], study: str, progress: Progress) -> Iterator[Progress]:
+def _watched(
+    orders: Mapping[str, TrainingRequest], study: str, progress: Progress
+) -> Iterator[Progress]:
     """What jobs tell their progress to; runs under way count by what is in their folders."""
     done: set[str] = set()
     over = Event()
@@ -253,7 +261,7 @@ def check_unclaimed(paths: Sequence[Path], study: str) -> None:
             )
 
 
-def _curve(order: Order, failure: str | None) -> list[dict[str, float]]:
+def _curve(order: TrainingRequest, failure: str | None) -> list[dict[str, float]]:
     """Checks of a run that is done, or until it failed."""
     if failure is None:
         return read_facts(curve_file(order.path))

@@ -14,11 +14,11 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from softrobot_env.benchmarks.jobs import Progress, quiet
-from softrobot_env.cluster import connected
-from softrobot_env.extras import install_command
-from softrobot_env.processes import THREADS, Workers
-from softrobot_env.training.registry import TRAININGS, Order
+from softrobot_env.core.cluster import connected
+from softrobot_env.core.extras import install_command
+from softrobot_env.core.jobs import Progress, quiet
+from softrobot_env.core.processes import THREADS, Workers
+from softrobot_env.training.registry import TRAININGS, TrainingRequest
 from softrobot_env.training.several.runs import Run, described, goes_on, with_curve
 from softrobot_env.training.several.space import Range, Space
 
@@ -46,7 +46,7 @@ class Search:
     """
 
     name: str
-    order: Order
+    order: TrainingRequest
     space: Space
     steps: int
     trials: int | None
@@ -159,7 +159,7 @@ def _drawn_from(tune: Any, search: Search) -> dict[str, Any]:
     return found
 
 
-def order_of(search: Search, drawn: Mapping[str, float], folder: Path) -> Order:
+def order_of(search: Search, drawn: Mapping[str, float], folder: Path) -> TrainingRequest:
     """The training of a trial."""
     fixed = dict(search.order.settings.get("set", ()))
     values = fixed | {name: float(value) for name, value in drawn.items()}

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import find_artifact
 from softrobot_env.control.reduced.environment import ssm_environment
 from softrobot_env.control.reduced.planning import outputs, program
 from softrobot_env.control.reduced.policy import ReducedPlanner
 from softrobot_env.control.registry import make_policy
+from softrobot_env.core.artifacts import find_artifact
 from softrobot_env.evaluation.metrics import approached_metrics
 from softrobot_env.evaluation.runner import Case, run
 from softrobot_env.learned.reduction.polynomials import advance, linearise

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from softrobot_env.artifacts import artifact_name
 from softrobot_env.control.observers import OutputFeedback
 from softrobot_env.control.registry import make_policy, policy_environment
 from softrobot_env.control.scheduled.law import build_table
@@ -14,6 +13,7 @@ from softrobot_env.control.scheduled.operating_points import find_points
 from softrobot_env.control.scheduled.policies import save_table
 from softrobot_env.control.scheduled.table import look_up
 from softrobot_env.control.scheduled.timing import timing_of
+from softrobot_env.core.artifacts import artifact_name
 from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.robots import find_robot
 from softrobot_env.robots.actuation import robot_inputs

@@ -15,7 +15,7 @@ from softrobot_env.envs.real import RealRigEnv
 from softrobot_env.hardware.errors import LinkError, RefusedError, RobotFaultError
 from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.robot_file.model import Tip, rig_file
-from softrobot_env.hardware.tip import Sight, UdpTip
+from softrobot_env.hardware.tip import TipMeasurement, UdpTip
 from softrobot_env.hardware.virtual.core import Core
 
 pytest.importorskip("cobs", reason="needs the robot extra")
@@ -31,7 +31,7 @@ class Still:
     """A tip that stands still; see `tip.TipSource`."""
 
     def latest(self, adc, time):
-        return Sight(monotonic(), np.zeros(2))
+        return TipMeasurement(monotonic(), np.zeros(2))
 
 
 class Line:

@@ -5,7 +5,7 @@ import pytest
 
 from softrobot_env.envs.real import tip_filter
 from softrobot_env.envs.real.tip_filter import STILL, STILL_TIME, NotStillError, wait_for_rest
-from softrobot_env.hardware.tip import Sight
+from softrobot_env.hardware.tip import TipMeasurement
 
 
 class Clock:
@@ -24,7 +24,9 @@ def rest(monkeypatch, position):
     """How long [s] the wait takes for a tip at x = position(time since the start)."""
     clock = Clock(monkeypatch)
     start = clock.now
-    wait_for_rest(lambda: Sight(clock.now, np.array([position(clock.now - start), 0.0])), "test")
+    wait_for_rest(
+        lambda: TipMeasurement(clock.now, np.array([position(clock.now - start), 0.0])), "test"
+    )
     return clock.now - start
 
 

@@ -5,23 +5,25 @@ import pytest
 from gymnasium import spaces
 
 from softrobot_env.envs.real.tip_filter import StaleError, TipFilter, reference_at
-from softrobot_env.hardware.tip import Sight
+from softrobot_env.hardware.tip import TipMeasurement
 
 
 def test_velocity_is_by_difference_of_different_pictures():
-    tip = TipFilter(Sight(1.0, np.zeros(2)), spaces.Box(-1.0, 1.0, (2,), np.float64))
+    tip = TipFilter(TipMeasurement(1.0, np.zeros(2)), spaces.Box(-1.0, 1.0, (2,), np.float64))
     assert tip.velocity.tolist() == [0.0, 0.0]
-    tip.add(Sight(1.01, np.array([0.002, -0.001])))
+    tip.add(TipMeasurement(1.01, np.array([0.002, -0.001])))
     assert tip.velocity == pytest.approx([0.2, -0.1])
-    tip.add(Sight(1.01, np.array([0.002, -0.001])))
+    tip.add(TipMeasurement(1.01, np.array([0.002, -0.001])))
     assert tip.velocity == pytest.approx([0.2, -0.1])
 
 
 def test_a_tip_that_is_faster_than_the_limit_is_refused():
-    tip = TipFilter(Sight(1.0, np.zeros(2)), spaces.Box(-1.0, 1.0, (2,), np.float64), speed=5.0)
-    tip.add(Sight(1.01, np.array([0.049, 0.0])))
+    tip = TipFilter(
+        TipMeasurement(1.0, np.zeros(2)), spaces.Box(-1.0, 1.0, (2,), np.float64), speed=5.0
+    )
+    tip.add(TipMeasurement(1.01, np.array([0.049, 0.0])))
     with pytest.raises(StaleError, match=r"moves at 5\.1 m/s, allowed are 5 m/s"):
-        tip.add(Sight(1.02, np.array([0.1, 0.0])))
+        tip.add(TipMeasurement(1.02, np.array([0.1, 0.0])))
     assert tip.velocity == pytest.approx([4.9, 0.0])
 
 

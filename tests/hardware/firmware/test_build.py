@@ -8,11 +8,11 @@ import pytest
 from support.firmware_bench import running  # skips without a compiler
 from support.processes import python
 
+from softrobot_env.core.paths import firmware_dir
 from softrobot_env.hardware.protocol.messages import Reset
 from softrobot_env.hardware.protocol.schema import header
 from softrobot_env.hardware.virtual import core
 from softrobot_env.hardware.virtual.core import CompilerMissingError, Core, Measured
-from softrobot_env.paths import firmware_dir
 
 QUIET = Measured((0,) * 3, (0,) * 3, (0,) * 4, 0, False)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from softrobot_env.artifacts import read_arrays, write_arrays
+from softrobot_env.core.artifacts import read_arrays, write_arrays
 from softrobot_env.learned.reduction import FitError, Record, ReducedModel, Settings, fit
 
 RNG = np.random.default_rng(0)

@@ -49,7 +49,7 @@ from softrobot_env.benchmarks.accuracy.rows import (
     zero_timestep,
 )
 from softrobot_env.benchmarks.beams import chain_scene
-from softrobot_env.benchmarks.jobs import Job
+from softrobot_env.core.jobs import Job
 from softrobot_env.scene.quadrature import RULES
 
 #: Timesteps per control period, integrators of the chain, and hinge rules of a quick run.

@@ -34,8 +34,8 @@ from softrobot_env.benchmarks.accuracy.rows import (
     static_row,
 )
 from softrobot_env.benchmarks.beams import chain_scene
-from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.timing import best_of
+from softrobot_env.core.jobs import Job
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.quadrature import RULES

@@ -21,9 +21,9 @@ from softrobot_env.benchmarks.accuracy.space.cases import (
     SpatialCase,
     cases_of,
 )
-from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.records import select
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.core.jobs import Job
 from softrobot_env.robots import RobotParams
 from softrobot_env.scene.build import Scene, build_scene
 from softrobot_env.scene.config import TWISTING_RULE, SceneConfig

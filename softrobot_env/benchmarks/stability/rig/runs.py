@@ -16,7 +16,6 @@ from math import ceil, inf, isinf
 import numpy as np
 
 from softrobot_env.benchmarks.accuracy.rows import distance
-from softrobot_env.benchmarks.jobs import Job
 from softrobot_env.benchmarks.stability.rig.cases import DURATION, PERIOD, Variation
 from softrobot_env.benchmarks.stability.runs import (
     CHAIN,
@@ -29,6 +28,7 @@ from softrobot_env.benchmarks.stability.runs import (
     steps_for,
 )
 from softrobot_env.benchmarks.stability.verdicts import NO_TRUTH, WRONG, Row, Verdict, judge
+from softrobot_env.core.jobs import Job
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import stability_limit
 

@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from softrobot_env.arrays import HostArrays, namespace
-from softrobot_env.artifacts import Arrays
+from softrobot_env.core.arrays import HostArrays, namespace
+from softrobot_env.core.artifacts import Arrays
 
 _READING, _RAW = "vector_", "sensors"
 

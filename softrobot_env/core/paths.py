@@ -7,7 +7,7 @@ from functools import cache
 from pathlib import Path
 from stat import S_ISDIR
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def _data_dir(name: str) -> Path:

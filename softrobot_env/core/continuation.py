@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from softrobot_env.equilibrium import EquilibriumError
+from softrobot_env.core.equilibrium import EquilibriumError
 
 _ITERATIONS = 40  # from a guess
 _HALVINGS = 6  # of a careful iteration

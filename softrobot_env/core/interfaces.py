@@ -13,7 +13,7 @@ Observation = dict[str, np.ndarray]
 Seen = Observation | np.ndarray
 
 #: Told how far a long piece of work is: a description, how much is done and how much there is.
-Show = Callable[[str, int, int], None]
+ProgressCallback = Callable[[str, int, int], None]
 
 
 class Measurement(NamedTuple):

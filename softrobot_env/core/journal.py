@@ -14,8 +14,8 @@ from hashlib import sha256
 from pathlib import Path
 
 from softrobot_env import __version__
-from softrobot_env.paths import assets_dir, cache_dir, models_dir
-from softrobot_env.writing import whole
+from softrobot_env.core.paths import assets_dir, cache_dir, models_dir
+from softrobot_env.core.writing import whole
 
 #: Folder of kept results, in that of a study.
 FOLDER = ".kept"

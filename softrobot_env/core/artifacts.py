@@ -15,9 +15,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from softrobot_env.paths import assets_dir, models_dir
+from softrobot_env.core.paths import assets_dir, models_dir
+from softrobot_env.core.writing import whole
 from softrobot_env.robots import ARM, RIG, ROBOTS, RobotParams, read_robot
-from softrobot_env.writing import whole
 
 
 class Arrays(dict[str, np.ndarray]):

@@ -12,7 +12,7 @@ from socket import create_connection
 from typing import Any
 
 from softrobot_env import __version__
-from softrobot_env.extras import install_command
+from softrobot_env.core.extras import install_command
 
 #: How often Ray begins a job anew whose worker or node has ended.
 _RETRIES = 5

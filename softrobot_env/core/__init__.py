@@ -1,0 +1,1 @@
+"""What every part builds on: arrays, records, registries, files, runs of many jobs."""
