@@ -6,8 +6,8 @@ from scipy.integrate import trapezoid
 from scipy.optimize import brentq
 from scipy.special import ellipk, ellipkinc
 
-from softrobot_env.beams.exact import analytic
 from softrobot_env.robots import CANTILEVER_STIFF, CANTILEVER_WEAK
+from studies.truths import analytic
 
 G = 9.81
 

@@ -11,10 +11,10 @@ from scipy.spatial.transform import Rotation
 from softrobot_env.beams.ancf import ANCF, LockingWarning
 from softrobot_env.beams.ancf import actuation as ancf_actuation
 from softrobot_env.beams.ancf.tangent import add_internal_tangent
-from softrobot_env.beams.exact import analytic
 from softrobot_env.beams.model import _potential
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
+from studies.truths import analytic
 
 #: Each dimension and integration rule is compiled by itself; what all models have in common is
 #: tested in test_beam_models. Most models here are coarse on purpose.

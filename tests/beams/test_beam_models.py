@@ -9,12 +9,12 @@ from scipy.integrate import solve_ivp
 from softrobot_env.beams import signals
 from softrobot_env.beams.ancf import ANCF
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.exact.continuum_arc import continuum_arc
 from softrobot_env.beams.model import IntegrationError, State
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
+from studies.truths.continuum_arc import continuum_arc
 
 FREE = (0.0, 0.0, 0.0)
 LENGTH = CANTILEVER_WEAK.length

@@ -13,12 +13,12 @@ from softrobot_env.beams import mechanics
 from softrobot_env.beams.cosserat import GRIDS, CosseratRod
 from softrobot_env.beams.cosserat import actuation as cosserat_actuation
 from softrobot_env.beams.cosserat import dynamics as cosserat_dynamics
-from softrobot_env.beams.exact import analytic
-from softrobot_env.beams.exact.shearable_rod import bending_frequency
 from softrobot_env.beams.numerics import quaternions
 from softrobot_env.beams.numerics.linearization import residual_derivatives
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
+from studies.truths import analytic
+from studies.truths.shearable_rod import bending_frequency
 
 STEP = 1e-30
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))

@@ -8,13 +8,13 @@ import pytest
 from scipy.linalg import eigh, expm
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.exact import analytic
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.pcc import actuation as pcc_actuation
 from softrobot_env.beams.pcc import dynamics as pcc_dynamics
 from softrobot_env.beams.pcc.constant_strain import stumpff
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams, Tendon
 from softrobot_env.robots.loads import Load
+from studies.truths import analytic
 
 STEP = 1e-30  # of derivatives along the imaginary axis
 TILTED = replace(

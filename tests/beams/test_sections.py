@@ -9,19 +9,19 @@ from support.routed_robots import HELICAL, PULLED, ROD, TAPERED, TWO, VIA, tendo
 
 from softrobot_env.beams.ancf import ANCF
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.exact.tendon_rod import (
-    guided_rod,
-    hanging_rod,
-    tendon_helix,
-    tendon_rod,
-)
-from softrobot_env.beams.exact.varying_beam import bending_frequencies
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.beams.plant import SteppedModel
 from softrobot_env.robots import Base, Disc
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
+from studies.truths.tendon_rod import (
+    guided_rod,
+    hanging_rod,
+    tendon_helix,
+    tendon_rod,
+)
+from studies.truths.varying_beam import bending_frequencies
 
 SHEAR = 0.75
 SLANTED = Base((0.1, -0.2, 0.6), (0.3, -0.5, -0.8), 0.7)

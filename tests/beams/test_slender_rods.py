@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.exact.analytic import Section, bent_rod
-from softrobot_env.beams.exact.spatial_rod import SpatialSection, followed_rod, helix
 from softrobot_env.robots import CANTILEVER_STIFF, RobotParams
 from softrobot_env.robots.loads import Load
+from studies.truths.analytic import Section, bent_rod
+from studies.truths.spatial_rod import SpatialSection, followed_rod, helix
 
 LENGTH = 0.5
 RATIOS = (0.05, 0.005, 0.0005)

@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from softrobot_env.beams.exact.analytic import Section, arc_tip, bent_rod
-from softrobot_env.beams.exact.spatial_rod import (
+from softrobot_env.robots.loads import Load
+from studies.truths.analytic import Section, arc_tip, bent_rod
+from studies.truths.spatial_rod import (
     SpatialSection,
     dead_loads,
     followed_rod,
     helix,
 )
-from softrobot_env.robots.loads import Load
 
 LENGTH = 0.4
 SECTION = SpatialSection(0.02, 0.013)

@@ -12,8 +12,6 @@ import pytest
 from rich.console import Console
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.exact import shearable_rod
-from softrobot_env.beams.exact.analytic import Section, bent_rod, elastica, rayleigh_frequency
 from softrobot_env.benchmarks.accuracy import goals, run, tables
 from softrobot_env.benchmarks.accuracy.cases import agreement, pyelastica_rod, spiral, tension_step
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, LUMPED
@@ -37,6 +35,8 @@ from softrobot_env.benchmarks.accuracy.rows import (
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.quadrature import RULES
+from studies.truths import shearable_rod
+from studies.truths.analytic import Section, bent_rod, elastica, rayleigh_frequency
 
 pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
 

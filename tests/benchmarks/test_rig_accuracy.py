@@ -12,9 +12,6 @@ from scipy.integrate import quad
 from scipy.special import airy
 
 from softrobot_env.beams.closed_forms.spatial_piece import acceleration, make_rig_piece
-from softrobot_env.beams.exact.analytic import arc_tip
-from softrobot_env.beams.exact.rig_column import column_tip, tensions
-from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.benchmarks.accuracy import tables
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED
 from softrobot_env.benchmarks.accuracy.cases.motions import timed_row
@@ -32,6 +29,9 @@ from softrobot_env.benchmarks.accuracy.rig.statics import (
 from softrobot_env.benchmarks.accuracy.rows import BENDING, DURATION, Limit, converged, distance
 from softrobot_env.robots import RIG
 from softrobot_env.scene.timestep import TimestepWarning
+from studies.truths.analytic import arc_tip
+from studies.truths.rig_column import column_tip, tensions
+from studies.truths.rig_ritz_rod import RigRod
 
 pytestmark = pytest.mark.slow  # a study; the quick suite has what it stands on
 

@@ -14,7 +14,6 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from support.rig_episodes import flatten
 
-from softrobot_env.beams.exact.continuum_arc import continuum_arc
 from softrobot_env.beams.registry import MUJOCO, PLANTS, BeamPlant
 from softrobot_env.cli import main
 from softrobot_env.control.registry import POLICIES, make_policy, policy_environment
@@ -22,6 +21,7 @@ from softrobot_env.envs.tracking import TrackingEnv
 from softrobot_env.evaluation.run import run_episode
 from softrobot_env.robots import ARM, centerline
 from softrobot_env.tasks import make_task
+from studies.truths.continuum_arc import continuum_arc
 
 BEAMS = tuple(
     name

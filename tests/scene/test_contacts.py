@@ -9,11 +9,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.beams.exact.touching_rod import (
-    propped_reaction,
-    rod_on_post,
-    rod_round_cylinder,
-)
 from softrobot_env.benchmarks.contacts.exact import CHECKS, check
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.core.motion import State
@@ -35,6 +30,11 @@ from softrobot_env.scene.objects import (
 )
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning
+from studies.truths.touching_rod import (
+    propped_reaction,
+    rod_on_post,
+    rod_round_cylinder,
+)
 
 G = 9.81
 LYING = RobotParams(

@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from scipy.linalg import eigvalsh
 
-from softrobot_env.beams.exact.analytic import Section, bent_rod, euler_bernoulli_frequency
-from softrobot_env.beams.exact.spatial_rod import SpatialSection, dead_loads, followed_rod
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
@@ -18,6 +16,8 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.coupling import excess_stiffness
 from softrobot_env.scene.quadrature import place_hinges
 from softrobot_env.scene.tangent import StaticForces
+from studies.truths.analytic import Section, bent_rod, euler_bernoulli_frequency
+from studies.truths.spatial_rod import SpatialSection, dead_loads, followed_rod
 
 ROD = RobotParams("rod", 0.4, 0.005, 0.0, 70e6, 1200.0, 0.01, 6, gravity=(0.0, 0.0, 0.0))
 LENGTH, EI = ROD.length, ROD.bending_stiffness

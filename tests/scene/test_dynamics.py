@@ -6,7 +6,6 @@ import mujoco
 import numpy as np
 import pytest
 
-from softrobot_env.beams.exact.analytic import euler_bernoulli_frequency, rayleigh_frequency
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.scene.build import build_scene
@@ -14,6 +13,7 @@ from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.quadrature import RULES, place_hinges
 from softrobot_env.scene.simulation import Simulation
 from softrobot_env.scene.timestep import TimestepWarning, linearize
+from studies.truths.analytic import euler_bernoulli_frequency, rayleigh_frequency
 
 FREE = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0), damping_time=0.0)
 PERIOD = 0.04

@@ -6,7 +6,6 @@ from math import hypot, pi
 import numpy as np
 import pytest
 
-from softrobot_env.beams.exact.wrapped_finger import wrapped_finger
 from softrobot_env.core.motion import State
 from softrobot_env.robots import GRIPPERS, find_robot
 from softrobot_env.scene.assembly import build_assembly
@@ -16,6 +15,7 @@ from softrobot_env.scene.contacts import net_force
 from softrobot_env.scene.gripper import CONTACTS, gripper_scene
 from softrobot_env.scene.objects import Capsule, Contacts, Ellipsoid
 from softrobot_env.scene.simulation import Simulation
+from studies.truths.wrapped_finger import wrapped_finger
 
 FINGER = find_robot("gripper_finger")
 GRIPPER = GRIPPERS["gripper"]

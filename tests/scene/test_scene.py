@@ -8,13 +8,13 @@ import pytest
 from support.chain_turns import station_turns
 from support.postures import posed
 
-from softrobot_env.beams.exact.analytic import rayleigh_frequency
 from softrobot_env.core.motion import IntegrationError, State
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, Head, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.config import SceneConfig
+from studies.truths.analytic import rayleigh_frequency
 
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 LENGTH = WEIGHTLESS.length

@@ -21,13 +21,13 @@ from support.routed_robots import (
     tendon,
 )
 
-from softrobot_env.beams.exact.tendon_rod import guided_rod, strains, tendon_helix, tendon_rod
-from softrobot_env.beams.exact.varying_beam import bending_frequencies
 from softrobot_env.robots import Base, Disc, RobotParams, Section
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors
 from softrobot_env.scene.timestep import linearize, slowest
+from studies.truths.tendon_rod import guided_rod, strains, tendon_helix, tendon_rod
+from studies.truths.varying_beam import bending_frequencies
 
 #: A base that shares no axis with the world.
 SLANTED = Base((0.1, -0.2, 0.6), (0.3, -0.5, -0.8), 0.7)

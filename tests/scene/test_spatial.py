@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from support.postures import posed
 
-from softrobot_env.beams.exact.analytic import arc_tip, rayleigh_frequency
 from softrobot_env.robots import ARM, CANTILEVER_WEAK, Tendon
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.build import build_scene, scene_xml
@@ -16,6 +15,7 @@ from softrobot_env.scene.config import Appearance, SceneConfig, TipSensors, visi
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
 from softrobot_env.scene.timestep import linearize
+from studies.truths.analytic import arc_tip, rayleigh_frequency
 
 ROBOT = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 INCOMPRESSIBLE = replace(ROBOT, poisson_ratio=0.5)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.exact.analytic import arc_tip, elastica
 from softrobot_env.robots import ARM, CANTILEVER_WEAK
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
@@ -18,6 +17,7 @@ from softrobot_env.scene.kinematics import tips
 from softrobot_env.scene.quadrature import RULES
 from softrobot_env.scene.statics import EquilibriumError, equilibrium
 from softrobot_env.scene.tangent import RubbingForces
+from studies.truths.analytic import arc_tip, elastica
 
 WEIGHTLESS = replace(CANTILEVER_WEAK, gravity=(0.0, 0.0, 0.0))
 LENGTH, EI = WEIGHTLESS.length, WEIGHTLESS.bending_stiffness

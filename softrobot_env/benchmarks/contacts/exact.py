@@ -1,4 +1,4 @@
-"""Rods at rest on something, against the closed form and elasticas of `beams.exact`."""
+"""Rods at rest on something, against the closed form and elasticas of `studies.truths`."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -6,11 +6,6 @@ from math import pi
 
 import numpy as np
 
-from softrobot_env.beams.exact.touching_rod import (
-    propped_reaction,
-    rod_on_post,
-    rod_round_cylinder,
-)
 from softrobot_env.benchmarks.contacts.rows import Check
 from softrobot_env.benchmarks.timing import best_of
 from softrobot_env.core.motion import State
@@ -20,6 +15,11 @@ from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.contacts import Touch
 from softrobot_env.scene.objects import Contacts, Cylinder
+from studies.truths.touching_rod import (
+    propped_reaction,
+    rod_on_post,
+    rod_round_cylinder,
+)
 
 _ACROSS = (pi / 2, 0.0, 0.0)
 

@@ -5,10 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from softrobot_env.beams.exact.spatial_rod import SpatialShape
-from softrobot_env.beams.exact.tendon_rod import guided_rod, hanging_rod, tendon_rod
 from softrobot_env.robots import Base, Disc, RobotParams, Section, Tendon
 from softrobot_env.robots.file import PIECES, default_pieces
+from studies.truths.spatial_rod import SpatialShape
+from studies.truths.tendon_rod import guided_rod, hanging_rod, tendon_rod
 
 _GRAVITY = (0.0, 0.0, -9.81)
 
@@ -21,7 +21,7 @@ class Case:
         name: What is special about it.
         robot: The robot.
         tension: (n_tendons,) [N].
-        solve: Function of `beams.exact.tendon_rod`.
+        solve: Function of `studies.truths.tendon_rod`.
         quick: Whether it is part of a quick run.
     """
 

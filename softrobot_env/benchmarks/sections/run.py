@@ -10,7 +10,6 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.exact.spatial_rod import SpatialShape
 from softrobot_env.beams.registry import BeamPlant
 from softrobot_env.benchmarks.sections.cases import CASES, Case
 from softrobot_env.benchmarks.sections.rows import Row
@@ -21,6 +20,7 @@ from softrobot_env.robots import Base, RobotParams
 from softrobot_env.scene.build import build_scene
 from softrobot_env.scene.config import SceneConfig
 from softrobot_env.scene.simulation import Simulation
+from studies.truths.spatial_rod import SpatialShape
 
 #: Pieces of a section.
 PIECES, QUICK_PIECES = (3, 6, 12, 24, 48), (6, 12)

@@ -12,10 +12,6 @@ import numpy as np
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.exact.analytic import arc_tip, elastica
-from softrobot_env.beams.exact.continuum_arc import TEXT as CONTINUUM_ARC
-from softrobot_env.beams.exact.continuum_arc import continuum_arc_tip
-from softrobot_env.beams.exact.shearable_rod import section, tendon_tip
 from softrobot_env.beams.model import State
 from softrobot_env.benchmarks.accuracy.rows import SHEAR, distance
 from softrobot_env.benchmarks.beams import make_beam, weightless
@@ -40,6 +36,10 @@ from softrobot_env.robots import ARM, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.config import SceneConfig
+from studies.truths.analytic import arc_tip, elastica
+from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
+from studies.truths.continuum_arc import continuum_arc_tip
+from studies.truths.shearable_rod import section, tendon_tip
 
 #: Method of the beam models, and its steps per first period.
 BEAM_METHOD = "sdirk4"
@@ -169,7 +169,7 @@ def tension_limit() -> Case:
 
     All three at once would swing the arm beyond the curvature 1 / outer radius, where the inner
     side folds. A St. Venant-Kirchhoff continuum (ANCF) has no equilibrium at this tension: its
-    fibres soften under compression (`beams.exact.continuum_arc` finds none from about 75 N on).
+    fibres soften under compression (`studies.truths.continuum_arc` finds none from about 75 N on).
     """
     limit = ARM.tendons[-2].tension_limit
     tension = np.array([0.0] * (len(ARM.tendons) - 2) + [limit, 0.0])

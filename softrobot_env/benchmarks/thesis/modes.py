@@ -2,8 +2,6 @@
 
 from dataclasses import replace
 
-from softrobot_env.beams.exact.analytic import euler_bernoulli_frequency
-from softrobot_env.beams.exact.shearable_rod import bending_frequency, torsion_frequency
 from softrobot_env.benchmarks.beams import mode_frequency, weightless
 from softrobot_env.benchmarks.thesis import values
 from softrobot_env.benchmarks.thesis.rows import (
@@ -17,6 +15,8 @@ from softrobot_env.benchmarks.thesis.rows import (
 )
 from softrobot_env.benchmarks.thesis.statics import LOCKED
 from softrobot_env.robots import CANTILEVER_WEAK, RobotParams
+from studies.truths.analytic import euler_bernoulli_frequency
+from studies.truths.shearable_rod import bending_frequency, torsion_frequency
 
 _FREQUENCY = "frequency_Hz"
 

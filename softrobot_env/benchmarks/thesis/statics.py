@@ -5,12 +5,6 @@ from dataclasses import replace
 import numpy as np
 
 from softrobot_env.beams.cosserat import CosseratRod
-from softrobot_env.beams.exact.analytic import (
-    bent_rod,
-    euler_bernoulli_deflection,
-    timoshenko_deflection,
-)
-from softrobot_env.beams.exact.shearable_rod import section, torsion_angle
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.benchmarks.beams import tip_twist, weightless
 from softrobot_env.benchmarks.thesis import values
@@ -25,6 +19,12 @@ from softrobot_env.benchmarks.thesis.rows import (
 )
 from softrobot_env.robots import CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.loads import Load
+from studies.truths.analytic import (
+    bent_rod,
+    euler_bernoulli_deflection,
+    timoshenko_deflection,
+)
+from studies.truths.shearable_rod import section, torsion_angle
 
 #: Cases of ANCF with the Poisson ratio of silicone, by law of the plane.
 LOCKED = {plane: f"nu = {SILICONE}, plane {plane}" for plane in ("stress", "strain")}

@@ -6,12 +6,6 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from softrobot_env.beams.exact.analytic import rayleigh_frequency
-from softrobot_env.beams.exact.shearable_rod import (
-    bending_frequency,
-    torsion_angle,
-    torsion_frequency,
-)
 from softrobot_env.benchmarks.accuracy.cases.beam_models import Contestant
 from softrobot_env.benchmarks.accuracy.rows import Physics, Row
 from softrobot_env.benchmarks.beams import chain_scene, mode_frequency, tip_twist, weightless
@@ -21,6 +15,12 @@ from softrobot_env.robots.loads import Load
 from softrobot_env.scene.chain import joint_angles
 from softrobot_env.scene.statics import equilibrium
 from softrobot_env.scene.timestep import linearize
+from studies.truths.analytic import rayleigh_frequency
+from studies.truths.shearable_rod import (
+    bending_frequency,
+    torsion_angle,
+    torsion_frequency,
+)
 
 MOMENT = 0.01  # N m
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from softrobot_env.beams.closed_forms.constant_curvature import ConstantCurvatureStatics
-from softrobot_env.beams.exact.analytic import arc_tip, bent_rod, elastica
-from softrobot_env.beams.exact.continuum_arc import TEXT as CONTINUUM_ARC
-from softrobot_env.beams.exact.continuum_arc import continuum_arc_tip
-from softrobot_env.beams.exact.shearable_rod import section, tendon_tip
 from softrobot_env.benchmarks.accuracy.rows import CONTINUUM, Physics
 from softrobot_env.benchmarks.beams import weightless
 from softrobot_env.robots import ARM, CANTILEVER_STIFF, CANTILEVER_WEAK, RobotParams
 from softrobot_env.robots.actuation import TendonMap
 from softrobot_env.robots.loads import Load
+from studies.truths.analytic import arc_tip, bent_rod, elastica
+from studies.truths.continuum_arc import TEXT as CONTINUUM_ARC
+from studies.truths.continuum_arc import continuum_arc_tip
+from studies.truths.shearable_rod import section, tendon_tip
 
 _GUIDE_DISTANCE = 1 / 12  # m
 _SHEAR = "geometrically exact rod, k = {:g} (boundary-value solution)"

@@ -14,8 +14,6 @@ from scipy.integrate import solve_ivp
 
 from softrobot_env.beams import signals
 from softrobot_env.beams.closed_forms.spatial_piece import SUBPIECES, acceleration, make_rig_piece
-from softrobot_env.beams.exact.rig_column import tensions
-from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.beams.pcc import PCC
 from softrobot_env.benchmarks.accuracy.cases.motions import (
     BeamMotion,
@@ -51,6 +49,8 @@ from softrobot_env.benchmarks.accuracy.rows import (
 from softrobot_env.benchmarks.beams import chain_scene
 from softrobot_env.core.jobs import Job
 from softrobot_env.scene.quadrature import RULES
+from studies.truths.rig_column import tensions
+from studies.truths.rig_ritz_rod import RigRod
 
 #: Timesteps per control period, integrators of the chain, and hinge rules of a quick run.
 SUBSTEPS = (20, 10, 4, 2)

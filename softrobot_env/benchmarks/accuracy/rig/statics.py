@@ -17,8 +17,6 @@ from softrobot_env.beams.closed_forms.spatial_piece import (
     make_rig_piece,
     output,
 )
-from softrobot_env.beams.exact.rig_column import column_tip, tensions
-from softrobot_env.beams.exact.rig_ritz_rod import RigRod
 from softrobot_env.beams.model import BeamModel
 from softrobot_env.benchmarks.accuracy.cases.beam_models import COSSERAT, DISTRIBUTED, Contestant
 from softrobot_env.benchmarks.accuracy.rig.cases import CHAIN, ROBOT, STATIC
@@ -39,6 +37,8 @@ from softrobot_env.core.jobs import Job
 from softrobot_env.robots import RobotParams
 from softrobot_env.robots.loads import Load
 from softrobot_env.scene.quadrature import RULES
+from studies.truths.rig_column import column_tip, tensions
+from studies.truths.rig_ritz_rod import RigRod
 
 PIECE = "rig_piece"
 

@@ -1,8 +1,8 @@
 """Equilibria of slender rods in space whose tips are known exactly, without any mesh.
 
-Loads are drawn as they are seen from the section that carries them, and gravity as seen from the
-tip: then the shape is an initial-value problem (`beams.exact.spatial_rod`), and loads and gravity
-follow in the world's directions, in which the models get them.
+Loads are sampled as they are seen from the section that carries them, and gravity as seen from
+the tip: then the shape is an initial-value problem (`studies.truths.spatial_rod`), and loads and
+gravity follow in the world's directions, in which the models get them.
 """
 
 from collections.abc import Callable, Iterator
@@ -11,17 +11,17 @@ from math import cos, pi, sin
 
 import numpy as np
 
-from softrobot_env.beams.exact.analytic import Section, bent_rod
-from softrobot_env.beams.exact.spatial_rod import (
+from softrobot_env.benchmarks.accuracy.rows import Physics
+from softrobot_env.robots import RobotParams
+from softrobot_env.robots.loads import Load
+from studies.truths.analytic import Section, bent_rod
+from studies.truths.spatial_rod import (
     SpatialSection,
     SpatialShape,
     dead_loads,
     followed_rod,
     helix,
 )
-from softrobot_env.benchmarks.accuracy.rows import Physics
-from softrobot_env.robots import RobotParams
-from softrobot_env.robots.loads import Load
 
 #: A rod of thermoplastic polyurethane and a steel wire; length over radius is 80 and 750.
 TPU = RobotParams("tpu", 0.4, 0.005, 0.0, 70e6, 1200.0, 0.01, 12, poisson_ratio=0.4)

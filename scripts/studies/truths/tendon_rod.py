@@ -30,8 +30,8 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from softrobot_env.beams.exact.spatial_rod import SpatialShape, frame_of, motion_of, turned_along
 from softrobot_env.robots import RobotParams
+from studies.truths.spatial_rod import SpatialShape, frame_of, motion_of, turned_along
 
 _RTOL, _ATOL = 1e-10, 1e-12
 _ENOUGH = 1e-8  # where equations are solved by integrating again and again

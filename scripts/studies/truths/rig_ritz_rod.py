@@ -19,8 +19,8 @@ from numpy.polynomial import legendre
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from softrobot_env.beams.exact.rig_column import tensions
 from softrobot_env.robots import RobotParams
+from studies.truths.rig_column import tensions
 
 #: Lengths (3,) [m] pulled in at time t [s].
 Pulled = Callable[[float], np.ndarray]

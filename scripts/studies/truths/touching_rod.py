@@ -1,6 +1,6 @@
 """Clamped rods that press on something without friction, in closed form or as elasticas.
 
-Frame as in `exact.analytic`: the straight rod lies along +z from its clamp and bends in the x-z
+Frame as in `truths.analytic`: the straight rod lies along +z from its clamp and bends in the x-z
 plane, towards +x by a positive angle; points and forces are pairs (x, z). The rods bend only.
 """
 

@@ -1,6 +1,6 @@
 """Planar geometrically exact rods of a robot: its section, its tendons and its frequencies.
 
-Frame and equations as in `exact.analytic`: the straight rod lies along +z from its clamp and bends
+Frame and equations as in `truths.analytic`: the straight rod lies along +z from its clamp and bends
 in the x-z plane; points and forces are pairs (x, z).
 """
 
@@ -12,13 +12,13 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 from scipy.optimize import brentq, root
 
-from softrobot_env.beams.exact.analytic import (
+from softrobot_env.core.equilibrium import EquilibriumError
+from softrobot_env.robots import RobotParams
+from studies.truths.analytic import (
     Section,
     euler_bernoulli_frequency,
     section_slope,
 )
-from softrobot_env.core.equilibrium import EquilibriumError
-from softrobot_env.robots import RobotParams
 
 
 def section(robot: RobotParams, shear_coefficient: float | None) -> Section:

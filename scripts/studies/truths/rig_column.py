@@ -4,7 +4,7 @@ The rig is alike on all sides and its tendons pull with constant moments, so it 
 towards the azimuth p. In that plane, with the weight W(s) of everything above s, the force on the
 section at angle t is (0, -W), less the tendons' tensions F along its axis; with x towards p,
 
-    r' = (stretch, shear) as in `exact.analytic`,   EI t' = m,   m' = -W x',
+    r' = (stretch, shear) as in `truths.analytic`,   EI t' = m,   m' = -W x',
     m(L) = sum F_k r_k . (cos p, sin p) + W_head h sin t(L).
 
 Three numbers are unknown: the components of the end's bending vector t(L) (cos p, sin p), and how
@@ -16,10 +16,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
-from softrobot_env.beams.exact.analytic import Section, section_slope
-from softrobot_env.beams.exact.shearable_rod import section
 from softrobot_env.core.equilibrium import EquilibriumError
 from softrobot_env.robots import RobotParams
+from studies.truths.analytic import Section, section_slope
+from studies.truths.shearable_rod import section
 
 _RTOL, _ATOL = 1e-11, 1e-13
 _SMALL = 1e-9

@@ -12,8 +12,8 @@ from math import pi
 import numpy as np
 from scipy.optimize import fsolve
 
-from softrobot_env.beams.exact.analytic import arc_tip
 from softrobot_env.robots import RobotParams
+from studies.truths.analytic import arc_tip
 
 #: What the truth is called in a report.
 TEXT = "arc of a St. Venant-Kirchhoff continuum (exact)"

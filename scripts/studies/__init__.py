@@ -1,0 +1,1 @@
+"""Studies of this package, for a checkout: not in the wheel."""
