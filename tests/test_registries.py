@@ -37,6 +37,7 @@ ROOT = Path(__file__).resolve().parents[1]
 LOADERS = {
     "softrobot_env/core/registry.py": "what registries name",
     "softrobot_env/envs/rendering/opengl.py": "MuJoCo's own modules for OpenGL",
+    "scripts/ledger.py": "what users reach by name",
 }
 
 #: Names that users import, beside those in the README.
